@@ -1,0 +1,162 @@
+"""Forcing functions: what the pilot follows (target) and rejects (disturbance).
+
+A forcing function knows its samples at any time and the exact response of any
+stable transfer function to it: a multisine line by line, steps by their exact
+Fourier coefficients.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from pilotid.types import ComplexArray, FloatArray
+
+Response = Callable[[FloatArray], ComplexArray]
+SEED_PERIOD = 81.92  # measurement window of AIAA 2008-7109 [s]
+
+
+class Forcing(Protocol):
+    """A deterministic signal and its exact passage through a linear system."""
+
+    @property
+    def lines(self) -> tuple[int, ...]:
+        """Lines excited, as multiples of 2 pi / period; empty if not a multisine."""
+        ...
+
+    def at(self, time: FloatArray) -> FloatArray:
+        """The signal at `time` [s]."""
+        ...
+
+    def through(self, response: Response, time: FloatArray) -> FloatArray:
+        """What a stable system with this frequency response answers, at `time` [s]."""
+        ...
+
+    def scaled(self, gain: float) -> Forcing:
+        """The same signal times a gain."""
+        ...
+
+
+@dataclass(frozen=True)
+class Multisine:
+    """Sum of sines sum_i A_i sin(k_i w0 t + phi_i), w0 = 2 pi / period.
+
+    Attributes
+    ----------
+    lines, amplitudes, phases
+        Line numbers k_i, amplitudes [signal's unit] and phases [rad].
+    period
+        Period of line 1 [s].
+    """
+
+    lines: tuple[int, ...]
+    amplitudes: tuple[float, ...]
+    phases: tuple[float, ...]
+    period: float = SEED_PERIOD
+
+    def __post_init__(self) -> None:
+        if not len(self.lines) == len(self.amplitudes) == len(self.phases):
+            raise ValueError("a multisine needs as many amplitudes and phases as lines")
+        if len(set(self.lines)) != len(self.lines) or min(self.lines, default=1) < 1:
+            raise ValueError("the lines of a multisine must be different whole numbers >= 1")
+
+    @property
+    def omega(self) -> FloatArray:
+        """Frequencies of the lines [rad/s]."""
+        return 2.0 * np.pi * np.array(self.lines, dtype=float) / self.period
+
+    def at(self, time: FloatArray) -> FloatArray:
+        return self.through(np.ones_like, time)
+
+    def through(self, response: Response, time: FloatArray) -> FloatArray:
+        omega = self.omega
+        phasors = np.array(self.amplitudes) * np.exp(1j * np.array(self.phases)) * response(omega)
+        return np.imag(phasors @ np.exp(1j * np.outer(omega, time)))
+
+    def scaled(self, gain: float) -> Multisine:
+        return replace(self, amplitudes=tuple(gain * a for a in self.amplitudes))
+
+    def with_random_phases(self, rng: np.random.Generator) -> Multisine:
+        """The same spectrum with phases drawn uniformly."""
+        phases = rng.uniform(-np.pi, np.pi, len(self.lines))
+        return replace(self, phases=tuple(float(p) for p in phases))
+
+
+@dataclass(frozen=True)
+class Steps:
+    """A piecewise constant signal, zero before its first jump.
+
+    Attributes
+    ----------
+    times, jumps
+        When [s] and by how much the signal jumps.
+    """
+
+    times: tuple[float, ...]
+    jumps: tuple[float, ...]
+
+    # Response by Fourier series: the signal returns to zero `settle` seconds after
+    # the last sample and rests so long that the system forgets it within one period.
+    settle = 150.0
+    oversampling = 64
+
+    @property
+    def lines(self) -> tuple[int, ...]:
+        return ()
+
+    def at(self, time: FloatArray) -> FloatArray:
+        # Half a nanosecond guards against a sample time that rounding put before its jump.
+        reached = np.asarray(time)[:, None] >= np.array(self.times)[None, :] - 5e-10
+        return np.asarray(reached @ np.array(self.jumps))
+
+    def through(self, response: Response, time: FloatArray) -> FloatArray:
+        from scipy.fft import irfft, next_fast_len
+
+        dt, first = float(time[1] - time[0]), float(time[0])
+        count = next_fast_len(time.size + int(np.ceil(self.settle / dt)), real=True)
+        period = count * dt
+        end = float(time[-1]) + dt
+        times = np.array([*self.times, end]) - first
+        jumps = np.array([*self.jumps, -sum(self.jumps)])
+        fine = count * self.oversampling
+        omega = 2.0 * np.pi * np.arange(fine // 2 + 1, dtype=float) / period
+        coefficients = np.zeros(omega.size, dtype=complex)
+        coefficients[1:] = (jumps @ np.exp(-1j * np.outer(times, omega[1:]))) / (
+            1j * omega[1:] * period
+        )
+        coefficients[0] = -(jumps @ times) / period  # mean of the signal over the period
+        answer = irfft(coefficients * response(omega) * fine, n=fine)
+        return np.asarray(answer[:: self.oversampling][: time.size])
+
+    def scaled(self, gain: float) -> Steps:
+        return replace(self, jumps=tuple(gain * j for j in self.jumps))
+
+
+def seed_target() -> Multisine:
+    """The target forcing function of AIAA 2008-7109, Table 2 [deg]."""
+    return _sines(
+        (6, 9, 13, 19, 29, 47, 61, 83, 107, 139, 179, 213),
+        (0.0876, 0.0764, 0.0613, 0.043, 0.025, 0.012)
+        + (0.0081, 0.0052, 0.0038, 0.0029, 0.0024, 0.0021),
+    )
+
+
+def seed_disturbance() -> Multisine:
+    """The disturbance forcing function of AIAA 2008-7109, Table 2, at the control."""
+    return _sines(
+        (5, 8, 11, 17, 28, 46, 59, 82, 106, 137, 178, 211),
+        (0.0031, 0.0071, 0.0115, 0.0193, 0.0284, 0.0363)
+        + (0.0407, 0.0488, 0.059, 0.0755, 0.1033, 0.1308),
+    )
+
+
+def half_and_half_step(duration: float, size: float = 1.0) -> Steps:
+    """A positive step for the first half of the run, a negative one for the second."""
+    return Steps((0.0, duration / 2.0), (size, -2.0 * size))
+
+
+def _sines(lines: Sequence[int], amplitudes: Sequence[float]) -> Multisine:
+    return Multisine(tuple(lines), tuple(amplitudes), (0.0,) * len(lines))

@@ -1,0 +1,28 @@
+"""The truth of a simulation, for its file: written beside the recording, read by no method."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+from pilotid.datasets.loop import remnant_ratio
+from pilotid.datasets.scenarios import Scenario
+from pilotid.loops import margins
+
+
+def truth(scenario: Scenario) -> dict[str, object]:
+    """What a scenario's recordings were made of, as plain objects."""
+    element = scenario.element
+    target, disturbance = margins(scenario.model, scenario.values, element)
+    return {
+        "scenario": scenario.name,
+        "description": scenario.description,
+        "model": scenario.model.name,
+        "runs": scenario.runs,
+        "parameters": {
+            p.key: {"value": float(value), "unit": p.unit}
+            for p, value in zip(scenario.model.parameters, scenario.values, strict=True)
+        },
+        "remnant": {**asdict(scenario.remnant), "expected_power_ratio": remnant_ratio(scenario)},
+        "controlled_element": asdict(element),
+        "loops": {"target": asdict(target), "disturbance": asdict(disturbance)},
+    }

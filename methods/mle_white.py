@@ -1,0 +1,83 @@
+"""Time-domain maximum likelihood with a white residual.
+
+The likelihood of AIAA 2008-7109 (output error, residual assumed white), without that
+route's approximations: exact delays, bounds, several starts, transients handled, runs
+fitted jointly.
+
+Assumes that the remnant is white.  For a coloured remnant the estimate is biased in a
+closed loop, however long the recording, and its standard errors are far too small; use
+`mle` then.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from pilotid.estimate import (
+    Estimate,
+    Outcome,
+    at_bound,
+    covariance_of,
+    failed,
+    simulated_vaf,
+    symmetric_intervals,
+)
+from pilotid.minimise import minimise
+from pilotid.model import PilotModel
+from pilotid.prediction import LeastSquares, predict
+from pilotid.recording import Recording
+from pilotid.search import record, search
+
+
+@dataclass(frozen=True)
+class MLEWhite:
+    """Maximum likelihood under a white residual.
+
+    Attributes
+    ----------
+    band
+        Analysis band [rad/s]; None uses the full sampling rate, as the seed did.
+    search_band
+        Band of the search for the optimum, which the full rate then only polishes.
+    candidates, refined
+        Random starts screened, and starts minimised, see `pilotid.search.search`.
+    """
+
+    band: float | None = None
+    search_band: float = 26.0
+    candidates: int = 12
+    refined: int = 3
+    name: ClassVar[str] = "mle-white"
+
+    def objection(self, recording: Recording, model: PilotModel) -> str | None:
+        return None
+
+    def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
+        coarse = LeastSquares(predict(recording, model, self.search_band))
+        found = search(coarse, model, rng, candidates=self.candidates, refined=self.refined)
+        prediction = predict(recording, model, self.band)
+        terms = LeastSquares(prediction).noticeable_terms(found.values[0])
+        problem = LeastSquares(replace(prediction, terms=terms))
+        end = minimise(problem.gram, found.values[:1], model, tolerance=1e-7)
+        values, gram = end.values[0], end.gram[0]
+        variance = gram[-1, -1] / (problem.samples - len(values))
+        covariance = covariance_of(gram[:-1, :-1], variance)
+        if covariance is None:
+            return failed(self.name, model, Outcome.SINGULAR)
+        message = at_bound(model, values)
+        outcome = Outcome.AT_BOUND if message else Outcome.CONVERGED
+        return Estimate(
+            self.name,
+            model,
+            outcome if end.converged[0] else Outcome.NOT_CONVERGED,
+            values=values,
+            covariance=covariance,
+            intervals=symmetric_intervals(values, covariance),
+            vaf=simulated_vaf(recording, model, values, prediction if self.band is None else None),
+            message=message,
+            iterations=found.iterations + end.iterations,
+            starts=record(found),
+        )

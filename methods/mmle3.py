@@ -1,0 +1,212 @@
+"""The seed's estimator: output error by Gauss-Newton on a discrete state space.
+
+Follows AIAA 2008-7109, section III, and Milne's MMLE3 toolbox as it is described
+there: 5th-order Pade delays, a hold for the inputs, zero initial state, no bounds,
+W = RR^-1 renewed at every iteration, steps -(H + lambda I)^-1 g with a lambda that
+shrinks as the cost falls, and Cramer-Rao bounds [H^-1]_ii^(1/2) as standard errors.
+A fit fails, as the seed's did, when a step drives a time delay negative.
+
+Kept for comparison only: hold, Pade and zero initial state each bias the estimate,
+and the white residual makes it inconsistent for a coloured remnant.  Use `mle`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from pilotid.estimate import (
+    Estimate,
+    Outcome,
+    covariance_of,
+    failed,
+    simulated_vaf,
+    symmetric_intervals,
+)
+from pilotid.factors import Rational
+from pilotid.model import PilotModel
+from pilotid.prepare import prepare
+from pilotid.recording import Recording
+from pilotid.types import FloatArray
+
+Hold = Literal["zoh", "foh"]
+FINITE_DIFFERENCE = 1e-5  # relative step of the central differences
+
+
+@dataclass(frozen=True)
+class MMLE3:
+    """Output-error maximum likelihood on a discretised state-space model.
+
+    Attributes
+    ----------
+    hold
+        How the inputs run between samples: ``zoh`` constant, ``foh`` linear.
+    pade_order
+        Order of the delays' Pade approximants.
+    damping
+        First lambda, as a share of the mean diagonal element of H.
+    iterations
+        Iteration limit.
+    tolerance
+        Relative change of the cost at which the iteration ends.
+    """
+
+    hold: Hold = "zoh"
+    pade_order: int = 5
+    damping: float = 1e-3
+    iterations: int = 60
+    tolerance: float = 1e-7
+    name: ClassVar[str] = "mmle3"
+
+    def objection(self, recording: Recording, model: PilotModel) -> str | None:
+        return None
+
+    def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
+        output = _Output(self, recording, model)
+        values = model.start.copy()
+        predicted = output.predict(values)
+        if not np.all(np.isfinite(predicted)):
+            return failed(self.name, model, Outcome.DIVERGED)
+        residual = output.control - predicted
+        damping = self.damping
+        iteration = 0
+        while iteration < self.iterations:
+            iteration += 1
+            cost = float(np.mean(residual**2))  # RR, whose inverse is W
+            jacobian = output.jacobian(values)
+            gradient = -jacobian @ residual.ravel() / cost
+            hessian = jacobian @ jacobian.T / cost
+            if not np.all(np.isfinite(hessian)):
+                return failed(self.name, model, Outcome.DIVERGED)
+            while True:
+                lam = damping * np.trace(hessian) / len(values)
+                step = -np.linalg.solve(hessian + lam * np.eye(len(values)), gradient)
+                trial = values + step
+                if any(trial[i] < 0.0 for i in model.delays):
+                    return failed(self.name, model, Outcome.NEGATIVE_DELAY)
+                left = output.control - output.predict(trial)
+                with np.errstate(over="ignore", invalid="ignore"):
+                    # A diverging trial gives NaN, which is no improvement.
+                    improved = bool(np.mean(left**2) < cost)
+                if improved or damping > 1e8:
+                    break
+                damping *= 10.0
+            if not improved:
+                break  # no step lowers the cost any more: rounding decides
+            values, residual = trial, left
+            damping *= 0.1
+            if cost - float(np.mean(residual**2)) < self.tolerance * cost:
+                break
+        else:
+            return failed(self.name, model, Outcome.NOT_CONVERGED)
+        jacobian = output.jacobian(values)
+        covariance = covariance_of(jacobian @ jacobian.T, float(np.mean(residual**2)))
+        if covariance is None:
+            return failed(self.name, model, Outcome.SINGULAR)
+        return Estimate(
+            self.name,
+            model,
+            Outcome.CONVERGED,
+            values=values,
+            covariance=covariance,
+            intervals=symmetric_intervals(values, covariance),
+            vaf=simulated_vaf(recording, model, values),
+            iterations=iteration,
+        )
+
+
+class _Output:
+    """The discretised model's output over the measurement window.
+
+    It starts from rest at the beginning of the recording: a run-in lets it settle,
+    without one the window begins with a transient that the pilot did not have.
+    """
+
+    def __init__(self, settings: MMLE3, recording: Recording, model: PilotModel) -> None:
+        from scipy.fft import next_fast_len
+
+        prepared = prepare(recording, model, unscored=0.0)
+        self._settings, self._model, self._dt = settings, model, prepared.dt
+        self.control = prepared.control[:, prepared.first :]
+        self._first = prepared.first
+        self._samples = prepared.inputs[0].shape[1]
+        # Twice the signals at least, so that the convolution does not wrap around.
+        self._length = next_fast_len(2 * self._samples, real=True)
+        self._spectra = [
+            channel.sign * np.fft.rfft(signal, n=self._length)
+            for channel, signal in zip(model.channels, prepared.inputs, strict=True)
+        ]
+
+    def predict(self, values: FloatArray) -> FloatArray:
+        """Model output, shape (runs, samples); not finite where the model diverges."""
+        total = np.zeros(self._spectra[0].shape, dtype=complex)
+        polynomials = self._model.polynomials(values, self._settings.pade_order)
+        with np.errstate(over="ignore", invalid="ignore"):
+            for rational, spectrum in zip(polynomials, self._spectra, strict=True):
+                pulse = pulse_response(rational, self._dt, self._samples, self._settings.hold)
+                total += np.fft.rfft(pulse, n=self._length) * spectrum
+            return np.fft.irfft(total, n=self._length)[:, self._first : self._samples]
+
+    def jacobian(self, values: FloatArray) -> FloatArray:
+        """Central differences of the output, shape (parameters, runs * samples)."""
+        rows = []
+        for i, value in enumerate(values):
+            step = np.zeros_like(values)
+            step[i] = FINITE_DIFFERENCE * max(abs(value), 1e-3)
+            change = self.predict(values + step) - self.predict(values - step)
+            rows.append(change.ravel() / (2.0 * step[i]))
+        return np.array(rows)
+
+
+def pulse_response(rational: Rational, dt: float, samples: int, hold: Hold) -> FloatArray:
+    """Response of a discretised transfer function to a unit pulse, from rest.
+
+    Parameters
+    ----------
+    rational
+        Numerator and denominator, highest power first.
+    dt
+        Sampling interval [s].
+    samples
+        Length of the response.
+    hold
+        ``zoh`` or ``foh``.
+    """
+    from scipy.signal import cont2discrete
+
+    a, b, c, d = _scaled_state_space(rational)
+    scale = TIME_SCALE
+    ad, bd, cd, dd, _ = cont2discrete((a, b, c, d), dt * scale, method=hold)
+    # Columns [B, AB, A^2 B, ...], doubled in number by each power of A.
+    columns, power = bd, ad
+    while columns.shape[1] < samples - 1:
+        columns = np.concatenate([columns, power @ columns], axis=1)
+        power = power @ power
+    response = np.empty(samples)
+    response[0] = dd[0, 0]
+    response[1:] = (cd @ columns)[0, : samples - 1]
+    return response
+
+
+TIME_SCALE = 10.0  # rad/s; with time in units of 0.1 s the coefficients are of order one
+
+
+def _scaled_state_space(
+    rational: Rational,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Controllable canonical form in scaled time."""
+    top, bottom = (
+        np.asarray(p, dtype=float) * TIME_SCALE ** np.arange(len(p) - 1, -1, -1, dtype=float)
+        for p in rational
+    )
+    top, bottom = top / bottom[0], bottom / bottom[0]
+    order = len(bottom) - 1
+    top = np.concatenate([np.zeros(order + 1 - len(top)), top])
+    a = np.eye(order, k=-1)
+    a[0] = -bottom[1:]
+    b = np.eye(order, 1)
+    d = np.array([[top[0]]])
+    c = (top[1:] - top[0] * bottom[1:])[None]
+    return a, b, c, d

@@ -1,0 +1,59 @@
+"""The project's chores; `nox --list` shows them.
+
+Each makes its own environment.  What follows `--` goes to the tool that it runs.
+"""
+
+import nox
+
+nox.options.default_venv_backend = "uv|virtualenv"
+nox.options.sessions = ["tests", "lint", "types"]
+nox.options.reuse_existing_virtualenvs = True
+
+PROJECT = nox.project.load_toml("pyproject.toml")
+SOURCES = ("src/pilotid", "methods", "datasets", "tests", "noxfile.py")
+
+
+def groups(*names: str) -> list[str]:
+    return nox.project.dependency_groups(PROJECT, *names)
+
+
+@nox.session
+def tests(session: nox.Session) -> None:
+    """Run the tests on two processes and measure what they cover."""
+    session.install("-e", ".", *groups("tests"))
+    session.run(
+        "pytest",
+        *("-n", "2", "--cov", "--cov-report=term:skip-covered", "--ignore=tests/benchmarks"),
+        *session.posargs,
+        env={"OMP_NUM_THREADS": "1"},
+    )
+
+
+@nox.session
+def compare(session: nox.Session) -> None:
+    """Compare the methods on simulated recordings; results go to results/compare."""
+    session.install("-e", ".")
+    session.run("pilotid", "compare", *session.posargs)
+
+
+@nox.session
+def bench(session: nox.Session) -> None:
+    """Time the methods; the last lines set them against what a user would write."""
+    session.install("-e", ".", *groups("tests"))
+    session.run("pytest", "tests/benchmarks", *session.posargs, env={"OMP_NUM_THREADS": "1"})
+
+
+@nox.session
+def lint(session: nox.Session) -> None:
+    """Check style and format."""
+    session.install(*groups("lint"))
+    session.run("ruff", "check", *SOURCES)
+    session.run("ruff", "format", "--check", *SOURCES)
+
+
+@nox.session
+def types(session: nox.Session) -> None:
+    """Check types."""
+    # Only a strict editable install shows mypy the packages that package-dir maps.
+    session.install("-e", ".", "--config-settings", "editable_mode=strict", *groups("types"))
+    session.run("mypy", "-p", "pilotid", *session.posargs)

@@ -1,0 +1,88 @@
+"""Controlled elements: the dynamics that the pilot controls, x = Hc (u + fd)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pilotid.types import ComplexArray, FloatArray
+
+if TYPE_CHECKING:
+    import control
+
+
+@dataclass(frozen=True)
+class ControlledElement:
+    """A rational transfer function with an optional pure delay.
+
+    Attributes
+    ----------
+    numerator, denominator
+        Polynomial coefficients, highest power of s first.
+    delay
+        Pure time delay [s].
+    name
+        As printed in reports.
+    """
+
+    numerator: tuple[float, ...]
+    denominator: tuple[float, ...]
+    delay: float = 0.0
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        if len(self.numerator) > len(self.denominator) or self.denominator[0] == 0.0:
+            raise ValueError(f"controlled element {self.name}: must be a proper transfer function")
+
+    def response(self, omega: FloatArray) -> ComplexArray:
+        """Frequency response at `omega` [rad/s], shape (n,)."""
+        s = 1j * np.asarray(omega, dtype=float)
+        ratio = np.polyval(self.numerator, s) / np.polyval(self.denominator, s)
+        return np.asarray(ratio * np.exp(-self.delay * s))
+
+    def rational(self, pade_order: int = 5) -> control.TransferFunction:
+        """As a python-control transfer function; a delay becomes a Pade approximant."""
+        import control
+
+        from pilotid.factors import pade
+
+        top, bottom = pade(self.delay, pade_order)
+        return control.TransferFunction(
+            np.polymul(self.numerator, top), np.polymul(self.denominator, bottom)
+        )
+
+
+def position_control(gain: float) -> ControlledElement:
+    """K: the output follows the control."""
+    return ControlledElement((gain,), (1.0,), name=f"{gain:g}")
+
+
+def single_integrator(gain: float) -> ControlledElement:
+    """K/s: rate control."""
+    return ControlledElement((gain,), (1.0, 0.0), name=f"{gain:g}/s")
+
+
+def double_integrator(gain: float) -> ControlledElement:
+    """K/s^2: acceleration control."""
+    return ControlledElement((gain,), (1.0, 0.0, 0.0), name=f"{gain:g}/s^2")
+
+
+def integrator_with_lag(gain: float, break_frequency: float) -> ControlledElement:
+    """K/(s (s + a)), with a in rad/s: between rate and acceleration control."""
+    return ControlledElement(
+        (gain,), (1.0, break_frequency, 0.0), name=f"{gain:g}/(s(s+{break_frequency:g}))"
+    )
+
+
+def from_control(system: control.TransferFunction, delay: float = 0.0) -> ControlledElement:
+    """Any continuous single-input single-output transfer function of python-control."""
+    if not system.issiso() or (system.dt not in (0, None)):
+        raise ValueError("the controlled element must be continuous, with one input and one output")
+    return ControlledElement(
+        tuple(float(c) for c in system.num[0][0]),
+        tuple(float(c) for c in system.den[0][0]),
+        delay,
+        "user-defined",
+    )

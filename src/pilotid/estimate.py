@@ -1,0 +1,227 @@
+"""What a method is and what it returns."""
+
+from __future__ import annotations
+
+import enum
+import time
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from pilotid.model import PilotModel
+from pilotid.noise import RemnantEstimate
+from pilotid.prediction import LeastSquares, Prediction, predict
+from pilotid.recording import Recording
+from pilotid.types import FloatArray
+
+
+class Outcome(enum.Enum):
+    """How a fit ended; the value is the sentence that tables and reports show."""
+
+    CONVERGED = "converged"
+    AT_BOUND = "converged with a parameter at its bound, where intervals mean little"
+    NOT_CONVERGED = "did not converge within the iteration limit"
+    NEGATIVE_DELAY = "failed: a time delay was driven negative"
+    DIVERGED = "failed: the model's response diverged"
+    SINGULAR = "failed: the information matrix is singular"
+    UNSTABLE_MODEL = "failed: the first-step model is unusable"
+    NOT_APPLICABLE = "not applicable to this recording"
+
+    @property
+    def usable(self) -> bool:
+        """Whether the estimate counts as a result; all others count as failures."""
+        return self in (Outcome.CONVERGED, Outcome.AT_BOUND)
+
+    @property
+    def slug(self) -> str:
+        """The name in files, for example ``at-bound``."""
+        return self.name.lower().replace("_", "-")
+
+
+@dataclass(frozen=True, eq=False)
+class Starts:
+    """The record of a search from several starts.
+
+    Attributes
+    ----------
+    cost
+        Final cost of each start over the lowest one, ascending, so that 1 is the best.
+    agreeing
+        Number of starts that ended in the best optimum.
+    """
+
+    cost: FloatArray
+    agreeing: int
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """The result of one method on one recording.
+
+    Attributes
+    ----------
+    method
+        Name of the method.
+    model
+        Model whose parameters were estimated; it fixes their order.
+    outcome, message
+        How the fit ended, and details if there are any.
+    values
+        Parameter values, shape (parameters,), NaN where the fit failed.
+    covariance
+        Claimed covariance of the values, shape (parameters, parameters).
+    intervals
+        95 % intervals, shape (parameters, 2).
+    vaf
+        Variance accounted for by the simulated response [%].
+    iterations
+        Iterations of the optimiser, 0 where it has none.
+    starts
+        Record of the search, None where there was only one start.
+    remnant
+        The remnant's spectrum, where the method estimates it.
+    seconds
+        Wall-clock time of the fit.
+    """
+
+    method: str
+    model: PilotModel
+    outcome: Outcome
+    values: FloatArray
+    covariance: FloatArray
+    intervals: FloatArray
+    vaf: float = float("nan")
+    message: str = ""
+    iterations: int = 0
+    starts: Starts | None = None
+    remnant: RemnantEstimate | None = None
+    seconds: float = float("nan")
+
+    @property
+    def std_error(self) -> FloatArray:
+        """Claimed standard errors, shape (parameters,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def correlation(self) -> FloatArray:
+        """Claimed correlation matrix, shape (parameters, parameters)."""
+        error = self.std_error
+        return self.covariance / np.outer(error, error)
+
+    @property
+    def sentence(self) -> str:
+        """The outcome in words, with the details."""
+        return f"{self.outcome.value} ({self.message})" if self.message else self.outcome.value
+
+
+class Method(Protocol):
+    """An estimator: a frozen dataclass of settings, whose repr labels it in reports."""
+
+    @property
+    def name(self) -> str:
+        """Name on the command line and in files."""
+        ...
+
+    def objection(self, recording: Recording, model: PilotModel) -> str | None:
+        """Why this method cannot treat the recording, or None."""
+        ...
+
+    def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
+        """Estimate the model's parameters; a fit that fails says so in its outcome."""
+        ...
+
+
+def identify(
+    method: Method, recording: Recording, model: PilotModel, rng: np.random.Generator
+) -> Estimate:
+    """Run a method on a recording, with its objection heeded and its time taken."""
+    objection = method.objection(recording, model)
+    if objection:
+        return failed(method.name, model, Outcome.NOT_APPLICABLE, objection)
+    begin = time.perf_counter()
+    try:
+        estimate = method.fit(recording, model, rng)
+    except (np.linalg.LinAlgError, FloatingPointError) as error:
+        estimate = failed(method.name, model, Outcome.SINGULAR, str(error))
+    return replace(estimate, seconds=time.perf_counter() - begin)
+
+
+def failed(method: str, model: PilotModel, outcome: Outcome, message: str = "") -> Estimate:
+    """An estimate without values."""
+    count = len(model.parameters)
+    return Estimate(
+        method,
+        model,
+        outcome,
+        values=np.full(count, np.nan),
+        covariance=np.full((count, count), np.nan),
+        intervals=np.full((count, 2), np.nan),
+        message=message,
+    )
+
+
+def symmetric_intervals(values: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Value +- 1.96 standard errors, shape (parameters, 2)."""
+    reach = 1.959963984540054 * np.sqrt(np.diag(covariance))
+    return np.stack([values - reach, values + reach], axis=1)
+
+
+def covariance_of(hessian: FloatArray, variance: float) -> FloatArray | None:
+    """Inverse of a least-squares information matrix, or None if it is singular.
+
+    Parameters
+    ----------
+    hessian
+        Inner products J'J, shape (parameters, parameters).
+    variance
+        Variance of the white residual.
+    """
+    scale = np.sqrt(np.diag(hessian))
+    if not (np.all(np.isfinite(scale)) and np.all(scale > 0.0)):
+        return None
+    scaled = hessian / np.outer(scale, scale)
+    eigenvalues, vectors = np.linalg.eigh(scaled)
+    if eigenvalues[0] <= 1e-13 * eigenvalues[-1]:
+        return None
+    inverse = (vectors / eigenvalues) @ vectors.T
+    return np.asarray(variance * inverse / np.outer(scale, scale))
+
+
+def simulated_vaf(
+    recording: Recording,
+    model: PilotModel,
+    values: FloatArray,
+    prediction: Prediction | None = None,
+) -> float:
+    """Variance accounted for, max(0, 1 - var(u - u_hat)/var(u)) in %.
+
+    u_hat is the simulated response at the full sampling rate to the recorded inputs,
+    with offset and slow decays fitted; all runs count together.
+
+    Parameters
+    ----------
+    recording, model, values
+        What is simulated.
+    prediction
+        The full-rate prediction, where the caller has it already.
+    """
+    prediction = prediction or predict(recording, model)
+    left = float(np.mean(np.var(LeastSquares(prediction).residual(values), axis=1)))
+    spread = float(np.mean(np.var(prediction.control, axis=1)))
+    return max(0.0, 100.0 * (1.0 - left / spread))
+
+
+def at_bound(model: PilotModel, values: FloatArray) -> str:
+    """Names of the parameters that lie at a bound, empty if none does."""
+    margin = 1e-6 * (model.upper - model.lower)
+    low = values <= model.lower + np.minimum(margin, 1e-6 * np.abs(model.lower) + 1e-9)
+    high = values >= model.upper - margin
+    named = [
+        f"{key} at its {'lower' if is_low else 'upper'} bound {bound:g}"
+        for key, is_low, is_high, bound in zip(
+            model.keys, low, high, np.where(low, model.lower, model.upper), strict=True
+        )
+        if is_low or is_high
+    ]
+    return ", ".join(named)

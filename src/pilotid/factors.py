@@ -1,0 +1,299 @@
+"""The building blocks of a pilot model.
+
+A channel of a pilot model is a signed product of factors.  A factor knows its
+parameters, its frequency response and its *log-derivative* (the derivative of
+the logarithm of the response) by each parameter: responses multiply and
+log-derivatives add, so that the Jacobian of any product follows by itself.
+A user's own factor is any object with the members of `Factor`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from pilotid.types import ComplexArray, FloatArray
+
+#: Parameters of a factor: one array each, which broadcasts against s, so that many
+#: parameter sets are evaluated at once with arrays of shape (sets, 1).
+Values = Sequence[FloatArray]
+
+#: A response or log-derivative; real where it does not depend on s.
+Response = ComplexArray | FloatArray
+
+#: Numerator and denominator coefficients, highest power of s first.
+Rational = tuple[list[float], list[float]]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One free parameter of a pilot model.
+
+    Attributes
+    ----------
+    key
+        Name in tables and files; parameters with equal keys are one parameter.
+    unit
+        Unit as printed, empty for a dimensionless parameter.
+    lower, upper
+        Bounds of the search.
+    start
+        Default initial guess, strictly inside the bounds.
+    usual
+        Range in which published values lie; random starts are drawn from it.
+    positive
+        Starts far from the default are drawn on a logarithmic scale.
+    linear
+        The response is proportional to this parameter, which lets a search
+        solve for it instead of guessing it.
+    """
+
+    key: str
+    unit: str
+    lower: float
+    upper: float
+    start: float
+    usual: tuple[float, float]
+    positive: bool = True
+    linear: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.lower < self.start < self.upper:
+            raise ValueError(
+                f"parameter {self.key}: the start {self.start:g} must lie strictly inside "
+                f"the bounds ({self.lower:g}, {self.upper:g})"
+            )
+        if not self.lower <= self.usual[0] < self.usual[1] <= self.upper:
+            raise ValueError(f"parameter {self.key}: the usual range must lie inside the bounds")
+
+
+class Factor(Protocol):
+    """What the prediction engine asks of a factor."""
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Free parameters, in the order in which `values` are passed."""
+        ...
+
+    @property
+    def fixed_poles(self) -> tuple[float, ...]:
+        """Real poles that do not depend on parameters [rad/s, negative]."""
+        ...
+
+    def response(self, s: ComplexArray, values: Values) -> Response:
+        """Transfer function at `s` [rad/s]."""
+        ...
+
+    def log_derivative(self, s: ComplexArray, values: Values) -> tuple[Response, ...]:
+        """Derivative of the logarithm of the response by each parameter."""
+        ...
+
+    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
+        """Polynomials of the transfer function; a delay becomes a Pade approximant."""
+        ...
+
+
+@dataclass(frozen=True)
+class Gain:
+    """A constant gain; its sign belongs to the channel, so it is positive."""
+
+    key: str
+    start: float = 1.0
+    unit: str = ""
+    bounds: tuple[float, float] = (1e-6, 1e6)
+    fixed_poles = ()
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        usual = (0.1 * self.start, 10.0 * self.start)
+        return (Parameter(self.key, self.unit, *self.bounds, self.start, usual, linear=True),)
+
+    def response(self, s: ComplexArray, values: Values) -> FloatArray:
+        return values[0]
+
+    def log_derivative(self, s: ComplexArray, values: Values) -> tuple[FloatArray]:
+        return (1.0 / values[0],)
+
+    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
+        return [float(values[0])], [1.0]
+
+
+@dataclass(frozen=True)
+class Lead:
+    """First-order lead 1 + T s."""
+
+    key: str = "tlead"
+    start: float = 1.5
+    bounds: tuple[float, float] = (0.01, 30.0)
+    usual: tuple[float, float] = (0.2, 5.0)
+    fixed_poles = ()
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter(self.key, "s", *self.bounds, self.start, self.usual),)
+
+    def response(self, s: ComplexArray, values: Values) -> ComplexArray:
+        return 1.0 + values[0] * s
+
+    def log_derivative(self, s: ComplexArray, values: Values) -> tuple[ComplexArray]:
+        return (s / (1.0 + values[0] * s),)
+
+    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
+        return [float(values[0]), 1.0], [1.0]
+
+
+@dataclass(frozen=True)
+class Lag:
+    """First-order lag 1 / (1 + T s)."""
+
+    key: str = "tlag"
+    start: float = 0.5
+    bounds: tuple[float, float] = (0.01, 30.0)
+    usual: tuple[float, float] = (0.2, 5.0)
+    fixed_poles = ()
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter(self.key, "s", *self.bounds, self.start, self.usual),)
+
+    def response(self, s: ComplexArray, values: Values) -> ComplexArray:
+        return 1.0 / (1.0 + values[0] * s)
+
+    def log_derivative(self, s: ComplexArray, values: Values) -> tuple[ComplexArray]:
+        return (-s / (1.0 + values[0] * s),)
+
+    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
+        return [1.0], [float(values[0]), 1.0]
+
+
+@dataclass(frozen=True)
+class Delay:
+    """Pure time delay e^{-T s}, exact in frequency responses."""
+
+    key: str = "tdvis"
+    start: float = 0.3
+    bounds: tuple[float, float] = (0.0, 1.0)
+    usual: tuple[float, float] = (0.1, 0.5)
+    fixed_poles = ()
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter(self.key, "s", *self.bounds, self.start, self.usual, positive=False),)
+
+    def response(self, s: ComplexArray, values: Values) -> ComplexArray:
+        return np.exp(-values[0] * s)
+
+    def log_derivative(self, s: ComplexArray, values: Values) -> tuple[ComplexArray]:
+        return (-s,)
+
+    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
+        return pade(float(values[0]), pade_order)
+
+
+@dataclass(frozen=True)
+class Differentiator:
+    """s to a power: the channel sees a derivative of its input (2: acceleration)."""
+
+    order: int = 1
+    parameters = ()
+    fixed_poles = ()
+
+    def response(self, s: ComplexArray, values: Values) -> ComplexArray:
+        return np.asarray(s**self.order)
+
+    def log_derivative(self, s: ComplexArray, values: Values) -> tuple[()]:
+        return ()
+
+    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
+        return [1.0] + [0.0] * self.order, [1.0]
+
+
+@dataclass(frozen=True)
+class Canals:
+    """Semicircular canals (1 + tv1 s) / (1 + tv2 s), with fixed time constants.
+
+    The defaults, 0.1 s and 6 s, are those of AIAA 2008-7109, Eq. (1).
+    """
+
+    tv1: float = 0.1
+    tv2: float = 6.0
+    parameters = ()
+
+    @property
+    def fixed_poles(self) -> tuple[float, ...]:
+        return (-1.0 / self.tv2,)
+
+    def response(self, s: ComplexArray, values: Values) -> ComplexArray:
+        return (1.0 + self.tv1 * s) / (1.0 + self.tv2 * s)
+
+    def log_derivative(self, s: ComplexArray, values: Values) -> tuple[()]:
+        return ()
+
+    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
+        return [self.tv1, 1.0], [self.tv2, 1.0]
+
+
+@dataclass(frozen=True)
+class Neuromuscular:
+    """Second-order neuromuscular dynamics f^2 / (f^2 + 2 d f s + s^2)."""
+
+    frequency_key: str = "fnm"
+    damping_key: str = "dnm"
+    frequency_start: float = 12.0
+    damping_start: float = 0.3
+    frequency_bounds: tuple[float, float] = (2.0, 40.0)
+    damping_bounds: tuple[float, float] = (0.02, 3.0)
+    frequency_usual: tuple[float, float] = (6.0, 20.0)
+    damping_usual: tuple[float, float] = (0.1, 0.8)
+    fixed_poles = ()
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (
+            Parameter(
+                self.frequency_key,
+                "rad/s",
+                *self.frequency_bounds,
+                self.frequency_start,
+                self.frequency_usual,
+            ),
+            Parameter(
+                self.damping_key,
+                "",
+                *self.damping_bounds,
+                self.damping_start,
+                self.damping_usual,
+            ),
+        )
+
+    def response(self, s: ComplexArray, values: Values) -> ComplexArray:
+        f, d = values
+        return f * f / (f * f + s * (s + 2.0 * d * f))
+
+    def log_derivative(self, s: ComplexArray, values: Values) -> tuple[ComplexArray, ComplexArray]:
+        f, d = values
+        s_over_denominator = s / (f * f + s * (s + 2.0 * d * f))
+        # d ln H/df = 2/f - (2f + 2ds)/D, brought over one denominator
+        by_frequency = s_over_denominator * (2.0 * d + 2.0 * s / f)
+        return by_frequency, -2.0 * f * s_over_denominator
+
+    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
+        f, d = float(values[0]), float(values[1])
+        return [f * f], [1.0, 2.0 * d * f, f * f]
+
+
+def pade(delay: float, order: int) -> Rational:
+    """Pade approximant of a delay [s], of equal order above and below (python-control).
+
+    A negative delay gives the reciprocal approximant, which is unstable.
+    """
+    if delay == 0.0:
+        return [1.0], [1.0]
+    import control
+
+    numerator, denominator = control.pade(abs(delay), order)
+    above, below = [float(c) for c in numerator], [float(c) for c in denominator]
+    return (above, below) if delay > 0.0 else (below, above)

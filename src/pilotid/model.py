@@ -1,0 +1,352 @@
+"""Pilot models: a sum of channels, each a signed product of factors on one input."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from pilotid.factors import (
+    Canals,
+    Delay,
+    Differentiator,
+    Factor,
+    Gain,
+    Lag,
+    Lead,
+    Neuromuscular,
+    Parameter,
+    Rational,
+    Response,
+)
+from pilotid.types import BoolArray, ComplexArray, FloatArray, InputError
+
+if TYPE_CHECKING:
+    import control
+
+Input = Literal["error", "output"]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One path of the pilot, from an input signal to the control.
+
+    Attributes
+    ----------
+    name
+        As in tables and files, for example ``visual``.
+    input
+        ``error`` (e) or ``output`` (x).
+    sign
+        +1 or -1: the motion channels of the seed act against the output.
+    factors
+        Their product is the channel's response (without the sign).
+    """
+
+    name: str
+    input: Input
+    sign: int
+    factors: tuple[Factor, ...]
+
+    @property
+    def derivative(self) -> int:
+        """Order of the input's derivative that the channel acts on."""
+        return sum(f.order for f in self.factors if isinstance(f, Differentiator))
+
+    @property
+    def dynamics(self) -> tuple[Factor, ...]:
+        """The factors apart from the differentiators."""
+        return tuple(f for f in self.factors if not isinstance(f, Differentiator))
+
+
+#: Response of a channel without its differentiators and without its sign, and
+#: its log-derivatives by parameter index.
+ChannelTerms = tuple[ComplexArray, list[tuple[int, Response]]]
+
+
+@dataclass(frozen=True)
+class PilotModel:
+    """A parametric model of the human controller, u = sum of channels + remnant.
+
+    Attributes
+    ----------
+    name, description
+        For the command line and reports.
+    channels
+        The paths that add up to the control.
+    overrides
+        Parameters whose bounds or start differ from those that the factors give.
+
+    A structure of one's own takes a few lines::
+
+        PilotModel("lagged", (Channel("visual", "error", 1,
+            (Gain("Kvis"), Lag("tlag"), Delay("tdvis"), Neuromuscular())),))
+    """
+
+    name: str
+    channels: tuple[Channel, ...]
+    description: str = ""
+    overrides: tuple[Parameter, ...] = ()
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Free parameters, in order of appearance, neuromuscular ones last."""
+        found: dict[str, Parameter] = {}
+        factors = [f for c in self.channels for f in c.factors]
+        factors.sort(key=lambda f: isinstance(f, Neuromuscular))
+        for parameter in (p for f in factors for p in f.parameters):
+            if found.setdefault(parameter.key, parameter) != parameter:
+                raise ValueError(
+                    f"model {self.name}: the two factors that share parameter {parameter.key} "
+                    "must give it the same unit, bounds and start"
+                )
+        found |= {p.key: p for p in self.overrides}
+        return tuple(found.values())
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Parameter keys in model order."""
+        return tuple(p.key for p in self.parameters)
+
+    @cached_property
+    def lower(self) -> FloatArray:
+        """Lower bounds, shape (parameters,)."""
+        return np.array([p.lower for p in self.parameters])
+
+    @cached_property
+    def upper(self) -> FloatArray:
+        """Upper bounds, shape (parameters,)."""
+        return np.array([p.upper for p in self.parameters])
+
+    @cached_property
+    def start(self) -> FloatArray:
+        """Default initial guess, shape (parameters,)."""
+        return np.array([p.start for p in self.parameters])
+
+    @cached_property
+    def positive(self) -> BoolArray:
+        """Which parameters are searched on a logarithmic scale, shape (parameters,)."""
+        return np.array([p.positive for p in self.parameters])
+
+    @property
+    def delays(self) -> tuple[int, ...]:
+        """Indices of the parameters that are time delays."""
+        factors = (f for c in self.channels for f in c.factors)
+        keys = {f.key for f in factors if isinstance(f, Delay)}
+        return tuple(i for i, key in enumerate(self.keys) if key in keys)
+
+    @property
+    def linear(self) -> tuple[int, ...]:
+        """Indices of the parameters that the response is proportional to."""
+        return tuple(i for i, p in enumerate(self.parameters) if p.linear)
+
+    @property
+    def fixed_poles(self) -> tuple[float, ...]:
+        """Poles that no parameter moves [rad/s]; their free decay is a nuisance term."""
+        poles = {p for c in self.channels for f in c.factors for p in f.fixed_poles}
+        return tuple(sorted(poles))
+
+    @cached_property
+    def _layout(self) -> tuple[tuple[tuple[Factor, tuple[int, ...]], ...], ...]:
+        """Per channel, its dynamics, each with the indices of its parameters."""
+        index = {key: i for i, key in enumerate(self.keys)}
+        return tuple(
+            tuple((f, tuple(index[p.key] for p in f.parameters)) for f in c.dynamics)
+            for c in self.channels
+        )
+
+    def vector(self, values: Mapping[str, float]) -> FloatArray:
+        """Parameter values by key as a vector in model order, shape (parameters,)."""
+        missing = [key for key in self.keys if key not in values]
+        if missing:
+            raise InputError(f"model {self.name}: no value for {', '.join(missing)}")
+        return np.array([float(values[key]) for key in self.keys])
+
+    def terms(self, s: ComplexArray, values: FloatArray) -> list[ChannelTerms]:
+        """Responses without sign and differentiators, and their log-derivatives.
+
+        Parameters
+        ----------
+        s
+            Laplace variable [rad/s], shape (n,).
+        values
+            Parameters in model order, shape (parameters,), or (sets, parameters) for
+            several parameter sets at once; what comes back then broadcasts to (sets, n).
+        """
+        done: dict[Factor, tuple[Response, tuple[Response, ...]]] = {}
+        result: list[ChannelTerms] = []
+        for layout in self._layout:
+            response: ComplexArray = np.ones_like(s)
+            slopes: list[tuple[int, Response]] = []
+            for factor, indices in layout:
+                if factor not in done:
+                    own = [values[..., i, None] for i in indices]
+                    done[factor] = factor.response(s, own), factor.log_derivative(s, own)
+                factor_response, factor_slopes = done[factor]
+                response = response * factor_response
+                slopes += zip(indices, factor_slopes, strict=True)
+            result.append((response, slopes))
+        return result
+
+    def response(self, omega: FloatArray, values: FloatArray) -> ComplexArray:
+        """Frequency response of every channel, without its sign.
+
+        Parameters
+        ----------
+        omega
+            Frequencies [rad/s], shape (n,).
+        values
+            Parameters in model order, shape (parameters,).
+
+        Returns
+        -------
+        Complex response, shape (channels, n).
+        """
+        s = 1j * np.asarray(omega, dtype=float)
+        rows = [
+            response * s**channel.derivative
+            for channel, (response, _) in zip(self.channels, self.terms(s, values), strict=True)
+        ]
+        return np.array(rows)
+
+    def jacobian(self, omega: FloatArray, values: FloatArray) -> ComplexArray:
+        """Derivative of `response` by each parameter, shape (channels, parameters, n)."""
+        s = 1j * np.asarray(omega, dtype=float)
+        result = np.zeros((len(self.channels), len(self.parameters), s.size), dtype=complex)
+        for c, (response, slopes) in enumerate(self.terms(s, values)):
+            full = response * s ** self.channels[c].derivative
+            for index, slope in slopes:
+                result[c, index] += full * slope
+        return result
+
+    def polynomials(self, values: FloatArray, pade_order: int = 5) -> list[Rational]:
+        """Each channel's polynomials, delays as Pade approximants.
+
+        Without sign and differentiators: the input is the derivative that the channel acts on.
+        """
+        result: list[Rational] = []
+        for layout in self._layout:
+            top, bottom = np.ones(1), np.ones(1)
+            for factor, indices in layout:
+                above, below = factor.rational([float(values[i]) for i in indices], pade_order)
+                top, bottom = np.convolve(top, above), np.convolve(bottom, below)
+            result.append((top.tolist(), bottom.tolist()))
+        return result
+
+    def rational(self, values: FloatArray, pade_order: int = 5) -> list[control.TransferFunction]:
+        """Each channel as a python-control transfer function, without its sign."""
+        import control
+
+        return [
+            control.TransferFunction([*top, *[0.0] * channel.derivative], bottom)
+            for channel, (top, bottom) in zip(
+                self.channels, self.polynomials(values, pade_order), strict=True
+            )
+        ]
+
+    def with_start(self, values: Mapping[str, float]) -> PilotModel:
+        """The same model with other initial guesses for the parameters named."""
+        unknown = [key for key in values if key not in self.keys]
+        if unknown:
+            raise InputError(
+                f"model {self.name} has no parameter {', '.join(unknown)}: "
+                f"choose from {', '.join(self.keys)}"
+            )
+        changed = tuple(
+            replace(p, start=float(values[p.key])) if p.key in values else p
+            for p in self.parameters
+        )
+        return replace(self, overrides=changed)
+
+
+def _visual(gain: float, lead: float, delay: float) -> tuple[Factor, ...]:
+    return (
+        Gain("Kvis", gain),
+        Lead("tlead", lead),
+        Delay("tdvis", delay),
+        Neuromuscular(),
+    )
+
+
+SINGLE = PilotModel(
+    "single",
+    (Channel("visual", "error", 1, _visual(0.32, 1.68, 0.39)),),
+    "visual channel with lead, delay and neuromuscular dynamics (AIAA 2008-7109)",
+)
+
+MULTI = PilotModel(
+    "multi",
+    (
+        Channel("visual", "error", 1, _visual(0.17, 2.93, 0.32)),
+        Channel(
+            "vestibular",
+            "output",
+            -1,
+            (
+                Differentiator(2),
+                Canals(),
+                Gain("Kvest", 1.59),
+                Delay("tdvest", 0.29),
+                Neuromuscular(),
+            ),
+        ),
+    ),
+    "visual channel and semicircular-canal channel on acceleration (AIAA 2008-7109)",
+)
+
+GAIN_ONLY = PilotModel(
+    "gain",
+    (Channel("visual", "error", 1, (Gain("Kvis", 0.5), Delay("tdvis", 0.3), Neuromuscular())),),
+    "visual gain, delay and neuromuscular dynamics (position and rate control)",
+)
+
+LEAD_LAG = PilotModel(
+    "lead-lag",
+    (
+        Channel(
+            "visual",
+            "error",
+            1,
+            (
+                Gain("Kvis", 0.5),
+                Lead("tlead", 0.8),
+                Lag("tlag", 0.3),
+                Delay("tdvis", 0.3),
+                Neuromuscular(),
+            ),
+        ),
+    ),
+    "visual channel with lead-lag equalisation (1 + tlead s)/(1 + tlag s)",
+)
+
+RATE = PilotModel(
+    "rate",
+    (
+        Channel("visual", "error", 1, _visual(0.3, 1.0, 0.3)),
+        Channel(
+            "motion",
+            "output",
+            -1,
+            (
+                Differentiator(1),
+                Gain("Km", 0.3),
+                Delay("tdm", 0.2),
+                Neuromuscular(),
+            ),
+        ),
+    ),
+    "visual channel and rate feedback s Km e^{-tdm s} from motion",
+)
+
+#: Models by the name that the command line takes.
+MODELS: dict[str, PilotModel] = {m.name: m for m in (SINGLE, MULTI, GAIN_ONLY, LEAD_LAG, RATE)}
+
+
+def model_named(name: str) -> PilotModel:
+    """The catalogue's model of that name; `InputError` lists the names there are."""
+    if name not in MODELS:
+        raise InputError(f"unknown model '{name}': choose from {', '.join(MODELS)}")
+    return MODELS[name]

@@ -1,0 +1,329 @@
+"""Prediction of the control by a pilot model, with its exact Jacobian.
+
+The prediction is u_hat = F^-1 [ sum over channels of H_c(jw; theta) F(input_c) ]:
+delays are exact and Jacobians follow from the factors' log-derivatives.  Residual
+and Jacobian can be filtered by a whitening filter on the way.  What a recording may not
+tell (an offset of the control, the state in which slow fixed poles started) is a linear
+nuisance term, which is projected out of both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import factorial
+
+import numpy as np
+
+from pilotid.model import PilotModel
+from pilotid.prepare import Prepared, prepare
+from pilotid.recording import Recording
+from pilotid.types import ComplexArray, FloatArray
+
+EXTENSION = 4.0  # seconds over which signals fade out beyond both ends of the recording
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """A pilot model ready to predict one recording's control.
+
+    Attributes
+    ----------
+    model
+        The pilot model.
+    dt
+        Sampling interval of the scored samples [s].
+    s
+        Laplace variable at the bins of the transform, shape (bins,).
+    spectra
+        Per channel, the transform of its signed input, shape (runs, bins).
+    control_spectrum
+        Transform of the control, shape (runs, bins).
+    length
+        Length of the transform.
+    first, scored
+        Index of the first scored sample, and number of scored samples.
+    terms
+        Poles of the nuisance terms e^{pole t} [rad/s]: 0 for an offset, and the model's
+        fixed poles for their free decay.
+    """
+
+    model: PilotModel
+    dt: float
+    s: ComplexArray
+    spectra: tuple[ComplexArray, ...]
+    control_spectrum: ComplexArray
+    length: int
+    first: int
+    scored: int
+    terms: tuple[float, ...]
+
+    @property
+    def runs(self) -> int:
+        """Number of runs."""
+        return int(self.control_spectrum.shape[0])
+
+    @property
+    def control(self) -> FloatArray:
+        """Scored part of the control, shape (runs, scored)."""
+        return self.samples_of(self.control_spectrum)
+
+    def control_of(self, values: FloatArray) -> FloatArray:
+        """Predicted control without nuisance terms, shape (runs, scored)."""
+        spectrum = np.zeros_like(self.control_spectrum)
+        terms = self.model.terms(self.s, values)
+        for (response, _), input_spectrum in zip(terms, self.spectra, strict=True):
+            spectrum += response * input_spectrum
+        return self.samples_of(spectrum)
+
+    def rows(self, values: FloatArray, taps: FloatArray | None = None) -> FloatArray:
+        """Jacobian of the prediction, and below it the residual u - u_hat.
+
+        Parameters
+        ----------
+        values
+            Parameter sets, shape (sets, parameters).
+        taps
+            Whitening filter (moving average) of each set, shape (sets, taps), or one for
+            all, shape (taps,).
+
+        Returns
+        -------
+        Array of shape (sets, parameters + 1, runs, scored).
+        """
+        return self.samples_of(self.row_spectra(values, taps))
+
+    def row_spectra(self, values: FloatArray, taps: FloatArray | None = None) -> ComplexArray:
+        """The transforms of `rows`, shape (sets, parameters + 1, runs, bins)."""
+        sets, count = values.shape
+        spectrum = np.zeros((sets, count + 1, *self.control_spectrum.shape), dtype=complex)
+        spectrum[:, -1] = self.control_spectrum
+        terms = self.model.terms(self.s, values)
+        for (response, slopes), input_spectrum in zip(terms, self.spectra, strict=True):
+            part = response[:, None, :] * input_spectrum
+            spectrum[:, -1] -= part
+            for index, slope in slopes:
+                spectrum[:, index] += slope[:, None, :] * part if slope.ndim > 1 else slope * part
+        if taps is not None:
+            response = self.filter_response(taps)
+            spectrum *= response[:, None, None] if response.ndim > 1 else response
+        return spectrum
+
+    def filter_response(self, taps: FloatArray) -> ComplexArray:
+        """Response of moving-average filters at the bins, shape (..., bins)."""
+        powers = np.exp(-np.outer(np.arange(taps.shape[-1]), self.s * self.dt))
+        return np.asarray(taps @ powers)
+
+    def nuisance(self, taps: FloatArray | None = None) -> FloatArray:
+        """Orthonormal basis of the filtered nuisance terms, shape (..., scored, terms)."""
+        return np.asarray(np.linalg.qr(self.nuisance_terms(taps)).Q)
+
+    def nuisance_terms(self, taps: FloatArray | None = None) -> FloatArray:
+        """The filtered nuisance terms themselves, shape (..., scored, terms)."""
+        reach = 0 if taps is None else taps.shape[-1] - 1
+        elapsed = np.arange(-reach, self.scored) * self.dt
+        terms = np.exp(np.outer(elapsed, self.terms))
+        if taps is None:
+            return np.asarray(terms)
+        windows = np.lib.stride_tricks.sliding_window_view(terms, reach + 1, axis=0)
+        return np.asarray(np.einsum("nkj,...j->...nk", windows, taps[..., ::-1]))
+
+    def samples_of(self, spectrum: ComplexArray) -> FloatArray:
+        """The scored samples of transforms, shape (..., scored)."""
+        signal = np.fft.irfft(spectrum, n=self.length)
+        return signal[..., self.first : self.first + self.scored]
+
+
+def predict(recording: Recording, model: PilotModel, band: float | None = None) -> Prediction:
+    """Prepare the prediction of a recording's control in an analysis band [rad/s]."""
+    from scipy.fft import next_fast_len
+
+    prepared: Prepared = prepare(recording, model, band)
+    extension = min(round(EXTENSION / prepared.dt), prepared.control.shape[1] - 1)
+    length = next_fast_len(prepared.control.shape[1] + 2 * extension, real=True)
+
+    def transformed(signal: FloatArray, edges: FloatArray) -> ComplexArray:
+        return np.fft.rfft(_extended(signal, edges, extension, prepared.dt), n=length)
+
+    return Prediction(
+        model=model,
+        dt=prepared.dt,
+        s=_laplace(length, prepared.dt),
+        spectra=tuple(
+            channel.sign * transformed(signal, edges)
+            for channel, signal, edges in zip(
+                model.channels, prepared.inputs, prepared.edges, strict=True
+            )
+        ),
+        control_spectrum=transformed(prepared.control, np.zeros((0, 2, recording.runs))),
+        length=length,
+        first=extension + prepared.first,
+        scored=prepared.control.shape[1] - prepared.first,
+        terms=(0.0, *model.fixed_poles),
+    )
+
+
+def _extended(signal: FloatArray, edges: FloatArray, extension: int, dt: float) -> FloatArray:
+    """Continue a signal beyond both ends, faded to zero.
+
+    Parameters
+    ----------
+    signal
+        The signal, shape (runs, samples).
+    edges
+        What it is the derivative of, at the first and last sample, from the lowest
+        derivative upwards; shape (derivative, 2, runs), empty for a signal itself.
+    extension
+        Samples to add at each end.
+    dt
+        Sampling interval [s].
+    """
+    order = len(edges)
+    # Going back in time, odd derivatives change their sign.
+    signs = (-1.0) ** np.arange(order + 1)
+    lower = signs[:order, None] * edges[:, 0]
+    left = signs[order] * _continued(signs[order] * signal, lower, extension, dt)
+    right = _continued(signal[:, ::-1], edges[:, 1], extension, dt)
+    return np.concatenate([left[:, ::-1], signal, right], axis=1)
+
+
+def _continued(inward: FloatArray, lower: FloatArray, extension: int, dt: float) -> FloatArray:
+    """Continuation of a signal beyond its first sample, in the direction away from it.
+
+    Odd reflection, since a jump would ring into the scored part, where whitening
+    magnifies it.  The continuation of a derivative (an acceleration, say) must moreover
+    bring the signal underneath to rest from where the recording shows it: slow dynamics
+    (canals) would otherwise start from a state that the recording contradicts.
+
+    Parameters
+    ----------
+    inward
+        The signal from its end inwards, shape (runs, samples).
+    lower
+        Lower derivatives at the end, in outward time, shape (derivative, runs).
+    extension
+        Samples to add.
+    dt
+        Sampling interval [s].
+    """
+    time = np.arange(1, extension + 1) * dt
+    span = time[-1] + dt
+    fade = 0.5 * (1.0 + np.cos(np.pi * time / span))
+    outward = (2.0 * inward[:, :1] - inward[:, 1 : extension + 1]) * fade
+    order = len(lower)
+    if order == 0:
+        return np.asarray(outward)
+    # f^(order-j)(span) = sum_i f^(order-j+i)(0) span^i/i! + int (span-t)^(j-1)/(j-1)! f^(order)
+    kernels = np.array([(span - time) ** (j - 1) / factorial(j - 1) for j in range(1, order + 1)])
+    bumps = np.sin(np.pi * time / span) ** 2 * (time / span) ** np.arange(order)[:, None]
+    at_rest = np.zeros((order, inward.shape[0]))
+    for j in range(1, order + 1):
+        start = sum(lower[order - j + i] * span**i / factorial(i) for i in range(j))
+        half = 0.5 * span ** (j - 1) / factorial(j - 1) * inward[:, 0]
+        at_rest[j - 1] = -start - dt * (outward @ kernels[j - 1] + half)
+    weights = np.linalg.solve(dt * kernels @ bumps.T, at_rest)
+    return np.asarray(outward + weights.T @ bumps)
+
+
+def predict_circular(recording: Recording, model: PilotModel) -> Prediction:
+    """The exact prediction of a recording that is one whole period, without remnant.
+
+    Such a recording has no edges: its transform is the steady state itself.
+    """
+    length = recording.samples
+    s = _laplace(length, recording.dt)
+    return Prediction(
+        model=model,
+        dt=recording.dt,
+        s=s,
+        spectra=tuple(
+            channel.sign
+            * np.fft.rfft(recording.window(recording.input(channel.input)))
+            * s**channel.derivative
+            for channel in model.channels
+        ),
+        control_spectrum=np.fft.rfft(recording.window(recording.u)),
+        length=length,
+        first=0,
+        scored=length,
+        terms=(),
+    )
+
+
+def _laplace(length: int, dt: float) -> ComplexArray:
+    return np.asarray(2j * np.pi * np.fft.rfftfreq(length, dt), dtype=complex)
+
+
+class LeastSquares:
+    """Gram matrices of residual and Jacobian, nuisance terms projected out.
+
+    Parameters
+    ----------
+    prediction
+        The prepared prediction.
+    taps
+        Moving-average filter that whitens the residual, shape (taps,); None for a
+        residual that is white already.
+    """
+
+    def __init__(self, prediction: Prediction, taps: FloatArray | None = None) -> None:
+        self.prediction = prediction
+        self.taps = taps
+        self._basis = prediction.nuisance(taps)
+
+    @property
+    def samples(self) -> int:
+        """Scored samples of all runs, less the nuisance terms fitted to each run."""
+        return int(self.prediction.runs * (self._basis.shape[0] - self._basis.shape[1]))
+
+    def rows(self, values: FloatArray) -> FloatArray:
+        """Whitened Jacobian and residual, shape (sets, parameters + 1, runs, scored)."""
+        return without(self.prediction.rows(values, self.taps), self._basis)
+
+    def residual(self, values: FloatArray) -> FloatArray:
+        """Residual of one parameter set before whitening, shape (runs, scored)."""
+        prediction = self.prediction
+        return without(prediction.control - prediction.control_of(values), prediction.nuisance())
+
+    def noticeable_terms(self, values: FloatArray) -> tuple[float, ...]:
+        """The nuisance terms that the residual of one parameter set shows.
+
+        Fitting a term that is not there costs more than its degree of freedom: in a closed
+        loop it biases the low-frequency parameters, since what is subtracted depends on
+        the future of the recording (the same effect biases autoregressive coefficients
+        when a mean is removed; Kendall 1954).  A term stays if its squared t-values, all
+        runs together, exceed what chance gives once in 10,000.
+        """
+        poles = self.prediction.terms
+        if not poles:
+            return ()
+        terms = self.prediction.nuisance_terms(self.taps)
+        residual = self.prediction.rows(values[None], self.taps)[0, -1]
+        weights = np.linalg.pinv(terms)
+        amplitudes = residual @ weights.T
+        left = residual - amplitudes @ terms.T
+        variance = np.sum(left**2) / (left.size - amplitudes.size)
+        squares = amplitudes**2 / np.sum(weights**2, axis=1)
+        runs = self.prediction.runs
+        # Wilson and Hilferty's approximation of the chi-squared quantile.
+        limit = runs * (1.0 - 2.0 / (9.0 * runs) + 3.719 * np.sqrt(2.0 / (9.0 * runs))) ** 3
+        noticeable = np.sum(squares, axis=0) > limit * variance
+        return tuple(p for p, n in zip(poles, noticeable, strict=True) if n)
+
+    def gram(self, values: FloatArray) -> FloatArray:
+        """Inner products of the rows, shape (sets, parameters + 1, parameters + 1).
+
+        The last diagonal element is the residual sum of squares; the last column
+        above it is the descent direction J'r.
+        """
+        return products(self.rows(values))
+
+
+def without(rows: FloatArray, basis: FloatArray) -> FloatArray:
+    """Rows (..., scored) less their projection on an orthonormal basis (scored, terms)."""
+    return rows - (rows @ basis) @ basis.swapaxes(-1, -2)
+
+
+def products(rows: FloatArray) -> FloatArray:
+    """Inner products of rows (sets, n, runs, scored) over runs and samples."""
+    flat = rows.reshape(*rows.shape[:2], -1)
+    return flat @ flat.transpose(0, 2, 1)

@@ -1,0 +1,29 @@
+"""Random generators by what they are for, so that results do not depend on order.
+
+Every generator comes from one seed and a key: the same recording goes to every method
+of a replication, and the numbers are the same for any number of workers.
+"""
+
+from __future__ import annotations
+
+from zlib import crc32
+
+import numpy as np
+
+DEFAULT_SEED = 1
+
+
+def recording_rng(seed: int, scenario: str, replication: int = 0) -> np.random.Generator:
+    """The generator of a simulated recording's remnant."""
+    return _generator(seed, crc32(scenario.encode()), replication)
+
+
+def fit_rng(
+    seed: int, method: str, scenario: str = "", replication: int = 0
+) -> np.random.Generator:
+    """The generator of a fit; a recording from a file has no scenario and no replication."""
+    return _generator(seed, crc32(scenario.encode()), replication, crc32(method.encode()))
+
+
+def _generator(seed: int, *key: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))

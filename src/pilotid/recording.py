@@ -1,0 +1,191 @@
+"""The one data object that every method reads."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pilotid.types import FloatArray, InputError
+
+#: Signals of a recording: name, and what it is.
+SIGNALS = {
+    "e": "tracking error",
+    "u": "control",
+    "x": "controlled output",
+    "ft": "target forcing function",
+    "fd": "disturbance forcing function",
+}
+SHORTEST = 10.0  # seconds of measurement window that an identification needs
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One condition of one subject or simulation, in one or more runs.
+
+    All signals are read-only arrays of shape (runs, samples) on one uniform
+    time base; the first `run_in` samples lie before t = 0 and are pre-history:
+    methods may use them to start from, and score only what follows.
+
+    Attributes
+    ----------
+    dt
+        Sampling interval [s].
+    e, u, x
+        Error, control and controlled output.  e = ft - x in a compensatory task.
+    ft, fd
+        Target and disturbance forcing functions, None where unknown.
+    run_in
+        Number of samples before the measurement window.
+    lines
+        Forcing-function lines per signal (``ft``, ``fd``), as multiples of
+        2 pi / T with T the length of the measurement window; empty if unknown.
+    units
+        Unit by signal name.
+    source
+        Where the data came from, for messages and reports.
+    controlled_element
+        A description for reports, if known.
+    """
+
+    dt: float
+    e: FloatArray
+    u: FloatArray
+    x: FloatArray
+    ft: FloatArray | None = None
+    fd: FloatArray | None = None
+    run_in: int = 0
+    lines: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    source: str = "recording"
+    controlled_element: str = ""
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.dt) and self.dt > 0.0):
+            raise InputError(f"{self.source}: the sampling interval must be a positive number")
+        shape = np.shape(self.u)
+        for name in SIGNALS:
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, self._checked(name, value, shape))
+        object.__setattr__(
+            self, "lines", MappingProxyType({k: tuple(v) for k, v in self.lines.items() if v})
+        )
+        object.__setattr__(self, "units", MappingProxyType(dict(self.units)))
+        if not 0 <= self.run_in < self.u.shape[1]:
+            raise InputError(
+                f"{self.source}: the run-in ({self.run_in} samples) must be shorter than the "
+                f"recording ({self.u.shape[1]} samples)"
+            )
+        if self.duration < SHORTEST:
+            raise InputError(
+                f"{self.source}: the measurement window lasts {self.duration:.3g} s; at least "
+                f"{SHORTEST:g} s are needed (is each signal stored as one column a run?)"
+            )
+        still = np.ptp(self.u[:, self.run_in :], axis=1) == 0.0
+        if still.any():
+            raise InputError(
+                f"{self.source}: the control u is constant in run {1 + int(np.argmax(still))}; "
+                "map u to the recorded control, or leave that run out"
+            )
+
+    def _checked(self, name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+        array = np.asarray(value, dtype=float)
+        if array.ndim != 2:
+            raise InputError(f"{self.source}: signal {name} must have the shape (runs, samples)")
+        if name in ("ft", "fd") and array.shape == (1, *shape[1:]):
+            array = np.broadcast_to(array, shape)  # the same forcing function in every run
+        if array.shape != shape:
+            raise InputError(
+                f"{self.source}: signal {name} has {array.shape[0]} runs of {array.shape[1]} "
+                f"samples but u has {shape[0]} of {shape[1]}; all must be equal"
+            )
+        bad = ~np.isfinite(array)
+        if bad.any():
+            run, sample = (int(i) for i in np.argwhere(bad)[0])
+            raise InputError(
+                f"{self.source}: signal {name} is not a number at sample {sample + 1} of run "
+                f"{run + 1}; repair or cut the recording there"
+            )
+        array = array.copy()
+        array.flags.writeable = False
+        return array
+
+    @property
+    def runs(self) -> int:
+        """Number of runs."""
+        return int(self.u.shape[0])
+
+    @property
+    def samples(self) -> int:
+        """Samples of the measurement window, without the run-in."""
+        return int(self.u.shape[1]) - self.run_in
+
+    @property
+    def duration(self) -> float:
+        """Length of the measurement window [s]."""
+        return self.samples * self.dt
+
+    @property
+    def time(self) -> FloatArray:
+        """Time [s], negative in the run-in, shape (run-in + samples,)."""
+        return (np.arange(self.u.shape[1], dtype=float) - self.run_in) * self.dt
+
+    def input(self, name: str) -> FloatArray:
+        """The signal that a channel with this input acts on: ``error`` or ``output``."""
+        return {"error": self.e, "output": self.x}[name]
+
+    def window(self, signal: FloatArray) -> FloatArray:
+        """The part of a signal inside the measurement window, shape (runs, samples)."""
+        return signal[:, self.run_in :]
+
+
+def joined(recordings: Sequence[Recording]) -> Recording:
+    """Several recordings of one condition as the runs of one recording.
+
+    Raises
+    ------
+    InputError
+        If the sampling interval, length, run-in or forcing signals present differ.
+    """
+    first = recordings[0]
+    for other in recordings[1:]:
+        for what, a, b in (
+            ("sampling interval", first.dt, other.dt),
+            ("number of samples", first.samples, other.samples),
+            ("run-in", first.run_in, other.run_in),
+            ("set of signals", _present(first), _present(other)),
+        ):
+            equal = a == b if not isinstance(a, float) else bool(np.isclose(a, float(str(b))))
+            if not equal:
+                raise InputError(
+                    f"{other.source}: the {what} ({b}) differs from that of {first.source} ({a}), "
+                    "so the two cannot be runs of one recording"
+                )
+
+    def stacked(name: str) -> FloatArray | None:
+        if getattr(first, name) is None:
+            return None
+        return np.concatenate([getattr(r, name) for r in recordings])
+
+    e, u, x = (np.concatenate([getattr(r, n) for r in recordings]) for n in ("e", "u", "x"))
+    return Recording(
+        dt=first.dt,
+        e=e,
+        u=u,
+        x=x,
+        ft=stacked("ft"),
+        fd=stacked("fd"),
+        run_in=first.run_in,
+        lines=first.lines,
+        units=first.units,
+        source=f"{first.source} and {len(recordings) - 1} more",
+        controlled_element=first.controlled_element,
+    )
+
+
+def _present(recording: Recording) -> str:
+    return " ".join(n for n in SIGNALS if getattr(recording, n) is not None)

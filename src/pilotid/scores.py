@@ -1,0 +1,73 @@
+"""Scores of an estimator over replications, as free functions of plain arrays.
+
+Each takes one parameter's estimates, shape (replications,); those of failed fits are left
+out beforehand and counted elsewhere.  Too few estimates for a score give NaN.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from pilotid.types import FloatArray
+
+
+def bias(values: FloatArray, truth: float) -> float:
+    """Mean error, with its sign."""
+    return float(np.mean(values) - truth) if values.size else math.nan
+
+
+def bias_std_error(values: FloatArray) -> float:
+    """Monte Carlo standard error of the bias."""
+    return spread(values) / math.sqrt(values.size) if values.size else math.nan
+
+
+def spread(values: FloatArray) -> float:
+    """Sample standard deviation, with n - 1 in the denominator."""
+    return float(np.std(values, ddof=1)) if values.size > 1 else math.nan
+
+
+def rmse(values: FloatArray, truth: float) -> float:
+    """Root mean square error."""
+    return float(np.sqrt(np.mean((values - truth) ** 2))) if values.size else math.nan
+
+
+def mean(values: FloatArray) -> float:
+    """Mean of the finite entries."""
+    finite = values[np.isfinite(values)]
+    return float(np.mean(finite)) if finite.size else math.nan
+
+
+def coverage(intervals: FloatArray, truth: float) -> float:
+    """Share of intervals that hold the truth, ends included.
+
+    Parameters
+    ----------
+    intervals
+        Lower and upper ends, shape (replications, 2); those with a NaN do not count.
+    truth
+        The true value.
+    """
+    given = intervals[np.all(np.isfinite(intervals), axis=1)]
+    if not len(given):
+        return math.nan
+    return float(np.mean((given[:, 0] <= truth) & (truth <= given[:, 1])))
+
+
+def coverage_limits(share: float, count: int) -> tuple[float, float]:
+    """Range in which the observed coverage of `count` honest intervals lies 95 % of the time.
+
+    Parameters
+    ----------
+    share
+        Nominal coverage, for example 0.95.
+    count
+        Number of independent intervals.
+    """
+    from scipy.special import bdtr
+
+    k = np.arange(count + 1)
+    below = bdtr(k, count, share)  # P(at most k)
+    low, high = int(np.argmax(below >= 0.025)), int(np.argmax(below >= 0.975))
+    return low / count, high / count

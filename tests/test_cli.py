@@ -1,0 +1,415 @@
+"""The command line: what it prints and writes, and how it refuses bad input."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pilotid.cli import main
+from pilotid.files import load_recording, save_recording
+from pilotid.methods import METHODS, methods
+from pilotid.model import MODELS
+from pilotid.recording import Recording
+
+# The columns that others script against.
+ESTIMATES_HEAD = (
+    "scenario,method,replication,outcome,parameter,truth,value,std_error,lower_95,upper_95,seconds"
+)
+SUMMARY_HEAD = (
+    "scenario,method,parameter,n,failures,truth,bias,bias_se,bias_percent,std,rmse,crlb,"
+    "mean_std_error,coverage_95,posterior_std"
+)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a command left behind."""
+
+    status: int
+    out: str
+    err: str
+
+
+Run = Callable[..., Answer]
+
+
+@pytest.fixture
+def run(capfd: pytest.CaptureFixture[str]) -> Run:
+    """Run a command line in this process."""
+
+    def command(*arguments: object) -> Answer:
+        with pytest.raises(SystemExit) as end:
+            main([str(a) for a in arguments])
+        captured = capfd.readouterr()
+        return Answer(int(end.value.code or 0), captured.out, captured.err)
+
+    return command
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A simulated recording of the multi-channel pilot, beside its sidecar and truth."""
+    path = tmp_path_factory.mktemp("simulated") / "run.csv"
+    with pytest.raises(SystemExit) as end:
+        main(["simulate", "nominal", "--out", str(path), "--seed", "3"])
+    assert not end.value.code
+    return path
+
+
+def refused(answer: Answer, *words: str) -> None:
+    """One sentence on standard error that holds these words, nothing else, and status 2."""
+    assert answer.status == 2
+    assert answer.out == ""
+    assert len(answer.err.splitlines()) == 1, answer.err
+    assert "Traceback" not in answer.err
+    for word in words:
+        assert word in answer.err, (word, answer.err)
+
+
+# ------------------------------------------------------------------------------------- list
+
+
+def test_list_names_everything(run: Run) -> None:
+    from pilotid.datasets import SCENARIOS
+
+    answer = run("list")
+    assert answer.status == 0
+    lines = [line.split()[0] for line in answer.out.splitlines()]
+    assert lines == ["models", *MODELS, "methods", *methods(), "scenarios", *SCENARIOS]
+
+
+def test_no_arguments_show_the_help(run: Run) -> None:
+    answer = run()
+    assert answer.status == 0
+    assert all(name in answer.out for name in ("list", "simulate", "fit", "compare", "report"))
+
+
+def test_the_installed_command_runs() -> None:
+    command = Path(sys.executable).with_name("pilotid")
+    done = subprocess.run([command, "list"], capture_output=True, text=True, check=True, timeout=60)
+    assert "mle-white" in done.stdout
+    bad = subprocess.run([command, "fit", "x.csv"], capture_output=True, text=True, timeout=60)
+    assert (bad.returncode, bad.stdout) == (2, "")
+    assert bad.stderr.startswith("pilotid: x.csv: ")
+
+
+# --------------------------------------------------------------------------- simulate and fit
+
+
+def test_simulate_writes_recording_sidecar_and_truth(simulated: Path) -> None:
+    recording = load_recording(simulated)
+    assert (recording.runs, recording.samples, recording.run_in) == (1, 4096, 400)
+    assert json.loads(simulated.with_suffix(".json").read_text())["lines"]["ft"][:2] == [6, 9]
+    truth = json.loads(simulated.with_suffix(".truth.json").read_text())
+    assert truth["scenario"] == "nominal"
+    assert truth["seed"] == 3
+    assert truth["parameters"]["tlead"] == {"value": 2.93, "unit": "s"}
+    assert truth["controlled_element"]["numerator"] == [4.0]
+    # FACTS of the seed's pilot at K = 4: crossover and phase margin of both loops.
+    assert truth["loops"]["target"]["crossover"] == pytest.approx(2.38, abs=0.02)
+    assert truth["loops"]["disturbance"]["phase_margin"] == pytest.approx(27.0, abs=1.0)
+
+
+def test_simulate_depends_on_the_seed_alone(run: Run, simulated: Path, tmp_path: Path) -> None:
+    for seed in (3, 4):
+        out = tmp_path / f"{seed}.csv"
+        assert run("simulate", "nominal", "--out", out, "--seed", seed).status == 0
+    assert (tmp_path / "3.csv").read_bytes() == simulated.read_bytes()
+    assert (tmp_path / "4.csv").read_bytes() != simulated.read_bytes()
+
+
+def test_simulate_runs(run: Run, tmp_path: Path) -> None:
+    out = tmp_path / "three.mat"
+    assert run("simulate", "single", "--out", out, "--runs", 3).status == 0
+    recording = load_recording(out)
+    assert recording.runs == 3
+    assert not np.array_equal(recording.u[0], recording.u[1])
+
+
+def strict(text: str) -> Any:
+    """JSON without the words for what is not a number, which the standard does not have."""
+
+    def no_constant(word: str) -> None:
+        raise AssertionError(f"{word} is not JSON")
+
+    return json.loads(text, parse_constant=no_constant)
+
+
+def test_fit_finds_the_truth_and_writes_it_as_agreed(run: Run, simulated: Path) -> None:
+    answer = run("fit", simulated, "--model", "multi", "--method", "mle-white", "--json", "-")
+    result = strict(answer.out)
+    assert set(result) == {"recording", "model", "estimates"}
+    assert result["model"] == "multi"
+    assert result["recording"]["runs"] == 1
+    (estimate,) = result["estimates"]
+    assert estimate["method"] == "mle-white"
+    assert (estimate["outcome"], estimate["message"]) == ("converged", "converged")
+    assert list(estimate["parameters"]) == list(MODELS["multi"].keys)
+    truth = json.loads(simulated.with_suffix(".truth.json").read_text())["parameters"]
+    for key, entry in estimate["parameters"].items():
+        assert set(entry) == {"value", "std_error", "interval_95", "unit"}
+        assert entry["unit"] == truth[key]["unit"]
+        low, high = entry["interval_95"]
+        assert low < entry["value"] < high
+        # A white residual is biased here, by up to a quarter.
+        assert entry["value"] == pytest.approx(truth[key]["value"], rel=0.5)
+    assert np.array(estimate["correlation"]).shape == (7, 7)
+    assert 60.0 < estimate["vaf"] < 95.0
+    assert estimate["seconds"] > 0.0
+    product = estimate["derived"]["Kvis*tlead"]
+    gain, lead = estimate["parameters"]["Kvis"], estimate["parameters"]["tlead"]
+    assert product["value"] == pytest.approx(gain["value"] * lead["value"])
+    # Gain and lead are correlated, so that their product is known better than either.
+    assert product["std_error"] / product["value"] < 0.6 * gain["std_error"] / gain["value"]
+
+
+def test_fit_tells_a_failure_and_stays_at_status_0(run: Run, simulated: Path) -> None:
+    # From an almost vanishing delay the seed's estimator drives it negative.
+    start = "tdvis=0.001"
+    arguments = ("fit", simulated, "--model", "multi", "--method", "mmle3", "--start", start)
+    answer = run(*arguments, "--json", "-")
+    assert answer.status == 0
+    (estimate,) = strict(answer.out)["estimates"]
+    assert estimate["outcome"] == "negative-delay"
+    assert estimate["message"] == "failed: a time delay was driven negative"
+    assert estimate["parameters"]["Kvis"]["value"] is None
+    assert estimate["vaf"] is None
+    table = run(*arguments)
+    assert table.status == 0
+    assert "mmle3: failed: a time delay was driven negative" in table.out
+
+
+def test_fit_prints_a_table(run: Run, simulated: Path) -> None:
+    answer = run("fit", simulated, "--model", "single", "--method", "mle-white,mle-white")
+    lines = answer.out.splitlines()
+    assert lines[0].endswith("1 run of 81.92 s at 50 Hz after 8 s of run-in; model single")
+    first = [line.split()[0] for line in lines if line]
+    keys = MODELS["single"].keys
+    assert [word for word in first if word in keys or "*" in word] == [*keys, "Kvis*tlead"]
+    assert lines[-1].startswith("mle-white: converged; VAF ")
+    assert "\x1b" not in answer.out
+    assert all(line == line.rstrip() for line in lines)
+
+
+def test_default_model_is_single(run: Run, simulated: Path) -> None:
+    result = strict(run("fit", simulated, "--json", "-").out)
+    assert result["model"] == "single"
+    assert len(result["estimates"]) == 1
+
+
+def test_all_methods(run: Run, simulated: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    few = {m.name: m for m in METHODS if m.name in ("mmle3", "mle-white")}
+    for module in ("pilotid.methods", "pilotid.arguments"):
+        monkeypatch.setattr(f"{module}.methods", lambda: few)
+    result = strict(run("fit", simulated, "--method", "all", "--json", "-").out)
+    assert [e["method"] for e in result["estimates"]] == list(few)
+
+
+def test_several_files_give_a_list_and_joint_gives_one(
+    run: Run, simulated: Path, tmp_path: Path
+) -> None:
+    other = tmp_path / "other.csv"
+    run("simulate", "nominal", "--out", other, "--seed", 9)
+    fit = ("fit", simulated, other, "--method", "mle-white", "--json", tmp_path / "f.json")
+    assert run(*fit).status == 0
+    apart = strict((tmp_path / "f.json").read_text())
+    assert [entry["recording"]["source"] for entry in apart] == [str(simulated), str(other)]
+    assert run(*fit, "--joint").status == 0
+    together = strict((tmp_path / "f.json").read_text())
+    assert together["recording"]["runs"] == 2
+    gains = [e["estimates"][0]["parameters"]["Kvis"] for e in (*apart, together)]
+    assert gains[2]["std_error"] < min(gains[0]["std_error"], gains[1]["std_error"])
+
+
+def test_fit_does_not_depend_on_name_or_company(run: Run, simulated: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy.csv"
+    save_recording(load_recording(simulated), copy)
+    fit = ("--method", "mle-white", "--json", "-")
+    alone = strict(run("fit", simulated, *fit).out)["estimates"][0]["parameters"]
+    both = strict(run("fit", copy, simulated, *fit).out)
+    assert [entry["estimates"][0]["parameters"] for entry in both] == [alone, alone]
+
+
+def test_mapping(run: Run, simulated: Path, tmp_path: Path) -> None:
+    renamed = tmp_path / "renamed.csv"
+    head, _, body = simulated.read_text().partition("\n")
+    renamed.write_text(head.replace(",u,", ",stick,").replace(",e,", ",err,") + "\n" + body)
+    fit = ("--method", "mle-white", "--json", "-")
+    plain = strict(run("fit", simulated, *fit).out)["estimates"][0]["parameters"]
+    mapped = strict(run("fit", renamed, "--map", "u=stick,e=err", *fit).out)
+    assert mapped["estimates"][0]["parameters"]["fnm"]["value"] == pytest.approx(
+        plain["fnm"]["value"], rel=1e-6
+    )
+
+
+def test_report_is_one_file_and_the_same_bytes_each_time(
+    run: Run, simulated: Path, tmp_path: Path
+) -> None:
+    texts = []
+    for name in ("a.html", "b.html"):
+        report = tmp_path / name
+        assert run("fit", simulated, "--method", "mle-white", "--report", report).status == 0
+        texts.append(report.read_text(encoding="utf-8"))
+    assert texts[0] == texts[1]
+    assert "<svg" in texts[0]
+    assert "Kvis*tlead" in texts[0]
+    assert all(word not in texts[0] for word in ("<script", "<link", 'src="', "url(http"))
+
+
+# ------------------------------------------------------------------------------- bad input
+
+
+def good_lines() -> list[str]:
+    t = np.arange(300) * 0.05
+    body = [f"{s:.2f},{np.cos(s):.4f},{np.sin(s):.4f},{np.sin(2 * s):.4f}" for s in t]
+    return ["t,e,u,x", *body]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda lines: [lines[0].replace("u", "stick"), *lines[1:]], ("'u'", "--map u=")),
+        (lambda lines: [*lines[:9], lines[9].replace(".", "x", 1), *lines[10:]], ("line 10",)),
+        (lambda lines: [*lines[:9], "0.4,nan,1,1", *lines[10:]], ("line 10", "column e")),
+        (lambda lines: [*lines[:9], *lines[20:]], ("line 10", "steps by")),
+        (lambda lines: lines[:50], ("10 s",)),
+        (lambda lines: lines[:1], ("0 samples",)),
+        (lambda lines: [], ("header",)),
+        (lambda lines: [*lines[:9], "1,2", *lines[10:]], ("line 10", "cells")),
+        (lambda lines: [lines[0], *(f"{i * 0.05},1,1,1" for i in range(300))], ("constant",)),
+    ],
+    ids=["column", "text", "nan", "gap", "short", "no-rows", "empty", "ragged", "constant"],
+)
+def test_bad_csv(
+    run: Run, tmp_path: Path, change: Callable[[list[str]], list[str]], words: tuple[str, ...]
+) -> None:
+    path = tmp_path / "bad.csv"
+    path.write_text("\n".join(change(good_lines())) + "\n")
+    refused(run("fit", path), "bad.csv", *words)
+
+
+def test_bad_files(run: Run, tmp_path: Path) -> None:
+    refused(run("fit", tmp_path / "none.csv"), "none.csv", "no such file")
+    refused(run("fit", tmp_path), "must be a .csv or a .mat")
+    text = tmp_path / "text.mat"
+    text.write_text("not a MATLAB file")
+    refused(run("fit", text), "text.mat", "not a MATLAB v5 file")
+    good = tmp_path / "good.csv"
+    good.write_text("\n".join(good_lines()) + "\n")
+    good.with_suffix(".json").write_text('{"runs": 2}')
+    refused(run("fit", good), "good.json", "2 runs")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--model", "tripl"), ("unknown model 'tripl'", "single, multi")),
+        (("--method", "mle-black"), ("unknown method 'mle-black'", "mle-white")),
+        (("--map", "stick"), ("SIGNAL=NAME",)),
+        (("--map", "q=stick"), ("unknown signal", "ft, fd")),
+        (("--map", "u=stick"), ("run.csv", "'stick'")),
+        (("--start", "Kvis=many"), ("PARAMETER=NUMBER",)),
+        (("--start", "tlag=1"), ("no parameter tlag", "Kvis, tlead")),
+        (("--start", "tdvis=-1"), ("strictly inside",)),
+        (("--seed", "-1"), ("--seed",)),
+        (("--seed", "many"), ("--seed",)),
+        (("--sed", "1"), ("--sed", "pilotid fit --help")),
+        (("--json", "none/f.json"), ("no folder none",)),
+        (("--report", "."), ("is a folder",)),
+    ],
+    ids=lambda value: "=".join(value) if isinstance(value, tuple) else None,
+)
+def test_bad_options(
+    run: Run, simulated: Path, options: tuple[str, ...], words: tuple[str, ...]
+) -> None:
+    refused(run("fit", simulated, *options), *words)
+
+
+@pytest.mark.parametrize("suffix", [".json", ".csv", ".truth.json"])
+def test_outputs_never_destroy_inputs(run: Run, simulated: Path, suffix: str) -> None:
+    target = simulated.with_suffix(suffix)
+    before = target.read_bytes()
+    refused(run("fit", simulated, "--json", target), target.name, "another file")
+    assert target.read_bytes() == before
+
+
+def test_other_commands_refuse_too(run: Run, tmp_path: Path) -> None:
+    refused(run("frobnicate"), "frobnicate")
+    refused(run("fit"), "pilotid fit --help")
+    refused(run("simulate", "nominale", "--out", tmp_path / "x.csv"), "'nominale'", "nominal")
+    refused(run("simulate", "nominal", "--out", tmp_path / "x.txt"), "x.txt", ".csv")
+    refused(run("simulate", "nominal", "--out", tmp_path / "none" / "x.csv"), "x.csv")
+    refused(run("compare", "--scenario", "x", "--out", tmp_path), "'x'", "nominal")
+    refused(run("compare", "--method", "x", "--out", tmp_path), "'x'", "mle-white")
+    refused(run("compare", "--profile", "x", "--out", tmp_path), "'x'", "quick, full")
+    refused(run("report", tmp_path), "estimates.csv", "pilotid compare")
+    file = tmp_path / "file"
+    file.touch()
+    refused(run("compare", "--method", "mle-white", "--out", file), "file", "--out")
+
+
+def test_failing_recording_is_no_bad_input(run: Run, tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    e, u, x = rng.standard_normal((3, 1, 1500))
+    save_recording(Recording(dt=0.02, e=e, u=u, x=x), tmp_path / "noise.csv")
+    answer = run("fit", tmp_path / "noise.csv", "--method", "mle-white", "--json", "-")
+    assert answer.status == 0
+    assert len(strict(answer.out)["estimates"]) == 1
+
+
+# --------------------------------------------------------------------------------- compare
+
+
+def test_compare_gives_the_same_numbers_with_any_number_of_workers(
+    run: Run, tmp_path: Path
+) -> None:
+    options = ("--scenario", "single", "--method", "mle-white", "--replications", 2, "--seed", 5)
+    for workers in (1, 2):
+        out = tmp_path / str(workers)
+        answer = run("compare", *options, "--workers", workers, "--out", out)
+        assert answer.status == 0, answer.err
+        assert answer.out.splitlines()[-1] == f"report: {out / 'report.md'}"
+    one, two = tmp_path / "1", tmp_path / "2"
+    assert (one / "summary.csv").read_bytes() == (two / "summary.csv").read_bytes()
+    assert (one / "report.md").read_bytes() == (two / "report.md").read_bytes()
+    with (one / "estimates.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert ",".join(rows[0]) == ESTIMATES_HEAD
+    assert len(rows) == 2 * 5
+    with (one / "summary.csv").open(newline="") as stream:
+        summary = list(csv.DictReader(stream))
+    assert ",".join(summary[0]) == SUMMARY_HEAD
+    gain = [float(row["value"]) for row in rows if row["parameter"] == "Kvis"]
+    assert float(summary[0]["bias"]) == pytest.approx(np.mean(gain) - 0.32)
+    assert summary[0]["n"] == "2"
+
+    before = (one / "summary.csv").read_bytes()
+    (one / "summary.csv").unlink()
+    (one / "report.md").unlink()
+    assert run("report", one).status == 0
+    assert (one / "summary.csv").read_bytes() == before
+
+
+def test_report_names_the_line_that_is_wrong(run: Run, tmp_path: Path) -> None:
+    head = ESTIMATES_HEAD
+    good = "nominal,mmle3,0,negative-delay,Kvis,0.17,,,,,0.1"
+    (tmp_path / "estimates.csv").write_text(f"{head}\n{good}\n")
+    assert run("report", tmp_path).status == 0
+    assert (
+        "- mmle3, 1 of 1 fits: failed: a time delay was driven negative"
+        in (tmp_path / "report.md").read_text()
+    )
+    for row in ("nominal,mmle3", good.replace("0.17", "x"), good + ",1"):
+        (tmp_path / "estimates.csv").write_text(f"{head}\n{good}\n{row}\n")
+        refused(run("report", tmp_path), "estimates.csv", "line 3")
+    (tmp_path / "estimates.csv").write_text("a,b\n")
+    refused(run("report", tmp_path), "estimates.csv", "line 1")

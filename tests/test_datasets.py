@@ -1,0 +1,551 @@
+"""Simulated data sets: forcing functions, remnant, scenarios, and an independent simulation."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import cont2discrete, lfilter
+
+from pilotid.controlled import double_integrator, position_control, single_integrator
+from pilotid.datasets import SCENARIOS, Scenario, scenario_named, simulate
+from pilotid.datasets.forcing import (
+    Forcing,
+    Multisine,
+    Steps,
+    half_and_half_step,
+    seed_disturbance,
+    seed_target,
+)
+from pilotid.datasets.loop import remnant_ratio, white_level
+from pilotid.datasets.remnant import UNIT_LEVEL, Remnant, white
+from pilotid.loops import pilot_on
+from pilotid.recording import Recording
+from pilotid.types import ComplexArray, FloatArray, InputError
+
+NOMINAL = SCENARIOS["nominal"]
+DT = 0.02
+SAMPLES = 4096
+WINDOW = np.arange(SAMPLES) * DT
+
+#: Table 2 of AIAA 2008-7109.
+FD_LINES = (5, 8, 11, 17, 28, 46, 59, 82, 106, 137, 178, 211)
+FT_LINES = (6, 9, 13, 19, 29, 47, 61, 83, 107, 139, 179, 213)
+FD_AMPLITUDES = "0031 0071 0115 0193 0284 0363 0407 0488 059 0755 1033 1308"
+FT_AMPLITUDES = "0876 0764 0613 043 025 012 0081 0052 0038 0029 0024 0021"
+
+
+def quiet(scenario: Scenario) -> Scenario:
+    """The scenario without remnant."""
+    return replace(scenario, remnant=replace(scenario.remnant, level=0.0, level_is="gain"))
+
+
+def with_remnant(scenario: Scenario, **changes: object) -> Scenario:
+    return replace(scenario, remnant=replace(scenario.remnant, **changes))
+
+
+def rng(seed: int = 1) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+# ------------------------------------------------------------------ forcing functions
+
+
+@pytest.mark.parametrize(
+    ("forcing", "lines", "amplitudes"),
+    [(seed_disturbance(), FD_LINES, FD_AMPLITUDES), (seed_target(), FT_LINES, FT_AMPLITUDES)],
+    ids=["disturbance", "target"],
+)
+def test_seed_forcing_functions_are_those_of_table_2(
+    forcing: Multisine, lines: tuple[int, ...], amplitudes: str
+) -> None:
+    assert forcing.lines == lines
+    assert forcing.amplitudes == tuple(float(f"0.{a}") for a in amplitudes.split())
+    assert forcing.phases == (0.0,) * 12
+    assert forcing.period == 81.92
+
+
+def test_lines_of_target_and_disturbance_interleave() -> None:
+    pairs = zip(seed_disturbance().lines, seed_target().lines, strict=True)
+    together = [line for pair in pairs for line in pair]
+    assert together == sorted(set(together))
+
+
+def test_multisine_samples_by_hand() -> None:
+    forcing = Multisine((1, 3), (2.0, 0.5), (0.0, math.pi / 2.0), period=4.0)
+    # At t = 1: 2 sin(pi/2) + 0.5 cos(3 pi/2); at t = 2: 2 sin(pi) + 0.5 cos(3 pi)
+    np.testing.assert_allclose(
+        forcing.at(np.array([0.0, 1.0, 2.0, -1.0])), [0.5, 2.0, -0.5, -2.0], atol=1e-14
+    )
+
+
+def test_seed_target_samples_by_hand() -> None:
+    for time in (-8.0, 0.0, 0.5, 40.96, 77.7):
+        by_hand = sum(
+            float(f"0.{a}") * math.sin(2.0 * math.pi * k / 81.92 * time)
+            for k, a in zip(FT_LINES, FT_AMPLITUDES.split(), strict=True)
+        )
+        assert seed_target().at(np.array([time]))[0] == pytest.approx(by_hand, abs=1e-12)
+
+
+def test_random_phases_keep_the_amplitude_spectrum() -> None:
+    forcing = seed_target()
+    variants = [forcing.with_random_phases(rng(seed)) for seed in (1, 1, 2)]
+    spectra = [np.fft.rfft(f.at(WINDOW)) * 2.0 / SAMPLES for f in (forcing, *variants)]
+    expected = np.zeros(SAMPLES // 2 + 1)
+    expected[list(FT_LINES)] = forcing.amplitudes
+    for spectrum in spectra:
+        np.testing.assert_allclose(np.abs(spectrum), expected, atol=1e-12)
+    np.testing.assert_array_equal(spectra[1], spectra[2])
+    turned = np.angle(spectra[3][list(FT_LINES)] / spectra[1][list(FT_LINES)])
+    assert np.all(np.abs(turned) > 1e-3)
+
+
+def test_scaled_multiplies_the_signal() -> None:
+    for forcing in (seed_disturbance(), half_and_half_step(81.92)):
+        np.testing.assert_allclose(
+            forcing.scaled(4.0).at(WINDOW), 4.0 * forcing.at(WINDOW), rtol=1e-12, atol=1e-15
+        )
+
+
+def test_step_is_positive_for_the_first_half_and_negative_for_the_second() -> None:
+    step = half_and_half_step(81.92)
+    signal = step.at(WINDOW)
+    np.testing.assert_array_equal(signal, np.where(np.arange(SAMPLES) < SAMPLES // 2, 1.0, -1.0))
+    np.testing.assert_array_equal(step.at(-WINDOW[1:]), np.zeros(SAMPLES - 1))
+    assert step.lines == ()
+
+
+@pytest.mark.parametrize(
+    ("lines", "amplitudes", "words"),
+    [
+        ((1, 2), (1.0,), "as many amplitudes and phases as lines"),
+        ((2, 2), (1.0, 1.0), "different whole numbers"),
+        ((0, 2), (1.0, 1.0), "different whole numbers"),
+    ],
+)
+def test_multisine_refuses_impossible_lines(
+    lines: tuple[int, ...], amplitudes: tuple[float, ...], words: str
+) -> None:
+    with pytest.raises(ValueError, match=words):
+        Multisine(lines, amplitudes, (0.0, 0.0))
+
+
+def lagged(omega: FloatArray) -> ComplexArray:
+    """3 e^{-0.137 s}/(1 + 0.5 s), whose delay is no multiple of the sampling interval."""
+    return np.asarray(3.0 * np.exp(-0.137j * omega) / (1.0 + 0.5j * omega))
+
+
+def test_multisine_through_a_system_equals_the_sum_of_its_lines() -> None:
+    forcing = seed_disturbance().with_random_phases(rng(3))
+    time = np.array([-7.5, -0.01, 0.0, 3.3, 81.0])
+    expected = np.zeros(time.size)
+    for line, amplitude, phase in zip(
+        forcing.lines, forcing.amplitudes, forcing.phases, strict=True
+    ):
+        w = 2.0 * math.pi * line / 81.92
+        gain, lag = 3.0 / math.hypot(1.0, 0.5 * w), 0.137 * w + math.atan(0.5 * w)
+        expected += gain * amplitude * np.sin(w * time + phase - lag)
+    np.testing.assert_allclose(forcing.through(lagged, time), expected, atol=1e-13)
+
+
+def test_steps_through_a_system_equal_the_analytic_answer() -> None:
+    time = np.arange(-100, 1500) * DT
+    steps = Steps((0.0, 15.0), (1.0, -2.0))
+    since = time[:, None] - 0.137 - np.array(steps.times)
+    answers = 3.0 * (1.0 - np.exp(-np.maximum(since, 0.0) / 0.5))
+    np.testing.assert_allclose(
+        steps.through(lagged, time), answers @ np.array(steps.jumps), atol=2e-4
+    )
+
+
+# ------------------------------------------------------------------ remnant
+
+
+@pytest.mark.parametrize("order", [0, 1, 2, 3])
+def test_remnant_filter_at_rest_at_its_break_frequency_and_far_above(order: int) -> None:
+    remnant = Remnant(order=order, frequency=3.5, damping=0.7)
+    at_rest, at_break, far = remnant.filter(np.array([0.0, 3.5, 3500.0]))
+    assert at_rest == pytest.approx(1.0, rel=1e-15)
+    # First order: 3 dB and 45 deg; second order: 1/(2 z) and 90 deg; third: their product.
+    magnitude = (1.0, 1.0 / math.sqrt(2.0), 1.0 / 1.4, 1.0 / (1.4 * math.sqrt(2.0)))[order]
+    assert abs(at_break) == pytest.approx(magnitude, rel=1e-12)
+    assert np.angle(at_break, deg=True) == pytest.approx(-45.0 * order, abs=1e-9)
+    assert abs(far) == pytest.approx(1000.0**-order, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"order": 4}, "order 0 to 3, not 4"),
+        ({"order": -1}, "order 0 to 3, not -1"),
+        ({"level": -0.1}, "remnant gain of -0.1"),
+        ({"level": 1.0, "level_is": "ratio"}, "remnant ratio of 1"),
+    ],
+)
+def test_impossible_remnant_is_refused(changes: dict[str, object], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        replace(Remnant(), **changes)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("gain", "ratio", "tolerance"), [(0.1, 0.03, 0.002), (0.4, 0.21, 0.01), (0.8, 0.305, 0.015)]
+)
+def test_remnant_gain_has_the_seeds_scale(gain: float, ratio: float, tolerance: float) -> None:
+    assert remnant_ratio(SCENARIOS[f"remnant-{gain}"]) == pytest.approx(ratio, abs=tolerance)
+
+
+def test_remnant_ratio_rises_with_the_gain_over_the_sweep() -> None:
+    ratios = [remnant_ratio(SCENARIOS[f"remnant-{g / 10:.1f}"]) for g in range(1, 9)]
+    assert np.all(np.diff(ratios) > 0.01)
+
+
+@pytest.mark.parametrize("order", [0, 1, 2, 3])
+@pytest.mark.parametrize("level", [0.05, 0.2, 0.3])
+def test_ratio_level_hits_its_ratio(order: int, level: float) -> None:
+    scenario = replace(NOMINAL, remnant=Remnant(order=order, level=level, level_is="ratio"))
+    assert remnant_ratio(scenario) == pytest.approx(level, rel=1e-9)
+
+
+def test_unreachable_ratio_is_refused_with_the_limit() -> None:
+    scenario = replace(NOMINAL, remnant=white(0.95))
+    with pytest.raises(InputError, match=r"^scenario nominal: .*0\.95.*limits it to 0\.\d+$"):
+        simulate(scenario, rng())
+
+
+def spread(samples: FloatArray) -> float:
+    return float(np.std(samples, ddof=1) / math.sqrt(samples.size))
+
+
+@pytest.mark.parametrize(
+    "scenario",
+    [
+        NOMINAL,
+        SCENARIOS["single"],
+        SCENARIOS["white-remnant"],
+        SCENARIOS["disturbance-step"],
+        with_remnant(NOMINAL, order=1),
+        with_remnant(NOMINAL, order=3, frequency=6.0),
+        with_remnant(NOMINAL, order=1, level=0.2, level_is="ratio"),
+        with_remnant(NOMINAL, enters="error", level=2.0),
+        with_remnant(NOMINAL, order=0, enters="error", level=0.1, level_is="ratio"),
+    ],
+    ids=lambda s: f"{s.name} {s.remnant.order} {s.remnant.enters} {s.remnant.level_is}",
+)
+def test_measured_remnant_power_agrees_with_remnant_ratio(scenario: Scenario) -> None:
+    # With hardly any controlled element the loop is open, and u is the remnant itself.
+    level = white_level(scenario) / UNIT_LEVEL
+    runs = 120
+    alone = replace(
+        with_remnant(scenario, level=level, level_is="gain"),
+        element=position_control(1e-12),
+        target=None,
+        disturbance=None,
+        runs=runs,
+    )
+    n = simulate(alone, rng(11))
+    u = simulate(replace(scenario, runs=runs), rng(12))
+    power_n, power_u = (np.var(r.window(r.u), axis=1) for r in (n, u))
+    measured = power_n.mean() / power_u.mean()
+    error = measured * math.hypot(
+        spread(power_n) / power_n.mean(), spread(power_u) / power_u.mean()
+    )
+    assert error < 0.03 * measured
+    assert abs(measured - remnant_ratio(scenario)) < 4.0 * error
+
+
+# ------------------------------------------------------------------ scenarios and recordings
+
+
+def test_scenarios_have_the_names_of_the_contract() -> None:
+    names = "nominal single white-remnant disturbance-only target-only disturbance-step target-step"
+    assert set(names.split()) | {f"remnant-0.{g}" for g in range(1, 9)} == set(SCENARIOS)
+    assert all(SCENARIOS[name].name == name for name in SCENARIOS)
+    assert scenario_named("single") is SCENARIOS["single"]
+
+
+def test_unknown_scenario_is_refused_in_one_line_with_the_names_there_are() -> None:
+    with pytest.raises(InputError) as caught:
+        scenario_named("nominale")
+    message = str(caught.value)
+    assert len(message.splitlines()) == 1
+    assert "'nominale'" in message
+    assert all(name in message for name in SCENARIOS)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_recording_of_every_scenario(name: str) -> None:
+    scenario = SCENARIOS[name]
+    recording = simulate(scenario, rng())
+    assert (recording.dt, recording.run_in, recording.samples) == (0.02, 400, 4096)
+    assert recording.time[0] == -8.0
+    assert recording.time[400] == 0.0
+    assert recording.u.shape == (1, 4496)
+    assert recording.ft is not None
+    assert recording.fd is not None
+    np.testing.assert_array_equal(recording.e, recording.ft - recording.x)
+    for signal, forcing in ((recording.ft, scenario.target), (recording.fd, scenario.disturbance)):
+        expected = np.zeros(4496) if forcing is None else forcing.at(recording.time)
+        np.testing.assert_array_equal(signal, expected[None])
+    assert name in recording.source
+
+
+@pytest.mark.parametrize(
+    ("name", "lines"),
+    [
+        ("nominal", {"ft": FT_LINES, "fd": FD_LINES}),
+        ("target-only", {"ft": FT_LINES}),
+        ("disturbance-only", {"fd": FD_LINES}),
+        ("target-step", {}),
+    ],
+)
+def test_recording_knows_its_forcing_lines(name: str, lines: dict[str, tuple[int, ...]]) -> None:
+    assert dict(simulate(SCENARIOS[name], rng()).lines) == lines
+
+
+def test_length_run_in_sampling_interval_and_runs_of_a_scenario_are_those_of_its_recording() -> (
+    None
+):
+    scenario = replace(NOMINAL, duration=30.0, run_in=5.0, dt=0.04, runs=3)
+    recording = simulate(scenario, rng())
+    assert recording.u.shape == (3, 875)
+    assert (recording.dt, recording.run_in, recording.samples) == (0.04, 125, 750)
+
+
+def test_same_random_state_gives_the_same_recording_and_another_a_different_one() -> None:
+    first, same, other = (simulate(NOMINAL, rng(seed)) for seed in (1, 1, 2))
+    for signal in ("e", "u", "x"):
+        np.testing.assert_array_equal(getattr(first, signal), getattr(same, signal))
+        assert np.std(getattr(first, signal) - getattr(other, signal)) > 1e-3
+
+
+def test_runs_have_the_same_forcing_and_independent_remnants() -> None:
+    recording = simulate(replace(NOMINAL, runs=40), rng())
+    assert recording.ft is not None
+    np.testing.assert_array_equal(recording.ft[0], recording.ft[39])
+    forced = simulate(quiet(NOMINAL), rng()).u
+    remnant = recording.u - forced
+    np.testing.assert_allclose(remnant.mean(axis=0), 0.0, atol=5.0 * np.std(remnant) / 40**0.5)
+    correlation = np.corrcoef(remnant)[np.triu_indices(40, 1)]
+    assert np.max(np.abs(correlation)) < 0.5
+    assert abs(correlation.mean()) < 0.01
+
+
+@pytest.mark.parametrize("name", ["nominal", "single", "target-only", "disturbance-only"])
+def test_control_obeys_the_pilot_at_every_forcing_line(name: str) -> None:
+    scenario = quiet(SCENARIOS[name])
+    recording = simulate(scenario, rng())
+    lines = np.array(sorted({k for lines in recording.lines.values() for k in lines}))
+    u, e, x = (
+        np.fft.rfft(recording.window(s))[0, lines] for s in (recording.u, recording.e, recording.x)
+    )
+    omega = 2.0 * np.pi * lines / recording.duration
+    on_error, on_output = pilot_on(scenario.model, omega, scenario.values)
+    np.testing.assert_allclose(u, on_error * e - on_output * x, atol=1e-9 * np.abs(u).max())
+    assert np.all(np.abs(u) > 1e-4 * np.abs(u).max())
+    # ... and x the controlled element.
+    assert recording.fd is not None
+    into = u + np.fft.rfft(recording.window(recording.fd))[0, lines]
+    np.testing.assert_allclose(x, -4.0 / omega**2 * into, atol=1e-9 * np.abs(x).max())
+
+
+def test_recording_is_periodic_without_remnant_and_not_with_it() -> None:
+    def mismatch(recording: Recording) -> float:
+        """RMS of the run-in against the last 8 s, one period later, over that of u."""
+        u = recording.u[0]
+        return float(np.std(u[:400] - u[4096:]) / np.std(u))
+
+    assert mismatch(simulate(quiet(NOMINAL), rng())) < 1e-12
+    assert mismatch(simulate(NOMINAL, rng())) > 0.3
+
+
+def test_remnant_does_not_wrap_round_the_recording() -> None:
+    # Were it periodic in the recording, its ends would be neighbours and so nearly equal.
+    alone = replace(NOMINAL, target=None, disturbance=None, runs=50)
+    u = simulate(alone, rng()).u
+    neighbours = np.std(u[:, 1] - u[:, 0])
+    assert np.std(u[:, 0] - u[:, -1]) > 10.0 * neighbours
+
+
+def test_unstable_scenario_is_refused_with_its_margins() -> None:
+    scenario = replace(NOMINAL, name="wild", element=double_integrator(6.0))
+    with pytest.raises(InputError, match=r"^scenario wild: the closed loop is unstable") as caught:
+        simulate(scenario, rng())
+    message = str(caught.value)
+    assert len(message.splitlines()) == 1
+    numbers = re.findall(r"crossover ([\d.]+) rad/s, phase margin (-?[\d.]+) deg", message)
+    assert [tuple(map(float, pair)) for pair in numbers] == [
+        pytest.approx((6.00, -44.4), abs=0.06),
+        pytest.approx((5.29, -13.3), abs=0.06),
+    ]
+
+
+# ------------------------------------------------------------------ the independent oracle
+#
+# A simulation in the time domain, with nothing of the package but the forcing functions:
+# every transfer function as a difference equation that is exact for inputs linear between
+# fine steps, every delay a whole number of fine steps of the stored signal.  Since each path of
+# the pilot is delayed by at least 0.29 s, the loop is worked off in blocks of that length.
+
+
+class Exact:
+    """A transfer function under a first-order hold, with its state kept between blocks."""
+
+    def __init__(self, top: list[float], bottom: list[float], step: float) -> None:
+        b, a, _ = cont2discrete((top, bottom), step, method="foh")
+        self._b, self._a = np.ravel(b), np.ravel(a)
+        self._state = np.zeros(self._a.size - 1)
+
+    def __call__(self, samples: FloatArray) -> FloatArray:
+        answer, self._state = lfilter(self._b, self._a, samples, zi=self._state)
+        return np.asarray(answer)
+
+
+Signal = Callable[[FloatArray], FloatArray]
+
+
+def nothing(time: FloatArray) -> FloatArray:
+    return np.zeros(time.size)
+
+
+def fine_samples(forcing: Forcing | None, time: FloatArray) -> FloatArray:
+    """Samples of a forcing function, halfway at a jump, which a linear hold then centres."""
+    if forcing is None:
+        return np.zeros(time.size)
+    return 0.5 * (forcing.at(time - 1e-7) + forcing.at(time + 1e-7))
+
+
+def time_domain(
+    scenario: Scenario,
+    begin: float,
+    step: float,
+    at_control: Signal = nothing,
+    at_error: Signal = nothing,
+) -> tuple[FloatArray, FloatArray]:
+    """Samples of u and x in the measurement window, from rest at `begin`."""
+    value = dict(zip(scenario.model.keys, scenario.truth, strict=True))
+    multi = "Kvest" in value
+    f, d = value["fnm"], value["dnm"]
+    muscle = [1.0, 2.0 * d * f, f * f]
+    gain = value["Kvis"] * f * f
+    visual = Exact([gain * value["tlead"], gain], muscle, step)
+    visual_delay = round(value["tdvis"] / step)
+    block = visual_delay
+    if multi:
+        gain = value["Kvest"] * f * f
+        canals = np.polymul([6.0, 1.0], muscle).tolist()
+        vestibular = Exact([0.1 * gain, gain], canals, step)
+        vestibular_delay = round(value["tdvest"] / step)
+        block = min(visual_delay, vestibular_delay)
+    vehicle = Exact([1.0], [1.0, 0.0, 0.0], step)
+    (vehicle_gain,) = scenario.element.numerator
+
+    time = np.arange(round(begin / step), round(scenario.duration / step)) * step
+    ft, fd = fine_samples(scenario.target, time), fine_samples(scenario.disturbance, time)
+    n, seen = at_control(time), at_error(time)
+    u, x, error, acceleration = np.zeros((4, time.size))
+
+    def delayed(signal: FloatArray, now: FloatArray, delay: int) -> FloatArray:
+        return np.where(now >= delay, signal[np.maximum(now - delay, 0)], 0.0)
+
+    for start in range(0, time.size, block):
+        now = np.arange(start, min(start + block, time.size))
+        u[now] = visual(delayed(error, now, visual_delay)) + n[now]
+        if multi:
+            u[now] -= vestibular(delayed(acceleration, now, vestibular_delay))
+        acceleration[now] = vehicle_gain * (u[now] + fd[now])
+        x[now] = vehicle(acceleration[now])
+        error[now] = ft[now] - x[now] + seen[now]
+
+    at_samples = round(-begin / step) + np.arange(SAMPLES) * round(DT / step)
+    return u[at_samples], x[at_samples]
+
+
+def assert_agrees(
+    recording: Recording, simulated: tuple[FloatArray, FloatArray], tolerance: float
+) -> None:
+    """Relative RMS difference of u, x and e in the measurement window."""
+    assert recording.ft is not None
+    u, x = simulated
+    target = recording.window(recording.ft)[0]
+    for name, signal in (("u", u), ("x", x), ("e", target - x)):
+        window = recording.window(getattr(recording, name))[0]
+        difference = np.sqrt(np.mean((window - signal) ** 2) / np.mean(window**2))
+        assert difference < tolerance, name
+
+
+@pytest.mark.parametrize(
+    ("name", "begin", "step", "tolerance"),
+    [
+        # Steps start from rest; multisines need the transient of the start to die out.  The
+        # target step bends u sharply 0.32 s later, in a sample, which fine steps round off.
+        ("nominal", -120.0, 1e-3, 3e-5),
+        ("single", -120.0, 1e-3, 3e-5),
+        ("target-step", -8.0, 2e-4, 2e-4),
+        ("disturbance-step", -8.0, 2e-4, 1e-5),
+    ],
+)
+def test_simulation_agrees_with_an_independent_one_in_the_time_domain(
+    name: str, begin: float, step: float, tolerance: float
+) -> None:
+    scenario = quiet(SCENARIOS[name])
+    assert_agrees(simulate(scenario, rng()), time_domain(scenario, begin, step), tolerance)
+
+
+class KnownNoise:
+    """In place of a generator: "white noise" that is a sum of known sines over the grid."""
+
+    sines = ((20, 1.0, 0.3), (57, -0.8, 1.1), (150, 1.3, 2.0), (401, 2.0, -0.7))
+
+    def __init__(self) -> None:
+        self.grid = 0
+
+    def standard_normal(self, shape: tuple[int, int]) -> FloatArray:
+        self.grid = shape[1]
+        turns = 2.0 * np.pi * np.arange(self.grid) / self.grid
+        return np.array([sum(a * np.cos(k * turns + p) for k, a, p in self.sines)])
+
+    def after(self, remnant: Remnant, level: float, run_in: float) -> Signal:
+        """The same noise through the remnant's filter, at any time."""
+
+        def signal(time: FloatArray) -> FloatArray:
+            total = np.zeros(time.size)
+            for k, amplitude, phase in self.sines:
+                w = 2.0 * math.pi * k / (self.grid * DT)
+                f, z = remnant.frequency, remnant.damping
+                response = f * f / complex(f * f - w * w, 2.0 * z * f * w)
+                turn = w * (time + run_in) + phase + math.atan2(response.imag, response.real)
+                total += level * amplitude * abs(response) * np.cos(turn)
+            return total
+
+        return signal
+
+
+@pytest.mark.parametrize("enters", ["control", "error"])
+@pytest.mark.parametrize("name", ["nominal", "single"])
+def test_simulation_with_a_known_remnant_agrees_with_the_independent_one(
+    name: str, enters: str
+) -> None:
+    scenario = with_remnant(SCENARIOS[name], enters=enters, level=0.3)
+    noise = KnownNoise()
+    recording = simulate(scenario, noise)  # type: ignore[arg-type]
+    signal = noise.after(scenario.remnant, 0.3 * UNIT_LEVEL, run_in=8.0)
+    entry = {"at_control": signal} if enters == "control" else {"at_error": signal}
+    without = simulate(quiet(scenario), rng())
+    assert np.std(recording.u - without.u) > 0.1 * np.std(without.u)
+    assert_agrees(recording, time_domain(scenario, -120.0, 1e-3, **entry), 3e-5)
+
+
+def test_rate_control_loop_is_simulated_with_its_own_controlled_element() -> None:
+    scenario = quiet(replace(SCENARIOS["single"], element=single_integrator(1.0)))
+    recording = simulate(scenario, rng())
+    lines = np.array(sorted(FT_LINES + FD_LINES))
+    omega = 2.0 * np.pi * lines / recording.duration
+    assert recording.fd is not None
+    into = np.fft.rfft(recording.window(recording.u + recording.fd))[0, lines]
+    x = np.fft.rfft(recording.window(recording.x))[0, lines]
+    np.testing.assert_allclose(x, into / (1j * omega), atol=1e-9 * np.abs(x).max())

@@ -1,0 +1,226 @@
+"""Open loops, margins and stability of pilot and controlled element."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import control
+import numpy as np
+import pytest
+
+from pilotid.controlled import (
+    ControlledElement,
+    double_integrator,
+    from_control,
+    integrator_with_lag,
+    position_control,
+    single_integrator,
+)
+from pilotid.loops import margin, margins, open_loops, pilot_on, unstable_poles
+from pilotid.model import GAIN_ONLY, MULTI, SINGLE, PilotModel
+from pilotid.types import FloatArray
+
+OMEGA = np.geomspace(0.05, 50.0, 50)
+
+
+def of_control(system: control.TransferFunction, omega: FloatArray) -> FloatArray:
+    return np.asarray(control.frequency_response(system, omega).complex)
+
+
+# ------------------------------------------------------------------ the loops of the seed
+
+
+@pytest.mark.parametrize(
+    ("model", "target", "disturbance"),
+    [
+        (MULTI, (2.38, 59.0), (3.18, 27.0)),
+        (SINGLE, (2.29, 17.5), (2.29, 17.5)),
+    ],
+    ids=["multi", "single"],
+)
+def test_margins_of_the_seeds_loops(
+    model: PilotModel, target: tuple[float, float], disturbance: tuple[float, float]
+) -> None:
+    found = margins(model, model.start, double_integrator(4.0))
+    for loop, (crossover, phase_margin) in zip(found, (target, disturbance), strict=True):
+        assert loop.crossover == pytest.approx(crossover, abs=0.005)
+        assert loop.phase_margin == pytest.approx(phase_margin, abs=0.5)
+
+
+@pytest.mark.parametrize(("gain", "poles"), [(4.0, 0), (6.0, 2)])
+def test_multi_loop_is_stable_at_gain_4_and_unstable_at_6(gain: float, poles: int) -> None:
+    assert unstable_poles(MULTI, MULTI.start, double_integrator(gain)) == poles
+
+
+def test_open_loops_follow_their_formulas() -> None:
+    element = double_integrator(4.0)
+    visual, vestibular = MULTI.response(OMEGA, MULTI.start)
+    plant = 4.0 / (1j * OMEGA) ** 2
+    target, disturbance = open_loops(MULTI, MULTI.start, element, OMEGA)
+    np.testing.assert_allclose(target, visual * plant / (1.0 + vestibular * plant), rtol=1e-12)
+    np.testing.assert_allclose(disturbance, plant * (visual + vestibular), rtol=1e-12)
+
+
+def test_pilot_on_gives_the_responses_in_u_equals_hpe_e_minus_hpx_x() -> None:
+    on_error, on_output = pilot_on(MULTI, OMEGA, MULTI.start)
+    visual, vestibular = MULTI.response(OMEGA, MULTI.start)  # channel signs +1 and -1
+    np.testing.assert_array_equal(on_error, visual)
+    np.testing.assert_array_equal(on_output, vestibular)
+    np.testing.assert_array_equal(pilot_on(SINGLE, OMEGA, SINGLE.start)[1], np.zeros(OMEGA.size))
+
+
+def test_margins_of_an_integrator_with_delay_by_hand() -> None:
+    # L = 2 e^{-0.3 s}/s crosses at 2 rad/s with 90 deg - 0.6 rad of phase margin.
+    omega = np.geomspace(0.05, 60.0, 4000)
+    found = margin(omega, 2.0 * np.exp(-0.3j * omega) / (1j * omega))
+    assert found.crossover == pytest.approx(2.0, rel=1e-6)
+    assert found.phase_margin == pytest.approx(90.0 - np.degrees(0.6), abs=1e-4)
+
+
+def test_margin_takes_the_last_crossing() -> None:
+    # A resonance at 10 rad/s lifts |L| over one once more.
+    omega = np.geomspace(0.05, 60.0, 20_000)
+    s = 1j * omega
+    found = margin(omega, 100.0 / (s * (s**2 + 0.2 * s + 100.0)))
+    crossings = np.roots([1.0, 0.2**2 - 200.0, 100.0**2, -(100.0**2)])  # |L|^2 = 1 in w^2
+    assert np.sum(np.abs(crossings.imag) < 1e-9) == 3
+    assert found.crossover == pytest.approx(np.sqrt(crossings.real.max()), rel=1e-4)
+
+
+def test_loop_without_crossover_has_no_margin() -> None:
+    found = margin(OMEGA, np.full(OMEGA.size, 0.5 + 0.0j))
+    assert np.isnan(found.crossover)
+    assert np.isnan(found.phase_margin)
+
+
+# ------------------------------------------------------------------ controlled elements
+
+S = control.TransferFunction.s
+
+
+@pytest.mark.parametrize(
+    ("element", "system"),
+    [
+        (position_control(3.0), 3.0 * S / S),
+        (single_integrator(2.0), 2.0 / S),
+        (double_integrator(4.0), 4.0 / S**2),
+        (integrator_with_lag(5.0, 1.5), 5.0 / (S * (S + 1.5))),
+    ],
+    ids=["K", "K/s", "K/s^2", "K/(s(s+a))"],
+)
+def test_controlled_element_has_the_response_of_python_control(
+    element: ControlledElement, system: control.TransferFunction
+) -> None:
+    expected = of_control(system, OMEGA)
+    np.testing.assert_allclose(element.response(OMEGA), expected, rtol=1e-12)
+    np.testing.assert_allclose(of_control(element.rational(), OMEGA), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "system",
+    [
+        4.0 / S**2,
+        (2.0 * S + 1.0) / (S**3 + 2.0 * S**2 + 5.0 * S + 0.5),
+        (S - 3.0) / (S * (S + 3.0)),
+        control.TransferFunction([1.0, 2.0], [3.0, 4.0]),
+        control.TransferFunction([7.0], [1.0]),
+        control.TransferFunction([1.0], [1.0, -0.5]),
+    ],
+    ids=["double", "third order", "non-minimum phase", "lead", "constant", "unstable"],
+)
+def test_any_transfer_function_of_python_control_becomes_a_controlled_element(
+    system: control.TransferFunction,
+) -> None:
+    expected = of_control(system, OMEGA)
+    np.testing.assert_allclose(from_control(system).response(OMEGA), expected, rtol=1e-12)
+    np.testing.assert_allclose(
+        from_control(system, 0.2).response(OMEGA), expected * np.exp(-0.2j * OMEGA), rtol=1e-12
+    )
+
+
+def test_delay_of_a_controlled_element_is_exact_in_its_response_and_pade_in_its_rational_form() -> (
+    None
+):
+    element = ControlledElement((2.0,), (1.0, 0.0), delay=0.25)
+    exact = 2.0 / (1j * OMEGA) * np.exp(-0.25j * OMEGA)
+    np.testing.assert_allclose(element.response(OMEGA), exact, rtol=1e-12)
+    low = OMEGA <= 5.0
+    rational = of_control(element.rational(5), OMEGA[low])
+    np.testing.assert_allclose(rational, exact[low], rtol=1e-8)
+    assert np.max(np.abs(of_control(element.rational(1), OMEGA[low]) / exact[low] - 1.0)) > 0.01
+
+
+@pytest.mark.parametrize(
+    "system",
+    [
+        control.TransferFunction([4.0], [1.0, 2.0], 0.1),
+        control.TransferFunction([[[4.0], [1.0]]], [[[1.0, 2.0], [1.0, 1.0]]]),
+    ],
+    ids=["discrete", "two inputs"],
+)
+def test_discrete_or_multivariable_controlled_element_is_refused(
+    system: control.TransferFunction,
+) -> None:
+    with pytest.raises(ValueError, match="continuous, with one input and one output"):
+        from_control(system)
+
+
+@pytest.mark.parametrize(("numerator", "denominator"), [((1.0, 0.0), (1.0,)), ((1.0,), (0.0, 1.0))])
+def test_improper_controlled_element_is_refused(
+    numerator: tuple[float, ...], denominator: tuple[float, ...]
+) -> None:
+    with pytest.raises(ValueError, match="odd: must be a proper transfer function"):
+        ControlledElement(numerator, denominator, name="odd")
+
+
+# ------------------------------------------------------------------ stability
+
+
+def poles_of_control(model: PilotModel, element: ControlledElement) -> int:
+    """Right-half-plane poles of the loop closed in python-control, delays as Pade of order 8."""
+    paths = model.rational(model.start, 8)
+    signs = [c.sign if c.input == "error" else -c.sign for c in model.channels]
+    pilot = control.ss(signs[0] * paths[0])
+    for sign, path in zip(signs[1:], paths[1:], strict=True):
+        pilot = control.parallel(pilot, control.ss(sign * path))
+    loop = control.feedback(control.series(pilot, control.ss(element.rational(8))), 1)
+    return int(np.sum(loop.poles().real > 1e-6))
+
+
+@pytest.mark.parametrize(
+    ("model", "element", "boundary"),
+    [
+        (SINGLE, single_integrator, 1.421),
+        (SINGLE, double_integrator, 5.388),
+        (MULTI, single_integrator, 0.868),
+        (MULTI, double_integrator, 5.448),
+        (GAIN_ONLY, single_integrator, 7.866),
+    ],
+    ids=["single K/s", "single K/s^2", "multi K/s", "multi K/s^2", "gain K/s"],
+)
+def test_unstable_poles_are_those_of_python_control_on_both_sides_of_the_boundary(
+    model: PilotModel, element: Callable[[float], ControlledElement], boundary: float
+) -> None:
+    counts = []
+    for share in (0.3, 0.8, 0.99, 1.01, 1.2, 2.0, 4.0):
+        plant = element(share * boundary)
+        counts.append(unstable_poles(model, model.start, plant))
+        assert counts[-1] == poles_of_control(model, plant), share
+    assert counts[:3] == [0, 0, 0]
+    assert all(count >= 2 for count in counts[3:])
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.05, 0.1, 0.3])
+def test_delay_of_the_controlled_element_counts_towards_stability(delay: float) -> None:
+    plant = ControlledElement((4.0,), (1.0, 0.0, 0.0), delay=delay)
+    assert unstable_poles(SINGLE, SINGLE.start, plant) == poles_of_control(SINGLE, plant)
+    assert (unstable_poles(SINGLE, SINGLE.start, plant) == 0) == (delay <= 0.1)
+
+
+@pytest.mark.parametrize(("gain", "poles"), [(2.0, 1), (6.0, 0), (10.0, 2), (40.0, 4)])
+def test_unstable_element_is_stabilised_by_the_pilot_within_a_range_of_gains(
+    gain: float, poles: int
+) -> None:
+    plant = ControlledElement((gain,), (1.0, 1.0, -1.0))
+    assert poles_of_control(SINGLE, plant) == poles
+    assert unstable_poles(SINGLE, SINGLE.start, plant) == poles

@@ -1,0 +1,147 @@
+"""What every method promises, checked for each that is registered."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import FrozenInstanceError, fields, is_dataclass, replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from pilotid.datasets import scenario_named, simulate
+from pilotid.estimate import Estimate, Method, Outcome, identify
+from pilotid.methods import METHODS, methods
+from pilotid.model import MULTI, SINGLE, PilotModel
+from pilotid.recording import SIGNALS, Recording
+
+MODELS = {"single": SINGLE, "multi": MULTI}
+SCENARIOS = {"single": "single", "multi": "nominal"}
+
+every_method = pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
+every_model = pytest.mark.parametrize("model", MODELS)
+
+
+@cache
+def recording_of(model: str) -> Recording:
+    return simulate(scenario_named(SCENARIOS[model]), np.random.default_rng(11))
+
+
+@cache
+def fitted(method: Method, model: str) -> Estimate:
+    return identify(method, recording_of(model), MODELS[model], np.random.default_rng(2))
+
+
+def assert_sound(estimate: Estimate, method: Method, model: PilotModel) -> None:
+    """Shapes and the sense of what an estimate claims, whatever its outcome."""
+    count = len(model.parameters)
+    assert estimate.method == method.name
+    assert estimate.model is model
+    assert estimate.values.shape == (count,)
+    assert estimate.covariance.shape == (count, count)
+    assert estimate.intervals.shape == (count, 2)
+    assert estimate.seconds >= 0.0 or estimate.outcome is Outcome.NOT_APPLICABLE
+    if not estimate.outcome.usable:
+        return
+    assert np.isfinite(estimate.values).all()
+    assert np.allclose(estimate.correlation, estimate.correlation.T, rtol=0.0, atol=1e-9)
+    assert (estimate.std_error > 0.0).all()
+    assert np.linalg.eigvalsh(estimate.correlation)[0] > -1e-9
+    assert (estimate.intervals[:, 0] <= estimate.values).all()
+    assert (estimate.values <= estimate.intervals[:, 1]).all()
+    assert 0.0 <= estimate.vaf <= 100.0
+
+
+@every_method
+def test_a_method_is_a_frozen_dataclass_of_settings(method: Method) -> None:
+    assert is_dataclass(method)
+    assert methods()[method.name] is method
+    for setting in fields(method):
+        assert f"{setting.name}={getattr(method, setting.name)!r}" in repr(method)
+        with pytest.raises(FrozenInstanceError):
+            setattr(method, setting.name, None)
+    assert hash(method) == hash(replace(method))
+    assert type(method).__doc__
+
+
+@every_method
+@every_model
+def test_an_estimate_is_sound(method: Method, model: str) -> None:
+    estimate = fitted(method, model)
+    assert_sound(estimate, method, MODELS[model])
+    assert estimate.outcome.usable, estimate.sentence
+
+
+@every_method
+@every_model
+def test_values_come_in_the_model_s_order(method: Method, model: str) -> None:
+    # Names are positions here: a permutation would put frequencies among gains.
+    estimate = fitted(method, model)
+    assert estimate.values == pytest.approx(MODELS[model].start, rel=0.7)
+
+
+@every_method
+@every_model
+def test_the_same_generator_gives_the_same_answer(method: Method, model: str) -> None:
+    first = fitted(method, model)
+    again = identify(method, recording_of(model), MODELS[model], np.random.default_rng(2))
+    assert again.outcome is first.outcome
+    for name in ("values", "covariance", "intervals"):
+        assert getattr(again, name).tobytes() == getattr(first, name).tobytes()
+
+
+@every_method
+def test_the_recording_stays_as_it_is(method: Method) -> None:
+    recording = recording_of("single")
+    before = {n: getattr(recording, n).tobytes() for n in SIGNALS}
+    identify(method, recording, SINGLE, np.random.default_rng(3))
+    for name, content in before.items():
+        signal = getattr(recording, name)
+        assert signal.tobytes() == content
+        assert not signal.flags.writeable
+
+
+def control_is_noise(recording: Recording) -> Recording:
+    noise = np.random.default_rng(7).standard_normal(recording.u.shape)
+    return replace(recording, u=noise)
+
+
+def tiny(recording: Recording) -> Recording:
+    return replace(recording, **{n: 1e-12 * getattr(recording, n) for n in SIGNALS})
+
+
+def huge_offset(recording: Recording) -> Recording:
+    return replace(recording, u=recording.u + 1e6, x=recording.x - 1e6)
+
+
+def bare(recording: Recording) -> Recording:
+    return replace(recording, ft=None, fd=None, run_in=0, lines={})
+
+
+def control_follows_nothing_but_itself(recording: Recording) -> Recording:
+    time = recording.time[None]
+    return replace(recording, u=np.exp(0.02 * time) * np.sin(0.3 * time))
+
+
+@every_method
+@every_model
+@pytest.mark.parametrize(
+    "spoil",
+    [control_is_noise, tiny, huge_offset, bare, control_follows_nothing_but_itself],
+    ids=lambda f: f.__name__,
+)
+def test_a_difficult_recording_gives_an_outcome_and_no_exception(
+    method: Method, model: str, spoil: Callable[[Recording], Recording]
+) -> None:
+    recording = spoil(recording_of(model))
+    estimate = identify(method, recording, MODELS[model], np.random.default_rng(2))
+    assert_sound(estimate, method, MODELS[model])
+
+
+@every_method
+@every_model
+def test_the_scale_of_all_signals_changes_nothing(method: Method, model: str) -> None:
+    estimate = fitted(method, model)
+    small = identify(method, tiny(recording_of(model)), MODELS[model], np.random.default_rng(2))
+    assert small.outcome is estimate.outcome
+    assert small.values == pytest.approx(estimate.values, rel=1e-3, nan_ok=True)

@@ -1,0 +1,440 @@
+"""Factors and models: responses, derivatives, composition and rational forms."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from pilotid.factors import (
+    Canals,
+    Delay,
+    Differentiator,
+    Factor,
+    Gain,
+    Lag,
+    Lead,
+    Neuromuscular,
+    Parameter,
+    Rational,
+    Values,
+    pade,
+)
+from pilotid.model import (
+    GAIN_ONLY,
+    LEAD_LAG,
+    MODELS,
+    MULTI,
+    RATE,
+    SINGLE,
+    Channel,
+    PilotModel,
+    model_named,
+)
+from pilotid.types import ComplexArray, FloatArray, InputError
+
+OMEGA = np.geomspace(0.05, 50.0, 41)
+
+
+@dataclass(frozen=True)
+class Washout:
+    """A user's own factor: first-order washout T s / (1 + T s), with a fixed pole beside it."""
+
+    key: str = "tw"
+    fixed_poles = (-0.25,)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter(self.key, "s", 0.1, 20.0, 2.0, (0.5, 8.0)),)
+
+    def response(self, s: ComplexArray, values: Values) -> ComplexArray:
+        return values[0] * s / (1.0 + values[0] * s)
+
+    def log_derivative(self, s: ComplexArray, values: Values) -> tuple[ComplexArray]:
+        return (1.0 / (values[0] * (1.0 + values[0] * s)),)
+
+    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
+        return [float(values[0]), 0.0], [float(values[0]), 1.0]
+
+
+#: The model of the documentation of `PilotModel`, and one with a factor from outside.
+LAGGED = PilotModel(
+    "lagged",
+    (Channel("visual", "error", 1, (Gain("Kvis"), Lag("tlag"), Delay("tdvis"), Neuromuscular())),),
+)
+WASHED = PilotModel(
+    "washed",
+    (
+        Channel("visual", "error", 1, (Gain("Kvis"), Lead("tlead"), Neuromuscular())),
+        Channel("motion", "output", -1, (Differentiator(1), Gain("Km"), Washout(), Delay("tdm"))),
+    ),
+)
+
+FACTORS: tuple[Factor, ...] = (
+    Gain("K"),
+    Lead(),
+    Lag(),
+    Delay(),
+    Differentiator(1),
+    Differentiator(2),
+    Canals(),
+    Neuromuscular(),
+    Washout(),
+)
+EVERY_MODEL = (*MODELS.values(), LAGGED, WASHED)
+
+
+def points(parameters: Sequence[Parameter], count: int, seed: int) -> FloatArray:
+    """Random points in the usual ranges, shape (count, parameters)."""
+    low, high = np.array([p.usual for p in parameters]).reshape(-1, 2).T
+    return low + (high - low) * np.random.default_rng(seed).uniform(size=(count, low.size))
+
+
+def name_of(thing: object) -> str:
+    return getattr(thing, "name", repr(thing))
+
+
+# ------------------------------------------------------------------ derivatives
+
+
+@pytest.mark.parametrize("factor", FACTORS, ids=repr)
+def test_log_derivatives_of_a_factor_equal_complex_steps(factor: Factor) -> None:
+    # On the positive real axis responses are real, so that complex steps are exact there;
+    # both sides are analytic in s.
+    s = np.geomspace(0.05, 50.0, 41).astype(complex)
+    for point in points(factor.parameters, 5, seed=1):
+        slopes = factor.log_derivative(s, list(point))
+        assert len(slopes) == len(factor.parameters)
+        for index, slope in enumerate(slopes):
+            moved = point.astype(complex)
+            moved[index] += 1e-30j
+            step = np.imag(factor.response(s, list(moved))) / 1e-30
+            derivative = np.real(slope * factor.response(s, list(point)))
+            np.testing.assert_allclose(
+                np.broadcast_to(derivative, s.shape), np.broadcast_to(step, s.shape), rtol=1e-12
+            )
+
+
+@pytest.mark.parametrize("factor", FACTORS, ids=repr)
+def test_log_derivatives_of_a_factor_equal_differences_on_the_frequency_axis(
+    factor: Factor,
+) -> None:
+    s = 1j * OMEGA
+    for point in points(factor.parameters, 5, seed=2):
+        for index, slope in enumerate(factor.log_derivative(s, list(point))):
+            step = np.zeros_like(point)
+            step[index] = 1e-5 * point[index]
+            difference = factor.response(s, list(point + step)) - factor.response(
+                s, list(point - step)
+            )
+            expected = difference / (2.0 * step[index] * factor.response(s, list(point)))
+            np.testing.assert_allclose(
+                np.broadcast_to(slope, s.shape), np.broadcast_to(expected, s.shape), rtol=1e-7
+            )
+
+
+@pytest.mark.parametrize("model", EVERY_MODEL, ids=name_of)
+def test_jacobian_of_a_model_equals_central_differences(model: PilotModel) -> None:
+    for point in points(model.parameters, 4, seed=3):
+        jacobian = model.jacobian(OMEGA, point)
+        assert jacobian.shape == (len(model.channels), len(point), OMEGA.size)
+        for index in range(len(point)):
+            h = np.zeros_like(point)
+            h[index] = 2e-4 * point[index]
+            # Five points, so that the difference itself errs by the fourth power of the step.
+            expected = (
+                8.0 * (model.response(OMEGA, point + h) - model.response(OMEGA, point - h))
+                - (model.response(OMEGA, point + 2 * h) - model.response(OMEGA, point - 2 * h))
+            ) / (12.0 * h[index])
+            scale = np.abs(model.response(OMEGA, point)) / point[index]
+            assert np.all(np.abs(jacobian[:, index] - expected) <= 1e-8 * scale)
+
+
+def test_product_rule_by_hand() -> None:
+    model = PilotModel("hand", (Channel("only", "error", 1, (Gain("K"), Lead("T"))),))
+    # At w = 2: 3 (1 + 0.5 * 2j) = 3 + 3j, by K: 1 + 1j, by T: 3 * 2j
+    omega, values = np.array([2.0]), np.array([3.0, 0.5])
+    np.testing.assert_allclose(model.response(omega, values), [[3.0 + 3.0j]], rtol=1e-15)
+    np.testing.assert_allclose(model.jacobian(omega, values), [[[1.0 + 1.0j], [6.0j]]], rtol=1e-15)
+
+
+def test_differentiator_multiplies_response_and_jacobian_by_hand() -> None:
+    factors = (Differentiator(1), Gain("K"), Lead("T"))
+    model = PilotModel("hand", (Channel("only", "output", -1, factors),))
+    omega, values = np.array([2.0]), np.array([3.0, 0.5])
+    # Without the channel's sign, which belongs to the sum.
+    np.testing.assert_allclose(model.response(omega, values), [[-6.0 + 6.0j]], rtol=1e-15)
+    np.testing.assert_allclose(
+        model.jacobian(omega, values), [[[-2.0 + 2.0j], [-12.0]]], rtol=1e-15
+    )
+
+
+def test_parameter_used_twice_in_a_channel_by_hand() -> None:
+    model = PilotModel("twice", (Channel("only", "error", 1, (Lag("T"), Lag("T"))),))
+    assert model.keys == ("T",)
+    # 1/(1 + T s)^2 at T = 1, s = j is -j/2; by T it is -2 s/(1 + T s)^3 = -1/2 + j/2.
+    one = np.ones(1)
+    np.testing.assert_allclose(model.response(one, one), [[-0.5j]], atol=1e-15)
+    np.testing.assert_allclose(model.jacobian(one, one), [[[-0.5 + 0.5j]]], rtol=1e-14)
+
+
+@pytest.mark.parametrize("model", EVERY_MODEL, ids=name_of)
+def test_terms_of_many_parameter_sets_equal_those_of_one_by_one(model: PilotModel) -> None:
+    s = 1j * OMEGA
+    sets = points(model.parameters, 5, seed=4)
+    for channel, (responses, slopes) in enumerate(model.terms(s, sets)):
+        shape = (len(sets), s.size)
+        for i, point in enumerate(sets):
+            response, own_slopes = model.terms(s, point)[channel]
+            np.testing.assert_allclose(
+                np.broadcast_to(responses, shape)[i], response, rtol=1e-14, atol=0.0
+            )
+            assert [index for index, _ in slopes] == [index for index, _ in own_slopes]
+            for (_, together), (_, alone) in zip(slopes, own_slopes, strict=True):
+                np.testing.assert_allclose(
+                    np.broadcast_to(together, shape)[i],
+                    np.broadcast_to(alone, s.shape),
+                    rtol=1e-14,
+                    atol=0.0,
+                )
+
+
+# ------------------------------------------------------------------ responses and composition
+
+
+def test_multi_response_is_the_formula_of_the_paper() -> None:
+    s = 1j * OMEGA
+    neuromuscular = 12.0**2 / (12.0**2 + 2.0 * 0.3 * 12.0 * s + s**2)
+    visual = 0.17 * (1.0 + 2.93 * s) * np.exp(-0.32 * s) * neuromuscular
+    canals = (1.0 + 0.1 * s) / (1.0 + 6.0 * s)
+    vestibular = s**2 * canals * 1.59 * np.exp(-0.29 * s) * neuromuscular
+    response = MULTI.response(OMEGA, MULTI.start)
+    np.testing.assert_allclose(response, [visual, vestibular], rtol=1e-12)
+
+
+def test_single_response_is_the_formula_of_the_paper() -> None:
+    s = 1j * OMEGA
+    neuromuscular = 12.0**2 / (12.0**2 + 2.0 * 0.3 * 12.0 * s + s**2)
+    visual = 0.32 * (1.0 + 1.68 * s) * np.exp(-0.39 * s) * neuromuscular
+    np.testing.assert_allclose(SINGLE.response(OMEGA, SINGLE.start), [visual], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("model", "keys"),
+    [
+        (SINGLE, "Kvis tlead tdvis fnm dnm"),
+        (MULTI, "Kvis tlead tdvis Kvest tdvest fnm dnm"),
+        (GAIN_ONLY, "Kvis tdvis fnm dnm"),
+        (LEAD_LAG, "Kvis tlead tlag tdvis fnm dnm"),
+        (RATE, "Kvis tlead tdvis Km tdm fnm dnm"),
+        (LAGGED, "Kvis tlag tdvis fnm dnm"),
+        (WASHED, "Kvis tlead Km tw tdm fnm dnm"),
+    ],
+    ids=name_of,
+)
+def test_shared_parameters_appear_once_and_neuromuscular_ones_last(
+    model: PilotModel, keys: str
+) -> None:
+    assert model.keys == tuple(keys.split())
+
+
+def test_shared_neuromuscular_parameters_move_both_channels() -> None:
+    jacobian = MULTI.jacobian(OMEGA, MULTI.start)
+    for key in ("fnm", "dnm"):
+        assert np.all(np.abs(jacobian[:, MULTI.keys.index(key)]) > 0.0)
+    own = MULTI.keys.index("Kvest")
+    assert np.all(jacobian[0, own] == 0.0)
+    assert np.all(np.abs(jacobian[1, own]) > 0.0)
+
+
+def test_conflicting_shared_parameters_are_refused() -> None:
+    channels = (
+        Channel("visual", "error", 1, (Gain("Kvis"), Neuromuscular())),
+        Channel("motion", "output", -1, (Gain("Km"), Neuromuscular(frequency_start=9.0))),
+    )
+    with pytest.raises(ValueError, match=r"^model torn: .*share parameter fnm must.*$") as caught:
+        _ = PilotModel("torn", channels).parameters
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_user_composition_has_the_response_of_its_formula() -> None:
+    values = LAGGED.vector({"Kvis": 0.4, "tlag": 0.7, "tdvis": 0.2, "fnm": 10.0, "dnm": 0.5})
+    s = 1j * OMEGA
+    expected = 0.4 / (1.0 + 0.7 * s) * np.exp(-0.2 * s) * 100.0 / (100.0 + 10.0 * s + s**2)
+    np.testing.assert_allclose(LAGGED.response(OMEGA, values), [expected], rtol=1e-12)
+
+
+def test_user_factor_has_the_response_of_its_formula_and_its_fixed_pole() -> None:
+    values = WASHED.start
+    by_key = dict(zip(WASHED.keys, values, strict=True))
+    s = 1j * OMEGA
+    washout = by_key["tw"] * s / (1.0 + by_key["tw"] * s)
+    expected = s * by_key["Km"] * washout * np.exp(-by_key["tdm"] * s)
+    np.testing.assert_allclose(WASHED.response(OMEGA, values)[1], expected, rtol=1e-12)
+    assert WASHED.fixed_poles == (-0.25,)
+
+
+def test_indices_of_delays_and_linear_parameters_and_fixed_poles() -> None:
+    assert [MULTI.keys[i] for i in MULTI.delays] == ["tdvis", "tdvest"]
+    assert [MULTI.keys[i] for i in MULTI.linear] == ["Kvis", "Kvest"]
+    assert MULTI.fixed_poles == (-1.0 / 6.0,)
+    assert SINGLE.fixed_poles == ()
+
+
+@pytest.mark.parametrize("model", EVERY_MODEL, ids=name_of)
+def test_linear_parameters_are_those_that_the_response_is_proportional_to(
+    model: PilotModel,
+) -> None:
+    base = model.response(OMEGA, model.start)
+    jacobian = model.jacobian(OMEGA, model.start)
+    proportional = [
+        i
+        for i in range(len(model.keys))
+        if any(np.allclose(jacobian[c, i] * model.start[i], base[c]) for c in range(len(base)))
+    ]
+    assert list(model.linear) == proportional
+
+
+# ------------------------------------------------------------------ rational forms
+
+
+@pytest.mark.parametrize("factor", [f for f in FACTORS if not isinstance(f, Delay)], ids=repr)
+def test_rational_form_of_a_factor_without_delay_is_exact(factor: Factor) -> None:
+    s = 1j * OMEGA
+    for point in points(factor.parameters, 3, seed=5):
+        top, bottom = factor.rational(list(point), 5)
+        np.testing.assert_allclose(
+            np.polyval(top, s) / np.polyval(bottom, s),
+            np.broadcast_to(factor.response(s, list(point)), s.shape),
+            rtol=1e-12,
+        )
+
+
+@pytest.mark.parametrize("model", EVERY_MODEL, ids=name_of)
+def test_rational_form_approaches_the_exact_response_as_the_pade_order_rises(
+    model: PilotModel,
+) -> None:
+    omega = np.geomspace(0.1, 10.0, 60)
+    values = model.start
+    exact = model.response(omega, values)
+
+    def error(order: int, below: float) -> FloatArray:
+        rational = np.array([tf(1j * omega) for tf in model.rational(values, order)])
+        return np.abs(rational / exact - 1.0)[:, omega <= below].max(axis=1)
+
+    for channel, dynamics in enumerate(c.factors for c in model.channels):
+        if any(isinstance(f, Delay) for f in dynamics):
+            falling = [error(order, below=5.0)[channel] for order in (1, 2, 3, 4, 5)]
+            assert all(b < 0.1 * a for a, b in itertools.pairwise(falling))
+    assert np.all(error(5, below=3.0) < 1e-9)
+    assert np.all(error(5, below=5.0) < 3e-7)
+    assert np.all(error(5, below=10.0) < 5e-4)
+
+
+def test_polynomials_leave_out_sign_and_differentiators() -> None:
+    s = 1j * OMEGA
+    _, vestibular = MULTI.polynomials(MULTI.start, 5)
+    full = MULTI.rational(MULTI.start, 5)[1](s)
+    ratio = np.polyval(vestibular[0], s) / np.polyval(vestibular[1], s)
+    np.testing.assert_allclose(ratio * s**2, full, rtol=1e-10)
+    assert ratio[0].real > 0.0  # the channel's sign is -1
+
+
+def test_negative_delay_gives_the_reciprocal_pade_approximant() -> None:
+    forward, backward = pade(0.3, 5), pade(-0.3, 5)
+    assert backward == (forward[1], forward[0])
+    s = 1j * np.linspace(0.1, 5.0, 20)
+    advance = np.polyval(backward[0], s) / np.polyval(backward[1], s)
+    np.testing.assert_allclose(advance, np.exp(0.3 * s), rtol=1e-7)
+    assert np.all(np.roots(forward[1]).real < 0.0)
+    assert np.all(np.roots(backward[1]).real > 0.0)
+
+
+def test_zero_delay_gives_one() -> None:
+    assert pade(0.0, 5) == ([1.0], [1.0])
+
+
+# ------------------------------------------------------------------ parameters
+
+
+def test_with_start_changes_the_guesses_named_and_nothing_else() -> None:
+    changed = MULTI.with_start({"tdvis": 0.25, "fnm": 9.0})
+    expected = dict(zip(MULTI.keys, MULTI.start, strict=True)) | {"tdvis": 0.25, "fnm": 9.0}
+    assert dict(zip(changed.keys, changed.start, strict=True)) == expected
+    np.testing.assert_array_equal(changed.lower, MULTI.lower)
+    np.testing.assert_array_equal(changed.upper, MULTI.upper)
+    assert MULTI.start[2] == 0.32
+    again = changed.with_start({"fnm": 8.0})
+    assert (again.start[2], again.start[5]) == (0.25, 8.0)
+
+
+def test_with_start_refuses_an_unknown_parameter() -> None:
+    with pytest.raises(InputError, match=r"^model single has no parameter Kvest, tw: .*Kvis") as e:
+        SINGLE.with_start({"Kvest": 1.0, "tw": 2.0})
+    assert len(str(e.value).splitlines()) == 1
+
+
+def test_overrides_replace_bounds_in_place() -> None:
+    tight = Parameter("tdvis", "s", 0.2, 0.3, 0.25, (0.2, 0.3), positive=False)
+    model = replace(MULTI, overrides=(tight,))
+    assert model.keys == MULTI.keys
+    assert (model.lower[2], model.start[2], model.upper[2]) == (0.2, 0.25, 0.3)
+    others = [i for i in range(7) if i != 2]
+    np.testing.assert_array_equal(model.upper[others], MULTI.upper[others])
+
+
+def test_vector_puts_values_in_model_order() -> None:
+    mapping = {key: float(i) for i, key in enumerate(reversed(MULTI.keys))}
+    np.testing.assert_array_equal(MULTI.vector(mapping), [6.0, 5.0, 4.0, 3.0, 2.0, 1.0, 0.0])
+    assert MULTI.vector(mapping | {"extra": 9.0}).shape == (7,)
+
+
+def test_vector_names_the_parameters_without_value() -> None:
+    with pytest.raises(InputError, match=r"^model single: no value for tdvis, dnm$"):
+        SINGLE.vector({"Kvis": 1.0, "tlead": 1.0, "fnm": 1.0})
+
+
+@pytest.mark.parametrize(
+    ("start", "usual", "words"),
+    [
+        (0.0, (0.1, 0.9), "parameter p: the start 0 must"),
+        (1.0, (0.1, 0.9), "parameter p: the start 1 must"),
+        (0.5, (-0.1, 0.9), "parameter p: the usual range"),
+        (0.5, (0.9, 0.1), "parameter p: the usual range"),
+        (0.5, (0.1, 1.1), "parameter p: the usual range"),
+    ],
+)
+def test_parameter_refuses_start_or_usual_range_outside_its_bounds(
+    start: float, usual: tuple[float, float], words: str
+) -> None:
+    with pytest.raises(ValueError, match=words):
+        Parameter("p", "", 0.0, 1.0, start, usual, positive=False)
+
+
+@pytest.mark.parametrize("name", ["single", "multi", "gain", "lead-lag", "rate"])
+def test_model_named_returns_the_catalogue_entry(name: str) -> None:
+    assert model_named(name) is MODELS[name]
+    assert model_named(name).name == name
+
+
+def test_unknown_model_is_refused_in_one_line_with_the_names_there_are() -> None:
+    with pytest.raises(InputError) as caught:
+        model_named("mutli")
+    message = str(caught.value)
+    assert len(message.splitlines()) == 1
+    assert "'mutli'" in message
+    assert all(name in message for name in MODELS)
+
+
+@pytest.mark.parametrize("model", MODELS.values(), ids=name_of)
+def test_catalogue_parameters_are_usable_for_a_search(model: PilotModel) -> None:
+    for p in model.parameters:
+        assert p.lower < p.start < p.upper
+        assert p.lower <= p.usual[0] <= p.start <= p.usual[1] <= p.upper, p.key
+        # Positive parameters move on a logarithmic scale.
+        assert not p.positive or p.lower > 0.0
+        assert math.isfinite(p.upper)

@@ -1,0 +1,134 @@
+"""Estimates in words, tables and JSON, on numbers that can be worked out by hand."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from pilotid import output
+from pilotid.estimate import Estimate, Outcome, Starts, failed, symmetric_intervals
+from pilotid.fits import Quantity, derived, parameters
+from pilotid.model import MODELS, SINGLE
+from pilotid.types import ComplexArray, FloatArray
+
+
+def estimate(method: str = "mine", **fields: object) -> Estimate:
+    """Gain 0.5 +- 0.1 and lead 2 +- 0.3, correlated at -0.9; the rest known to 0.01."""
+    error = np.array([0.1, 0.3, 0.01, 0.01, 0.01])
+    correlation = np.eye(5)
+    correlation[0, 1] = correlation[1, 0] = -0.9
+    covariance = correlation * np.outer(error, error)
+    values = np.array([0.5, 2.0, 0.3, 12.0, 0.2])
+    intervals = symmetric_intervals(values, covariance)
+    return Estimate(
+        method,
+        SINGLE,
+        Outcome.CONVERGED,
+        values,
+        covariance,
+        intervals,
+        vaf=80.0,
+        **fields,  # type: ignore[arg-type]
+    )
+
+
+def test_product_of_gain_and_lead_by_the_delta_method() -> None:
+    (product,) = derived(estimate())
+    assert (product.key, product.unit, product.value) == ("Kvis*tlead", "s", 1.0)
+    # (2 * .1)^2 + (.5 * .3)^2 + 2 * 2 * .5 * (-.9 * .1 * .3) = .04 + .0225 - .054 = .0085
+    assert product.std_error == pytest.approx(math.sqrt(0.0085))
+    assert product.upper - product.lower == pytest.approx(2.0 * 1.96 * math.sqrt(0.0085), rel=1e-4)
+
+
+def test_a_model_without_lead_has_no_such_product() -> None:
+    assert derived(failed("mine", MODELS["gain"], Outcome.SINGULAR)) == []
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text", "interval"),
+    [
+        (0.17123, 0.0312, "0.171 ± 0.031", "0.110 .. 0.232"),
+        (11.94, 1.2, "11.9 ± 1.2", "9.6 .. 14.3"),
+        (1234.0, 150.0, "1234 ± 150", "940 .. 1528"),
+        (0.5, math.nan, "0.5", ""),
+        (0.5, 0.0, "0.5", ""),
+        (math.nan, math.nan, "-", ""),
+    ],
+)
+def test_figures_have_the_digits_that_the_error_allows(
+    value: float, error: float, text: str, interval: str
+) -> None:
+    quantity = Quantity("k", "", value, error, value - 1.96 * error, value + 1.96 * error)
+    assert output.figures(quantity) == (text, interval)
+
+
+def test_verdict_tells_outcome_fit_starts_and_time() -> None:
+    starts = Starts(np.array([1.0, 1.0, 1.3]), agreeing=2)
+    full = estimate(message="barely", starts=starts, seconds=0.0123)
+    words = "mine: converged (barely); VAF 80.0 %; 2 of 3 starts agree"
+    assert output.verdict(full) == f"{words}; 0.012 s"
+    assert output.verdict(full, timed=False) == words
+    assert output.verdict(failed("x", SINGLE, Outcome.SINGULAR)) == (
+        "x: failed: the information matrix is singular"
+    )
+
+
+def test_json_of_a_failure_is_null_where_there_is_no_number() -> None:
+    text = output.strict_json(output.estimate_json(failed("x", SINGLE, Outcome.NEGATIVE_DELAY)))
+    entry = json.loads(text)
+    assert "NaN" not in text
+    assert entry["outcome"] == "negative-delay"
+    assert entry["parameters"]["tlead"] == {
+        "value": None,
+        "std_error": None,
+        "interval_95": [None, None],
+        "unit": "s",
+    }
+    assert entry["correlation"] == [[None] * 5] * 5
+    assert entry["starts"] is None
+
+
+def test_json_of_an_estimate() -> None:
+    entry = output.estimate_json(estimate(seconds=0.5))
+    assert list(parameters(estimate())[0].__dict__.values())[:4] == ["Kvis", "", 0.5, 0.1]
+    assert json.loads(output.strict_json(entry))["correlation"][0][1] == pytest.approx(-0.9)
+    assert "frequency_response" not in entry
+
+
+@dataclass(frozen=True)
+class Response:
+    """What step one of a two-step method found."""
+
+    omega: FloatArray
+    value: ComplexArray
+    std: FloatArray
+
+
+def test_json_of_a_two_step_method_holds_its_frequency_response() -> None:
+    found = estimate()
+    response = Response(np.array([1.0, 2.0]), np.array([[1 + 2j, 3.0]]), np.array([[0.1, 0.2]]))
+    object.__setattr__(found, "frequency_response", response)
+    assert output.estimate_json(found)["frequency_response"] == {
+        "omega": [1.0, 2.0],
+        "visual": {"real": [1.0, 3.0], "imag": [2.0, 0.0], "std": [0.1, 0.2]},
+    }
+
+
+@pytest.mark.parametrize(("width", "tables"), [(80, 3), (140, 1)])
+def test_tables_stay_within_the_width(width: int, tables: int) -> None:
+    several = [estimate(name) for name in ("one", "two", "three")]
+    groups = output._groups(several, width)
+    assert len(groups) == tables
+    for group in groups:
+        stream = io.StringIO()
+        output.print_table(Console(file=stream, width=width), output.fit_table(group))
+        lines = stream.getvalue().splitlines()
+        assert len(lines) == 2 + len(SINGLE.keys) + 1
+        assert max(map(len, lines)) <= width
+        assert "…" not in stream.getvalue()

@@ -1,0 +1,229 @@
+"""The recording: what it holds, what it refuses and in which words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import FrozenInstanceError
+
+import numpy as np
+import pytest
+
+from pilotid.recording import SIGNALS, Recording, joined
+from pilotid.types import FloatArray, InputError
+
+DT = 0.05
+SAMPLES = 240  # 12 s
+
+
+def signals(runs: int = 2, samples: int = SAMPLES, seed: int = 1) -> dict[str, FloatArray]:
+    e, u, x = np.random.default_rng(seed).standard_normal((3, runs, samples))
+    return {"e": e, "u": u, "x": x}
+
+
+def make(content: Mapping[str, object] | None = None, **changes: object) -> Recording:
+    """A good recording, with some of its fields changed."""
+    fields = {"dt": DT, **signals(), "source": "flight.csv", **(content or {}), **changes}
+    return Recording(**fields)  # type: ignore[arg-type]
+
+
+def refused(words: str, **changes: object) -> None:
+    """Refused in one line that begins with the source."""
+    with pytest.raises(InputError, match=words) as caught:
+        make(**changes)
+    message = str(caught.value)
+    assert message.startswith("flight.csv: ")
+    assert len(message.splitlines()) == 1
+
+
+def spoilt(name: str, where: tuple[int, int], value: float) -> FloatArray:
+    array = signals()[name] if name in signals() else np.zeros((2, SAMPLES))
+    array[where] = value
+    return array
+
+
+# ------------------------------------------------------------------ what it holds
+
+
+@pytest.mark.parametrize("name", SIGNALS)
+def test_signals_are_read_only(name: str) -> None:
+    recording = make(ft=np.zeros((1, SAMPLES)), fd=np.zeros((2, SAMPLES)))
+    with pytest.raises(ValueError, match="read-only"):
+        getattr(recording, name)[0, 0] = 1.0
+
+
+def test_signals_are_copies_and_leave_the_callers_arrays_alone() -> None:
+    content = signals()
+    recording = make(content)
+    before = recording.u[0, 0]
+    content["u"][0, 0] = 99.0
+    assert recording.u[0, 0] == before
+
+
+def test_fields_cannot_be_set_and_mappings_cannot_be_changed() -> None:
+    recording = make(lines={"ft": (3, 5)}, units={"u": "deg"})
+    with pytest.raises(FrozenInstanceError):
+        recording.dt = 0.1  # type: ignore[misc]
+    for mapping in (recording.lines, recording.units):
+        with pytest.raises(TypeError, match="does not support item assignment"):
+            mapping["fd"] = ()  # type: ignore[index]
+
+
+def test_lines_become_tuples_and_empty_ones_are_left_out() -> None:
+    recording = make(lines={"ft": [3, 5], "fd": []})
+    assert dict(recording.lines) == {"ft": (3, 5)}
+
+
+def test_integers_and_single_precision_become_doubles() -> None:
+    content = signals()
+    recording = make(e=(100.0 * content["e"]).astype(np.int16), x=content["x"].astype(np.float32))
+    assert {getattr(recording, name).dtype for name in ("e", "u", "x")} == {np.dtype(np.float64)}
+    np.testing.assert_array_equal(recording.e, np.trunc(100.0 * content["e"]))
+
+
+def test_time_is_negative_in_the_run_in_and_zero_at_the_window() -> None:
+    recording = make(run_in=30)
+    assert recording.time.shape == (SAMPLES,)
+    assert recording.time[0] == pytest.approx(-1.5)
+    assert recording.time[30] == 0.0
+    np.testing.assert_allclose(np.diff(recording.time), DT, rtol=1e-12)
+    assert np.all((recording.time < 0.0) == (np.arange(SAMPLES) < 30))
+
+
+def test_samples_and_duration_leave_out_the_run_in() -> None:
+    recording = make(run_in=30)
+    assert (recording.runs, recording.samples) == (2, 210)
+    assert recording.duration == pytest.approx(10.5)
+    np.testing.assert_array_equal(recording.window(recording.u), recording.u[:, 30:])
+
+
+def test_channel_inputs_are_error_and_output() -> None:
+    recording = make()
+    assert recording.input("error") is recording.e
+    assert recording.input("output") is recording.x
+
+
+@pytest.mark.parametrize("name", ["ft", "fd"])
+def test_one_forcing_function_serves_all_runs(name: str) -> None:
+    forcing = np.arange(float(SAMPLES))[None]
+    stored = getattr(make({name: forcing}), name)
+    np.testing.assert_array_equal(stored, np.repeat(forcing, 2, axis=0))
+
+
+@pytest.mark.parametrize("name", ["e", "x"])
+def test_one_run_of_a_measured_signal_does_not_serve_all_runs(name: str) -> None:
+    refused(
+        f"signal {name} has 1 runs of 240 samples but u has 2 of 240", **{name: np.ones((1, 240))}
+    )
+
+
+# ------------------------------------------------------------------ what it refuses
+
+
+@pytest.mark.parametrize("dt", [0.0, -0.02, np.nan, np.inf])
+def test_sampling_interval_must_be_positive(dt: float) -> None:
+    refused("the sampling interval must be a positive number", dt=dt)
+
+
+@pytest.mark.parametrize("name", ["e", "x", "ft", "fd"])
+def test_vector_among_arrays_is_refused(name: str) -> None:
+    words = rf"signal {name} must have the shape \(runs, samples\)"
+    refused(words, **{name: np.arange(float(SAMPLES))})
+
+
+def test_vectors_throughout_are_refused() -> None:
+    refused("must have the shape", **{name: array[0] for name, array in signals().items()})
+
+
+@pytest.mark.parametrize("name", ["e", "x", "ft", "fd"])
+@pytest.mark.parametrize("shape", [(2, SAMPLES - 1), (3, SAMPLES), (1, SAMPLES + 1)])
+def test_signals_of_different_shapes_are_refused(name: str, shape: tuple[int, int]) -> None:
+    words = f"signal {name} has {shape[0]} runs of {shape[1]} samples but u has 2 of 240"
+    refused(words, **{name: np.ones(shape)})
+
+
+@pytest.mark.parametrize("name", SIGNALS)
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_sample_that_is_no_number_is_refused_with_its_place(name: str, value: float) -> None:
+    words = f"signal {name} is not a number at sample 12 of run 2;"
+    refused(words, **{name: spoilt(name, (1, 11), value)})
+
+
+def test_constant_control_is_refused_with_its_run() -> None:
+    u = signals()["u"]
+    u[1] = 0.3
+    refused("the control u is constant in run 2", u=u)
+
+
+def test_control_that_is_constant_but_for_the_run_in_is_refused() -> None:
+    u = signals()["u"]
+    u[0, 20:] = 0.3
+    refused("the control u is constant in run 1", u=u, run_in=20)
+    u[0, 30] = 0.4
+    assert make(u=u, run_in=20).samples == 220
+
+
+@pytest.mark.parametrize("run_in", [-1, SAMPLES, SAMPLES + 1])
+def test_run_in_must_be_shorter_than_the_recording(run_in: int) -> None:
+    refused(rf"the run-in \({run_in} samples\) must be shorter", run_in=run_in)
+
+
+@pytest.mark.parametrize(("samples", "run_in"), [(199, 0), (240, 41), (1, 0)])
+def test_window_shorter_than_ten_seconds_is_refused(samples: int, run_in: int) -> None:
+    content = {name: array[:, :samples] for name, array in signals().items()}
+    refused("the measurement window lasts .* at least 10 s", run_in=run_in, **content)
+
+
+def test_window_of_ten_seconds_is_long_enough() -> None:
+    assert make(run_in=40).duration == 10.0
+
+
+# ------------------------------------------------------------------ joining runs
+
+
+def other(**changes: object) -> Recording:
+    return make(signals(runs=1, seed=2), **{"source": "second.csv", **changes})
+
+
+def test_joined_recordings_are_the_runs_of_one() -> None:
+    forcing = np.arange(float(SAMPLES))[None]
+    first = make(ft=forcing, run_in=20, lines={"ft": (3,)}, units={"u": "deg"})
+    second = other(ft=-forcing, run_in=20)
+    both = joined([first, second])
+    assert (both.runs, both.samples, both.run_in, both.dt) == (3, 220, 20, DT)
+    for name in ("e", "u", "x", "ft"):
+        stacked = np.concatenate([getattr(first, name), getattr(second, name)])
+        np.testing.assert_array_equal(getattr(both, name), stacked)
+    assert both.fd is None
+    assert (dict(both.lines), dict(both.units)) == ({"ft": (3,)}, {"u": "deg"})
+    assert "flight.csv" in both.source
+
+
+@pytest.mark.parametrize(
+    ("second", "what"),
+    [
+        (other(dt=0.06), "sampling interval (0.06) differs from that of flight.csv (0.05)"),
+        (
+            make(signals(1, 250), source="second.csv"),
+            "number of samples (250) differs from that of flight.csv (240)",
+        ),
+        (
+            make(signals(1, 250), source="second.csv", run_in=10),
+            "run-in (10) differs from that of flight.csv (0)",
+        ),
+        (
+            other(fd=np.zeros((1, SAMPLES))),
+            "set of signals (e u x fd) differs from that of flight.csv (e u x)",
+        ),
+    ],
+    ids=["sampling interval", "length", "run-in", "signals"],
+)
+def test_recordings_that_differ_are_not_joined(second: Recording, what: str) -> None:
+    with pytest.raises(InputError) as caught:
+        joined([make(), make(), second])
+    message = str(caught.value)
+    assert message.startswith(f"second.csv: the {what}")
+    assert len(message.splitlines()) == 1
+
+
+def test_sampling_intervals_that_differ_by_rounding_are_joined() -> None:
+    assert joined([make(), other(dt=DT * (1.0 + 1e-9))]).runs == 3

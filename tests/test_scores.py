@@ -1,0 +1,60 @@
+"""Scores on numbers that can be worked out by hand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from pilotid import scores
+
+VALUES = np.array([1.0, 2.0, 3.0, 6.0])  # mean 3; deviations -2, -1, 0, 3, squares sum to 14
+
+
+def test_bias_is_the_mean_error_with_its_sign() -> None:
+    assert scores.bias(VALUES, 4.0) == -1.0
+    assert scores.bias(VALUES, 2.0) == 1.0
+
+
+def test_spread_divides_by_n_minus_one() -> None:
+    assert scores.spread(VALUES) == pytest.approx(math.sqrt(14.0 / 3.0))
+
+
+def test_bias_std_error_is_the_spread_over_root_n() -> None:
+    assert scores.bias_std_error(VALUES) == pytest.approx(math.sqrt(14.0 / 3.0) / 2.0)
+
+
+def test_rmse_holds_bias_and_scatter() -> None:
+    # errors -3, -2, -1, 2: squares sum to 18
+    assert scores.rmse(VALUES, 4.0) == pytest.approx(math.sqrt(18.0 / 4.0))
+
+
+def test_coverage_counts_the_ends_and_leaves_out_what_is_not_a_number() -> None:
+    intervals = np.array([[0.0, 1.0], [1.0, 2.0], [1.1, 2.0], [math.nan, 3.0], [-1.0, 5.0]])
+    assert scores.coverage(intervals, 1.0) == 0.75
+
+
+def test_mean_leaves_out_what_is_not_a_number() -> None:
+    assert scores.mean(np.array([1.0, math.nan, 2.0, math.inf])) == 1.5
+
+
+def test_too_few_estimates_give_nan() -> None:
+    none = np.zeros(0)
+    for score in (
+        scores.bias(none, 1.0),
+        scores.bias_std_error(none),
+        scores.spread(none),
+        scores.spread(np.ones(1)),
+        scores.rmse(none, 1.0),
+        scores.mean(none),
+        scores.coverage(np.zeros((0, 2)), 1.0),
+    ):
+        assert math.isnan(score)
+
+
+def test_coverage_limits_hold_95_percent_of_the_binomial() -> None:
+    # 20 intervals at 95 %: P(<= 16) = .0159, P(<= 17) = .0755, P(<= 19) = .6415
+    assert scores.coverage_limits(0.95, 20) == (17 / 20, 20 / 20)
+    low, high = scores.coverage_limits(0.5, 10)  # P(<= 1) = .0107, P(<= 2) = .0547
+    assert (low, high) == (0.2, 0.8)
