@@ -32,7 +32,10 @@ class Forcing(Protocol):
         ...
 
     def through(self, response: Response, time: FloatArray) -> FloatArray:
-        """What a stable system with this frequency response answers, at `time` [s]."""
+        """What stable systems with these frequency responses answer, at `time` [s].
+
+        The responses have shape (..., n), the answers (..., times).
+        """
         ...
 
     def scaled(self, gain: float) -> Forcing:
@@ -129,7 +132,7 @@ class Steps:
         )
         coefficients[0] = -(jumps @ times) / period  # mean of the signal over the period
         answer = irfft(coefficients * response(omega) * fine, n=fine)
-        return np.asarray(answer[:: self.oversampling][: time.size])
+        return np.asarray(answer[..., :: self.oversampling][..., : time.size])
 
     def scaled(self, gain: float) -> Steps:
         return replace(self, jumps=tuple(gain * j for j in self.jumps))
@@ -153,9 +156,14 @@ def seed_disturbance() -> Multisine:
     )
 
 
-def half_and_half_step(duration: float, size: float = 1.0) -> Steps:
-    """A positive step for the first half of the run, a negative one for the second."""
-    return Steps((0.0, duration / 2.0), (size, -2.0 * size))
+def half_and_half_step(duration: float, dt: float, size: float = 1.0) -> Steps:
+    """A positive step for the first half of the run, a negative one for the second.
+
+    The jumps lie midway between two samples: that is where a band-limited reading of the
+    samples puts them.  At a sample they would seem half an interval early, which biases
+    every estimate (10 ms at 50 Hz).
+    """
+    return Steps((-0.5 * dt, 0.5 * (duration - dt)), (size, -2.0 * size))
 
 
 def _sines(lines: Sequence[int], amplitudes: Sequence[float]) -> Multisine:

@@ -21,6 +21,7 @@ import numpy as np
 from pilotid.estimate import (
     Estimate,
     Outcome,
+    Starts,
     at_bound,
     covariance_of,
     failed,
@@ -29,7 +30,14 @@ from pilotid.estimate import (
 from pilotid.joint import Joint
 from pilotid.minimise import Minima, minimise
 from pilotid.model import PilotModel
-from pilotid.noise import Band, LowPass, NoiseModel, remnant_estimate, select
+from pilotid.noise import (
+    Band,
+    LowPass,
+    contenders,
+    criterion,
+    lagged_products,
+    remnant_estimate,
+)
 from pilotid.prediction import LeastSquares, Prediction, predict
 from pilotid.prepare import decimation
 from pilotid.profile import profile_intervals
@@ -37,8 +45,7 @@ from pilotid.recording import Recording
 from pilotid.search import record, search
 from pilotid.types import FloatArray
 
-#: Remnant of the search, whose colour is typical of published ones [rad/s].
-TYPICAL_REMNANT = 5.0
+USUAL = LowPass(2)
 
 
 @dataclass(frozen=True)
@@ -49,15 +56,18 @@ class MLE:
     ----------
     band
         Analysis band [rad/s].
+    search_band
+        Band of the first search, which takes the residual for white [rad/s].
     candidates, refined
         Random starts screened, and starts minimised, see `pilotid.search.search`.
     rounds
         How often the remnant's model is chosen anew at most.
     """
 
-    band: float = 31.4
-    candidates: int = 12
-    refined: int = 3
+    band: float = 50.0
+    search_band: float = 26.0
+    candidates: int = 8
+    refined: int = 2
     rounds: int = 3
     name: ClassVar[str] = "mle"
 
@@ -67,15 +77,7 @@ class MLE:
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
         band = Band(recording.dt, decimation(recording.dt, self.band))
         prediction = predict(recording, model, self.band)
-        typical = LowPass(1).taps(np.array([[TYPICAL_REMNANT]]), band)[0][0]
-        found = search(
-            LeastSquares(prediction, typical),
-            model,
-            rng,
-            candidates=self.candidates,
-            refined=self.refined,
-        )
-        joint, all_ends = self._estimate(prediction, band, found.values)
+        joint, all_ends, starts = self._estimate(recording, prediction, band, rng)
         end = all_ends[-1]
         values, gram = end.values[0], end.gram[0]
         freedom = joint.samples - len(values)
@@ -95,8 +97,8 @@ class MLE:
             intervals=profile_intervals(joint.gram, joint, end, joint.samples, joint.pilot),
             vaf=simulated_vaf(recording, model, pilot),
             message=message,
-            iterations=found.iterations + sum(e.iterations for e in all_ends),
-            starts=record(all_ends[0]),
+            iterations=sum(e.iterations for e in all_ends),
+            starts=starts,
             remnant=remnant_estimate(
                 joint.noise,
                 values[joint.pilot :],
@@ -107,25 +109,53 @@ class MLE:
         )
 
     def _estimate(
-        self, prediction: Prediction, band: Band, starts: FloatArray
-    ) -> tuple[Joint, list[Minima]]:
-        """Pilot and remnant together: the problem solved last, and every end on the way."""
-        ends: list[Minima] = []
-        previous: tuple[NoiseModel, Prediction] | None = None
+        self, recording: Recording, prediction: Prediction, band: Band, rng: np.random.Generator
+    ) -> tuple[Joint, list[Minima], Starts]:
+        """Pilot and remnant together: the problem solved last, and the ends of every round.
+
+        A wrong optimum of the pilot suggests a wrong remnant, under which it looks right.
+        So the first search takes the residual for white: that optimum is biased, but hardly
+        ever the wrong one.  Where its starts disagree, a second search, whitened by the
+        remnant found, brings more candidates.
+        """
+        model = prediction.model
+        coarse = LeastSquares(predict(recording, model, self.search_band))
+        found = search(coarse, model, rng, candidates=self.candidates, refined=self.refined)
+        starts = record(found)
+        # The residual of a biased estimate has a shape of its own, so the remnant's model is
+        # chosen only after a first round with the usual one.
+        joint, end = self._fitted(Joint(prediction, USUAL, band), found.distinct(), 1e-3)
+        ends = [end]
+        best = end.values[:1, : joint.pilot]
+        whitened = LeastSquares(prediction, joint.whitener(end.values[0]))
+        prediction = replace(prediction, terms=whitened.noticeable_terms(best[0]))
+        candidates = best
+        if starts.agreeing < len(starts.cost):
+            whitened = LeastSquares(prediction, whitened.taps)
+            again = search(whitened, model, rng, first=best, candidates=self.candidates)
+            candidates = np.concatenate([best, again.distinct(hopeless=0.02)[1:]])
         for _ in range(self.rounds):
-            residual = LeastSquares(prediction).residual(starts[0])
-            noise, guess = select(residual, band)
-            if previous == (noise, prediction):
-                break
-            joint = Joint(prediction, noise, band)
-            both = np.concatenate([starts, np.tile(guess, (len(starts), 1))], axis=1)
-            end = minimise(joint.gram, both, joint, tolerance=1e-5 if ends else 1e-4)
+            noise = joint.noise
+            residual = LeastSquares(prediction).residual(candidates[0])
+            fits = [
+                self._fitted(Joint(prediction, rival, band), candidates, 1e-5)
+                for rival in contenders(residual, band)
+            ]
+            joint, end = min(fits, key=lambda fit: _criterion(*fit))
             ends.append(end)
-            starts = end.values[:1, : joint.pilot]
-            previous = noise, prediction
-            terms = LeastSquares(prediction, joint.whitener(end.values[0])).noticeable_terms(
-                starts[0]
-            )
-            if len(ends) == 1 and terms != prediction.terms:
-                prediction = replace(prediction, terms=terms)
-        return joint, ends
+            candidates = end.values[:1, : joint.pilot]
+            if joint.noise == noise:
+                break
+        return joint, ends, starts
+
+    def _fitted(
+        self, joint: Joint, candidates: FloatArray, tolerance: float
+    ) -> tuple[Joint, Minima]:
+        residual = LeastSquares(joint.prediction).residual(candidates[0])
+        guess = joint.noise.guess(lagged_products(residual), joint.band)
+        starts = np.concatenate([candidates, np.tile(guess, (len(candidates), 1))], axis=1)
+        return joint, minimise(joint.gram, starts, joint, tolerance=tolerance, iterations=40)
+
+
+def _criterion(joint: Joint, end: Minima) -> float:
+    return criterion(joint.noise, float(end.cost[0]) / joint.samples, joint.samples)

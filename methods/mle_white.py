@@ -48,8 +48,8 @@ class MLEWhite:
 
     band: float | None = None
     search_band: float = 26.0
-    candidates: int = 12
-    refined: int = 3
+    candidates: int = 8
+    refined: int = 2
     name: ClassVar[str] = "mle-white"
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:

@@ -319,7 +319,7 @@ def test_bad_files(run: Run, tmp_path: Path) -> None:
         (("--map", "u=stick"), ("run.csv", "'stick'")),
         (("--start", "Kvis=many"), ("PARAMETER=NUMBER",)),
         (("--start", "tlag=1"), ("no parameter tlag", "Kvis, tlead")),
-        (("--start", "tdvis=-1"), ("strictly inside",)),
+        (("--start", "tdvis=-1"), ("outside the bounds",)),
         (("--seed", "-1"), ("--seed",)),
         (("--seed", "many"), ("--seed",)),
         (("--sed", "1"), ("--sed", "pilotid fit --help")),

@@ -106,14 +106,14 @@ def test_random_phases_keep_the_amplitude_spectrum() -> None:
 
 
 def test_scaled_multiplies_the_signal() -> None:
-    for forcing in (seed_disturbance(), half_and_half_step(81.92)):
+    for forcing in (seed_disturbance(), half_and_half_step(81.92, DT)):
         np.testing.assert_allclose(
             forcing.scaled(4.0).at(WINDOW), 4.0 * forcing.at(WINDOW), rtol=1e-12, atol=1e-15
         )
 
 
 def test_step_is_positive_for_the_first_half_and_negative_for_the_second() -> None:
-    step = half_and_half_step(81.92)
+    step = half_and_half_step(81.92, DT)
     signal = step.at(WINDOW)
     np.testing.assert_array_equal(signal, np.where(np.arange(SAMPLES) < SAMPLES // 2, 1.0, -1.0))
     np.testing.assert_array_equal(step.at(-WINDOW[1:]), np.zeros(SAMPLES - 1))
@@ -155,7 +155,7 @@ def test_multisine_through_a_system_equals_the_sum_of_its_lines() -> None:
 
 def test_steps_through_a_system_equal_the_analytic_answer() -> None:
     time = np.arange(-100, 1500) * DT
-    steps = Steps((0.0, 15.0), (1.0, -2.0))
+    steps = Steps((0.0, 15.0), (1.0, -0.4))
     since = time[:, None] - 0.137 - np.array(steps.times)
     answers = 3.0 * (1.0 - np.exp(-np.maximum(since, 0.0) / 0.5))
     np.testing.assert_allclose(
@@ -266,6 +266,36 @@ def test_scenarios_have_the_names_of_the_contract() -> None:
     assert set(names.split()) | {f"remnant-0.{g}" for g in range(1, 9)} == set(SCENARIOS)
     assert all(SCENARIOS[name].name == name for name in SCENARIOS)
     assert scenario_named("single") is SCENARIOS["single"]
+
+
+@pytest.mark.parametrize("name", ["target-only", "target-step"])
+def test_target_scenarios_have_no_disturbance_and_the_nominal_remnant(name: str) -> None:
+    scenario = SCENARIOS[name]
+    assert scenario.disturbance is None
+    assert scenario.remnant == NOMINAL.remnant
+    expected = seed_target() if name == "target-only" else half_and_half_step(81.92, DT)
+    assert scenario.target == expected
+
+
+@pytest.mark.parametrize("name", ["disturbance-only", "disturbance-step"])
+def test_disturbance_scenarios_are_four_times_as_loud(name: str) -> None:
+    scenario = SCENARIOS[name]
+    assert scenario.target is None
+    assert scenario.remnant == replace(NOMINAL.remnant, level=1.6)
+    unit = seed_disturbance() if name == "disturbance-only" else half_and_half_step(81.92, DT)
+    assert scenario.disturbance == unit.scaled(4.0)
+
+
+def test_nominal_and_single_scenarios_are_those_of_the_paper() -> None:
+    for name in ("nominal", "single"):
+        scenario = SCENARIOS[name]
+        assert scenario.element == double_integrator(4.0)
+        assert (scenario.target, scenario.disturbance) == (seed_target(), seed_disturbance())
+        assert scenario.remnant.level == 0.4
+        assert scenario.remnant.order == 2
+    assert NOMINAL.truth == (0.17, 2.93, 0.32, 1.59, 0.29, 12.0, 0.3)
+    assert SCENARIOS["single"].truth == (0.32, 1.68, 0.39, 12.0, 0.3)
+    assert SCENARIOS["white-remnant"].remnant.order == 0
 
 
 def test_unknown_scenario_is_refused_in_one_line_with_the_names_there_are() -> None:

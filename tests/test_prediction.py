@@ -9,8 +9,9 @@ import pytest
 
 from pilotid.controlled import double_integrator, single_integrator
 from pilotid.datasets import SCENARIOS, Scenario, simulate
+from pilotid.factors import Canals
 from pilotid.minimise import minimise
-from pilotid.model import LEAD_LAG, MULTI, RATE, SINGLE
+from pilotid.model import LEAD_LAG, MULTI, RATE, SINGLE, PilotModel
 from pilotid.prediction import LeastSquares, predict, predict_circular
 from pilotid.prepare import decimation, prepare
 from pilotid.recording import Recording
@@ -31,6 +32,18 @@ LEAD_LAG_SCENARIO = replace(
     model=LEAD_LAG,
     truth=(0.6, 1.0, 0.35, 0.28, 13.0, 0.35),
     element=single_integrator(2.0),
+)
+#: Rate feedback through the canals: a fixed slow pole behind an odd derivative.
+RATE_CANALS_SCENARIO = replace(
+    RATE_SCENARIO,
+    name="rate-canals",
+    model=PilotModel(
+        "rate-canals",
+        (
+            RATE.channels[0],
+            replace(RATE.channels[1], factors=(Canals(), *RATE.channels[1].factors)),
+        ),
+    ),
 )
 PILOTS = {s.name: s for s in (NOMINAL, SCENARIOS["single"], RATE_SCENARIO, LEAD_LAG_SCENARIO)}
 
@@ -90,7 +103,7 @@ def test_prediction_of_a_step_disturbance_recovers_every_parameter(band: float |
     # Not so a step target: nothing between two samples tells when the error jumped.
     scenario = SCENARIOS["disturbance-step"]
     problem = LeastSquares(predict(noise_free(scenario), scenario.model, band))
-    # From 30 % off one of the starts ends in a local minimum, as scipy's would from near it.
+    # From 30 % off one of the starts ends in a local minimum, where scipy stays as well.
     assert worst_error(problem, scenario, share=0.15) < 2e-3
 
 
@@ -174,15 +187,19 @@ def test_every_parameter_set_can_have_its_own_whitening_filter() -> None:
     values = apart(NOMINAL.values)
     taps = np.array([[1.0, -0.9, 0.1], [1.0, 0.3, -0.2]])
     together = prediction.rows(values, taps)
-    bases = prediction.nuisance(taps)
     for i in range(2):
         alone = prediction.rows(values[[i]], taps[i])[0]
         np.testing.assert_allclose(together[i], alone, atol=1e-12 * np.abs(alone).max())
-        np.testing.assert_allclose(
-            bases[i] @ bases[i].T,
-            prediction.nuisance(taps[i]) @ prediction.nuisance(taps[i]).T,
-            atol=1e-12,
-        )
+
+
+def test_a_whitening_filter_leaves_the_space_of_the_nuisance_terms_as_it_is() -> None:
+    prediction = predict(simulate(NOMINAL, np.random.default_rng(3)), MULTI, 26.0)
+    terms = prediction.nuisance_terms
+    assert terms.shape[1] == 2
+    filtered = np.array([np.convolve(term, TAPS, mode="valid") for term in terms.T]).T
+    inside = terms[TAPS.size - 1 :]
+    projection = inside @ np.linalg.lstsq(inside, filtered, rcond=None)[0]
+    np.testing.assert_allclose(projection, filtered, atol=1e-12 * np.abs(filtered).max())
 
 
 @pytest.mark.parametrize("band", [None, 26.0])
@@ -255,6 +272,35 @@ def test_decay_that_is_no_pole_of_the_model_stays_in_the_residual() -> None:
     moving = changed_control(recording, -2.0 * np.exp(-recording.time / 3.0))
     one, two = (LeastSquares(predict(r, MULTI)) for r in (recording, moving))
     assert np.std(one.residual(MULTI.start) - two.residual(MULTI.start)) > 0.05
+
+
+@pytest.mark.parametrize("band", BANDS)
+@pytest.mark.parametrize("scenario", [NOMINAL, RATE_CANALS_SCENARIO], ids=lambda s: s.name)
+def test_slow_poles_start_near_their_true_state_without_nuisance_terms(
+    scenario: Scenario, band: float | None
+) -> None:
+    # What a derivative's recorded lower derivatives say about the time before it.
+    for recording, limit in (
+        (noise_free(scenario), 0.005),
+        (without_run_in(noise_free(scenario)), 0.025),
+    ):
+        prediction = replace(predict(recording, scenario.model, band), terms=())
+        residual = LeastSquares(prediction).residual(scenario.values)
+        assert np.std(residual) < limit * np.std(prediction.control)
+
+
+def test_noticeable_terms_are_those_that_the_recording_shows() -> None:
+    for seed in range(20):
+        recording = simulate(SCENARIOS["white-remnant"], np.random.default_rng(seed))
+        decay = np.exp(-recording.time / 6.0)
+        for change, terms in (
+            (0.0 * decay, ()),
+            (0.0 * decay + 0.5, (0.0,)),
+            (-1.5 * decay, (-1.0 / 6.0,)),
+            (0.5 - 1.5 * decay, (0.0, -1.0 / 6.0)),
+        ):
+            problem = LeastSquares(predict(changed_control(recording, change), MULTI))
+            assert problem.noticeable_terms(NOMINAL.values) == terms
 
 
 @pytest.mark.parametrize("band", BANDS)

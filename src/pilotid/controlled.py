@@ -35,6 +35,8 @@ class ControlledElement:
     def __post_init__(self) -> None:
         if len(self.numerator) > len(self.denominator) or self.denominator[0] == 0.0:
             raise ValueError(f"controlled element {self.name}: must be a proper transfer function")
+        if self.delay < 0.0:
+            raise ValueError(f"controlled element {self.name}: a delay cannot be negative")
 
     def response(self, omega: FloatArray) -> ComplexArray:
         """Frequency response at `omega` [rad/s], shape (n,)."""
@@ -80,6 +82,9 @@ def from_control(system: control.TransferFunction, delay: float = 0.0) -> Contro
     """Any continuous single-input single-output transfer function of python-control."""
     if not system.issiso() or (system.dt not in (0, None)):
         raise ValueError("the controlled element must be continuous, with one input and one output")
+    import control
+
+    system = control.tf(system)  # from a state space too
     return ControlledElement(
         tuple(float(c) for c in system.num[0][0]),
         tuple(float(c) for c in system.den[0][0]),

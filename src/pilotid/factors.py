@@ -66,12 +66,16 @@ class Parameter:
                 f"parameter {self.key}: the start {self.start:g} must lie strictly inside "
                 f"the bounds ({self.lower:g}, {self.upper:g})"
             )
+        if self.positive and self.lower <= 0.0:
+            raise ValueError(
+                f"parameter {self.key}: a positive parameter needs a lower bound above zero"
+            )
         if not self.lower <= self.usual[0] < self.usual[1] <= self.upper:
             raise ValueError(f"parameter {self.key}: the usual range must lie inside the bounds")
 
 
 class Factor(Protocol):
-    """What the prediction engine asks of a factor."""
+    """What the prediction engine asks of a factor; it must be hashable (a frozen dataclass)."""
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from pilotid.noise import Band, NoiseModel
-from pilotid.prediction import Prediction, products, without
+from pilotid.prediction import Prediction, gram_matrices
 from pilotid.types import BoolArray, FloatArray
 
 
@@ -81,12 +81,8 @@ class Joint:
         by_remnant = -prediction.filter_response(slopes)[:, :, None] * residual
         spectra *= prediction.filter_response(taps)[:, None, None]
         joined = np.concatenate([spectra[:, :-1], by_remnant, spectra[:, -1:]], axis=1)
-        rows = prediction.samples_of(joined)
-        if not prediction.terms:
-            return rows
-        flat = rows.reshape(len(rows), -1, rows.shape[-1])
-        return without(flat, prediction.nuisance(taps)).reshape(rows.shape)
+        return prediction.without_nuisance(prediction.samples_of(joined))
 
     def gram(self, values: FloatArray) -> FloatArray:
         """Inner products of the rows, shape (sets, parameters + 1, parameters + 1)."""
-        return products(self.rows(values))
+        return gram_matrices(self.rows, values)

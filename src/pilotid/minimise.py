@@ -16,6 +16,10 @@ import numpy as np
 
 from pilotid.types import BoolArray, FloatArray
 
+#: Longest step of a positive parameter, on its logarithmic scale: a gain that is
+#: extrapolated towards zero would not come back.
+LONGEST = 1.0
+
 #: Maps parameter sets (sets, p) to Gram matrices (sets, p + 1, p + 1), see `LeastSquares.gram`.
 Gram = Callable[[FloatArray], FloatArray]
 
@@ -63,6 +67,15 @@ class Minima:
     gram: FloatArray
     iterations: int
 
+    def distinct(self, same: float = 3e-3, hopeless: float = 0.1) -> FloatArray:
+        """One end point of each optimum that may be the best one.
+
+        Ends are the same optimum where their costs differ by less than the share `same`,
+        and are left out where they exceed the lowest cost by more than `hopeless`.
+        """
+        steps = np.diff(self.cost, prepend=-np.inf) > same * np.abs(self.cost)
+        return np.asarray(self.values[steps & (self.cost <= (1.0 + hopeless) * self.cost[0])])
+
 
 def minimise(
     gram: Gram,
@@ -97,6 +110,7 @@ def minimise(
         inside.enter(clipped),
         inside.enter(space.lower),
         inside.enter(space.upper),
+        np.where(space.positive, LONGEST, 0.25 * (space.upper - space.lower)),
         tolerance,
         iterations,
     )
@@ -140,6 +154,7 @@ def _minimise(
     starts: FloatArray,
     lower: FloatArray,
     upper: FloatArray,
+    longest: FloatArray,
     tolerance: float,
     iterations: int,
 ) -> Minima:
@@ -159,7 +174,7 @@ def _minimise(
         active, step = active[~done], step[~done]
         if not active.size:
             break
-        trial = np.clip(values[active] + step, lower, upper)
+        trial = np.clip(values[active] + np.clip(step, -longest, longest), lower, upper)
         trial_grams = gram(trial)
         count += 1
         better = trial_grams[:, -1, -1] < grams[active, -1, -1]  # false for NaN
@@ -173,7 +188,7 @@ def _minimise(
         damping[accepted] = np.maximum(damping[accepted] / 10.0, 1e-9)
         damping[active[~better]] *= 8.0
         # Rounding, not the model, is then what keeps a step from lowering the cost.
-        stuck = damping[active] > 1e12
+        stuck = damping[active] > 1e7
         converged[active[stuck]] = np.isfinite(grams[active[stuck], -1, -1])
         active = active[~stuck]
     order = np.argsort(grams[:, -1, -1], kind="stable")

@@ -103,7 +103,10 @@ class PilotModel:
                     f"model {self.name}: the two factors that share parameter {parameter.key} "
                     "must give it the same unit, bounds and start"
                 )
-        found |= {p.key: p for p in self.overrides}
+        for parameter in self.overrides:
+            if parameter.key not in found:
+                raise ValueError(f"model {self.name} has no parameter {parameter.key} to override")
+            found[parameter.key] = parameter
         return tuple(found.values())
 
     @property
@@ -255,6 +258,12 @@ class PilotModel:
                 f"model {self.name} has no parameter {', '.join(unknown)}: "
                 f"choose from {', '.join(self.keys)}"
             )
+        for p in self.parameters:
+            if p.key in values and not p.lower < values[p.key] < p.upper:
+                raise InputError(
+                    f"the start {p.key}={values[p.key]:g} lies outside the bounds of model "
+                    f"{self.name}, {p.lower:g} to {p.upper:g}"
+                )
         changed = tuple(
             replace(p, start=float(values[p.key])) if p.key in values else p
             for p in self.parameters

@@ -16,7 +16,6 @@ from typing import Protocol
 
 import numpy as np
 
-from pilotid.minimise import minimise
 from pilotid.prepare import lowpass
 from pilotid.types import BoolArray, FloatArray
 
@@ -102,8 +101,8 @@ class NoiseModel(Protocol):
         """
         ...
 
-    def guess(self, autocovariance: FloatArray, band: Band) -> FloatArray:
-        """Parameters that suit autocovariances at lags 0 to REACH, shape (parameters,)."""
+    def guess(self, products: FloatArray, band: Band) -> FloatArray:
+        """Parameters that suit a residual, from its `lagged_products`, shape (parameters,)."""
         ...
 
 
@@ -171,21 +170,13 @@ class LowPass:
             total += power * weight
             for slope, log_slope in zip(slopes, log_slopes, strict=True):
                 slope += power * weight * log_slope
-        return _levinson(total @ band.cosines, [slope @ band.cosines for slope in slopes])
+        return _levinson(total @ band.cosines, slopes @ band.cosines)
 
-    def guess(self, autocovariance: FloatArray, band: Band) -> FloatArray:
+    def guess(self, products: FloatArray, band: Band) -> FloatArray:
         grid, taps = _catalogue(self, band)
-        toeplitz = _toeplitz(autocovariance, taps.shape[1])
-        values = grid[[int(np.argmin(np.einsum("gi,ij,gj->g", taps, toeplitz, taps)))]]
-        if not self.keys:
-            return np.asarray(values[0])
-
-        def gram(sets: FloatArray) -> FloatArray:
-            taps, slopes = self.taps(sets, band)
-            rows = np.concatenate([-slopes, taps[:, None]], axis=1)
-            return np.asarray(rows @ toeplitz @ rows.transpose(0, 2, 1))
-
-        return np.asarray(minimise(gram, values, self, tolerance=1e-4, iterations=12).values[0])
+        reach = taps.shape[1]
+        power = np.sum((taps @ products[:reach, :reach]) * taps, axis=1)
+        return np.asarray(grid[int(np.argmin(power))])
 
 
 @dataclass(frozen=True)
@@ -221,95 +212,121 @@ class Autoregressive:
         )
         return np.concatenate([one, values], axis=1), slopes
 
-    def guess(self, autocovariance: FloatArray, band: Band) -> FloatArray:
-        taps, _ = _levinson(autocovariance[None, : self.order + 1], [])
-        return np.asarray(taps[0, 1:])
+    def guess(self, products: FloatArray, band: Band) -> FloatArray:
+        own = products[: self.order + 1, : self.order + 1]
+        return np.asarray(-np.linalg.solve(own[1:, 1:], own[1:, 0]))
 
 
-def _toeplitz(autocovariance: FloatArray, size: int) -> FloatArray:
-    return autocovariance[np.abs(np.subtract.outer(np.arange(size), np.arange(size)))]
+def _levinson(autocovariance: FloatArray, slopes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Prediction-error filters of autocovariances, and their derivatives.
 
-
-def _levinson(
-    autocovariance: FloatArray, slopes: list[FloatArray]
-) -> tuple[FloatArray, FloatArray]:
-    """Prediction-error filters of autocovariances (sets, lags), and their derivatives."""
+    Parameters
+    ----------
+    autocovariance
+        Lags from 0, shape (sets, lags).
+    slopes
+        Its derivatives, shape (parameters, sets, lags).
+    """
     order = autocovariance.shape[1] - 1
     lags = np.abs(np.subtract.outer(np.arange(order), np.arange(order)))
     inverse = np.linalg.inv(autocovariance[:, lags])
-    taps = -np.einsum("sij,sj->si", inverse, autocovariance[:, 1:])
-    derivatives = [
-        -np.einsum("sij,sj->si", inverse, d[:, 1:] + np.einsum("sij,sj->si", d[:, lags], taps))
-        for d in slopes
-    ]
-    one = np.ones((len(taps), 1))
-    return (
-        np.concatenate([one, taps], axis=1),
-        np.stack([np.concatenate([0.0 * one, d], axis=1) for d in derivatives], axis=1)
-        if derivatives
-        else np.zeros((len(taps), 0, order + 1)),
-    )
+    taps = np.ones_like(autocovariance)
+    taps[:, 1:] = -(inverse @ autocovariance[:, 1:, None])[..., 0]
+    derivatives = np.zeros((len(taps), len(slopes), order + 1))
+    for index, slope in enumerate(slopes):
+        right = slope[:, 1:, None] + slope[:, lags] @ taps[:, 1:, None]
+        derivatives[:, index, 1:] = -(inverse @ right)[..., 0]
+    return taps, derivatives
 
 
 @lru_cache(maxsize=32)
 def _catalogue(model: LowPass, band: Band) -> tuple[FloatArray, FloatArray]:
     """A grid of parameter sets of a low-pass model and their whitening filters."""
-    frequencies = np.geomspace(0.5, 60.0, 24)
-    dampings = np.array([0.15, 0.3, 0.5, 0.7, 1.0, 1.6])
+    frequencies = np.geomspace(0.5, 60.0, 40)
+    dampings = np.geomspace(0.12, 1.8, 12)
     axes = (frequencies, dampings)[: len(model.keys)]
     mesh = np.meshgrid(*axes, indexing="ij")
     grid = np.stack([m.ravel() for m in mesh], axis=1) if axes else np.zeros((1, 0))
     return grid, model.taps(grid, band)[0]
 
 
-#: The families that `select` chooses from.
+#: The families to choose from.
 NOISE_MODELS: tuple[NoiseModel, ...] = (
     *(LowPass(order) for order in range(4)),
-    *(Autoregressive(order) for order in range(2, 13)),
+    *(Autoregressive(order) for order in (2, 3, 4, 6, 8, 12)),
 )
 
 
-def autocovariance(residual: FloatArray) -> FloatArray:
-    """Autocovariances of a residual (runs, samples) at lags 0 to REACH, runs averaged."""
-    samples = residual.shape[1]
-    return np.array(
-        [
-            np.mean(residual[:, lag:] * residual[:, : samples - lag]) * (samples - lag) / samples
-            for lag in range(REACH + 1)
-        ]
-    )
+def lagged_products(residual: FloatArray) -> FloatArray:
+    """Mean products of a residual (runs, samples) at all pairs of lags 0 to REACH.
+
+    A filter's output power is then exact, taps @ products @ taps.  Autocovariances would
+    not do: their end effects leak from the strong low frequencies of a steep spectrum,
+    and a whitening filter magnifies that until a wrong model wins.
+
+    Returns
+    -------
+    Array of shape (REACH + 1, REACH + 1).
+    """
+    windows = np.lib.stride_tricks.sliding_window_view(residual, REACH + 1, axis=1)[..., ::-1]
+    flat = windows.reshape(-1, REACH + 1)
+    return np.asarray(flat.T @ flat / len(flat))
 
 
 #: Difference of the criterion that Kass and Raftery (1995) call very strong evidence.
 STRONG = 10.0
 
 
-def criterion(power: float, samples: int, parameters: int) -> float:
-    """Bayesian information criterion of a noise model: the lower, the better."""
-    return samples * math.log(power) + parameters * math.log(samples)
+#: Contenders lie this close: the residual of a first estimate decides no more than that.
+CLOSE = 10.0
 
 
-def select(
-    residual: FloatArray, band: Band, models: tuple[NoiseModel, ...] = NOISE_MODELS
-) -> tuple[NoiseModel, FloatArray]:
-    """The noise model with the lowest criterion for a residual, and its parameters.
+def criterion(model: NoiseModel, power: float, samples: int) -> float:
+    """Bayesian information criterion of a noise model: the lower, the better.
 
     An autoregressive model must be better by `STRONG`: a free shape that is not needed
     costs information and biases the low-frequency parameters.
+
+    Parameters
+    ----------
+    model
+        The noise model.
+    power
+        Mean square of the prediction error.
+    samples
+        Number of prediction errors.
     """
-    covariance = autocovariance(residual)
-    best: tuple[float, NoiseModel, FloatArray] | None = None
-    for model in models:
-        values = model.guess(covariance, band)
+    handicap = STRONG if isinstance(model, Autoregressive) else 0.0
+    # A residual that a filter predicts to the last digit leaves rounding, of any sign.
+    return samples * math.log(max(power, 1e-300)) + len(model.keys) * math.log(samples) + handicap
+
+
+def contenders(
+    residual: FloatArray, band: Band, models: tuple[NoiseModel, ...] = NOISE_MODELS, most: int = 2
+) -> list[NoiseModel]:
+    """The noise models that suit a residual best.
+
+    Parameters
+    ----------
+    residual
+        Residual before whitening, shape (runs, samples).
+    band
+        The analysis band.
+    models
+        Families to choose from.
+    most
+        Largest number of contenders; all lie within `CLOSE` of the best.
+    """
+    products = lagged_products(residual)
+    scored = []
+    for rank, model in enumerate(models):
+        values = model.guess(products, band)
         taps = model.taps(values[None], band)[0][0]
-        power = float(taps @ _toeplitz(covariance, taps.size) @ taps)
-        score = criterion(power, residual.size, len(values))
-        if isinstance(model, Autoregressive):
-            score += STRONG
-        if best is None or score < best[0]:
-            best = score, model, values
-    assert best is not None
-    return best[1], best[2]
+        power = float(taps @ products[: taps.size, : taps.size] @ taps)
+        scored.append((criterion(model, power, residual.size), rank))
+    scored.sort()
+    limit = scored[0][0] + CLOSE
+    return [models[rank] for score, rank in scored[:most] if score < limit]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,9 @@ nuisance term, which is projected out of both.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from math import factorial
 
 import numpy as np
@@ -19,6 +21,8 @@ from pilotid.prepare import Prepared, prepare
 from pilotid.recording import Recording
 from pilotid.types import ComplexArray, FloatArray
 
+LONGEST = 32  # samples that a whitening filter may reach back
+BLOCK = 4  # parameter sets evaluated at once: more no longer fit the processor's cache
 EXTENSION = 4.0  # seconds over which signals fade out beyond both ends of the recording
 
 
@@ -110,22 +114,34 @@ class Prediction:
 
     def filter_response(self, taps: FloatArray) -> ComplexArray:
         """Response of moving-average filters at the bins, shape (..., bins)."""
-        powers = np.exp(-np.outer(np.arange(taps.shape[-1]), self.s * self.dt))
-        return np.asarray(taps @ powers)
+        return np.asarray(taps @ self._shifts[: taps.shape[-1]])
 
-    def nuisance(self, taps: FloatArray | None = None) -> FloatArray:
-        """Orthonormal basis of the filtered nuisance terms, shape (..., scored, terms)."""
-        return np.asarray(np.linalg.qr(self.nuisance_terms(taps)).Q)
+    @cached_property
+    def _shifts(self) -> ComplexArray:
+        """Responses of delays by 0 to LONGEST samples at the bins."""
+        powers = np.ones((LONGEST + 1, self.s.size), dtype=complex)
+        powers[1:] = np.exp(-self.s * self.dt)
+        return np.cumprod(powers, axis=0)
 
-    def nuisance_terms(self, taps: FloatArray | None = None) -> FloatArray:
-        """The filtered nuisance terms themselves, shape (..., scored, terms)."""
-        reach = 0 if taps is None else taps.shape[-1] - 1
-        elapsed = np.arange(-reach, self.scored) * self.dt
-        terms = np.exp(np.outer(elapsed, self.terms))
-        if taps is None:
-            return np.asarray(terms)
-        windows = np.lib.stride_tricks.sliding_window_view(terms, reach + 1, axis=0)
-        return np.asarray(np.einsum("nkj,...j->...nk", windows, taps[..., ::-1]))
+    @cached_property
+    def nuisance_terms(self) -> FloatArray:
+        """The nuisance terms, shape (scored, terms).
+
+        Exponentials are eigenfunctions of filters: whitening only scales them, so that
+        the space to project out is the same for every whitening filter.
+        """
+        return np.exp(np.outer(np.arange(self.scored) * self.dt, self.terms))
+
+    @cached_property
+    def nuisance_basis(self) -> FloatArray:
+        """Orthonormal basis of the nuisance terms, shape (scored, terms)."""
+        return np.asarray(np.linalg.qr(self.nuisance_terms).Q)
+
+    def without_nuisance(self, rows: FloatArray) -> FloatArray:
+        """Rows (..., scored) less their projection on the nuisance terms."""
+        if not self.terms:
+            return rows
+        return rows - (rows @ self.nuisance_basis) @ self.nuisance_basis.T
 
     def samples_of(self, spectrum: ComplexArray) -> FloatArray:
         """The scored samples of transforms, shape (..., scored)."""
@@ -268,21 +284,21 @@ class LeastSquares:
     def __init__(self, prediction: Prediction, taps: FloatArray | None = None) -> None:
         self.prediction = prediction
         self.taps = taps
-        self._basis = prediction.nuisance(taps)
 
     @property
     def samples(self) -> int:
         """Scored samples of all runs, less the nuisance terms fitted to each run."""
-        return int(self.prediction.runs * (self._basis.shape[0] - self._basis.shape[1]))
+        prediction = self.prediction
+        return prediction.runs * (prediction.scored - len(prediction.terms))
 
     def rows(self, values: FloatArray) -> FloatArray:
         """Whitened Jacobian and residual, shape (sets, parameters + 1, runs, scored)."""
-        return without(self.prediction.rows(values, self.taps), self._basis)
+        return self.prediction.without_nuisance(self.prediction.rows(values, self.taps))
 
     def residual(self, values: FloatArray) -> FloatArray:
         """Residual of one parameter set before whitening, shape (runs, scored)."""
         prediction = self.prediction
-        return without(prediction.control - prediction.control_of(values), prediction.nuisance())
+        return prediction.without_nuisance(prediction.control - prediction.control_of(values))
 
     def noticeable_terms(self, values: FloatArray) -> tuple[float, ...]:
         """The nuisance terms that the residual of one parameter set shows.
@@ -296,7 +312,7 @@ class LeastSquares:
         poles = self.prediction.terms
         if not poles:
             return ()
-        terms = self.prediction.nuisance_terms(self.taps)
+        terms = self.prediction.nuisance_terms
         residual = self.prediction.rows(values[None], self.taps)[0, -1]
         weights = np.linalg.pinv(terms)
         amplitudes = residual @ weights.T
@@ -315,15 +331,26 @@ class LeastSquares:
         The last diagonal element is the residual sum of squares; the last column
         above it is the descent direction J'r.
         """
-        return products(self.rows(values))
+        return gram_matrices(self.rows, values)
 
 
-def without(rows: FloatArray, basis: FloatArray) -> FloatArray:
-    """Rows (..., scored) less their projection on an orthonormal basis (scored, terms)."""
-    return rows - (rows @ basis) @ basis.swapaxes(-1, -2)
+def gram_matrices(rows: Callable[[FloatArray], FloatArray], values: FloatArray) -> FloatArray:
+    """Inner products over runs and samples of the rows of many parameter sets.
 
+    Parameters
+    ----------
+    rows
+        Maps parameter sets to rows of shape (sets, n, runs, scored).
+    values
+        Parameter sets, shape (sets, parameters).
 
-def products(rows: FloatArray) -> FloatArray:
-    """Inner products of rows (sets, n, runs, scored) over runs and samples."""
-    flat = rows.reshape(*rows.shape[:2], -1)
-    return flat @ flat.transpose(0, 2, 1)
+    Returns
+    -------
+    Array of shape (sets, n, n).
+    """
+    grams = []
+    for begin in range(0, len(values), BLOCK):
+        block = rows(values[begin : begin + BLOCK])
+        flat = block.reshape(*block.shape[:2], -1)
+        grams.append(flat @ flat.transpose(0, 2, 1))
+    return np.concatenate(grams)

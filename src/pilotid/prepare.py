@@ -18,8 +18,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from pilotid.model import PilotModel
 from pilotid.recording import Recording
-from pilotid.types import FloatArray
+from pilotid.types import FloatArray, InputError
 
+SHORTEST_SCORED = 3.0  # seconds that must remain to be scored
 UNSCORED = 3.0  # seconds of pre-history that a prediction needs before it is scored
 DIFFERENCE_REACH = 12  # samples on either side that a central difference uses
 ATTENUATION = 50.0  # dB, of the low-pass filter
@@ -88,6 +89,12 @@ def prepare(
 
     total = recording.u.shape[1]
     first_scored = max(recording.run_in, round(unscored / recording.dt), half)
+    if total - 1 - half - first_scored < SHORTEST_SCORED / recording.dt:
+        raise InputError(
+            f"{recording.source}: {total * recording.dt:.3g} s of recording leave less than "
+            f"{SHORTEST_SCORED:g} s to score in the analysis band; "
+            "use a longer recording or a wider band"
+        )
     before = (first_scored - half) // factor
     after = (total - 1 - half - first_scored) // factor
     centres = slice(first_scored - before * factor, first_scored + after * factor + 1, factor)

@@ -27,7 +27,7 @@ def profile_intervals(
     count: int,
     *,
     iterations: int = 8,
-    tolerance: float = 0.02,
+    tolerance: float = 0.3,
 ) -> FloatArray:
     """95 % profile-likelihood intervals of the first `count` parameters.
 
@@ -48,7 +48,8 @@ def profile_intervals(
     count
         How many parameters.
     iterations, tolerance
-        Largest number of evaluations, and accuracy in units of the deviance.
+        Largest number of evaluations, and how far from the sought deviance, of 3.84, the
+        last Newton step may begin.
 
     Returns
     -------

@@ -20,6 +20,7 @@ SIGNALS = {
     "fd": "disturbance forcing function",
 }
 SHORTEST = 10.0  # seconds of measurement window that an identification needs
+COARSEST = 0.1  # seconds between samples: half that rate is just above the pilot's band
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +67,14 @@ class Recording:
     def __post_init__(self) -> None:
         if not (np.isfinite(self.dt) and self.dt > 0.0):
             raise InputError(f"{self.source}: the sampling interval must be a positive number")
+        if self.dt > COARSEST:
+            raise InputError(
+                f"{self.source}: the sampling interval is {self.dt:.3g} s; a pilot's control needs "
+                f"at most {COARSEST:g} s between samples"
+            )
         shape = np.shape(self.u)
+        if len(shape) != 2 or shape[0] == 0:
+            raise InputError(f"{self.source}: signal u must have the shape (runs, samples)")
         for name in SIGNALS:
             value = getattr(self, name)
             if value is not None:
