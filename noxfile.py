@@ -44,6 +44,23 @@ def bench(session: nox.Session) -> None:
 
 
 @nox.session
+def check(session: nox.Session) -> None:
+    """Long comparisons: `-- mle`, `-- optima`, `-- theory`, `-- remnant` (docs/remnant.md)."""
+    scripts = {
+        "mle": "mle_against_bound.py",
+        "optima": "optima.py",
+        "theory": "theory_against_monte_carlo.py",
+        "remnant": "remnant_figure.py",
+    }
+    names = [name for name in session.posargs[:1] if name in scripts]
+    if not names:
+        session.error(f"name one of {', '.join(scripts)}, then its options")
+    session.install("-e", ".")
+    script = f"tests/checks/{scripts[names[0]]}"
+    session.run("python", script, *session.posargs[1:], env={"OMP_NUM_THREADS": "1"})
+
+
+@nox.session
 def lint(session: nox.Session) -> None:
     """Check style and format."""
     session.install(*groups("lint"))

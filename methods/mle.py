@@ -26,6 +26,7 @@ from pilotid.estimate import (
     covariance_of,
     failed,
     simulated_vaf,
+    symmetric_intervals,
 )
 from pilotid.joint import Joint
 from pilotid.minimise import Minima, minimise
@@ -33,6 +34,7 @@ from pilotid.model import PilotModel
 from pilotid.noise import (
     Band,
     LowPass,
+    NoiseModel,
     contenders,
     criterion,
     lagged_products,
@@ -57,7 +59,7 @@ class MLE:
     band
         Analysis band [rad/s].
     search_band
-        Band of the first search, which takes the residual for white [rad/s].
+        Narrower and cheaper band in which the optimum is searched [rad/s].
     candidates, refined
         Random starts screened, and starts minimised, see `pilotid.search.search`.
     rounds
@@ -75,16 +77,24 @@ class MLE:
         return None
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
-        band = Band(recording.dt, decimation(recording.dt, self.band))
-        prediction = predict(recording, model, self.band)
-        joint, all_ends, starts = self._estimate(recording, prediction, band, rng)
+        candidates, terms, starts = self._explored(recording, model, rng)
+        prediction = replace(predict(recording, model, self.band), terms=terms)
+        joint, all_ends = self._estimated(prediction, self._band(recording, self.band), candidates)
         end = all_ends[-1]
         values, gram = end.values[0], end.gram[0]
         freedom = joint.samples - len(values)
-        covariance = covariance_of(gram[:-1, :-1], end.cost[0] / freedom)
-        if covariance is None:
-            return failed(self.name, model, Outcome.SINGULAR)
+        variance = float(end.cost[0]) / freedom
+        covariance = covariance_of(gram[:-1, :-1], variance)
         pilot = values[: joint.pilot]
+        if covariance is None:
+            # A remnant without a shape (next to none, or white) leaves its own parameters
+            # open, but not the pilot's.
+            own = covariance_of(gram[: joint.pilot, : joint.pilot], variance)
+            if own is None:
+                return failed(self.name, model, Outcome.SINGULAR)
+            covariance, intervals = own, symmetric_intervals(pilot, own)
+        else:
+            intervals = profile_intervals(joint.gram, joint, end, joint.samples, joint.pilot)
         message = at_bound(model, pilot)
         outcome = Outcome.AT_BOUND if message else Outcome.CONVERGED
         control = joint.prediction.control
@@ -94,7 +104,7 @@ class MLE:
             outcome if end.converged[0] else Outcome.NOT_CONVERGED,
             values=pilot,
             covariance=covariance[: joint.pilot, : joint.pilot],
-            intervals=profile_intervals(joint.gram, joint, end, joint.samples, joint.pilot),
+            intervals=intervals,
             vaf=simulated_vaf(recording, model, pilot),
             message=message,
             iterations=sum(e.iterations for e in all_ends),
@@ -102,59 +112,70 @@ class MLE:
             remnant=remnant_estimate(
                 joint.noise,
                 values[joint.pilot :],
-                band,
-                float(end.cost[0]) / freedom,
+                joint.band,
+                variance,
                 float(np.mean(np.var(control, axis=1))),
             ),
         )
 
-    def _estimate(
-        self, recording: Recording, prediction: Prediction, band: Band, rng: np.random.Generator
-    ) -> tuple[Joint, list[Minima], Starts]:
-        """Pilot and remnant together: the problem solved last, and the ends of every round.
+    def _explored(
+        self, recording: Recording, model: PilotModel, rng: np.random.Generator
+    ) -> tuple[FloatArray, tuple[float, ...], Starts]:
+        """Candidates for the optimum, nuisance terms to fit, and the record of the search.
 
         A wrong optimum of the pilot suggests a wrong remnant, under which it looks right.
         So the first search takes the residual for white: that optimum is biased, but hardly
-        ever the wrong one.  Where its starts disagree, a second search, whitened by the
-        remnant found, brings more candidates.
+        ever the wrong one.  Where its starts disagree, or lead to an unusual pilot, a second
+        search, whitened by the remnant found, brings more candidates.
         """
-        model = prediction.model
-        coarse = LeastSquares(predict(recording, model, self.search_band))
-        found = search(coarse, model, rng, candidates=self.candidates, refined=self.refined)
+        prediction = predict(recording, model, self.search_band)
+        found = search(
+            LeastSquares(prediction),
+            model,
+            rng,
+            candidates=self.candidates,
+            refined=self.refined,
+        )
         starts = record(found)
         # The residual of a biased estimate has a shape of its own, so the remnant's model is
-        # chosen only after a first round with the usual one.
-        joint, end = self._fitted(Joint(prediction, USUAL, band), found.distinct(), 1e-3)
-        ends = [end]
+        # chosen only later, after this round with the usual one.
+        joint = Joint(prediction, USUAL, self._band(recording, self.search_band))
+        end = self._fitted(joint, found.distinct(), 1e-3)
         best = end.values[:1, : joint.pilot]
         whitened = LeastSquares(prediction, joint.whitener(end.values[0]))
-        prediction = replace(prediction, terms=whitened.noticeable_terms(best[0]))
-        candidates = best
-        if starts.agreeing < len(starts.cost):
-            whitened = LeastSquares(prediction, whitened.taps)
-            again = search(whitened, model, rng, first=best, candidates=self.candidates)
-            candidates = np.concatenate([best, again.distinct(hopeless=0.02)[1:]])
+        terms = whitened.noticeable_terms(best[0])
+        if starts.agreeing == len(starts.cost) and model.is_usual(best[0]):
+            return best, terms, starts
+        whitened = LeastSquares(replace(prediction, terms=terms), whitened.taps)
+        again = search(whitened, model, rng, known=best, candidates=self.candidates)
+        return np.concatenate([best, again.distinct(hopeless=0.02)[1:]]), terms, starts
+
+    def _estimated(
+        self, prediction: Prediction, band: Band, candidates: FloatArray
+    ) -> tuple[Joint, list[Minima]]:
+        """Pilot and remnant together: the problem solved last, and the end of every round."""
+        ends: list[Minima] = []
+        chosen: NoiseModel = USUAL
         for _ in range(self.rounds):
-            noise = joint.noise
             residual = LeastSquares(prediction).residual(candidates[0])
-            fits = [
-                self._fitted(Joint(prediction, rival, band), candidates, 1e-5)
-                for rival in contenders(residual, band)
-            ]
+            joints = [Joint(prediction, noise, band) for noise in contenders(residual, band)]
+            fits = [(joint, self._fitted(joint, candidates, 1e-5)) for joint in joints]
             joint, end = min(fits, key=lambda fit: _criterion(*fit))
             ends.append(end)
             candidates = end.values[:1, : joint.pilot]
-            if joint.noise == noise:
+            if joint.noise == chosen:
                 break
-        return joint, ends, starts
+            chosen = joint.noise
+        return joint, ends
 
-    def _fitted(
-        self, joint: Joint, candidates: FloatArray, tolerance: float
-    ) -> tuple[Joint, Minima]:
+    def _band(self, recording: Recording, band: float) -> Band:
+        return Band(recording.dt, decimation(recording.dt, band))
+
+    def _fitted(self, joint: Joint, candidates: FloatArray, tolerance: float) -> Minima:
         residual = LeastSquares(joint.prediction).residual(candidates[0])
         guess = joint.noise.guess(lagged_products(residual), joint.band)
         starts = np.concatenate([candidates, np.tile(guess, (len(candidates), 1))], axis=1)
-        return joint, minimise(joint.gram, starts, joint, tolerance=tolerance, iterations=40)
+        return minimise(joint.gram, starts, joint, tolerance=tolerance)
 
 
 def _criterion(joint: Joint, end: Minima) -> float:

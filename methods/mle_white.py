@@ -6,13 +6,14 @@ fitted jointly.
 
 Assumes that the remnant is white.  For a coloured remnant the estimate is biased in a
 closed loop, however long the recording, and its standard errors are far too small; use
-`mle` then.
+`mle` then.  The sandwich covariance mends the standard errors, not the bias: intervals
+are then honest about where the biased estimate lies.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -29,6 +30,7 @@ from pilotid.minimise import minimise
 from pilotid.model import PilotModel
 from pilotid.prediction import LeastSquares, predict
 from pilotid.recording import Recording
+from pilotid.sandwich import sandwich
 from pilotid.search import record, search
 
 
@@ -44,12 +46,16 @@ class MLEWhite:
         Band of the search for the optimum, which the full rate then only polishes.
     candidates, refined
         Random starts screened, and starts minimised, see `pilotid.search.search`.
+    covariance
+        ``claimed`` follows from the white residual; ``sandwich`` is measured on the
+        residual as it is, see `pilotid.sandwich`.
     """
 
     band: float | None = None
     search_band: float = 26.0
-    candidates: int = 8
+    candidates: int = 6
     refined: int = 2
+    covariance: Literal["claimed", "sandwich"] = "claimed"
     name: ClassVar[str] = "mle-white"
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
@@ -61,10 +67,13 @@ class MLEWhite:
         prediction = predict(recording, model, self.band)
         terms = LeastSquares(prediction).noticeable_terms(found.values[0])
         problem = LeastSquares(replace(prediction, terms=terms))
-        end = minimise(problem.gram, found.values[:1], model, tolerance=1e-7)
+        end = minimise(problem.gram, found.values[:1], model, tolerance=1e-6)
         values, gram = end.values[0], end.gram[0]
         variance = gram[-1, -1] / (problem.samples - len(values))
         covariance = covariance_of(gram[:-1, :-1], variance)
+        if self.covariance == "sandwich":
+            rows = problem.rows(values[None])[0]
+            covariance = sandwich(problem.gram, rows, values, prediction.dt)
         if covariance is None:
             return failed(self.name, model, Outcome.SINGULAR)
         message = at_bound(model, values)

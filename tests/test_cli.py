@@ -391,6 +391,7 @@ def test_compare_gives_the_same_numbers_with_any_number_of_workers(
     gain = [float(row["value"]) for row in rows if row["parameter"] == "Kvis"]
     assert float(summary[0]["bias"]) == pytest.approx(np.mean(gain) - 0.32)
     assert summary[0]["n"] == "2"
+    assert float(summary[0]["crlb"]) == pytest.approx(0.1306 * 0.32, rel=1e-3)  # theory's 13.1 %
 
     before = (one / "summary.csv").read_bytes()
     (one / "summary.csv").unlink()
@@ -408,6 +409,10 @@ def test_report_names_the_line_that_is_wrong(run: Run, tmp_path: Path) -> None:
         "- mmle3, 1 of 1 fits: failed: a time delay was driven negative"
         in (tmp_path / "report.md").read_text()
     )
+    (tmp_path / "estimates.csv").write_text(f"{head}\n{good.replace('nominal', 'of-old')}\n")
+    assert run("report", tmp_path).status == 0  # a scenario whose bound is not known
+    with (tmp_path / "summary.csv").open(newline="") as stream:
+        assert next(csv.DictReader(stream))["crlb"] == ""
     for row in ("nominal,mmle3", good.replace("0.17", "x"), good + ",1"):
         (tmp_path / "estimates.csv").write_text(f"{head}\n{good}\n{row}\n")
         refused(run("report", tmp_path), "estimates.csv", "line 3")

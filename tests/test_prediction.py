@@ -135,13 +135,11 @@ def test_rows_are_the_derivatives_of_the_prediction_and_its_residual(
     count = values.shape[1]
     assert rows.shape == (2, count + 1, 2, prediction.scored)
     for point, row in zip(values, rows, strict=True):
-        np.testing.assert_allclose(
-            row[-1], prediction.control - prediction.control_of(point), atol=1e-12
-        )
+        np.testing.assert_allclose(row[-1], prediction.residual(point), atol=1e-12)
         for index in range(count):
             step = np.zeros(count)
             step[index] = 1e-5 * point[index]
-            ahead, behind = prediction.control_of(point + step), prediction.control_of(point - step)
+            ahead, behind = -prediction.residual(point + step), -prediction.residual(point - step)
             difference = (ahead - behind) / (2.0 * step[index])
             np.testing.assert_allclose(row[index], difference, atol=1e-8 * np.abs(difference).max())
 

@@ -180,10 +180,13 @@ def _minimise(
         better = trial_grams[:, -1, -1] < grams[active, -1, -1]  # false for NaN
         accepted = active[better]
         moved = (trial - values[active])[better]
-        updated = _secant(curvature[accepted], grams[accepted], trial_grams[better], moved)
         # Far from the optimum a secant says little about the curvature there.
         near = trial_grams[better, -1, -1] > 0.99 * grams[accepted, -1, -1]
-        curvature[accepted] = np.where(near[:, None, None], updated, 0.0)
+        if near.any():
+            updated = _secant(curvature[accepted], grams[accepted], trial_grams[better], moved)
+            curvature[accepted] = np.where(near[:, None, None], updated, 0.0)
+        else:
+            curvature[accepted] = 0.0
         values[accepted], grams[accepted] = trial[better], trial_grams[better]
         damping[accepted] = np.maximum(damping[accepted] / 10.0, 1e-9)
         damping[active[~better]] *= 8.0
@@ -209,15 +212,17 @@ def _step(
     free = ~blocked
     scale = _scale(grams)
     matrix = (grams[:, :-1, :-1] + curvature) / (scale[:, :, None] * scale[:, None, :])
-    matrix = np.where(free[:, :, None] & free[:, None, :], matrix, 0.0)
+    if blocked.any():
+        matrix = np.where(free[:, :, None] & free[:, None, :], matrix, 0.0)
     # A start outside the model's domain has no Hessian; it goes nowhere.
     matrix = np.where(np.isfinite(matrix).all(axis=(1, 2), keepdims=True), matrix, 0.0)
     # Negative curvature is turned round, so that steps descend.
     eigenvalues, vectors = np.linalg.eigh(matrix)
     eigenvalues = np.maximum(np.abs(eigenvalues), 1e-9)
-    along = np.einsum("spk,sp->sk", vectors, np.where(free, descent / scale, 0.0))
-    step = np.einsum("spk,sk->sp", vectors, along / (eigenvalues + damping[:, None]))
-    return step / scale, np.einsum("sk,sk->s", along, along / eigenvalues)
+    right = np.where(free, descent / scale, 0.0)
+    along = (right[:, None] @ vectors)[:, 0]
+    step = (vectors @ (along / (eigenvalues + damping[:, None]))[:, :, None])[:, :, 0]
+    return step / scale, np.sum(along**2 / eigenvalues, axis=1)
 
 
 def _secant(
@@ -244,7 +249,7 @@ def _secant(
 
 
 def _scale(grams: FloatArray) -> FloatArray:
-    scale = np.sqrt(np.einsum("sii->si", grams[:, :-1, :-1]))
+    scale = np.sqrt(np.diagonal(grams, axis1=1, axis2=2)[:, :-1])
     return np.asarray(np.where(scale > 0.0, scale, 1.0))
 
 

@@ -134,6 +134,11 @@ class PilotModel:
         """Which parameters are searched on a logarithmic scale, shape (parameters,)."""
         return np.array([p.positive for p in self.parameters])
 
+    def is_usual(self, values: FloatArray) -> bool:
+        """Whether all parameters lie in the ranges of published values."""
+        low, high = np.array([p.usual for p in self.parameters]).T
+        return bool(np.all((low <= values) & (values <= high)))
+
     @property
     def delays(self) -> tuple[int, ...]:
         """Indices of the parameters that are time delays."""
@@ -167,6 +172,24 @@ class PilotModel:
         if missing:
             raise InputError(f"model {self.name}: no value for {', '.join(missing)}")
         return np.array([float(values[key]) for key in self.keys])
+
+    def responses(self, s: ComplexArray, values: FloatArray) -> list[ComplexArray]:
+        """Each channel's response without its sign and its differentiators.
+
+        Parameters
+        ----------
+        s
+            Laplace variable [rad/s], shape (n,).
+        values
+            Parameters in model order, shape (parameters,).
+        """
+        result = []
+        for layout in self._layout:
+            response: ComplexArray = np.ones_like(s)
+            for factor, indices in layout:
+                response = response * factor.response(s, [values[i, None] for i in indices])
+            result.append(response)
+        return result
 
     def terms(self, s: ComplexArray, values: FloatArray) -> list[ChannelTerms]:
         """Responses without sign and differentiators, and their log-derivatives.
@@ -209,11 +232,12 @@ class PilotModel:
         Complex response, shape (channels, n).
         """
         s = 1j * np.asarray(omega, dtype=float)
-        rows = [
-            response * s**channel.derivative
-            for channel, (response, _) in zip(self.channels, self.terms(s, values), strict=True)
-        ]
-        return np.array(rows)
+        return np.array(
+            [
+                response * s**channel.derivative
+                for channel, response in zip(self.channels, self.responses(s, values), strict=True)
+            ]
+        )
 
     def jacobian(self, omega: FloatArray, values: FloatArray) -> ComplexArray:
         """Derivative of `response` by each parameter, shape (channels, parameters, n)."""

@@ -19,7 +19,7 @@ import numpy as np
 from pilotid.prepare import lowpass
 from pilotid.types import BoolArray, FloatArray
 
-REACH = 24  # taps of a whitening filter beyond the first
+REACH = 20  # taps of a whitening filter beyond the first
 GRID = 256  # frequencies on which spectra of noise models are integrated
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from pilotid.estimate import Estimate
 from pilotid.fits import Fit, Quantity, derived, parameters
+from pilotid.noise import RemnantEstimate
 from pilotid.recording import SIGNALS, Recording
 
 if TYPE_CHECKING:
@@ -49,6 +50,15 @@ def estimate_json(estimate: Estimate) -> dict[str, object]:
         "starts": starts and {"total": len(starts.cost), "agreeing": starts.agreeing},
         "seconds": estimate.seconds,
     }
+    remnant = estimate.remnant
+    if remnant is not None:
+        result["remnant"] = {
+            "model": remnant.model,
+            "parameters": remnant.parameters,
+            "power_ratio": remnant.power_ratio,
+            "omega": remnant.omega.tolist(),
+            "density": remnant.density.tolist(),
+        }
     response = getattr(estimate, "frequency_response", None)
     if response is not None:
         result["frequency_response"] = {
@@ -136,9 +146,21 @@ def verdict(estimate: Estimate, *, timed: bool = True) -> str:
         parts.append(f"VAF {estimate.vaf:.1f} %")
     if estimate.starts:
         parts.append(f"{estimate.starts.agreeing} of {len(estimate.starts.cost)} starts agree")
+    if estimate.remnant:
+        parts.append(_remnant_words(estimate.remnant))
     if timed and math.isfinite(estimate.seconds):
         parts.append(f"{estimate.seconds:.2g} s")
     return f"{estimate.method}: {'; '.join(parts)}"
+
+
+def _remnant_words(remnant: RemnantEstimate) -> str:
+    """The remnant in a few words; the coefficients of a free spectrum say nothing to a reader."""
+    words = f"remnant {100.0 * remnant.power_ratio:.1f} % of the control's power, {remnant.model}"
+    if "frequency" in remnant.parameters:
+        words += f" low-pass at {remnant.parameters['frequency']:.3g} rad/s"
+    if "damping" in remnant.parameters:
+        words += f", damping {remnant.parameters['damping']:.2g}"
+    return words
 
 
 def figures(quantity: Quantity, plus_minus: str = "±") -> tuple[str, str]:

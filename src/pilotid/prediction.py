@@ -21,7 +21,7 @@ from pilotid.prepare import Prepared, prepare
 from pilotid.recording import Recording
 from pilotid.types import ComplexArray, FloatArray
 
-LONGEST = 32  # samples that a whitening filter may reach back
+LONGEST = 20  # samples that a whitening filter may reach back
 BLOCK = 4  # parameter sets evaluated at once: more no longer fit the processor's cache
 EXTENSION = 4.0  # seconds over which signals fade out beyond both ends of the recording
 
@@ -71,12 +71,27 @@ class Prediction:
         """Scored part of the control, shape (runs, scored)."""
         return self.samples_of(self.control_spectrum)
 
-    def control_of(self, values: FloatArray) -> FloatArray:
-        """Predicted control without nuisance terms, shape (runs, scored)."""
-        spectrum = np.zeros_like(self.control_spectrum)
-        terms = self.model.terms(self.s, values)
-        for (response, _), input_spectrum in zip(terms, self.spectra, strict=True):
-            spectrum += response * input_spectrum
+    def residual(self, values: FloatArray, taps: FloatArray | None = None) -> FloatArray:
+        """Residual u - u_hat of one parameter set, nuisance terms included.
+
+        Parameters
+        ----------
+        values
+            Parameters, shape (parameters,).
+        taps
+            Whitening filter, shape (taps,).
+
+        Returns
+        -------
+        Array of shape (runs, scored).
+        """
+        spectrum = self.control_spectrum.copy()
+        for response, signal in zip(
+            self.model.responses(self.s, values), self.spectra, strict=True
+        ):
+            spectrum -= response * signal
+        if taps is not None:
+            spectrum *= self.filter_response(taps)
         return self.samples_of(spectrum)
 
     def rows(self, values: FloatArray, taps: FloatArray | None = None) -> FloatArray:
@@ -297,8 +312,7 @@ class LeastSquares:
 
     def residual(self, values: FloatArray) -> FloatArray:
         """Residual of one parameter set before whitening, shape (runs, scored)."""
-        prediction = self.prediction
-        return prediction.without_nuisance(prediction.control - prediction.control_of(values))
+        return self.prediction.without_nuisance(self.prediction.residual(values))
 
     def noticeable_terms(self, values: FloatArray) -> tuple[float, ...]:
         """The nuisance terms that the residual of one parameter set shows.
@@ -313,8 +327,8 @@ class LeastSquares:
         if not poles:
             return ()
         terms = self.prediction.nuisance_terms
-        residual = self.prediction.rows(values[None], self.taps)[0, -1]
-        weights = np.linalg.pinv(terms)
+        residual = self.prediction.residual(values, self.taps)
+        weights = np.linalg.solve(terms.T @ terms, terms.T)
         amplitudes = residual @ weights.T
         left = residual - amplitudes @ terms.T
         variance = np.sum(left**2) / (left.size - amplitudes.size)

@@ -16,43 +16,45 @@ def search(
     model: PilotModel,
     rng: np.random.Generator,
     *,
-    first: FloatArray | None = None,
-    candidates: int = 24,
+    known: FloatArray | None = None,
+    candidates: int = 8,
     refined: int = 2,
     tolerance: float = 1e-3,
     iterations: int = 16,
 ) -> Minima:
-    """Minimise from a first point and from the best of random candidates.
+    """Minimise from the best of several starts.
 
-    Gains enter linearly, so that each candidate is judged, and started, with the best
-    gains for its other parameters.
+    The model's own start competes with random ones.  Gains enter linearly, so that each
+    is judged, and started, with the best gains for its other parameters.
 
     Parameters
     ----------
     problem
         What to minimise.
     model
-        Gives start and bounds.
+        Gives the first start, and the ranges of the others.
     rng
-        Draws the candidates.
-    first
-        Minimised in any case, shape (1, parameters); None is the model's own start.
+        Draws the random starts.
+    known
+        An optimum known already, shape (1, parameters), which is minimised in any case.
     candidates
         Number of random points in the usual ranges that are screened.
     refined
-        Number of starts that are minimised, the the first included.
+        Number of starts that are minimised, the known optimum included.
     tolerance, iterations
         Passed to `minimise`; a start that needs more iterations is a bad one.
     """
-    first = model.start[None] if first is None else first
-    points = np.concatenate([first, draw_starts(model, rng, candidates)])
+    own = model.start[None] if known is None else known
+    points = np.concatenate([own, draw_starts(model, rng, candidates)])
     if model.linear:
         points, cost = solve_linear(problem.gram(points), points, model.linear, model.lower)
     else:
         cost = problem.gram(points)[:, -1, -1]
-    best = np.argsort(cost[1:], kind="stable")[: refined - 1] + 1
-    starts = points[np.concatenate([[0], best])]
-    return minimise(problem.gram, starts, model, tolerance=tolerance, iterations=iterations)
+    if known is not None:
+        cost[0] = -np.inf
+    # A start that gives no number comes last.
+    best = np.argsort(np.where(np.isnan(cost), np.inf, cost), kind="stable")[:refined]
+    return minimise(problem.gram, points[best], model, tolerance=tolerance, iterations=iterations)
 
 
 def draw_starts(model: PilotModel, rng: np.random.Generator, count: int) -> FloatArray:

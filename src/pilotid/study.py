@@ -9,16 +9,21 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from multiprocessing import get_context
 from pathlib import Path
 
+import numpy as np
+
 from pilotid.datasets import scenario_named, simulate
 from pilotid.datasets.scenarios import SCENARIOS
+from pilotid.datasets.spectra import spectra
 from pilotid.estimate import identify
 from pilotid.files import write_file
 from pilotid.fits import parameters
 from pilotid.methods import method_named
 from pilotid.randomness import fit_rng, recording_rng
+from pilotid.theory import bounds
 from pilotid.types import InputError
 
 #: Scenarios and replications of each, by name of the profile.
@@ -126,6 +131,24 @@ def _one_thread_each() -> Iterator[None]:
             os.environ.pop(name)
             if value is not None:
                 os.environ[name] = value
+
+
+def bound(scenario: str, parameter: str) -> float:
+    """Cramer-Rao bound on a parameter's standard deviation, NaN where nothing is known of it.
+
+    It is that of the whole record with the remnant's spectrum known: the floor under every
+    unbiased method.  Rows read from a file may name scenarios that this version lacks.
+    """
+    return _bounds(scenario).get(parameter, float("nan"))
+
+
+@lru_cache(maxsize=64)
+def _bounds(scenario: str) -> dict[str, float]:
+    if scenario not in SCENARIOS:
+        return {}
+    known = SCENARIOS[scenario]
+    deviations = np.sqrt(np.diag(bounds(spectra(known)).full))
+    return dict(zip(known.model.keys, deviations.tolist(), strict=True))
 
 
 def make_folder(folder: Path) -> None:

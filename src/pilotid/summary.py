@@ -17,7 +17,7 @@ import numpy as np
 from pilotid import scores
 from pilotid.estimate import Outcome
 from pilotid.files import write_file
-from pilotid.study import Row, cell, write_estimates
+from pilotid.study import Row, bound, cell, write_estimates
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -73,7 +73,7 @@ def _scored(scenario: str, method: str, parameter: str, rows: list[Row]) -> Summ
         bias_percent=100.0 * bias / truth if truth else math.nan,
         std=scores.spread(values),
         rmse=scores.rmse(values, truth),
-        crlb=math.nan,
+        crlb=bound(scenario, parameter),
         mean_std_error=scores.mean(np.array([row.std_error for row in used])),
         coverage_95=scores.coverage(intervals, truth),
         posterior_std=math.nan,
@@ -81,7 +81,7 @@ def _scored(scenario: str, method: str, parameter: str, rows: list[Row]) -> Summ
 
 
 COLUMNS = ("method", "parameter", "n", "failed", "truth", "bias %", "+- %", "std %")
-CLAIMS = ("claimed std %", "coverage 95 %")
+CLAIMS = ("claimed std %", "bound %", "coverage 95 %")
 
 
 def _cells(summary: Summary) -> list[str]:
@@ -98,6 +98,7 @@ def _cells(summary: Summary) -> list[str]:
         percent(summary.bias_se),
         percent(summary.std),
         percent(summary.mean_std_error),
+        percent(summary.crlb),
         f"{summary.coverage_95:.2f}" if math.isfinite(summary.coverage_95) else "-",
     ]
 
@@ -129,7 +130,8 @@ def report_text(rows: Sequence[Row], summaries: Sequence[Summary]) -> str:
         "# Comparison of methods on simulated recordings\n",
         "Percentages are of the true value. bias: mean error, with its Monte Carlo standard "
         "error beside it; std: scatter of the estimates; claimed std: mean of the standard "
-        "errors that the method itself reports; coverage: share of its 95 % intervals that hold "
+        "errors that the method itself reports; bound: the least standard deviation of any "
+        "unbiased method (Cramer-Rao); coverage: share of its 95 % intervals that hold "
         "the truth. Failed fits are counted and left out.\n",
     ]
     for scenario, group in _by_scenario(summaries):

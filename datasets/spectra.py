@@ -1,0 +1,107 @@
+"""A scenario as its exact closed-loop spectra, which `pilotid.theory` works on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from pilotid.datasets.forcing import Multisine
+from pilotid.datasets.loop import closed_loop, white_level
+from pilotid.datasets.scenarios import Scenario
+from pilotid.experiment import Circulation, Experiment
+from pilotid.loops import pilot_on
+from pilotid.types import ComplexArray, FloatArray, InputError
+
+
+def spectra(scenario: Scenario) -> Experiment:
+    """The experiment that a scenario describes.
+
+    Raises
+    ------
+    InputError
+        If the loop is unstable, if there is no remnant, if a multisine and another kind of
+        forcing function occur together, or if that other kind starts during the run-in.
+    """
+    level = white_level(scenario)
+    if level == 0.0:
+        raise InputError(f"scenario {scenario.name}: without a remnant every bound is zero")
+    forcing = [
+        (f, cause)
+        for f, cause in ((scenario.target, "target"), (scenario.disturbance, "disturbance"))
+        if f is not None
+    ]
+    sines = [(f, cause) for f, cause in forcing if isinstance(f, Multisine)]
+    if sines and len(sines) < len(forcing):
+        raise InputError(
+            f"scenario {scenario.name}: bounds for a multisine together with another kind of "
+            "forcing function are not implemented"
+        )
+    omega = np.unique(np.concatenate([np.zeros(0), *(f.omega for f, _ in sines)]))
+    error, output = np.zeros((2, omega.size), dtype=complex)
+    for f, cause in sines:
+        at = np.searchsorted(omega, f.omega)
+        phasors = np.array(f.amplitudes) * np.exp(1j * np.array(f.phases))
+        e, x = _inputs(scenario, f.omega, cause)
+        error[at] += e * phasors
+        output[at] += x * phasors
+    return Experiment(
+        model=scenario.model,
+        values=scenario.values,
+        dt=scenario.dt,
+        samples=round(scenario.duration / scenario.dt),
+        runs=scenario.runs,
+        circulation=lambda w: _circulation(scenario, level, w),
+        line_omega=omega,
+        line_error=error,
+        line_output=output,
+        transient=_transient(scenario) if len(forcing) > len(sines) else None,
+    )
+
+
+def _inputs(scenario: Scenario, omega: FloatArray, cause: str) -> tuple[ComplexArray, ComplexArray]:
+    """Error and output for each unit of a cause."""
+    loop = closed_loop(scenario, omega)
+    output: ComplexArray = getattr(loop, f"x_of_{cause}")
+    return (1.0 if cause == "target" else 0.0) - output, output
+
+
+def _circulation(scenario: Scenario, level: float, omega: FloatArray) -> Circulation:
+    remnant = scenario.remnant
+    shaping = level * remnant.filter(omega)
+    if remnant.enters == "error":
+        shaping = shaping * pilot_on(scenario.model, omega, scenario.values)[0]
+    error, output = _inputs(scenario, omega, "remnant")
+    names = ((), ("frequency",), ("frequency", "damping"), ("frequency", "damping"))
+    slopes = np.zeros((len(names[remnant.order]), omega.size))
+    for slope, name in zip(slopes, names[remnant.order], strict=True):
+        step = 1e-5 * getattr(remnant, name)
+        ahead, behind = (
+            replace(remnant, **{name: getattr(remnant, name) + h}).filter(omega)
+            for h in (step, -step)
+        )
+        slope += np.log(np.abs(ahead / behind)) / step  # of the power: twice the amplitude's
+    return Circulation(error, output, np.abs(shaping) ** 2, slopes)
+
+
+def _transient(scenario: Scenario) -> FloatArray:
+    """Derivatives of the forced control by the parameters, in the measurement window."""
+    time = np.arange(round(scenario.duration / scenario.dt), dtype=float) * scenario.dt
+    total = np.zeros((len(scenario.truth), time.size))
+    for forcing, cause in ((scenario.target, "target"), (scenario.disturbance, "disturbance")):
+        if forcing is None:
+            continue
+        if np.any(forcing.at(time[:1] - scenario.dt)):
+            raise InputError(
+                f"scenario {scenario.name}: bounds need a {cause} that is periodic or zero until "
+                "the measurement window; this one starts before"
+            )
+
+        def response(omega: FloatArray, cause: str = cause) -> ComplexArray:
+            e, x = _inputs(scenario, omega, cause)
+            jacobian = scenario.model.jacobian(omega, scenario.values)
+            signed = [c.sign * (e if c.input == "error" else x) for c in scenario.model.channels]
+            return np.asarray(np.einsum("cpn,cn->pn", jacobian, np.array(signed)))
+
+        total += forcing.through(response, time)
+    return total

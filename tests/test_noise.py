@@ -1,0 +1,135 @@
+"""Noise models: whitening filters, their derivatives, and the choice among them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pilotid.noise import (
+    NOISE_MODELS,
+    REACH,
+    Autoregressive,
+    Band,
+    LowPass,
+    contenders,
+    lagged_products,
+    remnant_estimate,
+)
+from pilotid.prepare import lowpass
+from pilotid.types import FloatArray
+
+BAND = Band(0.02, 3)
+FULL = Band(0.06, 1)
+TRUTHS = {1: [5.0], 2: [4.0, 0.6], 3: [6.0, 0.5]}
+
+
+def shaped(order: int, values: list[float], samples: int, seed: int) -> FloatArray:
+    """A remnant as it looks after low-pass filter and decimation, made by brute force."""
+    rng = np.random.default_rng(seed)
+    grid = samples * BAND.factor
+    omega = 2.0 * np.pi * np.fft.rfftfreq(grid, BAND.recorded_dt)
+    power, _ = LowPass(order).power(omega, np.array([values]))
+    noise = np.fft.irfft(np.fft.rfft(rng.standard_normal(grid)) * np.sqrt(power[0]), n=grid)
+    taps = lowpass(BAND.factor)
+    ring = np.fft.irfft(np.fft.rfft(noise) * np.fft.rfft(taps, n=grid), n=grid)
+    return ring[:: BAND.factor][None]
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+@pytest.mark.parametrize("band", [BAND, FULL], ids=["decimated", "full"])
+def test_derivatives_of_the_whitening_filter_agree_with_finite_differences(
+    order: int, band: Band
+) -> None:
+    values = np.array([TRUTHS[order]])
+    _, slopes = LowPass(order).taps(values, band)
+    for index in range(values.shape[1]):
+        step = np.zeros_like(values)
+        step[0, index] = 1e-5 * values[0, index]
+        above, _ = LowPass(order).taps(values + step, band)
+        below, _ = LowPass(order).taps(values - step, band)
+        expected = (above - below) / (2.0 * step[0, index])
+        # The Toeplitz matrix of a steep spectrum is ill-conditioned, so differences are rough.
+        np.testing.assert_allclose(
+            slopes[:, index], expected, rtol=0.0, atol=1e-4 * np.abs(expected).max()
+        )
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_the_whitening_filter_is_the_inverse_of_the_spectrum(order: int) -> None:
+    values = np.array([TRUTHS[order]])
+    taps, _ = LowPass(order).taps(values, BAND)
+    response = np.exp(-1j * np.outer(BAND.omega * BAND.dt, np.arange(REACH + 1))) @ taps[0]
+    power = sum(LowPass(order).power(omega, values)[0][0] * w for omega, w in BAND.folds)
+    flat = power * np.abs(response) ** 2
+    # What 20 taps leave over of an infinite filter.
+    np.testing.assert_allclose(flat / flat.mean(), 1.0, atol=0.07)
+
+
+def test_the_filter_whitens_a_remnant_that_was_filtered_and_decimated() -> None:
+    residual = shaped(2, TRUTHS[2], 20_000, seed=1)
+    taps = LowPass(2).taps(np.array([TRUTHS[2]]), BAND)[0][0]
+    white = np.convolve(residual[0], taps, mode="valid")
+    lags = [float(np.mean(white[lag:] * white[:-lag]) / np.var(white)) for lag in range(1, 20)]
+    assert np.abs(lags).max() < 4.0 / np.sqrt(white.size)
+
+
+def test_a_moving_average_of_the_products_is_the_filtered_power() -> None:
+    residual = np.random.default_rng(2).standard_normal((2, 300))
+    taps = np.zeros(REACH + 1)
+    taps[:3] = [1.0, -0.7, 0.2]
+    filtered = np.array([np.convolve(run, taps, mode="valid") for run in residual])
+    power = taps @ lagged_products(residual) @ taps
+    assert power == pytest.approx(float(np.mean(filtered**2)), rel=1e-12)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_the_family_that_made_the_remnant_is_chosen(order: int) -> None:
+    chosen = [
+        contenders(shaped(order, TRUTHS[order], 1360, seed), BAND)[0].name for seed in range(20)
+    ]
+    assert chosen.count(LowPass(order).name) >= 18
+
+
+def test_white_noise_is_taken_for_white() -> None:
+    chosen = [
+        contenders(np.random.default_rng(seed).standard_normal((1, 1360)), FULL)[0].name
+        for seed in range(20)
+    ]
+    assert chosen.count("white") >= 18
+
+
+def test_a_resonance_that_no_low_pass_has_calls_for_a_free_spectrum() -> None:
+    rng = np.random.default_rng(3)
+    poles = [0.95 * np.exp(0.6j), 0.95 * np.exp(-0.6j), 0.9 * np.exp(1.8j), 0.9 * np.exp(-1.8j)]
+    coefficients = np.real(np.poly(poles))
+    signal = rng.standard_normal(3000)
+    for i in range(4, signal.size):
+        signal[i] -= coefficients[1:] @ signal[i - 4 : i][::-1]
+    best = contenders(signal[None, 200:], FULL)[0]
+    assert isinstance(best, Autoregressive)
+    guess = best.guess(lagged_products(signal[None, 200:]), FULL)
+    np.testing.assert_allclose(guess[:4], coefficients[1:], atol=0.1)
+
+
+@pytest.mark.parametrize("model", NOISE_MODELS, ids=lambda m: m.name)
+def test_every_model_agrees_with_itself_on_its_parameters(model: LowPass) -> None:
+    count = len(model.keys)
+    assert model.lower.shape == model.upper.shape == model.positive.shape == (count,)
+    guess = model.guess(lagged_products(shaped(2, TRUTHS[2], 1360, 5)), BAND)
+    assert guess.shape == (count,)
+    taps, slopes = model.taps(np.tile(guess, (3, 1)), BAND)
+    assert taps[:, 0] == pytest.approx(1.0)
+    assert slopes.shape == (3, count, taps.shape[1])
+
+
+def test_the_remnant_estimate_returns_the_power_it_was_made_of() -> None:
+    residual = shaped(2, TRUTHS[2], 40_000, seed=6)
+    model = LowPass(2)
+    values = np.array(TRUTHS[2])
+    taps = model.taps(values[None], BAND)[0][0]
+    innovation = float(np.var(np.convolve(residual[0], taps, mode="valid")))
+    remnant = remnant_estimate(model, values, BAND, innovation, 2.0 * float(np.var(residual)))
+    assert remnant.power_ratio == pytest.approx(0.5, rel=0.03)
+    integral = float(np.mean(remnant.density)) * np.pi / BAND.dt
+    assert integral == pytest.approx(float(np.var(residual)), rel=0.03)
+    assert remnant.parameters == {"frequency": 4.0, "damping": 0.6}
