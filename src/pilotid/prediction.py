@@ -136,7 +136,7 @@ class Prediction:
         """Responses of delays by 0 to LONGEST samples at the bins."""
         powers = np.ones((LONGEST + 1, self.s.size), dtype=complex)
         powers[1:] = np.exp(-self.s * self.dt)
-        return np.cumprod(powers, axis=0)
+        return np.asarray(np.cumprod(powers, axis=0), dtype=complex)
 
     @cached_property
     def nuisance_terms(self) -> FloatArray:
