@@ -92,6 +92,11 @@ class Multisine:
 class Steps:
     """A piecewise constant signal, zero before its first jump.
 
+    Signals are recorded behind an anti-aliasing filter, flat up to 60 % of half the
+    sampling rate, zero at half the rate, without phase.  All signals of a recording pass
+    through it, so that it leaves the pilot's response as it is; without it the sampled
+    jump would hold the frequencies above half the rate too, and bias every estimate.
+
     Attributes
     ----------
     times, jumps
@@ -101,19 +106,23 @@ class Steps:
     times: tuple[float, ...]
     jumps: tuple[float, ...]
 
-    # Response by Fourier series: the signal returns to zero `settle` seconds after
-    # the last sample and rests so long that the system forgets it within one period.
+    # Response by Fourier series: the signal returns to zero after the last sample and rests
+    # so long [s] that the system forgets it within one period.
     settle = 150.0
-    oversampling = 64
+    flat = 0.6
 
     @property
     def lines(self) -> tuple[int, ...]:
         return ()
 
-    def at(self, time: FloatArray) -> FloatArray:
+    def sharp(self, time: FloatArray) -> FloatArray:
+        """The signal before the anti-aliasing filter, at any `time` [s]."""
         # Half a nanosecond guards against a sample time that rounding put before its jump.
         reached = np.asarray(time)[:, None] >= np.array(self.times)[None, :] - 5e-10
         return np.asarray(reached @ np.array(self.jumps))
+
+    def at(self, time: FloatArray) -> FloatArray:
+        return self.through(np.ones_like, time)
 
     def through(self, response: Response, time: FloatArray) -> FloatArray:
         from scipy.fft import irfft, next_fast_len
@@ -121,18 +130,18 @@ class Steps:
         dt, first = float(time[1] - time[0]), float(time[0])
         count = next_fast_len(time.size + int(np.ceil(self.settle / dt)), real=True)
         period = count * dt
-        end = float(time[-1]) + dt
+        end = float(time[-1]) + 0.5 * self.settle
         times = np.array([*self.times, end]) - first
         jumps = np.array([*self.jumps, -sum(self.jumps)])
-        fine = count * self.oversampling
-        omega = 2.0 * np.pi * np.arange(fine // 2 + 1, dtype=float) / period
+        omega = 2.0 * np.pi * np.arange(count // 2 + 1, dtype=float) / period
         coefficients = np.zeros(omega.size, dtype=complex)
         coefficients[1:] = (jumps @ np.exp(-1j * np.outer(times, omega[1:]))) / (
             1j * omega[1:] * period
         )
         coefficients[0] = -(jumps @ times) / period  # mean of the signal over the period
-        answer = irfft(coefficients * response(omega) * fine, n=fine)
-        return np.asarray(answer[..., :: self.oversampling][..., : time.size])
+        coefficients *= anti_aliasing(omega, dt)
+        answer = irfft(coefficients * response(omega) * count, n=count)
+        return np.asarray(answer[..., : time.size])
 
     def scaled(self, gain: float) -> Steps:
         return replace(self, jumps=tuple(gain * j for j in self.jumps))
@@ -156,14 +165,15 @@ def seed_disturbance() -> Multisine:
     )
 
 
-def half_and_half_step(duration: float, dt: float, size: float = 1.0) -> Steps:
-    """A positive step for the first half of the run, a negative one for the second.
+def half_and_half_step(duration: float, size: float = 1.0) -> Steps:
+    """A positive step for the first half of the run, a negative one for the second."""
+    return Steps((0.0, duration / 2.0), (size, -2.0 * size))
 
-    The jumps lie midway between two samples: that is where a band-limited reading of the
-    samples puts them.  At a sample they would seem half an interval early, which biases
-    every estimate (10 ms at 50 Hz).
-    """
-    return Steps((-0.5 * dt, 0.5 * (duration - dt)), (size, -2.0 * size))
+
+def anti_aliasing(omega: FloatArray, dt: float) -> FloatArray:
+    """Response of the recorder's anti-aliasing filter at `omega` [rad/s]."""
+    share = np.clip((omega * dt / np.pi - Steps.flat) / (1.0 - Steps.flat), 0.0, 1.0)
+    return np.asarray(0.5 * (1.0 + np.cos(np.pi * share)))
 
 
 def _sines(lines: Sequence[int], amplitudes: Sequence[float]) -> Multisine:

@@ -65,7 +65,7 @@ def _seed_scenarios() -> list[Scenario]:
     nominal = Scenario("nominal", "both forcing functions, remnant gain 0.4 (Fig. 3, Table 3)")
     # The seed raised the disturbance and the remnant four times in these cases.
     louder = replace(nominal.remnant, level=4.0 * nominal.remnant.level)
-    step = half_and_half_step(nominal.duration, nominal.dt)
+    step = half_and_half_step(nominal.duration)
     return [
         nominal,
         replace(

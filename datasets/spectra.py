@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pilotid.datasets.forcing import Multisine
+from pilotid.datasets.forcing import Multisine, Steps
 from pilotid.datasets.loop import closed_loop, white_level
 from pilotid.datasets.scenarios import Scenario
 from pilotid.experiment import Circulation, Experiment
@@ -91,7 +91,7 @@ def _transient(scenario: Scenario) -> FloatArray:
     for forcing, cause in ((scenario.target, "target"), (scenario.disturbance, "disturbance")):
         if forcing is None:
             continue
-        if np.any(forcing.at(time[:1] - scenario.dt)):
+        if isinstance(forcing, Steps) and min(forcing.times) < 0.0:
             raise InputError(
                 f"scenario {scenario.name}: bounds need a {cause} that is periodic or zero until "
                 "the measurement window; this one starts before"

@@ -120,7 +120,8 @@ def test_a_step_is_whitened_in_time() -> None:
     assert transient is not None
     expected = transient @ transient.T / white_level(scenario) ** 2
     information = np.linalg.inv(bounds(experiment).forcing)
-    assert information == pytest.approx(expected, rel=1e-6)
+    # Elements that vanish are rounding.
+    assert information == pytest.approx(expected, rel=1e-6, abs=1e-7)
 
 
 def test_refusals_say_why() -> None:
