@@ -35,13 +35,13 @@ from pilotid.noise import (
     Band,
     LowPass,
     NoiseModel,
+    analysis_band,
     contenders,
     criterion,
     lagged_products,
     remnant_estimate,
 )
 from pilotid.prediction import LeastSquares, Prediction, predict
-from pilotid.prepare import decimation
 from pilotid.profile import profile_intervals
 from pilotid.recording import Recording
 from pilotid.search import record, search
@@ -68,7 +68,7 @@ class MLE:
 
     band: float = 50.0
     search_band: float = 26.0
-    candidates: int = 8
+    candidates: int = 6
     refined: int = 2
     rounds: int = 3
     name: ClassVar[str] = "mle"
@@ -79,7 +79,8 @@ class MLE:
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
         candidates, terms, starts = self._explored(recording, model, rng)
         prediction = replace(predict(recording, model, self.band), terms=terms)
-        joint, all_ends = self._estimated(prediction, self._band(recording, self.band), candidates)
+        band = analysis_band(recording.dt, self.band)
+        joint, all_ends = self._estimated(prediction, band, candidates)
         end = all_ends[-1]
         values, gram = end.values[0], end.gram[0]
         freedom = joint.samples - len(values)
@@ -139,7 +140,7 @@ class MLE:
         starts = record(found)
         # The residual of a biased estimate has a shape of its own, so the remnant's model is
         # chosen only later, after this round with the usual one.
-        joint = Joint(prediction, USUAL, self._band(recording, self.search_band))
+        joint = Joint(prediction, USUAL, analysis_band(recording.dt, self.search_band))
         end = self._fitted(joint, found.distinct(), 1e-3)
         best = end.values[:1, : joint.pilot]
         whitened = LeastSquares(prediction, joint.whitener(end.values[0]))
@@ -167,9 +168,6 @@ class MLE:
                 break
             chosen = joint.noise
         return joint, ends
-
-    def _band(self, recording: Recording, band: float) -> Band:
-        return Band(recording.dt, decimation(recording.dt, band))
 
     def _fitted(self, joint: Joint, candidates: FloatArray, tolerance: float) -> Minima:
         residual = LeastSquares(joint.prediction).residual(candidates[0])

@@ -57,7 +57,7 @@ class MMLE3:
     pade_order: int = 5
     damping: float = 1e-3
     iterations: int = 60
-    tolerance: float = 1e-7
+    tolerance: float = 1e-5
     name: ClassVar[str] = "mmle3"
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:

@@ -16,7 +16,7 @@ from typing import Protocol
 
 import numpy as np
 
-from pilotid.prepare import lowpass
+from pilotid.prepare import decimation, lowpass
 from pilotid.types import BoolArray, FloatArray
 
 REACH = 20  # taps of a whitening filter beyond the first
@@ -57,6 +57,12 @@ class Band:
     def cosines(self) -> FloatArray:
         """Maps a spectrum on `omega` to autocovariances, shape (grid, REACH + 1)."""
         return np.asarray(np.cos(np.outer(self.omega * self.dt, np.arange(REACH + 1))) / GRID)
+
+
+@lru_cache
+def analysis_band(dt: float, band: float) -> Band:
+    """The analysis band up to `band` [rad/s] of a recording sampled every `dt` [s]."""
+    return Band(dt, decimation(dt, band))
 
 
 class NoiseModel(Protocol):

@@ -21,9 +21,8 @@ from pilotid.estimate import identify
 from pilotid.joint import Joint
 from pilotid.methods.mle import MLE
 from pilotid.minimise import minimise
-from pilotid.noise import Band, LowPass
+from pilotid.noise import LowPass, analysis_band
 from pilotid.prediction import predict
-from pilotid.prepare import decimation
 from pilotid.types import FloatArray
 
 SAME = 0.5  # units of the deviance
@@ -56,7 +55,7 @@ def deviance(name: str, replication: int) -> tuple[str, float]:
     estimate = identify(method, recording, model, rng)
     if not estimate.outcome.usable:
         return estimate.outcome.value, float("inf")
-    band = Band(recording.dt, decimation(recording.dt, method.band))
+    band = analysis_band(recording.dt, method.band)
     prediction = replace(predict(recording, scenario.model, method.band), terms=())
     joint = Joint(prediction, LowPass(2), band)
     remnant = np.array([scenario.remnant.frequency, scenario.remnant.damping])
