@@ -2,8 +2,7 @@
 
 Levenberg-Marquardt on the normal equations, with the bounds as an active set, for
 all starts in one vectorised sweep.  scipy.optimize.least_squares is the oracle of
-the tests; it was 3 to 5 times slower here, since it takes one start at a time and
-factorises the full Jacobian.
+the tests; it takes one start at a time and factorises the full Jacobian.
 """
 
 from __future__ import annotations

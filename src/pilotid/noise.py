@@ -3,8 +3,8 @@
 A noise model of few parameters costs little information: in a closed loop the
 pilot's parameters and the remnant's are estimated from the same feedback, and every
 free coefficient of the remnant takes some of it (eight autoregressive coefficients
-raise the bound of the neuromuscular damping by 5 to 14 %, a low-pass filter's two
-parameters by less than 3 %; see `pilotid.theory`).
+raise the bound of the neuromuscular damping by 4 to 14 % in a band of 31 rad/s, a
+low-pass filter's two parameters by 2 % at the most; see `pilotid.theory.bounds`).
 """
 
 from __future__ import annotations
