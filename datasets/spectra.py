@@ -9,7 +9,7 @@ import numpy as np
 from pilotid.datasets.forcing import Multisine, Steps
 from pilotid.datasets.loop import closed_loop, white_level
 from pilotid.datasets.scenarios import Scenario
-from pilotid.experiment import Circulation, Experiment
+from pilotid.experiment import Circulation, Experiment, gradient_of
 from pilotid.loops import pilot_on
 from pilotid.types import ComplexArray, FloatArray, InputError
 
@@ -99,9 +99,7 @@ def _transient(scenario: Scenario) -> FloatArray:
 
         def response(omega: FloatArray, cause: str = cause) -> ComplexArray:
             e, x = _inputs(scenario, omega, cause)
-            jacobian = scenario.model.jacobian(omega, scenario.values)
-            signed = [c.sign * (e if c.input == "error" else x) for c in scenario.model.channels]
-            return np.asarray(np.einsum("cpn,cn->pn", jacobian, np.array(signed)))
+            return gradient_of(scenario.model, omega, e, x, scenario.values)
 
         total += forcing.through(response, time)
     return total

@@ -22,9 +22,9 @@ from pilotid.estimate import (
     Estimate,
     Outcome,
     Starts,
-    at_bound,
     covariance_of,
     failed,
+    outcome_of,
     simulated_vaf,
     symmetric_intervals,
 )
@@ -47,6 +47,7 @@ from pilotid.recording import Recording
 from pilotid.search import record, search
 from pilotid.types import FloatArray
 
+#: The remnant's model before one is chosen: most published remnants are of this kind.
 USUAL = LowPass(2)
 
 
@@ -96,13 +97,12 @@ class MLE:
             covariance, intervals = own, symmetric_intervals(pilot, own)
         else:
             intervals = profile_intervals(joint.gram, joint, end, joint.samples, joint.pilot)
-        message = at_bound(model, pilot)
-        outcome = Outcome.AT_BOUND if message else Outcome.CONVERGED
+        outcome, message = outcome_of(model, pilot, bool(end.converged[0]))
         control = joint.prediction.control
         return Estimate(
             self.name,
             model,
-            outcome if end.converged[0] else Outcome.NOT_CONVERGED,
+            outcome,
             values=pilot,
             covariance=covariance[: joint.pilot, : joint.pilot],
             intervals=intervals,
@@ -141,7 +141,8 @@ class MLE:
         # The residual of a biased estimate has a shape of its own, so the remnant's model is
         # chosen only later, after this round with the usual one.
         joint = Joint(prediction, USUAL, analysis_band(recording.dt, self.search_band))
-        end = self._fitted(joint, found.distinct(), 1e-3)
+        ends = found.distinct()
+        end = self._fitted(joint, ends, LeastSquares(prediction).residual(ends[0]), 1e-3)
         best = end.values[:1, : joint.pilot]
         whitened = LeastSquares(prediction, joint.whitener(end.values[0]))
         terms = whitened.noticeable_terms(best[0])
@@ -160,7 +161,7 @@ class MLE:
         for _ in range(self.rounds):
             residual = LeastSquares(prediction).residual(candidates[0])
             joints = [Joint(prediction, noise, band) for noise in contenders(residual, band)]
-            fits = [(joint, self._fitted(joint, candidates, 1e-5)) for joint in joints]
+            fits = [(joint, self._fitted(joint, candidates, residual, 1e-5)) for joint in joints]
             joint, end = min(fits, key=lambda fit: _criterion(*fit))
             ends.append(end)
             candidates = end.values[:1, : joint.pilot]
@@ -169,8 +170,9 @@ class MLE:
             chosen = joint.noise
         return joint, ends
 
-    def _fitted(self, joint: Joint, candidates: FloatArray, tolerance: float) -> Minima:
-        residual = LeastSquares(joint.prediction).residual(candidates[0])
+    def _fitted(
+        self, joint: Joint, candidates: FloatArray, residual: FloatArray, tolerance: float
+    ) -> Minima:
         guess = joint.noise.guess(lagged_products(residual), joint.band)
         starts = np.concatenate([candidates, np.tile(guess, (len(candidates), 1))], axis=1)
         return minimise(joint.gram, starts, joint, tolerance=tolerance)

@@ -20,9 +20,9 @@ import numpy as np
 from pilotid.estimate import (
     Estimate,
     Outcome,
-    at_bound,
     covariance_of,
     failed,
+    outcome_of,
     simulated_vaf,
     symmetric_intervals,
 )
@@ -76,12 +76,11 @@ class MLEWhite:
             covariance = sandwich(problem.gram, rows, values, prediction.dt)
         if covariance is None:
             return failed(self.name, model, Outcome.SINGULAR)
-        message = at_bound(model, values)
-        outcome = Outcome.AT_BOUND if message else Outcome.CONVERGED
+        outcome, message = outcome_of(model, values, bool(end.converged[0]))
         return Estimate(
             self.name,
             model,
-            outcome if end.converged[0] else Outcome.NOT_CONVERGED,
+            outcome,
             values=values,
             covariance=covariance,
             intervals=symmetric_intervals(values, covariance),

@@ -214,7 +214,15 @@ def simulated_vaf(
     return max(0.0, 100.0 * (1.0 - left / spread))
 
 
-def at_bound(model: PilotModel, values: FloatArray) -> str:
+def outcome_of(model: PilotModel, values: FloatArray, converged: bool) -> tuple[Outcome, str]:
+    """Outcome of a search that ended at `values`, and the bounds it ended at, in words."""
+    bounds = _at_bound(model, values)
+    if not converged:
+        return Outcome.NOT_CONVERGED, bounds
+    return (Outcome.AT_BOUND if bounds else Outcome.CONVERGED), bounds
+
+
+def _at_bound(model: PilotModel, values: FloatArray) -> str:
     """Names of the parameters that lie at a bound, empty if none does."""
     margin = 1e-6 * (model.upper - model.lower)
     low = values <= model.lower + np.minimum(margin, 1e-6 * np.abs(model.lower) + 1e-9)

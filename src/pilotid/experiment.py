@@ -69,6 +69,24 @@ class Experiment:
     transient: FloatArray | None = None
 
 
+def gradient_of(
+    model: PilotModel,
+    omega: FloatArray,
+    error: ComplexArray,
+    output: ComplexArray,
+    values: FloatArray,
+) -> ComplexArray:
+    """Derivatives of the control that a model predicts for these inputs, shape (parameters, n)."""
+    jacobian = model.jacobian(omega, values)
+    return np.asarray(np.einsum("cpn,cn->pn", jacobian, _signed(model, error, output)))
+
+
+def _signed(model: PilotModel, error: ComplexArray, output: ComplexArray) -> ComplexArray:
+    """Input of each channel with the channel's sign, shape (channels, n)."""
+    by_name = {"error": error, "output": output}
+    return np.array([c.sign * by_name[c.input] for c in model.channels])
+
+
 class View:
     """An experiment inside a band, on a grid of frequencies."""
 
@@ -96,8 +114,7 @@ class View:
         self, omega: FloatArray, error: ComplexArray, output: ComplexArray, values: FloatArray
     ) -> ComplexArray:
         """Derivatives of the predicted control for these inputs, shape (parameters, n)."""
-        jacobian = self.experiment.model.jacobian(omega, values)
-        return np.asarray(np.einsum("cpn,cn->pn", jacobian, self._signed(error, output)))
+        return gradient_of(self.experiment.model, omega, error, output, values)
 
     def missed(
         self, omega: FloatArray, error: ComplexArray, output: ComplexArray, values: FloatArray
@@ -105,12 +122,7 @@ class View:
         """What the true pilot answers to these inputs less the predicted answer, shape (n,)."""
         model, truth = self.experiment.model, self.experiment.values
         difference = model.response(omega, truth) - model.response(omega, values)
-        return np.asarray(np.sum(difference * self._signed(error, output), axis=0))
-
-    def _signed(self, error: ComplexArray, output: ComplexArray) -> ComplexArray:
-        """Input of each channel with the channel's sign, shape (channels, n)."""
-        by_name = {"error": error, "output": output}
-        return np.array([c.sign * by_name[c.input] for c in self.experiment.model.channels])
+        return np.asarray(np.sum(difference * _signed(model, error, output), axis=0))
 
     def free_rows(
         self, omega: FloatArray, circulation: Circulation, values: FloatArray

@@ -54,8 +54,8 @@ class Joint:
 
     @property
     def samples(self) -> int:
-        """Prediction errors of all runs, less the nuisance terms fitted to each run."""
-        return self.prediction.runs * (self.prediction.scored - len(self.prediction.terms))
+        """Number of prediction errors, see `Prediction.samples`."""
+        return self.prediction.samples
 
     def whitener(self, values: FloatArray) -> FloatArray:
         """Whitening filter at one parameter set, shape (taps,)."""

@@ -16,10 +16,10 @@ from typing import Protocol
 
 import numpy as np
 
+from pilotid.prediction import REACH
 from pilotid.prepare import decimation, lowpass
 from pilotid.types import BoolArray, FloatArray
 
-REACH = 20  # taps of a whitening filter beyond the first
 GRID = 256  # frequencies on which spectra of noise models are integrated
 
 
@@ -307,10 +307,8 @@ def criterion(model: NoiseModel, power: float, samples: int) -> float:
     return samples * math.log(max(power, 1e-300)) + len(model.keys) * math.log(samples) + handicap
 
 
-def contenders(
-    residual: FloatArray, band: Band, models: tuple[NoiseModel, ...] = NOISE_MODELS, most: int = 2
-) -> list[NoiseModel]:
-    """The noise models that suit a residual best.
+def contenders(residual: FloatArray, band: Band) -> list[NoiseModel]:
+    """The one or two noise models that suit a residual best; all lie within `CLOSE`.
 
     Parameters
     ----------
@@ -318,21 +316,17 @@ def contenders(
         Residual before whitening, shape (runs, samples).
     band
         The analysis band.
-    models
-        Families to choose from.
-    most
-        Largest number of contenders; all lie within `CLOSE` of the best.
     """
     products = lagged_products(residual)
     scored = []
-    for rank, model in enumerate(models):
+    for rank, model in enumerate(NOISE_MODELS):
         values = model.guess(products, band)
         taps = model.taps(values[None], band)[0][0]
         power = float(taps @ products[: taps.size, : taps.size] @ taps)
         scored.append((criterion(model, power, residual.size), rank))
     scored.sort()
     limit = scored[0][0] + CLOSE
-    return [models[rank] for score, rank in scored[:most] if score < limit]
+    return [NOISE_MODELS[rank] for score, rank in scored[:2] if score < limit]
 
 
 @dataclass(frozen=True, eq=False)

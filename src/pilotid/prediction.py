@@ -21,7 +21,7 @@ from pilotid.prepare import Prepared, prepare
 from pilotid.recording import Recording
 from pilotid.types import ComplexArray, FloatArray
 
-LONGEST = 20  # samples that a whitening filter may reach back
+REACH = 20  # samples that a whitening filter may reach back
 BLOCK = 4  # parameter sets evaluated at once: more no longer fit the processor's cache
 EXTENSION = 4.0  # seconds over which signals fade out beyond both ends of the recording
 
@@ -65,6 +65,11 @@ class Prediction:
     def runs(self) -> int:
         """Number of runs."""
         return int(self.control_spectrum.shape[0])
+
+    @property
+    def samples(self) -> int:
+        """Scored samples of all runs, less the nuisance terms fitted to each run."""
+        return self.runs * (self.scored - len(self.terms))
 
     @property
     def control(self) -> FloatArray:
@@ -133,8 +138,8 @@ class Prediction:
 
     @cached_property
     def _shifts(self) -> ComplexArray:
-        """Responses of delays by 0 to LONGEST samples at the bins."""
-        powers = np.ones((LONGEST + 1, self.s.size), dtype=complex)
+        """Responses of delays by 0 to REACH samples at the bins."""
+        powers = np.ones((REACH + 1, self.s.size), dtype=complex)
         powers[1:] = np.exp(-self.s * self.dt)
         return np.asarray(np.cumprod(powers, axis=0), dtype=complex)
 
@@ -302,9 +307,8 @@ class LeastSquares:
 
     @property
     def samples(self) -> int:
-        """Scored samples of all runs, less the nuisance terms fitted to each run."""
-        prediction = self.prediction
-        return prediction.runs * (prediction.scored - len(prediction.terms))
+        """Number of residuals, see `Prediction.samples`."""
+        return self.prediction.samples
 
     def rows(self, values: FloatArray) -> FloatArray:
         """Whitened Jacobian and residual, shape (sets, parameters + 1, runs, scored)."""
