@@ -96,7 +96,9 @@ class MLE:
                 return failed(self.name, model, Outcome.SINGULAR)
             covariance, intervals = own, symmetric_intervals(pilot, own)
         else:
-            intervals = profile_intervals(joint.gram, joint, end, joint.samples, joint.pilot)
+            intervals = profile_intervals(
+                joint.gram, joint, end, variance, joint.pilot, estimated=freedom
+            )
         outcome, message = outcome_of(model, pilot, bool(end.converged[0]))
         control = joint.prediction.control
         return Estimate(
@@ -131,7 +133,7 @@ class MLE:
         """
         prediction = predict(recording, model, self.search_band)
         found = search(
-            LeastSquares(prediction),
+            LeastSquares(prediction).gram,
             model,
             rng,
             candidates=self.candidates,
@@ -149,7 +151,7 @@ class MLE:
         if starts.agreeing == len(starts.cost) and model.is_usual(best[0]):
             return best, terms, starts
         whitened = LeastSquares(replace(prediction, terms=terms), whitened.taps)
-        again = search(whitened, model, rng, known=best, candidates=self.candidates)
+        again = search(whitened.gram, model, rng, known=best, candidates=self.candidates)
         return np.concatenate([best, again.distinct(hopeless=0.02)[1:]]), terms, starts
 
     def _estimated(

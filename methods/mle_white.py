@@ -63,7 +63,7 @@ class MLEWhite:
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
         coarse = LeastSquares(predict(recording, model, self.search_band))
-        found = search(coarse, model, rng, candidates=self.candidates, refined=self.refined)
+        found = search(coarse.gram, model, rng, candidates=self.candidates, refined=self.refined)
         prediction = predict(recording, model, self.band)
         terms = LeastSquares(prediction).noticeable_terms(found.values[0])
         problem = LeastSquares(replace(prediction, terms=terms))

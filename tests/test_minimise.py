@@ -314,14 +314,14 @@ def test_search_finds_the_optimum_next_to_the_truth_from_a_poor_start(name: str)
     problem = LeastSquares(predict(recording, scenario.model, 26.0))
     best = minimise(problem.gram, scenario.values[None], scenario.model)
     poor = scenario.model.with_start({"Kvis": 2.0, "tlead": 0.1, "tdvis": 0.8, "fnm": 30.0})
-    found = search(problem, poor, np.random.default_rng(14), refined=4, tolerance=1e-9)
+    found = search(problem.gram, poor, np.random.default_rng(14), refined=4, tolerance=1e-9)
     assert found.values.shape == (4, len(scenario.model.keys))
     assert found.cost[0] <= best.cost[0] * (1.0 + 1e-6)
     np.testing.assert_allclose(found.values[0], best.values[0], rtol=1e-3)
 
 
 def test_search_is_reproducible() -> None:
-    first, same = (search(pilot_problem(), MULTI, np.random.default_rng(15)) for _ in range(2))
+    first, same = (search(pilot_problem().gram, MULTI, np.random.default_rng(15)) for _ in range(2))
     np.testing.assert_array_equal(first.values, same.values)
 
 
@@ -335,7 +335,7 @@ def test_search_screens_candidates_and_minimises_the_best_besides_the_models_own
             return super().gram(values)
 
     watched = Watched(problem.prediction)
-    search(watched, MULTI, np.random.default_rng(16), candidates=10, refined=3)
+    search(watched.gram, MULTI, np.random.default_rng(16), candidates=10, refined=3)
     screened, starts = sets[0], sets[1]
     np.testing.assert_array_equal(screened[0], MULTI.start)
     assert (len(screened), len(starts)) == (11, 3)

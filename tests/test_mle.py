@@ -74,21 +74,26 @@ def test_profile_intervals_of_a_linear_problem_are_the_quadratic_ones() -> None:
         return rows @ rows.transpose(0, 2, 1)
 
     minimum = minimise(gram, np.zeros((1, 2)), Plane(), tolerance=1e-14)
-    found = profile_intervals(gram, Plane(), minimum, 400, 2, tolerance=1e-6)
-    hessian = jacobian @ jacobian.T
+    inverse = np.diag(np.linalg.inv(jacobian @ jacobian.T))
+    variance = minimum.cost[0] / 398.0
+    unknown = profile_intervals(gram, Plane(), minimum, variance, 2, estimated=398, tolerance=1e-6)
     # The likelihood of an unknown variance: freedom * log(cost / lowest) = chi-squared.
-    variance = minimum.cost[0] * np.expm1(CHI_SQUARED_95 / 398.0)
-    reach = np.sqrt(variance * np.diag(np.linalg.inv(hessian)))
-    np.testing.assert_allclose(found[:, 0], minimum.values[0] - reach, rtol=1e-6)
-    np.testing.assert_allclose(found[:, 1], minimum.values[0] + reach, rtol=1e-6)
+    reach = np.sqrt(minimum.cost[0] * np.expm1(CHI_SQUARED_95 / 398.0) * inverse)
+    np.testing.assert_allclose(unknown[:, 0], minimum.values[0] - reach, rtol=1e-6)
+    np.testing.assert_allclose(unknown[:, 1], minimum.values[0] + reach, rtol=1e-6)
+    known = profile_intervals(gram, Plane(), minimum, 1.0, 2, tolerance=1e-6)
+    reach = np.sqrt(CHI_SQUARED_95 * inverse)
+    np.testing.assert_allclose(known[:, 0], minimum.values[0] - reach, rtol=1e-6)
+    np.testing.assert_allclose(known[:, 1], minimum.values[0] + reach, rtol=1e-6)
 
 
 def test_profile_intervals_end_where_the_profile_likelihood_does() -> None:
     joint = joint_of(NOMINAL, LowPass(2), 3)
     start = np.concatenate([TRUTH, [3.5, 0.7]])[None]
     minimum = minimise(joint.gram, start, joint, tolerance=1e-10)
-    found = profile_intervals(joint.gram, joint, minimum, joint.samples, 7)
     freedom = joint.samples - 9
+    variance = minimum.cost[0] / freedom
+    found = profile_intervals(joint.gram, joint, minimum, variance, 7, estimated=freedom)
     for index in (0, 1, 5):
         for end in found[index]:
             held = start.copy()

@@ -13,6 +13,7 @@ from pilotid.model import PilotModel
 from pilotid.noise import RemnantEstimate
 from pilotid.prediction import LeastSquares, Prediction, predict
 from pilotid.recording import Recording
+from pilotid.response import FrequencyResponse
 from pilotid.types import FloatArray
 
 
@@ -81,6 +82,8 @@ class Estimate:
         Record of the search, None where there was only one start.
     remnant
         The remnant's spectrum, where the method estimates it.
+    frequency_response
+        The first step of a two-step method.
     seconds
         Wall-clock time of the fit.
     """
@@ -96,6 +99,7 @@ class Estimate:
     iterations: int = 0
     starts: Starts | None = None
     remnant: RemnantEstimate | None = None
+    frequency_response: FrequencyResponse | None = None
     seconds: float = float("nan")
 
     @property

@@ -240,13 +240,27 @@ class PilotModel:
         )
 
     def jacobian(self, omega: FloatArray, values: FloatArray) -> ComplexArray:
-        """Derivative of `response` by each parameter, shape (channels, parameters, n)."""
+        """Derivative of `response` by each parameter.
+
+        Parameters
+        ----------
+        omega
+            Frequencies [rad/s], shape (n,).
+        values
+            Parameters in model order, shape (parameters,), or parameter sets, shape
+            (sets, parameters).
+
+        Returns
+        -------
+        Complex derivatives, shape (channels, parameters, n) or (sets, channels, parameters, n).
+        """
         s = 1j * np.asarray(omega, dtype=float)
-        result = np.zeros((len(self.channels), len(self.parameters), s.size), dtype=complex)
+        shape = (*values.shape[:-1], len(self.channels), len(self.parameters), s.size)
+        result = np.zeros(shape, dtype=complex)
         for c, (response, slopes) in enumerate(self.terms(s, values)):
             full = response * s ** self.channels[c].derivative
             for index, slope in slopes:
-                result[c, index] += full * slope
+                result[..., c, index, :] += full * slope
         return result
 
     def polynomials(self, values: FloatArray, pade_order: int = 5) -> list[Rational]:

@@ -59,7 +59,7 @@ def estimate_json(estimate: Estimate) -> dict[str, object]:
             "omega": remnant.omega.tolist(),
             "density": remnant.density.tolist(),
         }
-    response = getattr(estimate, "frequency_response", None)
+    response = estimate.frequency_response
     if response is not None:
         result["frequency_response"] = {
             "omega": response.omega.tolist(),

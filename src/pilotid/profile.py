@@ -23,9 +23,10 @@ def profile_intervals(
     gram: Gram,
     space: Space,
     minimum: Minima,
-    samples: int,
+    variance: float,
     count: int,
     *,
+    estimated: int | None = None,
     iterations: int = 8,
     tolerance: float = 0.3,
 ) -> FloatArray:
@@ -43,10 +44,12 @@ def profile_intervals(
         Bounds; an interval ends at them.
     minimum
         The optimum, whose first entry counts.
-    samples
-        Number of independent residuals.
+    variance
+        Variance of the residuals, 1 where they are standardised.
     count
         How many parameters.
+    estimated
+        Number of residuals less parameters, if the variance was estimated from them.
     iterations, tolerance
         Largest number of evaluations, and how far from the sought deviance, of 3.84, the
         last Newton step may begin.
@@ -58,13 +61,15 @@ def profile_intervals(
     inside = Inner(gram, space)
     lower, upper = inside.enter(space.lower), inside.enter(space.upper)
     best = inside.enter(minimum.values[:1])
-    freedom = samples - best.shape[1]
     lowest = float(minimum.cost[0])
-    target = lowest * math.exp(CHI_SQUARED_95 / freedom)
+    target = lowest + CHI_SQUARED_95 * variance
+    if estimated is not None:
+        # The variance is then one more parameter, maximised over as well.
+        target = lowest * math.exp(CHI_SQUARED_95 / estimated)
 
     slope = inside.slope(minimum.values[:1])[0]
     hessian = (minimum.gram[0] * slope[:, None] * slope)[:-1, :-1]
-    covariance = np.linalg.inv(hessian) * lowest / freedom
+    covariance = np.linalg.inv(hessian) * variance
     error = np.sqrt(np.diag(covariance))[:count]
     which = np.tile(np.arange(count), 2)
     side = np.repeat([-1.0, 1.0], count)
@@ -77,10 +82,10 @@ def profile_intervals(
         grams = inside.gram(points[active])
         k, direction = which[active], side[active]
         step, off = _step(grams, k, direction, error[k], target)
-        deviance_off = np.abs(freedom * np.log(grams[:, -1, -1] / target))
+        deviance_off = np.abs(grams[:, -1, -1] - target) / variance
         at_bound = (points[active, k] <= lower[k]) & (direction < 0)
         at_bound |= (points[active, k] >= upper[k]) & (direction > 0)
-        done = ((deviance_off < tolerance) & (off * freedom < tolerance * lowest)) | at_bound
+        done = ((deviance_off < tolerance) & (off < tolerance * variance)) | at_bound
         moved = np.clip(points[active] + step, lower, upper)
         points[active] = np.where(at_bound[:, None], points[active], moved)
         active = active[~done]

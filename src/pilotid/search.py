@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from pilotid.estimate import Starts
-from pilotid.minimise import Minima, minimise, solve_linear
+from pilotid.minimise import Gram, Minima, minimise, solve_linear
 from pilotid.model import PilotModel
-from pilotid.prediction import LeastSquares
 from pilotid.types import FloatArray
 
 
 def search(
-    problem: LeastSquares,
+    gram: Gram,
     model: PilotModel,
     rng: np.random.Generator,
     *,
@@ -29,8 +28,8 @@ def search(
 
     Parameters
     ----------
-    problem
-        What to minimise.
+    gram
+        Gram matrices of the residual to minimise and its Jacobian.
     model
         Gives the first start, and the ranges of the others.
     rng
@@ -47,14 +46,14 @@ def search(
     own = model.start[None] if known is None else known
     points = np.concatenate([own, draw_starts(model, rng, candidates)])
     if model.linear:
-        points, cost = solve_linear(problem.gram(points), points, model.linear, model.lower)
+        points, cost = solve_linear(gram(points), points, model.linear, model.lower)
     else:
-        cost = problem.gram(points)[:, -1, -1]
+        cost = gram(points)[:, -1, -1]
     if known is not None:
         cost[0] = -np.inf
     # A start that gives no number comes last.
     best = np.argsort(np.where(np.isnan(cost), np.inf, cost), kind="stable")[:refined]
-    return minimise(problem.gram, points[best], model, tolerance=tolerance, iterations=iterations)
+    return minimise(gram, points[best], model, tolerance=tolerance, iterations=iterations)
 
 
 def draw_starts(model: PilotModel, rng: np.random.Generator, count: int) -> FloatArray:

@@ -1,0 +1,66 @@
+"""Frequency responses with their errors: the first step of a two-step method."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pilotid.types import ComplexArray, FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class FrequencyResponse:
+    """Estimated responses of a pilot model's channels at some frequencies.
+
+    Attributes
+    ----------
+    omega
+        Frequencies [rad/s], ascending, shape (n,).
+    value
+        Response of every channel without its sign, so that u = visual e - vestibular x;
+        complex, shape (channels, n).
+    covariance
+        Covariance of the real parts and then the imaginary parts of `value`, each channel
+        by channel; shape (2 channels n, 2 channels n).
+    systematic
+        Size of errors that are not random, such as those of an interpolation; they are no
+        part of the covariance.  Shape (channels, n).
+    note
+        What a reader should know of it, for messages and reports.
+    """
+
+    omega: FloatArray
+    value: ComplexArray
+    covariance: FloatArray
+    systematic: FloatArray | None = None
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        size = 2 * self.value.size
+        if self.value.ndim != 2 or self.value.shape[1] != self.omega.size:
+            raise ValueError("the response must have the shape (channels, frequencies)")
+        if self.covariance.shape != (size, size):
+            raise ValueError(f"the covariance must have the shape ({size}, {size})")
+
+    @property
+    def std(self) -> FloatArray:
+        """Root mean square of the random error |value - true value|, shape (channels, n)."""
+        real, imaginary = np.diag(self.covariance).reshape(2, *self.value.shape)
+        return np.asarray(np.sqrt(real + imaginary))
+
+
+def real_parts(value: ComplexArray) -> FloatArray:
+    """Real and then imaginary parts of responses, in the order of the covariance.
+
+    Parameters
+    ----------
+    value
+        Responses, shape (..., channels, n).
+
+    Returns
+    -------
+    Array of shape (..., 2 channels n).
+    """
+    parts = np.stack([value.real, value.imag], axis=-3)
+    return parts.reshape(*value.shape[:-2], -1)

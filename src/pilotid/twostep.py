@@ -1,0 +1,150 @@
+"""The second step of a two-step method: a pilot model fitted to a frequency response.
+
+Weighted least squares on complex responses with the full covariance of the first step,
+analytic Jacobian, bounds and several starts.  A first step may know fewer combinations of
+its responses than it lists (two channels interpolated between the lines of two forcing
+functions, a black-box model of few parameters); only those are fitted, each with its own
+weight.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pilotid.estimate import (
+    Estimate,
+    Outcome,
+    covariance_of,
+    failed,
+    outcome_of,
+    simulated_vaf,
+)
+from pilotid.minimise import minimise
+from pilotid.model import PilotModel
+from pilotid.prediction import gram_matrices
+from pilotid.profile import profile_intervals
+from pilotid.recording import Recording
+from pilotid.response import FrequencyResponse, real_parts
+from pilotid.search import record, search
+from pilotid.types import FloatArray
+
+#: Combinations of responses whose variance is this far below the largest one are taken for
+#: known by construction only, and left out.
+NEGLIGIBLE = 1e-10
+
+
+class ResponseFit:
+    """Weighted residuals of a frequency response, for `pilotid.minimise.minimise`.
+
+    Parameters
+    ----------
+    response
+        What the model is fitted to.
+    model
+        The pilot model.
+    """
+
+    def __init__(self, response: FrequencyResponse, model: PilotModel) -> None:
+        self.response, self.model = response, model
+        self.whitener = _whitener(response)
+
+    @property
+    def residuals(self) -> int:
+        """Number of independent residuals."""
+        return len(self.whitener)
+
+    def rows(self, values: FloatArray) -> FloatArray:
+        """Jacobian and below it the residual, both whitened.
+
+        Parameters
+        ----------
+        values
+            Parameter sets, shape (sets, parameters).
+
+        Returns
+        -------
+        Array of shape (sets, parameters + 1, residuals).
+        """
+        omega = self.response.omega
+        slopes = real_parts(self.model.jacobian(omega, values).swapaxes(1, 2))
+        found = np.array([self.model.response(omega, v) for v in values])
+        residual = real_parts(self.response.value - found)
+        return np.concatenate([slopes, residual[:, None]], axis=1) @ self.whitener.T
+
+    def gram(self, values: FloatArray) -> FloatArray:
+        """Inner products of the rows, shape (sets, parameters + 1, parameters + 1)."""
+        return gram_matrices(self.rows, values)
+
+
+def _whitener(response: FrequencyResponse) -> FloatArray:
+    """Rows that turn errors of the response into independent ones of variance 1."""
+    # Relative errors are of one size where responses span decades.
+    size = np.tile(np.abs(response.value).ravel(), 2)
+    scaled = response.covariance / np.outer(size, size)
+    variances, directions = np.linalg.eigh(scaled)
+    known = variances > NEGLIGIBLE * variances[-1]
+    return np.asarray((directions[:, known] / np.sqrt(variances[known])).T / size)
+
+
+def second_step(
+    name: str,
+    recording: Recording,
+    model: PilotModel,
+    response: FrequencyResponse,
+    rng: np.random.Generator,
+    *,
+    candidates: int = 12,
+    refined: int = 4,
+) -> Estimate:
+    """Fit a pilot model to a frequency response.
+
+    Where the model cannot follow the response within its errors, the claimed variances
+    grow by the factor by which the residuals exceed them.
+
+    Parameters
+    ----------
+    name
+        Name of the method.
+    recording
+        The recording that the response was estimated from; it gives the VAF.
+    model
+        The pilot model.
+    response
+        First step.
+    rng
+        Draws the random starts.
+    candidates, refined
+        Random starts screened, and starts minimised, see `pilotid.search.search`.
+    """
+    problem = ResponseFit(response, model)
+    freedom = problem.residuals - len(model.parameters)
+    if freedom < 0:
+        return failed(
+            name,
+            model,
+            Outcome.NOT_APPLICABLE,
+            f"the frequency response gives {problem.residuals} independent numbers, too few for "
+            f"the {len(model.parameters)} parameters of model {model.name}",
+        )
+    found = search(problem.gram, model, rng, candidates=candidates, refined=refined)
+    end = minimise(problem.gram, found.values[:1], model)
+    values = end.values[0]
+    variance = max(1.0, float(end.cost[0]) / freedom) if freedom else 1.0
+    covariance = covariance_of(end.gram[0, :-1, :-1], variance)
+    if covariance is None:
+        return failed(name, model, Outcome.SINGULAR)
+    outcome, message = outcome_of(model, values, bool(end.converged[0]))
+    notes = [text for text in (message, response.note) if text]
+    return Estimate(
+        name,
+        model,
+        outcome,
+        values=values,
+        covariance=covariance,
+        intervals=profile_intervals(problem.gram, model, end, variance, len(values)),
+        vaf=simulated_vaf(recording, model, values),
+        message="; ".join(notes),
+        iterations=found.iterations + end.iterations,
+        starts=record(found),
+        frequency_response=response,
+    )
