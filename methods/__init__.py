@@ -11,6 +11,7 @@ from functools import cache
 from importlib.metadata import entry_points
 
 from pilotid.estimate import Method
+from pilotid.methods.fourier import Fourier
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.methods.mmle3 import MMLE3
@@ -21,6 +22,7 @@ METHODS: tuple[Method, ...] = (
     MMLE3(),
     MLEWhite(),
     MLE(),
+    Fourier(),
 )
 
 

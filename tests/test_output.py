@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from pilotid import output
 from pilotid.estimate import Estimate, Outcome, Starts, failed, symmetric_intervals
 from pilotid.fits import Quantity, derived, parameters
 from pilotid.model import MODELS, SINGLE
-from pilotid.types import ComplexArray, FloatArray
+from pilotid.response import FrequencyResponse
 
 
 def estimate(method: str = "mine", **fields: object) -> Estimate:
@@ -101,23 +101,26 @@ def test_json_of_an_estimate() -> None:
     assert "frequency_response" not in entry
 
 
-@dataclass(frozen=True)
-class Response:
-    """What step one of a two-step method found."""
-
-    omega: FloatArray
-    value: ComplexArray
-    std: FloatArray
-
-
 def test_json_of_a_two_step_method_holds_its_frequency_response() -> None:
-    found = estimate()
-    response = Response(np.array([1.0, 2.0]), np.array([[1 + 2j, 3.0]]), np.array([[0.1, 0.2]]))
-    object.__setattr__(found, "frequency_response", response)
+    response = FrequencyResponse(
+        np.array([1.0, 2.0]),
+        np.array([[1 + 2j, 3.0]]),
+        np.diag([0.09, 0.02, 0.16, 0.02]),
+        systematic=np.array([[0.1, 0.0]]),
+        note="some words",
+    )
+    found = replace(estimate(), frequency_response=response)
     assert output.estimate_json(found)["frequency_response"] == {
         "omega": [1.0, 2.0],
-        "visual": {"real": [1.0, 3.0], "imag": [2.0, 0.0], "std": [0.1, 0.2]},
+        "note": "some words",
+        "visual": {
+            "real": [1.0, 3.0],
+            "imag": [2.0, 0.0],
+            "std": [0.5, 0.2],
+            "systematic": [0.1, 0.0],
+        },
     }
+    assert "some words" in output.verdict(found)
 
 
 @pytest.mark.parametrize(("width", "tables"), [(80, 3), (140, 1)])

@@ -11,8 +11,10 @@ import numpy as np
 
 from pilotid.estimate import Estimate
 from pilotid.fits import Fit, Quantity, derived, parameters
+from pilotid.model import PilotModel
 from pilotid.noise import RemnantEstimate
 from pilotid.recording import SIGNALS, Recording
+from pilotid.response import FrequencyResponse
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -59,21 +61,24 @@ def estimate_json(estimate: Estimate) -> dict[str, object]:
             "omega": remnant.omega.tolist(),
             "density": remnant.density.tolist(),
         }
-    response = estimate.frequency_response
-    if response is not None:
-        result["frequency_response"] = {
-            "omega": response.omega.tolist(),
-            **{
-                channel.name: {
-                    "real": np.real(value).tolist(),
-                    "imag": np.imag(value).tolist(),
-                    "std": std.tolist(),
-                }
-                for channel, value, std in zip(
-                    estimate.model.channels, response.value, response.std, strict=True
-                )
-            },
+    if estimate.frequency_response is not None:
+        result["frequency_response"] = _response_json(estimate.model, estimate.frequency_response)
+    return result
+
+
+def _response_json(model: PilotModel, response: FrequencyResponse) -> dict[str, object]:
+    result: dict[str, object] = {"omega": response.omega.tolist()}
+    if response.note:
+        result["note"] = response.note
+    for c, channel in enumerate(model.channels):
+        entry = {
+            "real": np.real(response.value[c]).tolist(),
+            "imag": np.imag(response.value[c]).tolist(),
+            "std": response.std[c].tolist(),
         }
+        if response.systematic is not None:
+            entry["systematic"] = response.systematic[c].tolist()
+        result[channel.name] = entry
     return result
 
 
@@ -148,6 +153,8 @@ def verdict(estimate: Estimate, *, timed: bool = True) -> str:
         parts.append(f"{estimate.starts.agreeing} of {len(estimate.starts.cost)} starts agree")
     if estimate.remnant:
         parts.append(_remnant_words(estimate.remnant))
+    if estimate.frequency_response is not None and estimate.frequency_response.note:
+        parts.append(estimate.frequency_response.note)
     if timed and math.isfinite(estimate.seconds):
         parts.append(f"{estimate.seconds:.2g} s")
     return f"{estimate.method}: {'; '.join(parts)}"

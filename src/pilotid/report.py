@@ -1,25 +1,15 @@
-"""A self-contained HTML report of fits: the tables of the terminal, and the signals."""
+"""A self-contained HTML report of fits: tables, signals and frequency responses."""
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pilotid import output
-from pilotid.estimate import Estimate
+from pilotid.figures import bode, signals, svg
 from pilotid.fits import Fit, derived, parameters
-from pilotid.prediction import LeastSquares, predict
-from pilotid.prepare import prepare
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-# Colours that people with a colour vision deficiency tell apart (Okabe and Ito, 2008).
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#999999")
 
 
 @dataclass(frozen=True)
@@ -30,7 +20,8 @@ class Section:
     methods: list[str]
     rows: list[tuple[str, str, list[tuple[str, str]]]]
     verdicts: list[str]
-    figure: str
+    signals: str
+    responses: str
 
 
 def html_report(fits: Sequence[Fit]) -> str:
@@ -50,6 +41,7 @@ def html_report(fits: Sequence[Fit]) -> str:
 
 def _section(fit: Fit) -> Section:
     shown = [e for e in fit.estimates if np.isfinite(e.values).all()]
+    two_step = [e for e in fit.estimates if e.frequency_response is not None]
     columns = [[*parameters(e), *derived(e)] for e in shown]
     return Section(
         heading=output.heading(fit),
@@ -59,39 +51,6 @@ def _section(fit: Fit) -> Section:
             for row in zip(*columns, strict=True)
         ],
         verdicts=[output.verdict(e, timed=False) for e in fit.estimates],
-        figure=svg(_signals(fit, shown)) if shown else "",
+        signals=svg(signals(fit.recording, shown)) if shown else "",
+        responses=svg(bode(two_step)) if two_step else "",
     )
-
-
-def _signals(fit: Fit, estimates: Sequence[Estimate]) -> Figure:
-    """Control of the first run, what the models make of it, and what they leave."""
-    from matplotlib.figure import Figure
-
-    problem = LeastSquares(predict(fit.recording, fit.model))
-    prepared = prepare(fit.recording, fit.model)
-    time, control = prepared.time[prepared.first :], problem.prediction.control[0]
-    unit = fit.recording.units.get("u", "")
-    figure = Figure(figsize=(10.0, 5.0), layout="constrained")
-    above, below = figure.subplots(2, 1, sharex=True)
-    above.plot(time, control, color="black", linewidth=0.8, label="recorded")
-    for estimate, colour in zip(estimates, COLOURS * len(estimates), strict=False):
-        residual = problem.residual(estimate.values)[0]
-        above.plot(time, control - residual, color=colour, linewidth=0.8, label=estimate.method)
-        below.plot(time, residual, color=colour, linewidth=0.8)
-    above.set_ylabel(f"control u [{unit}]" if unit else "control u")
-    below.set_ylabel("residual")
-    below.set_xlabel("time [s]")
-    below.set_xlim(time[0], time[-1])
-    above.legend(loc="upper right", ncols=4, fontsize="small")
-    return figure
-
-
-def svg(figure: Figure) -> str:
-    """A figure as an SVG element, the same bytes for the same figure."""
-    from matplotlib import rc_context
-
-    stream = io.StringIO()
-    with rc_context({"svg.hashsalt": "pilotid", "svg.fonttype": "none"}):
-        figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
-    text = stream.getvalue()
-    return text[text.index("<svg") :]

@@ -64,3 +64,19 @@ def real_parts(value: ComplexArray) -> FloatArray:
     """
     parts = np.stack([value.real, value.imag], axis=-3)
     return parts.reshape(*value.shape[:-2], -1)
+
+
+def circular(covariance: ComplexArray) -> FloatArray:
+    """Covariance of real and imaginary parts of errors whose phase is random.
+
+    Parameters
+    ----------
+    covariance
+        E[z z^H] of the complex errors z, shape (m, m).
+
+    Returns
+    -------
+    Array of shape (2 m, 2 m), real parts first.
+    """
+    real, imaginary = covariance.real, covariance.imag
+    return 0.5 * np.block([[real, -imaginary], [imaginary, real]])

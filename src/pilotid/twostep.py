@@ -9,6 +9,8 @@ weight.
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
 from pilotid.estimate import (
@@ -33,8 +35,21 @@ from pilotid.types import FloatArray
 NEGLIGIBLE = 1e-10
 
 
+class Problem(Protocol):
+    """Standardised residuals, of variance 1 each, of a model with these parameters."""
+
+    @property
+    def residuals(self) -> int:
+        """Number of independent residuals."""
+        ...
+
+    def gram(self, values: FloatArray) -> FloatArray:
+        """Inner products of Jacobian and residual, see `pilotid.prediction.LeastSquares`."""
+        ...
+
+
 class ResponseFit:
-    """Weighted residuals of a frequency response, for `pilotid.minimise.minimise`.
+    """Standardised residuals of a frequency response.
 
     Parameters
     ----------
@@ -93,13 +108,15 @@ def second_step(
     response: FrequencyResponse,
     rng: np.random.Generator,
     *,
+    problem: Problem | None = None,
+    known: FloatArray | None = None,
     candidates: int = 12,
     refined: int = 4,
 ) -> Estimate:
     """Fit a pilot model to a frequency response.
 
-    Where the model cannot follow the response within its errors, the claimed variances
-    grow by the factor by which the residuals exceed them.
+    Where the residuals exceed their errors by more than chance allows, the model cannot
+    follow the response, and the claimed variances grow by their ratio.
 
     Parameters
     ----------
@@ -113,10 +130,15 @@ def second_step(
         First step.
     rng
         Draws the random starts.
+    problem
+        What to minimise, where the response's own covariance is not all that the first
+        step knows.
+    known
+        An optimum found already, shape (1, parameters).
     candidates, refined
         Random starts screened, and starts minimised, see `pilotid.search.search`.
     """
-    problem = ResponseFit(response, model)
+    problem = problem or ResponseFit(response, model)
     freedom = problem.residuals - len(model.parameters)
     if freedom < 0:
         return failed(
@@ -126,15 +148,14 @@ def second_step(
             f"the frequency response gives {problem.residuals} independent numbers, too few for "
             f"the {len(model.parameters)} parameters of model {model.name}",
         )
-    found = search(problem.gram, model, rng, candidates=candidates, refined=refined)
+    found = search(problem.gram, model, rng, known=known, candidates=candidates, refined=refined)
     end = minimise(problem.gram, found.values[:1], model)
     values = end.values[0]
-    variance = max(1.0, float(end.cost[0]) / freedom) if freedom else 1.0
+    variance = _excess(float(end.cost[0]), freedom)
     covariance = covariance_of(end.gram[0, :-1, :-1], variance)
     if covariance is None:
         return failed(name, model, Outcome.SINGULAR)
     outcome, message = outcome_of(model, values, bool(end.converged[0]))
-    notes = [text for text in (message, response.note) if text]
     return Estimate(
         name,
         model,
@@ -143,8 +164,18 @@ def second_step(
         covariance=covariance,
         intervals=profile_intervals(problem.gram, model, end, variance, len(values)),
         vaf=simulated_vaf(recording, model, values),
-        message="; ".join(notes),
+        message=message,
         iterations=found.iterations + end.iterations,
         starts=record(found),
         frequency_response=response,
     )
+
+
+def _excess(cost: float, freedom: int) -> float:
+    """Variance of the standardised residuals where it is clearly above 1, else 1."""
+    if freedom == 0:
+        return 1.0
+    # Wilson and Hilferty's approximation of the chi-squared quantile of 0.999.
+    share = 2.0 / (9.0 * freedom)
+    limit = (1.0 - share + 3.09 * share**0.5) ** 3
+    return cost / freedom if cost / freedom > limit else 1.0

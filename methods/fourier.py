@@ -1,0 +1,202 @@
+"""Fourier coefficients at the lines of multisine forcing functions, then a fit.
+
+Van Paassen & Mulder, *Identification of human operator control behaviour in multiple-loop
+tracking tasks*, 1998.  At every line U = Hpe E - Hpx X.  That is one equation; for a pilot
+with two channels the second comes from the lines of the other forcing function, whose
+ratios U/E and X/E are interpolated.  The error that this makes is some per cent of the
+responses, and is reported; it does not reach the parameters, since the second step is
+fitted to the equation at each line itself.
+
+The remnant is not periodic in the window.  What it leaves in the pilot at both ends leaks
+to all frequencies; above 8 rad/s that exceeds the remnant's own power twentyfold.  It is
+smooth in frequency, so that the residuals of the bins beside a line tell it (the idea of
+the local polynomial method; Pintelon & Schoukens, *System Identification*, 2nd ed.,
+sec. 7.2).  With `trend=None` it stays in, as in 1998.
+
+Assumes whole periods of the forcing in the window, a pilot who does not change, and, for
+two channels, both a target and a disturbance.  It uses the lines alone: the remnant that
+circulates between them excites the pilot as well, so that methods which use all of the
+recording know gain and lead time better.  Where the remnant exceeds the response to the
+forcing functions the estimate is biased towards the inverse of the controlled element, as
+all direct estimates in a closed loop.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from pilotid.coefficients import Coefficients, coefficients_of
+from pilotid.estimate import Estimate, Outcome
+from pilotid.lines import NotMultisineError, forcing_lines
+from pilotid.minimise import minimise
+from pilotid.model import PilotModel
+from pilotid.prediction import gram_matrices
+from pilotid.recording import Recording
+from pilotid.response import FrequencyResponse
+from pilotid.search import search
+from pilotid.twostep import second_step
+from pilotid.types import ComplexArray, FloatArray
+
+
+@dataclass(frozen=True)
+class Fourier:
+    """Fourier coefficients at the forcing lines, and a fit weighted by the remnant's power.
+
+    Attributes
+    ----------
+    neighbours
+        Bins beside each line that tell the leakage of transients and, where there is only
+        one run, the remnant's power.
+    trend
+        Order of the polynomial that this leakage follows beside a line; None leaves it in.
+    rounds
+        How often leakage and power are found anew at most, with the fitted model's response
+        between the lines.
+    """
+
+    neighbours: int = 16
+    trend: int | None = 1
+    rounds: int = 8
+    name: ClassVar[str] = "fourier"
+
+    def objection(self, recording: Recording, model: PilotModel) -> str | None:
+        try:
+            lines = forcing_lines(recording)
+        except NotMultisineError as error:
+            return str(error)
+        if not lines:
+            return "the recording holds neither ft or fd nor their lines"
+        inputs = [channel.input for channel in model.channels]
+        if len(set(inputs)) < len(inputs):
+            return f"model {model.name} has two channels on one input, which no lines tell apart"
+        fewest = min(own.size for own in lines.values())
+        if len(inputs) == 2 and len(lines) < 2:
+            return "two channels need both a target and a disturbance forcing function"
+        if len(inputs) == 2 and np.intersect1d(lines["ft"], lines["fd"]).size:
+            return "two channels need forcing functions without common lines"
+        if fewest < 2:
+            return "a forcing function has a single line, where two or more are needed"
+        count = sum(own.size for own in lines.values())
+        if 2 * count < len(model.parameters):
+            return f"{count} lines are too few for {len(model.parameters)} parameters"
+        return None
+
+    def first_step(self, recording: Recording, model: PilotModel) -> FrequencyResponse:
+        """The channels' responses at the forcing lines, without a model of the pilot."""
+        coefficients = coefficients_of(recording, model, self.neighbours, self.trend)
+        return _response(coefficients, model, coefficients.first_residuals())
+
+    def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
+        coefficients = coefficients_of(recording, model, self.neighbours, self.trend)
+        residuals = coefficients.first_residuals()
+        problem = Equations(coefficients, model, coefficients.power(residuals))
+        end = search(problem.gram, model, rng, candidates=12, refined=4).values[:1]
+        settled = False
+        for _ in range(self.rounds):
+            minimum = minimise(problem.gram, end, model, tolerance=1e-6)
+            information = minimum.gram[0, :-1, :-1]
+            step = minimum.values[0] - end[0]
+            end = minimum.values[:1]
+            residuals = coefficients.residuals(model.response(coefficients.omega, end[0]))
+            problem = Equations(coefficients, model, coefficients.power(residuals))
+            settled = bool(step @ information @ step < 1e-3 * len(step))
+            if settled:
+                break
+        response = _response(coefficients, model, residuals)
+        estimate = second_step(
+            self.name, recording, model, response, rng, problem=problem, known=end
+        )
+        if not np.isfinite(estimate.values).all():
+            return replace(estimate, frequency_response=response)
+        if not settled and estimate.outcome.usable:
+            estimate = replace(
+                estimate,
+                outcome=Outcome.NOT_CONVERGED,
+                message=f"power and leakage of the remnant did not settle in {self.rounds} rounds",
+            )
+        return _with_interpolation_error(estimate, coefficients, response)
+
+
+def _response(
+    coefficients: Coefficients, model: PilotModel, residuals: ComplexArray
+) -> FrequencyResponse:
+    """Responses from the control less its leakage."""
+    own = coefficients.control[:, : coefficients.lines] - coefficients.leakage(residuals)
+    control = coefficients.at_lines(own)
+    return coefficients.response(model, control, coefficients.power(residuals))
+
+
+def _with_interpolation_error(
+    estimate: Estimate, coefficients: Coefficients, response: FrequencyResponse
+) -> Estimate:
+    """The estimate with the responses' error by interpolation, as the fitted model has it."""
+    model, lines = estimate.model, coefficients.lines
+    if len(model.channels) < 2:
+        return estimate
+    exact = model.response(coefficients.omega[:lines], estimate.values)
+    inputs = coefficients.at_lines(coefficients.inputs[:, :, :lines])
+    control = np.sum(exact * inputs, axis=0)
+    interpolated = coefficients.response(model, control, np.zeros(lines))
+    true = model.response(response.omega, estimate.values)
+    error = np.abs(interpolated.value - true)
+    share = 100.0 * error / np.abs(true)
+    note = (
+        f"interpolation between the lines changes the responses by {np.median(share):.1f} % in "
+        f"the median, {share.max():.1f} % at most"
+    )
+    return replace(estimate, frequency_response=replace(response, systematic=error, note=note))
+
+
+class Equations:
+    """Residuals of U = sum of H I at the lines, less the trend of those at the bins beside.
+
+    Parameters
+    ----------
+    coefficients
+        The recording's coefficients.
+    model
+        The pilot model.
+    power
+        Power of the remnant in each equation, shape (n,).
+    """
+
+    def __init__(self, coefficients: Coefficients, model: PilotModel, power: FloatArray) -> None:
+        self.model, self.omega = model, coefficients.omega
+        # Real and imaginary parts have half the power each.
+        scale = np.sqrt(2.0 / power)
+
+        def combined(signal: ComplexArray) -> ComplexArray:
+            """What multiplies responses at lines and bins, shape (n, all)."""
+            lines, count = coefficients.lines, len(self.omega)
+            matrix = np.zeros((lines, count), dtype=complex)
+            rows = np.arange(lines)
+            matrix[rows, rows] = coefficients.at_lines(signal[:, :lines])
+            beside = np.mean(
+                coefficients.phases[:, :, None] * signal[:, coefficients.beside], axis=0
+            )
+            matrix[rows[:, None], coefficients.beside] = -coefficients.trend * beside
+            return scale[:, None] * matrix
+
+        self._control = combined(coefficients.control).sum(axis=1)
+        self._inputs = np.array([combined(signal) for signal in coefficients.inputs])
+
+    @property
+    def residuals(self) -> int:
+        """Number of real residuals."""
+        return 2 * self._control.size
+
+    def rows(self, values: FloatArray) -> FloatArray:
+        """Standardised Jacobian and residual, shape (sets, parameters + 1, residuals)."""
+        slopes = self.model.jacobian(self.omega, values)
+        responses = np.array([self.model.response(self.omega, v) for v in values])
+        everything = np.concatenate([slopes, responses[:, :, None]], axis=2)
+        rows = sum(everything[:, c] @ inputs.T for c, inputs in enumerate(self._inputs))
+        rows[:, -1] = self._control - rows[:, -1]
+        return np.concatenate([rows.real, rows.imag], axis=-1)
+
+    def gram(self, values: FloatArray) -> FloatArray:
+        """Inner products of the rows, shape (sets, parameters + 1, parameters + 1)."""
+        return gram_matrices(self.rows, values)

@@ -1,0 +1,283 @@
+"""Fourier coefficients: exact without remnant, leakage removed, objections with reasons."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import approx_fprime
+
+from pilotid import load_recording
+from pilotid.coefficients import coefficients_of, interpolation
+from pilotid.datasets import scenario_named, simulate
+from pilotid.datasets.scenarios import Scenario
+from pilotid.estimate import Outcome, identify
+from pilotid.lines import NotMultisineError, forcing_lines
+from pilotid.methods.fourier import Equations, Fourier
+from pilotid.model import GAIN_ONLY, MULTI, RATE, SINGLE, Channel, PilotModel
+from pilotid.recording import Recording
+
+FOLDER = os.environ.get("PILOTID_MEASURED", "")
+NOMINAL = scenario_named("nominal")
+
+
+def quiet(name: str) -> Scenario:
+    scenario = scenario_named(name)
+    return replace(scenario, remnant=replace(scenario.remnant, level=0.0))
+
+
+@cache
+def noisy(runs: int = 1, name: str = "nominal", seed: int = 4) -> Recording:
+    return simulate(replace(scenario_named(name), runs=runs), np.random.default_rng(seed))
+
+
+@pytest.mark.parametrize("name", ["nominal", "single", "target-only"])
+@pytest.mark.parametrize("trend", [None, 1])
+def test_noise_free_recordings_give_the_truth(name: str, trend: int | None) -> None:
+    scenario = quiet(name)
+    if name == "target-only":  # one channel, from the target's lines
+        scenario = replace(scenario, model=SINGLE, truth=tuple(SINGLE.start))
+    recording = simulate(scenario, np.random.default_rng(1))
+    estimate = identify(Fourier(trend=trend), recording, scenario.model, np.random.default_rng(1))
+    assert estimate.outcome is Outcome.CONVERGED
+    np.testing.assert_allclose(estimate.values, scenario.values, rtol=1e-5)
+
+
+def test_first_step_matches_the_truth_within_the_reported_error_of_interpolation() -> None:
+    scenario = quiet("nominal")
+    recording = simulate(scenario, np.random.default_rng(1))
+    estimate = identify(Fourier(), recording, MULTI, np.random.default_rng(1))
+    found = estimate.frequency_response
+    assert found is not None
+    assert found.systematic is not None
+    error = np.abs(found.value - MULTI.response(found.omega, scenario.values))
+    assert np.all(error <= 1.001 * found.systematic + 1e-9)
+    share = found.systematic / np.abs(found.value)
+    assert 0.005 < np.median(share) < 0.02
+    assert share.max() < 0.1
+    assert "8.1 % at most" in found.note
+    first = Fourier().first_step(recording, MULTI)
+    np.testing.assert_allclose(first.value, found.value, rtol=1e-3)
+
+
+def test_runs_whose_forcing_functions_differ_in_phase_are_averaged_in_phase() -> None:
+    scenario = quiet("nominal")
+    assert scenario.target is not None
+    parts = []
+    for seed in (1, 2, 3):
+        rng = np.random.default_rng(seed)
+        changed = replace(
+            scenario,
+            target=scenario.target.with_random_phases(rng),  # type: ignore[attr-defined]
+        )
+        parts.append(simulate(changed, rng))
+    e, u, x, ft, fd = (
+        np.concatenate([getattr(p, n) for p in parts]) for n in ["e", "u", "x", "ft", "fd"]
+    )
+    recording = replace(parts[0], e=e, u=u, x=x, ft=ft, fd=fd)
+    estimate = identify(Fourier(), recording, MULTI, np.random.default_rng(1))
+    np.testing.assert_allclose(estimate.values, scenario.values, rtol=1e-4)
+
+
+def test_rows_are_the_derivatives_of_the_residual() -> None:
+    recording = noisy(runs=2)
+    coefficients = coefficients_of(recording, MULTI, 16, 1)
+    problem = Equations(coefficients, MULTI, np.geomspace(1e-3, 1e-6, coefficients.lines))
+    point = 1.1 * NOMINAL.values
+    rows = problem.rows(point[None])[0]
+    slopes = approx_fprime(point, lambda v: problem.rows(v[None])[0, -1], 1e-7)
+    np.testing.assert_allclose(rows[:-1], -slopes.T, rtol=1e-4, atol=1e-3)
+
+
+def test_the_residual_is_that_of_the_lines_less_the_trend_beside_them() -> None:
+    recording = noisy()
+    coefficients = coefficients_of(recording, MULTI, 10, 1)
+    power = np.full(coefficients.lines, 2.0)  # so that real and imaginary parts stay as they are
+    problem = Equations(coefficients, MULTI, power)
+    found = problem.rows(NOMINAL.values[None])[0, -1]
+    k = np.arange(300)
+    omega = 2.0 * np.pi * k / recording.duration
+    response = MULTI.response(omega, NOMINAL.values)
+    e, u, x = (
+        np.fft.rfft(recording.window(s))[0, :300] / recording.samples
+        for s in (recording.e, recording.u, recording.x)
+    )
+    residual = u - response[0] * e + response[1] * x
+    lines = forcing_lines(recording)
+    forced = np.concatenate([lines["ft"], lines["fd"]])
+    bins = np.setdiff1d(k[1:], forced)
+    for number in (0, 5, 23):  # target lines, then disturbance lines
+        line = forced[number]
+        beside = bins[np.argsort(np.abs(bins - line), kind="stable")[:10]]
+        trend = np.polynomial.Polynomial.fit(beside - line, residual[beside], 1)
+        expected = residual[line] - trend(0.0)
+        turned = expected * coefficients.phases[0, number]
+        assert found[number] + 1j * found[number + forced.size] == pytest.approx(turned, rel=1e-6)
+
+
+def test_power_of_the_remnant_is_that_of_its_spectrum() -> None:
+    # Above 8 rad/s leakage would exceed it many times.
+    from pilotid.datasets.spectra import spectra
+
+    expected = None
+    ratios = []
+    for seed in range(20):
+        recording = noisy(seed=seed)
+        coefficients = coefficients_of(recording, MULTI, 16, 1)
+        exact = coefficients.residuals(MULTI.response(coefficients.omega, NOMINAL.values))
+        if expected is None:
+            omega = coefficients.omega[: coefficients.lines]
+            density = spectra(NOMINAL).circulation(omega)[2]
+            expected = density / (recording.samples)
+        ratios.append(coefficients.power(exact) / expected)
+    mean = np.mean(ratios, axis=0)
+    assert np.all((mean > 0.6) & (mean < 1.9)), mean
+    assert abs(np.mean(mean) - 1.0) < 0.25
+
+
+def test_several_runs_lower_the_power_and_tell_it_by_their_differences() -> None:
+    one, five = noisy(seed=7), noisy(runs=5, seed=7)
+    powers = []
+    for recording in (one, five):
+        coefficients = coefficients_of(recording, MULTI, 16, 1)
+        exact = coefficients.residuals(MULTI.response(coefficients.omega, NOMINAL.values))
+        powers.append(coefficients.power(exact))
+    assert 3.0 < np.exp(np.mean(np.log(powers[0] / powers[1]))) < 8.0
+    # A pilot who changes from run to run is less certain than the bins between lines say.
+    gains = np.linspace(0.7, 1.3, 5)[:, None]
+    unsteady = replace(five, u=gains * five.u)
+    coefficients = coefficients_of(unsteady, MULTI, 16, 1)
+    exact = coefficients.residuals(MULTI.response(coefficients.omega, NOMINAL.values))
+    assert np.median(coefficients.power(exact) / powers[1]) > 3.0
+
+
+def test_estimates_scatter_as_claimed() -> None:
+    runs = 40
+    found = [
+        identify(Fourier(), noisy(seed=100 + i), MULTI, np.random.default_rng(i))
+        for i in range(runs)
+    ]
+    assert all(e.outcome.usable for e in found)
+    values = np.array([e.values for e in found])
+    claimed = np.median([e.std_error for e in found], axis=0)
+    steady = slice(2, None)  # gain and lead time are hardly known from the lines
+    scatter = values.std(axis=0)
+    np.testing.assert_allclose((scatter / claimed)[steady], 1.0, atol=0.4)
+    error = (values.mean(axis=0) - NOMINAL.values) / (scatter / np.sqrt(runs))
+    assert np.all(np.abs(error[steady]) < 4.0)
+    inside = [
+        (e.intervals[:, 0] <= NOMINAL.values) & (NOMINAL.values <= e.intervals[:, 1]) for e in found
+    ]
+    assert np.all(np.mean(inside, axis=0) > 0.8)
+
+
+def test_lines_are_found_where_they_are_not_given() -> None:
+    recording = replace(noisy(), lines={})
+    assert NOMINAL.target is not None
+    assert NOMINAL.disturbance is not None
+    lines = forcing_lines(recording)
+    assert tuple(lines["ft"]) == NOMINAL.target.lines
+    assert tuple(lines["fd"]) == NOMINAL.disturbance.lines
+    still = replace(recording, ft=np.full_like(recording.u, 3.0))
+    assert list(forcing_lines(still)) == ["fd"]
+
+
+def test_a_forcing_function_without_whole_periods_is_no_multisine() -> None:
+    recording = replace(noisy(), lines={})
+    cut = replace(
+        recording,
+        **{n: getattr(recording, n)[:, :-300] for n in ("e", "u", "x", "ft", "fd")},
+    )
+    with pytest.raises(NotMultisineError, match="ft is no multisine with whole periods"):
+        forcing_lines(cut)
+
+
+def two_on_error() -> PilotModel:
+    visual = SINGLE.channels[0]
+    return PilotModel("both", (visual, replace(visual, name="again")))
+
+
+def no_forcing(recording: Recording) -> Recording:
+    return replace(recording, ft=None, fd=None, lines={})
+
+
+@pytest.mark.parametrize(
+    ("recording", "model", "reason"),
+    [
+        (simulate(scenario_named("target-step"), np.random.default_rng(1)), MULTI, "no multisine"),
+        (no_forcing(noisy()), SINGLE, "neither ft or fd"),
+        (simulate(scenario_named("target-only"), np.random.default_rng(1)), MULTI, "both a target"),
+        (noisy(), two_on_error(), "two channels on one input"),
+        (replace(noisy(), lines={"ft": (6, 9), "fd": (5, 9)}), MULTI, "common lines"),
+        (replace(noisy(), lines={"ft": (6,)}, fd=None), GAIN_ONLY, "single line"),
+        (replace(noisy(), lines={"ft": (6, 9)}, fd=None), SINGLE, "too few"),
+        (replace(noisy(), lines={"ft": (6, 2048)}), SINGLE, "half the number of samples"),
+    ],
+)
+def test_objections_have_reasons(recording: Recording, model: PilotModel, reason: str) -> None:
+    assert reason in str(Fourier().objection(recording, model))
+    estimate = identify(Fourier(), recording, model, np.random.default_rng(1))
+    assert estimate.outcome is Outcome.NOT_APPLICABLE
+
+
+def test_a_channel_on_the_output_alone_is_identified() -> None:
+    # What a pilot without a visual channel would be: u = -Km s x.
+    motion = Channel("motion", "output", -1, RATE.channels[1].factors)
+    model = PilotModel("motion", (motion,))
+    truth = {"Km": 0.5, "tdm": 0.15, "fnm": 11.0, "dnm": 0.4}
+    recording = noisy()
+    k = np.arange(recording.samples // 2 + 1)
+    response = model.response(2.0 * np.pi * k / recording.duration, model.vector(truth))[0]
+    window = recording.window(recording.x)
+    u = np.fft.irfft(-response * np.fft.rfft(window), n=recording.samples)
+    periodic = replace(
+        recording,
+        run_in=0,
+        u=u,
+        **{n: recording.window(getattr(recording, n)) for n in ("e", "x", "ft", "fd")},
+    )
+    estimate = identify(Fourier(), periodic, model, np.random.default_rng(1))
+    np.testing.assert_allclose(estimate.values, model.vector(truth), rtol=1e-4)
+
+
+def test_interpolation_is_linear_and_extends_the_ends() -> None:
+    known, wanted = np.array([1.0, 2.0, 8.0]), np.array([0.5, 1.0, 4.0, 16.0])
+    weights = interpolation(known, wanted)
+    np.testing.assert_allclose(weights @ np.log(known), np.log(wanted), atol=1e-12)
+    np.testing.assert_allclose(weights.sum(axis=1), 1.0)
+
+
+needs_measured = pytest.mark.skipif(
+    not FOLDER, reason="PILOTID_MEASURED names no folder of recordings"
+)
+
+
+@needs_measured
+@pytest.mark.parametrize("condition", ["C2", "C3"])
+@pytest.mark.parametrize("subject", [1, 3, 4])
+def test_without_motion_the_response_is_the_laboratory_s_own(subject: int, condition: str) -> None:
+    from scipy.io import loadmat
+
+    path = Path(FOLDER) / "yaw" / f"ae2224I_measurement_data_subj{subject}_{condition}.mat"
+    theirs = loadmat(path)
+    ours = Fourier(trend=None).first_step(load_recording(path), SINGLE)
+    np.testing.assert_allclose(ours.omega, theirs["w_FC"].ravel(), rtol=1e-6)
+    np.testing.assert_allclose(ours.value[0], theirs["Hpe_FC"].ravel(), rtol=1e-3)
+
+
+@needs_measured
+@pytest.mark.parametrize("condition", ["C5", "C6"])
+@pytest.mark.parametrize("subject", [1, 3, 4])
+def test_with_motion_the_responses_are_near_the_laboratory_s(subject: int, condition: str) -> None:
+    from scipy.io import loadmat
+
+    path = Path(FOLDER) / "yaw" / f"ae2224I_measurement_data_subj{subject}_{condition}.mat"
+    theirs = loadmat(path)
+    ours = Fourier(trend=None).first_step(load_recording(path), RATE)
+    rate = ours.value[1] / (1j * ours.omega)
+    assert np.median(np.abs(ours.value[0] / theirs["Hpe_FC"].ravel() - 1.0)) < 0.10
+    assert np.median(np.abs(rate / theirs["Hpxd_FC"].ravel() - 1.0)) < 0.20
