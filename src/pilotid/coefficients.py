@@ -42,6 +42,8 @@ class Coefficients:
     detrend
         Projectors of those bins on what is no trend, over their degrees of freedom, shape
         (n, beside, beside).
+    freedom
+        Degrees of freedom of the power beside a line in one run.
     """
 
     omega: FloatArray
@@ -52,6 +54,7 @@ class Coefficients:
     beside: IntArray
     trend: FloatArray
     detrend: FloatArray
+    freedom: int
 
     @property
     def lines(self) -> int:
@@ -86,6 +89,7 @@ class Coefficients:
         alone would tell with few degrees of freedom.
         """
         runs = len(residuals)
+        freedom = self.freedom if runs == 1 else POOLED * (runs - 1)
         bins = residuals[:, self.beside]
         left = np.einsum("rnb,nbc,rnc->n", bins.conj(), self.detrend, bins).real / runs
         power = left * (1.0 + np.sum(self.trend**2, axis=1)) / runs
@@ -101,7 +105,8 @@ class Coefficients:
             shared /= np.convolve(np.ones_like(ratio), window, "same")
             power[ascending] *= shared
             power = np.maximum(power, least)
-        return power
+        # Makes its inverse, the information, right on average (for complex normal residuals).
+        return power * freedom / (freedom - 1.0)
 
     def residuals(self, responses: ComplexArray) -> ComplexArray:
         """Control less what channels with these responses, (channels, all), make of it."""
@@ -213,6 +218,7 @@ def coefficients_of(
         beside=lines.size + index.reshape(nearest.shape),
         trend=weights,
         detrend=(np.eye(neighbours) - powers @ fitting) / (neighbours - orders.size),
+        freedom=neighbours - orders.size,
     )
 
 
