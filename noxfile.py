@@ -45,12 +45,13 @@ def bench(session: nox.Session) -> None:
 
 @nox.session
 def check(session: nox.Session) -> None:
-    """Long comparisons: `-- mle`, `-- optima`, `-- theory`, `-- remnant` (docs/remnant.md)."""
+    """Long comparisons: `-- mle`, `-- theory`, `-- bayes`, ...; CONTRIBUTING.md lists them."""
     scripts = {
         "mle": "mle_against_bound.py",
         "optima": "optima.py",
         "theory": "theory_against_monte_carlo.py",
         "remnant": "remnant_figure.py",
+        "responses": "responses_figure.py",
     }
     names = [name for name in session.posargs[:1] if name in scripts]
     if not names:

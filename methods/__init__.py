@@ -11,10 +11,12 @@ from functools import cache
 from importlib.metadata import entry_points
 
 from pilotid.estimate import Method
+from pilotid.methods.arx import ARX
 from pilotid.methods.fourier import Fourier
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.methods.mmle3 import MMLE3
+from pilotid.methods.sindy import SINDy
 from pilotid.types import InputError
 
 #: The methods of this package, in the order of tables and figures.
@@ -23,6 +25,8 @@ METHODS: tuple[Method, ...] = (
     MLEWhite(),
     MLE(),
     Fourier(),
+    ARX(),
+    SINDy(),
 )
 
 

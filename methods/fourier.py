@@ -186,7 +186,7 @@ class Equations:
     @property
     def residuals(self) -> int:
         """Number of real residuals."""
-        return 2 * self._control.size
+        return 2 * int(self._control.size)
 
     def rows(self, values: FloatArray) -> FloatArray:
         """Standardised Jacobian and residual, shape (sets, parameters + 1, residuals)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,7 +10,7 @@ from pilotid.estimate import Method
 from pilotid.files_csv import sidecar_path
 from pilotid.methods import method_named, methods
 from pilotid.model import PilotModel
-from pilotid.types import InputError
+from pilotid.types import FloatArray, InputError
 
 
 def names_of(given: Sequence[str] | None, default: Sequence[str], all_: Sequence[str]) -> list[str]:
@@ -48,6 +49,26 @@ def started(model: PilotModel, text: str | None) -> PilotModel:
         raise
     except ValueError as error:
         raise InputError(f"--start {text}: {error}") from None
+
+
+def read_truth(path: Path, model: PilotModel) -> FloatArray:
+    """True parameters in model order from the file that `pilotid simulate` writes.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or lacks a parameter of the model.
+    """
+    try:
+        held = json.loads(path.read_text(encoding="utf-8"))["parameters"]
+        return model.vector({key: float(entry["value"]) for key, entry in held.items()})
+    except InputError as error:
+        raise InputError(f"{path}: {error}; give the truth of a recording of that model") from None
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+        raise InputError(
+            f"{path}: cannot be read as the truth of a simulation; name the F.truth.json that "
+            "`pilotid simulate` wrote"
+        ) from None
 
 
 def require_writable(target: Path, inputs: Sequence[Path]) -> None:

@@ -106,7 +106,7 @@ class Coefficients:
             power[ascending] *= shared
             power = np.maximum(power, least)
         # Makes its inverse, the information, right on average (for complex normal residuals).
-        return power * freedom / (freedom - 1.0)
+        return np.asarray(power * freedom / (freedom - 1.0))
 
     def residuals(self, responses: ComplexArray) -> ComplexArray:
         """Control less what channels with these responses, (channels, all), make of it."""
@@ -258,4 +258,4 @@ def interpolation(known: FloatArray, wanted: FloatArray) -> FloatArray:
 
 def _logarithm(values: ComplexArray) -> ComplexArray:
     """Logarithm along ascending frequency, its phase without jumps."""
-    return np.log(np.abs(values)) + 1j * np.unwrap(np.angle(values))
+    return np.asarray(np.log(np.abs(values)) + 1j * np.unwrap(np.angle(values)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,10 +23,10 @@ if TYPE_CHECKING:
 # 2021).  A method has the same one in every figure.
 COLOURS = {
     "mmle3": "#999999",
-    "mle-white": "#E69F00",
+    "mle-white": "#D55E00",
     "mle": "#0072B2",
     "fourier": "#009E73",
-    "arx": "#D55E00",
+    "arx": "#E69F00",
     "bj": "#56B4E9",
     "sindy": "#CC79A7",
     "bayes": "#332288",
@@ -122,6 +123,8 @@ def _sizes(estimate: Estimate, channel: int) -> FloatArray:
 
 def _points(axes: tuple[Axes, Axes], estimate: Estimate, channel: int, number: int) -> None:
     """Estimated responses of one channel with bars of one standard error."""
+    from matplotlib.axes import Axes
+
     found = estimate.frequency_response
     if found is None:
         return
@@ -129,20 +132,20 @@ def _points(axes: tuple[Axes, Axes], estimate: Estimate, channel: int, number: i
     # Each part, real and imaginary, has half of the error's power.
     error = found.std[channel] / np.sqrt(2.0)
     share = error / np.abs(value)
-    style = {
-        "color": colour_of(estimate.method),
-        "fmt": MARKERS[number % len(MARKERS)],
-        "markersize": 4.0,
-        "elinewidth": 0.8,
-        "capsize": 0.0,
-        "markerfacecolor": "white",
-    }
     low = np.minimum(error, 0.98 * np.abs(value))
+    draw = partial(
+        Axes.errorbar,
+        color=colour_of(estimate.method),
+        fmt=MARKERS[number % len(MARKERS)],
+        markersize=4.0,
+        elinewidth=0.8,
+        markerfacecolor="white",
+    )
     bars = np.array([low, error])
-    axes[0].errorbar(found.omega, np.abs(value), bars, label=estimate.method, **style)
+    draw(axes[0], found.omega, np.abs(value), bars, label=estimate.method)
     known = share < UNKNOWN
     phase = _near(value, estimate, found.omega, channel)
-    axes[1].errorbar(found.omega[known], phase[known], np.rad2deg(share[known]), **style)
+    draw(axes[1], found.omega[known], phase[known], np.rad2deg(share[known]))
 
 
 def _near(value: ComplexArray, estimate: Estimate, omega: FloatArray, channel: int) -> FloatArray:

@@ -114,7 +114,7 @@ def _step(
     across[index, which] = 0.0
     right = descent.copy()
     right[index, which] = 0.0
-    solved = np.linalg.solve(others, np.stack([right, across], axis=-1))
+    solved = _solved(others, np.stack([right, across], axis=-1))
     to_optimum, along_ridge = solved[..., 0], solved[..., 1]
     gained = np.einsum("sp,sp->s", right, to_optimum)
     slope = descent[index, which] - np.einsum("sp,sp->s", across, to_optimum)
@@ -127,3 +127,12 @@ def _step(
     step = to_optimum - move[:, None] * along_ridge
     step[index, which] = move
     return step, gained
+
+
+def _solved(matrices: FloatArray, right: FloatArray) -> FloatArray:
+    """Solutions of linear systems, of least norm where one is singular."""
+    try:
+        return np.asarray(np.linalg.solve(matrices, right))
+    except np.linalg.LinAlgError:
+        # Far from the optimum, or at a bound, a parameter may lose all influence.
+        return np.asarray(np.linalg.pinv(matrices) @ right)

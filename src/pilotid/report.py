@@ -10,6 +10,7 @@ import numpy as np
 from pilotid import output
 from pilotid.figures import bode, signals, svg
 from pilotid.fits import Fit, derived, parameters
+from pilotid.types import FloatArray
 
 
 @dataclass(frozen=True)
@@ -24,8 +25,16 @@ class Section:
     responses: str
 
 
-def html_report(fits: Sequence[Fit]) -> str:
-    """The report as one HTML text that needs no network; equal fits give equal bytes."""
+def html_report(fits: Sequence[Fit], truth: FloatArray | None = None) -> str:
+    """The report as one HTML text that needs no network; equal fits give equal bytes.
+
+    Parameters
+    ----------
+    fits
+        What was fitted.
+    truth
+        True parameters of a simulation, to be drawn beside the frequency responses.
+    """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
@@ -35,11 +44,11 @@ def html_report(fits: Sequence[Fit]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    sections = [_section(fit) for fit in fits]
+    sections = [_section(fit, truth) for fit in fits]
     return environment.get_template("fit.html").render(sections=sections)
 
 
-def _section(fit: Fit) -> Section:
+def _section(fit: Fit, truth: FloatArray | None) -> Section:
     shown = [e for e in fit.estimates if np.isfinite(e.values).all()]
     two_step = [e for e in fit.estimates if e.frequency_response is not None]
     columns = [[*parameters(e), *derived(e)] for e in shown]
@@ -52,5 +61,5 @@ def _section(fit: Fit) -> Section:
         ],
         verdicts=[output.verdict(e, timed=False) for e in fit.estimates],
         signals=svg(signals(fit.recording, shown)) if shown else "",
-        responses=svg(bode(two_step)) if two_step else "",
+        responses=svg(bode(two_step, truth)) if two_step else "",
     )

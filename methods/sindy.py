@@ -1,0 +1,291 @@
+"""Sparse regression of discrete dynamics (SINDy), then the pilot model fitted to it.
+
+Step one regresses the control on lags of itself and of each channel's input, and prunes
+the library by sequentially thresholded least squares: SINDy (Brunton, Proctor and Kutz,
+PNAS 113, 2016) for a discrete system with inputs (Kaiser, Kutz and Brunton, Proc. R. Soc.
+A 474, 2018), by pysindy's `STLSQ`.  An ensemble of the same fits on resampled blocks of time
+(Fasel et al., Proc. R. Soc. A 478, 2022) says how far it scatters.  Step two fits the pilot
+model to the frequency response of the sparse model.
+
+What a pilot makes of the textbook's recipe:
+
+- Delays lie on a grid outside the regression.  Lagged signals are nearly collinear, and
+  thresholds take their pick among equals: they do not find a delay.
+- No lag is below one sample.  The acceleration of a double integrator is a multiple of the
+  control plus disturbance *at the same instant*; a regression that sees it finds the
+  inverse of the controlled element.
+- Known dynamics (canals) filter the input before the regression.  Left to it, their slow
+  pole, within 0.02 of the unit circle, cost nine tenths of the vestibular gain.
+- Thresholds apply to standardised columns and stay low.  A pilot with a coloured remnant
+  is not sparse in lags: every term has its small share, and to prune more costs accuracy.
+
+Assumes that the lags describe the remnant as well.  Two channels need two forcing functions.
+Do not use it for results, where `mle` is more accurate; use it to see what sparse regression
+makes of a pilot.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import warnings
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from pilotid.estimate import Estimate, Outcome, failed
+from pilotid.model import PilotModel
+from pilotid.prediction import predict
+from pilotid.recording import Recording
+from pilotid.regression import (
+    Fit,
+    Regression,
+    Structure,
+    discrete_response,
+    known_dynamics,
+    lagged_rows,
+    signals,
+)
+from pilotid.response import FrequencyResponse
+from pilotid.twostep import second_step
+from pilotid.types import FloatArray
+
+LEAST_ROWS = 2.0  # rows of the regression for each of its columns
+LEAST_BLOCKS = 10  # blocks of time to resample from
+VAGUE = 2.0  # errors of a response in units of its size, beyond which it says nothing
+
+
+@dataclass(frozen=True)
+class SINDy:
+    """Sparse discrete-time regression by pysindy, and a pilot model fitted to its response.
+
+    Attributes
+    ----------
+    band
+        Analysis band [rad/s], which sets the sampling interval of the lags.
+    own_lags
+        Lags of the control in the library.
+    memory
+        Longest lag of an input in the library [s].
+    longest_delay
+        End of the grid of delays [s], which begins at one sampling interval.
+    threshold
+        Smallest coefficient kept, for columns and control of unit standard deviation.
+    members, block
+        Size of the ensemble, and length of the blocks of time that it resamples [s].
+    misfit
+        Error of the sparse model as a share of the response, independent at every
+        frequency; it adds to the spread of the ensemble.
+    lowest, highest, points
+        Frequencies of the second step [rad/s], equally spaced on a logarithmic scale.
+    """
+
+    band: float = 26.0
+    own_lags: int = 4
+    memory: float = 1.4
+    longest_delay: float = 0.4
+    threshold: float = 0.05
+    members: int = 20
+    block: float = 1.0
+    misfit: float = 0.05
+    lowest: float = 0.4
+    highest: float = 16.0
+    points: int = 20
+    name: ClassVar[str] = "sindy"
+
+    def objection(self, recording: Recording, model: PilotModel) -> str | None:
+        # Imported here, before the fit is timed, since it takes longer than the fit.
+        import pysindy  # noqa: F401
+
+        inputs = {c.input for c in model.channels}
+        if len(inputs) > 1 and np.std(recording.e + recording.x) < 1e-6 * np.std(recording.e):
+            return (
+                "without a target the error is the output turned round, and a black box cannot "
+                "tell one channel from the other"
+            )
+        return None
+
+    def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
+        library = _Library(self, recording, model)
+        structure = library.best_delays()
+        if library.count < LEAST_ROWS * structure.parameters:
+            return failed(
+                self.name,
+                model,
+                Outcome.NOT_APPLICABLE,
+                f"{library.count} samples in the analysis band are too few for "
+                f"{structure.parameters} candidate terms; use a longer recording or more runs",
+            )
+        sparse = self.regress(library, structure, rng)
+        reason = unusable(sparse, model)
+        if not reason:
+            response = self.response(recording, model, sparse, library.dt)
+            reason = undetermined(response, model)
+        if reason:
+            return failed(self.name, model, Outcome.UNSTABLE_MODEL, reason)
+        return second_step(self.name, recording, model, response, rng)
+
+    def regress(self, library: _Library, structure: Structure, rng: np.random.Generator) -> Fit:
+        """The sparse model of one structure, with the covariance of its ensemble."""
+        blocks = library.blocks(structure, self.block)
+        triangle = _triangle(np.concatenate(blocks))
+        size = structure.parameters
+        coefficients = prune(triangle, self.threshold)
+        members = np.empty((self.members, size))
+        for member in members:
+            picked = rng.integers(len(blocks), size=len(blocks))
+            resampled = _triangle(np.concatenate([blocks[i] for i in picked]))
+            member[:] = prune(resampled, self.threshold)
+        cost = float(np.sum((triangle[:, -1] - triangle[:, :-1] @ coefficients) ** 2))
+        variance = cost / (library.count - size)
+        covariance = ensemble_covariance(members - coefficients, triangle[:size, :size], variance)
+        return Fit(structure, coefficients, covariance, cost)
+
+    def response(
+        self, recording: Recording, model: PilotModel, sparse: Fit, dt: float
+    ) -> FrequencyResponse:
+        """Frequency response of a sparse model, with the allowance for its misfit."""
+        lowest = max(self.lowest, 2.0 * np.pi / recording.duration)
+        omega = np.geomspace(lowest, min(self.highest, 0.9 * np.pi / dt), self.points)
+        s = np.asarray(1j * omega, dtype=complex)
+        factors = np.array([known_dynamics(c, s) * s**c.derivative for c in model.channels])
+        value, covariance = discrete_response(omega, dt, sparse, factors)
+        allowance = np.tile(0.5 * (self.misfit * np.abs(value.ravel())) ** 2, 2)
+        delays = " and ".join(f"{d * dt:.2f} s" for d in sparse.structure.delays)
+        return FrequencyResponse(
+            omega,
+            value,
+            covariance + np.diag(allowance),
+            note=f"sparse model of {np.count_nonzero(sparse.coefficients)} of "
+            f"{sparse.structure.parameters} terms, first lags {delays}",
+        )
+
+
+class _Library:
+    """The candidate terms of a recording: signals on the analysis grid, and their lags."""
+
+    def __init__(self, settings: SINDy, recording: Recording, model: PilotModel) -> None:
+        prediction = predict(recording, model, settings.band)
+        self.dt = prediction.dt
+        self._poles = settings.own_lags
+        self._reach = max(2, math.floor(settings.memory / self.dt + 1e-9))
+        longest = math.floor(settings.longest_delay / self.dt + 1e-9)
+        self._longest = min(max(1, longest), self._reach - 1)
+        self._first = max(self._poles, self._reach)
+        control, inputs = signals(prediction)
+        begin = prediction.first - self._first
+        self.control = control[:, begin:]
+        self.inputs = [signal[:, begin:] for signal in inputs]
+        self.count = prediction.runs * (prediction.scored - 1)
+
+    def best_delays(self) -> Structure:
+        """The structure whose delays have the best Bayesian information criterion."""
+        grid = range(1, self._longest + 1)
+        structures = [
+            Structure(self._poles, tuple(self._reach - d + 1 for d in delays), delays)
+            for delays in itertools.product(grid, repeat=len(self.inputs))
+        ]
+        lags = [(1, self._reach)] * len(self.inputs)
+        regression = Regression(self.control, self.inputs, self._poles, lags, self._first)
+        costs = regression.costs(structures)
+        sizes = np.array([s.parameters for s in structures])
+        # Without a remnant all fit equally well, apart from rounding.
+        floor = 1e-20 * float(np.sum(self.control**2))
+        criterion = self.count * np.log(np.maximum(costs, floor)) + sizes * math.log(self.count)
+        return structures[int(np.argmin(criterion))]
+
+    def blocks(self, structure: Structure, length: float) -> list[FloatArray]:
+        """Triangular factors of blocks of rows, none of which spans two runs.
+
+        A triangular factor stands for its rows: all inner products are the same.
+        """
+        lags = [(d, self._reach) for d in structure.delays]
+        rows = lagged_rows(self.control, self.inputs, self._poles, lags, self._first)
+        rows = rows - rows.mean(axis=1, keepdims=True)
+        runs, samples, _ = rows.shape
+        least = math.ceil(LEAST_BLOCKS / runs)
+        parts = min(max(least, round(samples * self.dt / length)), samples)
+        return [_triangle(part) for run in rows for part in np.array_split(run, parts)]
+
+
+def _triangle(rows: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.qr(rows, mode="r"))
+
+
+def prune(rows: FloatArray, threshold: float) -> FloatArray:
+    """Coefficients of a regression, pruned by pysindy's thresholded least squares.
+
+    Parameters
+    ----------
+    rows
+        The library's columns, and last the target; shape (rows, terms + 1).
+    threshold
+        Smallest coefficient kept once all columns are scaled to one size.
+
+    Returns
+    -------
+    Array of shape (terms,), zero where a term was pruned.
+    """
+    import pysindy
+
+    scale = np.linalg.norm(rows, axis=0)
+    scale[scale == 0.0] = 1.0
+    scaled = rows / scale
+    # The default solver squares the condition of the library, which is 1e4 and more.
+    optimizer = pysindy.STLSQ(threshold=threshold, alpha=0.0, ridge_kw={"solver": "svd"})
+    with warnings.catch_warnings():
+        # It warns when nothing survives, which the caller looks at, and of an unsettled set.
+        warnings.simplefilter("ignore")
+        optimizer.fit(scaled[:, :-1], scaled[:, -1])
+    return np.asarray(np.ravel(optimizer.coef_) * scale[-1] / scale[:-1])
+
+
+def ensemble_covariance(
+    deviations: FloatArray, triangle: FloatArray, variance: float
+) -> FloatArray:
+    """Covariance of coefficients from an ensemble of fewer members than it takes.
+
+    Least squares gives the shape, and the ensemble its size: the factor by which the
+    members scatter more widely, pruning included, and 1 at least.  The members' own sample
+    covariance, and a shrunk one too, is worse as a weight, since the directions
+    in which it happens to be small dominate the second step.
+
+    Parameters
+    ----------
+    deviations
+        Coefficients of the members less the estimate, shape (members, terms).
+    triangle
+        Triangular factor of the regressors, shape (terms, terms).
+    variance
+        Variance of the residual.
+    """
+    size = deviations.shape[1]
+    # In these coordinates least squares has the covariance `variance` times unity.
+    factor = max(variance, float(np.mean((deviations @ triangle.T) ** 2)))
+    scale = np.linalg.norm(triangle, axis=0)
+    inverse = np.linalg.solve(triangle / scale, np.eye(size)) / scale[:, None]
+    return np.asarray(factor * inverse @ inverse.T)
+
+
+def unusable(sparse: Fit, model: PilotModel) -> str:
+    """Why a sparse model is no model of a pilot; empty if it is one."""
+    for channel, numerator in zip(model.channels, sparse.numerators, strict=True):
+        if not numerator.any():
+            return f"no term of the {channel.name} channel survives the threshold"
+    poles = np.abs(np.roots(sparse.denominator))
+    if poles.size and poles.max() >= 1.0:
+        return f"the sparse model has an unstable pole of magnitude {poles.max():.3g}"
+    return ""
+
+
+def undetermined(response: FrequencyResponse, model: PilotModel) -> str:
+    """Why a response is too vague to fit a pilot model to; empty if it is not."""
+    if not np.all(np.isfinite(response.covariance)):
+        return "the response of the sparse model is not finite"
+    errors = np.median(response.std / np.abs(response.value), axis=1)
+    worst = int(np.argmax(errors))
+    if errors[worst] <= VAGUE:
+        return ""
+    name = model.channels[worst].name
+    return f"the response of the {name} channel has errors of {errors[worst]:.2g} times its size"

@@ -1,0 +1,40 @@
+"""Figure of docs/two-step.md: frequency responses of one recording of `nominal`.
+
+    nox -s check -- responses       writes docs/responses.svg
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from pilotid.datasets import scenario_named, simulate
+from pilotid.estimate import identify
+from pilotid.figures import bode, svg
+from pilotid.methods import methods
+from pilotid.randomness import fit_rng, recording_rng
+
+SCENARIO = "nominal"
+FILE = Path(__file__).parents[2] / "docs" / "responses.svg"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seed", type=int, default=1)
+    seed = parser.parse_args().seed
+    scenario = scenario_named(SCENARIO)
+    recording = simulate(scenario, recording_rng(seed, SCENARIO))
+    estimates = [
+        identify(method, recording, scenario.model, fit_rng(seed, method.name, SCENARIO))
+        for method in methods().values()
+    ]
+    shown = [e for e in estimates if e.frequency_response is not None]
+    for estimate in shown:
+        print(f"{estimate.method}: {estimate.sentence}")
+    text = svg(bode(shown, scenario.values))
+    FILE.write_text('<?xml version="1.0" encoding="utf-8"?>\n' + text, encoding="utf-8")
+    print(FILE)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,259 @@
+"""Sparse regression: what is pruned, what the ensemble says, and when it is no model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pysindy
+import pytest
+
+from pilotid.datasets import scenario_named, simulate
+from pilotid.estimate import Estimate, Outcome, identify
+from pilotid.methods.sindy import (
+    SINDy,
+    _Library,
+    ensemble_covariance,
+    known_dynamics,
+    prune,
+    undetermined,
+)
+from pilotid.model import MULTI, SINGLE, PilotModel
+from pilotid.randomness import fit_rng, recording_rng
+from pilotid.recording import Recording
+from pilotid.regression import lagged_rows
+from pilotid.response import FrequencyResponse
+from pilotid.types import FloatArray
+
+
+@cache
+def recording_of(name: str, replication: int = 0) -> Recording:
+    return simulate(scenario_named(name), recording_rng(3, name, replication))
+
+
+def fit_of(method: SINDy, name: str, replication: int = 0) -> Estimate:
+    model = scenario_named(name).model
+    rng = fit_rng(3, method.name, name, replication)
+    return identify(method, recording_of(name, replication), model, rng)
+
+
+def response_of(estimate: Estimate) -> FrequencyResponse:
+    assert estimate.frequency_response is not None, estimate.sentence
+    return estimate.frequency_response
+
+
+# ------------------------------------------------------------------------------- the library
+
+
+def sparse_system(noise: float) -> tuple[FloatArray, FloatArray]:
+    """u(t) = 1.2 u(t-1) - 0.5 u(t-2) + 0.8 e(t-3) - 0.3 e(t-5) + w(t)."""
+    rng = np.random.default_rng(5)
+    e, w = rng.standard_normal((2, 600))
+    u = np.zeros(600)
+    for t in range(5, 600):
+        u[t] = 1.2 * u[t - 1] - 0.5 * u[t - 2] + 0.8 * e[t - 3] - 0.3 * e[t - 5] + noise * w[t]
+    return u[None], e[None]
+
+
+def test_the_lags_of_a_sparse_system_survive_and_no_others() -> None:
+    u, e = sparse_system(noise=0.1)
+    rows = lagged_rows(u, [e], 4, [(1, 8)], 8)[0]
+    found = prune(rows, threshold=0.05)
+    # Four lags of -u, then lags 1 to 8 of e.
+    truth = np.array([-1.2, 0.5, 0, 0, 0, 0, 0.8, 0, -0.3, 0, 0, 0])
+    assert np.array_equal(found != 0.0, truth != 0.0)
+    assert found == pytest.approx(truth, abs=0.02)
+
+
+def test_pysindy_s_own_discrete_model_has_the_same_terms() -> None:
+    u, e = sparse_system(noise=0.1)
+    rows = lagged_rows(u, [e], 4, [(1, 8)], 8)[0]
+    scaled = rows / np.linalg.norm(rows, axis=0)
+    model = pysindy.DiscreteSINDy(
+        optimizer=pysindy.STLSQ(threshold=0.05, alpha=0.0),
+        feature_library=pysindy.IdentityLibrary(),
+    )
+    # The state is -u(t-1) and what follows it u(t); all other lags are inputs.
+    model.fit(scaled[:, :1], t=1.0, x_next=scaled[:, -1:], u=scaled[:, 1:-1])
+    own = prune(scaled, threshold=0.05)
+    assert own == pytest.approx(model.coefficients()[0], abs=1e-9)
+
+
+def test_pysindy_prunes(monkeypatch: pytest.MonkeyPatch) -> None:
+    fitted: list[tuple[int, ...]] = []
+    fit = pysindy.STLSQ.fit
+
+    def counted(self: pysindy.STLSQ, x: FloatArray, y: FloatArray) -> pysindy.STLSQ:
+        fitted.append(x.shape)
+        return fit(self, x, y)
+
+    monkeypatch.setattr(pysindy.STLSQ, "fit", counted)
+    assert fit_of(SINDy(members=5), "single").outcome.usable
+    assert len(fitted) == 1 + 5  # the estimate and its ensemble
+
+
+def test_a_triangular_factor_stands_for_its_rows() -> None:
+    library = _Library(SINDy(), recording_of("nominal"), MULTI)
+    structure = library.best_delays()
+    blocks = library.blocks(structure, 1.0)
+    lags = [(d, 11) for d in structure.delays]
+    rows = lagged_rows(library.control, library.inputs, 4, lags, 11)[0]
+    rows = rows - rows.mean(axis=0)
+    together = np.concatenate(blocks)
+    assert together.T @ together == pytest.approx(rows.T @ rows, rel=1e-9, abs=1e-9)
+    assert prune(together, 0.05) == pytest.approx(prune(rows, 0.05), rel=1e-6)
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3])
+def test_the_delay_is_found_on_the_grid(samples: int) -> None:
+    # A gain and a delay on a white input: u(t) = 0.5 e(t - delay).
+    delay = 0.12 * samples
+    rng = np.random.default_rng(2)
+    e = rng.standard_normal(4096)
+    bins = 2.0 * np.pi * np.fft.rfftfreq(4096, 0.02)
+    u = np.fft.irfft(0.5 * np.fft.rfft(e) * np.exp(-1j * bins * delay))
+    u += 0.05 * rng.standard_normal(4096)
+    recording = Recording(dt=0.02, e=e[None], u=u[None], x=e[None])
+    library = _Library(SINDy(own_lags=0), recording, SINGLE)
+    assert library.dt == pytest.approx(0.12)
+    assert library.best_delays().delays == (samples,)
+
+
+def test_no_row_reaches_across_runs() -> None:
+    scenario = replace(scenario_named("single"), runs=2)
+    both = simulate(scenario, recording_rng(3, "single"))
+    library = _Library(SINDy(), both, SINGLE)
+    structure = library.best_delays()
+    blocks = library.blocks(structure, 1.0)
+    apart = []
+    for run in range(2):
+        signals = {n: getattr(both, n)[run : run + 1] for n in ("e", "u", "x")}
+        alone = replace(both, ft=None, fd=None, **signals)
+        apart += _Library(SINDy(), alone, SINGLE).blocks(structure, 1.0)
+    assert len(blocks) == len(apart)
+    for one, other in zip(blocks, apart, strict=True):
+        assert one.T @ one == pytest.approx(other.T @ other, rel=1e-6, abs=1e-9)
+
+
+def test_known_dynamics_are_the_canals() -> None:
+    s = 1j * np.array([0.1, 1.0, 10.0])
+    visual, vestibular = MULTI.channels
+    assert known_dynamics(visual, s) == pytest.approx(np.ones(3))
+    assert known_dynamics(vestibular, s) == pytest.approx((1.0 + 0.1 * s) / (1.0 + 6.0 * s))
+
+
+# ------------------------------------------------------------------------------- the estimate
+
+
+def without_remnant(name: str) -> Recording:
+    scenario = scenario_named(name)
+    silent = replace(scenario, remnant=replace(scenario.remnant, level=0.0, level_is="gain"))
+    return simulate(silent, recording_rng(3, name))
+
+
+@pytest.mark.parametrize(("name", "own_lags"), [("nominal", 4), ("single", 2)])
+def test_a_recording_without_remnant_gives_the_truth(name: str, own_lags: int) -> None:
+    scenario = scenario_named(name)
+    method = SINDy(own_lags=own_lags)
+    rng = np.random.default_rng(1)
+    estimate = identify(method, without_remnant(name), scenario.model, rng)
+    assert estimate.outcome is Outcome.CONVERGED
+    assert estimate.values == pytest.approx(scenario.values, rel=5e-3)
+    response = response_of(estimate)
+    truth = scenario.model.response(response.omega, scenario.values)
+    assert np.median(np.abs(response.value / truth - 1.0)) < 5e-3
+
+
+def test_a_library_of_redundant_lags_is_not_believed() -> None:
+    # 24 sines and no remnant leave two of the four lags of the control without information.
+    estimate = identify(SINDy(), without_remnant("single"), SINGLE, np.random.default_rng(1))
+    assert estimate.outcome is Outcome.UNSTABLE_MODEL
+    assert "unstable pole" in estimate.message
+
+
+def test_one_signal_for_two_channels_is_refused() -> None:
+    estimate = fit_of(SINDy(), "disturbance-only")
+    assert estimate.outcome is Outcome.NOT_APPLICABLE
+    assert "without a target" in estimate.message
+
+
+def test_a_control_that_the_acceleration_repeats_is_not_believed() -> None:
+    # Without a disturbance the acceleration is a multiple of the control.
+    estimate = fit_of(SINDy(), "target-only")
+    assert estimate.outcome is Outcome.UNSTABLE_MODEL
+
+
+@pytest.mark.parametrize("model", [SINGLE, MULTI], ids=lambda m: m.name)
+def test_a_response_that_says_nothing_is_not_believed(model: PilotModel) -> None:
+    value = np.ones((len(model.channels), 4), dtype=complex)
+    errors = np.tile(np.repeat([3.0, 1.0][: len(value)], 4), 2)
+    response = FrequencyResponse(np.arange(1.0, 5.0), value, np.diag(0.5 * errors**2))
+    assert "visual channel has errors of 3" in undetermined(response, model)
+    assert not undetermined(replace(response, covariance=0.01 * response.covariance), model)
+    endless = replace(response, covariance=np.full_like(response.covariance, np.inf))
+    assert "not finite" in undetermined(endless, model)
+
+
+def test_the_claimed_spread_of_the_response_is_its_scatter() -> None:
+    method = SINDy(misfit=1e-3)  # the ensemble alone
+    responses = [response_of(fit_of(method, "single", i)) for i in range(20)]
+    scatter = np.sqrt(np.var([r.value for r in responses], axis=0, ddof=1))
+    claimed = np.median([r.std for r in responses], axis=0)
+    ratio = claimed / scatter
+    assert 0.5 < np.median(ratio) < 2.0
+    assert np.mean((ratio > 0.5) & (ratio < 2.0)) > 0.8, ratio
+
+
+def test_resampling_whole_blocks_or_single_rows_says_the_same() -> None:
+    # The residual is white, apart from what few lags leave.
+    claimed = [
+        response_of(fit_of(SINDy(block=block, misfit=1e-3), "nominal")).std for block in (0.12, 4.0)
+    ]
+    assert claimed[1] == pytest.approx(claimed[0], rel=0.3)
+
+
+def test_an_ensemble_that_scatters_more_raises_the_covariance() -> None:
+    rng = np.random.default_rng(6)
+    triangle = np.triu(rng.standard_normal((5, 5))) + 4.0 * np.eye(5)
+    least_squares = np.linalg.inv(triangle.T @ triangle) * 0.3
+    draws = rng.multivariate_normal(np.zeros(5), least_squares, size=4000)
+    for factor in (0.1, 1.0, 3.0):
+        found = ensemble_covariance(factor * draws, triangle, 0.3)
+        assert found == pytest.approx(max(1.0, factor**2) * least_squares, rel=0.05, abs=1e-9)
+
+
+def test_the_ensemble_comes_from_the_caller_s_generator() -> None:
+    np.random.seed(1)  # noqa: NPY002, pysindy's own ensembles would draw from it
+    first = fit_of(SINDy(), "single")
+    np.random.seed(2)  # noqa: NPY002
+    again = fit_of(SINDy(), "single")
+    assert again.covariance.tobytes() == first.covariance.tobytes()
+
+
+# -------------------------------------------------------------------------- no usable model
+
+
+def test_a_channel_that_is_pruned_away_is_an_outcome() -> None:
+    estimate = fit_of(SINDy(threshold=0.9), "nominal")
+    assert estimate.outcome is Outcome.UNSTABLE_MODEL
+    assert "channel survives" in estimate.message
+    assert np.isnan(estimate.values).all()
+
+
+def test_an_unstable_pole_is_an_outcome() -> None:
+    recording = recording_of("single")
+    growing = np.exp(0.1 * recording.time) * np.sin(2.0 * recording.time)
+    blown = replace(recording, u=growing[None] + 1e-3 * recording.u)
+    estimate = identify(SINDy(), blown, SINGLE, np.random.default_rng(1))
+    assert estimate.outcome is Outcome.UNSTABLE_MODEL
+    assert "unstable pole" in estimate.message or "survives" in estimate.message
+
+
+def test_a_short_recording_is_refused_in_words() -> None:
+    recording = recording_of("nominal")
+    signals = {n: getattr(recording, n)[:, :500] for n in ("e", "u", "x", "ft", "fd")}
+    short = replace(recording, run_in=0, lines={}, **signals)
+    estimate = identify(SINDy(memory=2.4), short, MULTI, np.random.default_rng(1))
+    assert estimate.outcome is Outcome.NOT_APPLICABLE
+    assert "too few" in estimate.message
