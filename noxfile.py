@@ -52,6 +52,9 @@ def check(session: nox.Session) -> None:
         "theory": "theory_against_monte_carlo.py",
         "remnant": "remnant_figure.py",
         "responses": "responses_figure.py",
+        "bayes": "bayes_coverage.py",
+        "sbc": "sbc.py",
+        "samplers": "samplers.py",
     }
     names = [name for name in session.posargs[:1] if name in scripts]
     if not names:

@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from pilotid.datasets.forcing import Forcing, Response
+from pilotid.datasets.forcing import Forcing, Multisine, Response
 from pilotid.datasets.remnant import UNIT_LEVEL
 from pilotid.datasets.scenarios import Scenario
 from pilotid.loops import margins, pilot_on, unstable_poles
@@ -180,6 +180,17 @@ def white_level(scenario: Scenario) -> float:
     return _prepared(scenario).level
 
 
+def lines_in(forcing: Forcing, duration: float) -> tuple[int, ...]:
+    """Lines of a forcing function in a window, empty if it has no whole periods there."""
+    if not isinstance(forcing, Multisine):
+        return ()
+    periods = duration / forcing.period
+    whole = round(periods)
+    if whole < 1 or abs(periods - whole) > 1e-9:
+        return ()
+    return tuple(whole * line for line in forcing.lines)
+
+
 def simulate(scenario: Scenario, rng: np.random.Generator) -> Recording:
     """One recording of a scenario, with its remnant drawn from `rng`.
 
@@ -205,7 +216,9 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> Recording:
         ft=target[None],
         fd=(zero if shared.disturbance is None else shared.disturbance)[None],
         run_in=shared.run_in,
-        lines={name: f.lines for name, f in forcing.items() if f is not None},
+        lines={
+            name: lines_in(f, scenario.duration) for name, f in forcing.items() if f is not None
+        },
         units={"e": "deg", "u": "deg", "x": "deg", "ft": "deg", "fd": "deg"},
         source=f"simulation {scenario.name}",
         controlled_element=scenario.element.name,

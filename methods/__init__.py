@@ -12,6 +12,7 @@ from importlib.metadata import entry_points
 
 from pilotid.estimate import Method
 from pilotid.methods.arx import ARX
+from pilotid.methods.bayes import Bayes
 from pilotid.methods.fourier import Fourier
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
@@ -24,6 +25,8 @@ METHODS: tuple[Method, ...] = (
     MMLE3(),
     MLEWhite(),
     MLE(),
+    Bayes(likelihood="white", band=None),
+    Bayes(),
     Fourier(),
     ARX(),
     SINDy(),

@@ -13,7 +13,7 @@ are skewed for short recordings; the profile-likelihood intervals say so.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -21,34 +21,16 @@ import numpy as np
 from pilotid.estimate import (
     Estimate,
     Outcome,
-    Starts,
     covariance_of,
     failed,
     outcome_of,
     simulated_vaf,
     symmetric_intervals,
 )
-from pilotid.joint import Joint
-from pilotid.minimise import Minima, minimise
+from pilotid.maximum import maximum
 from pilotid.model import PilotModel
-from pilotid.noise import (
-    Band,
-    LowPass,
-    NoiseModel,
-    analysis_band,
-    contenders,
-    criterion,
-    lagged_products,
-    remnant_estimate,
-)
-from pilotid.prediction import LeastSquares, Prediction, predict
 from pilotid.profile import profile_intervals
 from pilotid.recording import Recording
-from pilotid.search import record, search
-from pilotid.types import FloatArray
-
-#: The remnant's model before one is chosen: most published remnants are of this kind.
-USUAL = LowPass(2)
 
 
 @dataclass(frozen=True)
@@ -64,7 +46,7 @@ class MLE:
     candidates, refined
         Random starts screened, and starts minimised, see `pilotid.search.search`.
     rounds
-        How often the remnant's model is chosen anew at most.
+        How often the remnant's model is chosen anew at most, see `pilotid.maximum`.
     """
 
     band: float = 50.0
@@ -78,14 +60,20 @@ class MLE:
         return None
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
-        candidates, terms, starts = self._explored(recording, model, rng)
-        prediction = replace(predict(recording, model, self.band), terms=terms)
-        band = analysis_band(recording.dt, self.band)
-        joint, all_ends = self._estimated(prediction, band, candidates)
-        end = all_ends[-1]
+        found = maximum(
+            recording,
+            model,
+            rng,
+            band=self.band,
+            search_band=self.search_band,
+            candidates=self.candidates,
+            refined=self.refined,
+            rounds=self.rounds,
+        )
+        joint, end = found.joint, found.end
         values, gram = end.values[0], end.gram[0]
         freedom = joint.samples - len(values)
-        variance = float(end.cost[0]) / freedom
+        variance = found.variance
         covariance = covariance_of(gram[:-1, :-1], variance)
         pilot = values[: joint.pilot]
         if covariance is None:
@@ -100,7 +88,6 @@ class MLE:
                 joint.gram, joint, end, variance, joint.pilot, estimated=freedom
             )
         outcome, message = outcome_of(model, pilot, bool(end.converged[0]))
-        control = joint.prediction.control
         return Estimate(
             self.name,
             model,
@@ -110,75 +97,7 @@ class MLE:
             intervals=intervals,
             vaf=simulated_vaf(recording, model, pilot),
             message=message,
-            iterations=sum(e.iterations for e in all_ends),
-            starts=starts,
-            remnant=remnant_estimate(
-                joint.noise,
-                values[joint.pilot :],
-                joint.band,
-                variance,
-                float(np.mean(np.var(control, axis=1))),
-            ),
+            iterations=found.iterations,
+            starts=found.starts,
+            remnant=found.remnant,
         )
-
-    def _explored(
-        self, recording: Recording, model: PilotModel, rng: np.random.Generator
-    ) -> tuple[FloatArray, tuple[float, ...], Starts]:
-        """Candidates for the optimum, nuisance terms to fit, and the record of the search.
-
-        A wrong optimum of the pilot suggests a wrong remnant, under which it looks right.
-        So the first search takes the residual for white: that optimum is biased, but hardly
-        ever the wrong one.  Where its starts disagree, or lead to an unusual pilot, a second
-        search, whitened by the remnant found, brings more candidates.
-        """
-        prediction = predict(recording, model, self.search_band)
-        found = search(
-            LeastSquares(prediction).gram,
-            model,
-            rng,
-            candidates=self.candidates,
-            refined=self.refined,
-        )
-        starts = record(found)
-        # The residual of a biased estimate has a shape of its own, so the remnant's model is
-        # chosen only later, after this round with the usual one.
-        joint = Joint(prediction, USUAL, analysis_band(recording.dt, self.search_band))
-        ends = found.distinct()
-        end = self._fitted(joint, ends, LeastSquares(prediction).residual(ends[0]), 1e-3)
-        best = end.values[:1, : joint.pilot]
-        whitened = LeastSquares(prediction, joint.whitener(end.values[0]))
-        terms = whitened.noticeable_terms(best[0])
-        if starts.agreeing == len(starts.cost) and model.is_usual(best[0]):
-            return best, terms, starts
-        whitened = LeastSquares(replace(prediction, terms=terms), whitened.taps)
-        again = search(whitened.gram, model, rng, known=best, candidates=self.candidates)
-        return np.concatenate([best, again.distinct(hopeless=0.02)[1:]]), terms, starts
-
-    def _estimated(
-        self, prediction: Prediction, band: Band, candidates: FloatArray
-    ) -> tuple[Joint, list[Minima]]:
-        """Pilot and remnant together: the problem solved last, and the end of every round."""
-        ends: list[Minima] = []
-        chosen: NoiseModel = USUAL
-        for _ in range(self.rounds):
-            residual = LeastSquares(prediction).residual(candidates[0])
-            joints = [Joint(prediction, noise, band) for noise in contenders(residual, band)]
-            fits = [(joint, self._fitted(joint, candidates, residual, 1e-5)) for joint in joints]
-            joint, end = min(fits, key=lambda fit: _criterion(*fit))
-            ends.append(end)
-            candidates = end.values[:1, : joint.pilot]
-            if joint.noise == chosen:
-                break
-            chosen = joint.noise
-        return joint, ends
-
-    def _fitted(
-        self, joint: Joint, candidates: FloatArray, residual: FloatArray, tolerance: float
-    ) -> Minima:
-        guess = joint.noise.guess(lagged_products(residual), joint.band)
-        starts = np.concatenate([candidates, np.tile(guess, (len(candidates), 1))], axis=1)
-        return minimise(joint.gram, starts, joint, tolerance=tolerance)
-
-
-def _criterion(joint: Joint, end: Minima) -> float:
-    return criterion(joint.noise, float(end.cost[0]) / joint.samples, joint.samples)

@@ -265,6 +265,18 @@ def test_report_is_one_file_and_the_same_bytes_each_time(
     assert all(word not in texts[0] for word in ("<script", "<link", 'src="', "url(http"))
 
 
+def test_truth_is_drawn_beside_the_frequency_responses(
+    run: Run, simulated: Path, tmp_path: Path
+) -> None:
+    report = tmp_path / "r.html"
+    fit = ("fit", simulated, "--method", "fourier", "--report", report, "--truth")
+    truth = simulated.with_suffix(".truth.json")
+    assert run(*fit, truth).status == 0
+    assert "truth" in report.read_text(encoding="utf-8").partition("visual channel")[2]
+    refused(run(*fit, truth, "--model", "lead-lag"), "truth.json", "tlag")
+    refused(run(*fit, simulated), simulated.name, "cannot be read as the truth")
+
+
 # ------------------------------------------------------------------------------- bad input
 
 
@@ -351,7 +363,7 @@ def test_other_commands_refuse_too(run: Run, tmp_path: Path) -> None:
     refused(run("compare", "--scenario", "x", "--out", tmp_path), "'x'", "nominal")
     refused(run("compare", "--method", "x", "--out", tmp_path), "'x'", "mle-white")
     refused(run("compare", "--profile", "x", "--out", tmp_path), "'x'", "quick, full")
-    refused(run("report", tmp_path), "estimates.csv", "pilotid compare")
+    refused(run("report", tmp_path), "study.sqlite", "pilotid compare")
     file = tmp_path / "file"
     file.touch()
     refused(run("compare", "--method", "mle-white", "--out", file), "file", "--out")
@@ -377,10 +389,9 @@ def test_compare_gives_the_same_numbers_with_any_number_of_workers(
         out = tmp_path / str(workers)
         answer = run("compare", *options, "--workers", workers, "--out", out)
         assert answer.status == 0, answer.err
-        assert answer.out.splitlines()[-1] == f"report: {out / 'report.md'}"
+        assert answer.out.splitlines()[-1] == f"report: {out / 'report.html'}"
     one, two = tmp_path / "1", tmp_path / "2"
     assert (one / "summary.csv").read_bytes() == (two / "summary.csv").read_bytes()
-    assert (one / "report.md").read_bytes() == (two / "report.md").read_bytes()
     with (one / "estimates.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert ",".join(rows[0]) == ESTIMATES_HEAD
@@ -393,28 +404,21 @@ def test_compare_gives_the_same_numbers_with_any_number_of_workers(
     assert summary[0]["n"] == "2"
     assert float(summary[0]["crlb"]) == pytest.approx(0.1306 * 0.32, rel=1e-3)  # theory's 13.1 %
 
-    before = (one / "summary.csv").read_bytes()
-    (one / "summary.csv").unlink()
-    (one / "report.md").unlink()
+    names = ("summary.csv", "estimates.csv", "report.md", "report.html")
+    before = {name: (one / name).read_bytes() for name in names}
+    for name in names:
+        (one / name).unlink()
     assert run("report", one).status == 0
-    assert (one / "summary.csv").read_bytes() == before
+    assert {name: (one / name).read_bytes() for name in names} == before
 
 
-def test_report_names_the_line_that_is_wrong(run: Run, tmp_path: Path) -> None:
-    head = ESTIMATES_HEAD
-    good = "nominal,mmle3,0,negative-delay,Kvis,0.17,,,,,0.1"
-    (tmp_path / "estimates.csv").write_text(f"{head}\n{good}\n")
-    assert run("report", tmp_path).status == 0
-    assert (
-        "- mmle3, 1 of 1 fits: failed: a time delay was driven negative"
-        in (tmp_path / "report.md").read_text()
-    )
-    (tmp_path / "estimates.csv").write_text(f"{head}\n{good.replace('nominal', 'of-old')}\n")
-    assert run("report", tmp_path).status == 0  # a scenario whose bound is not known
-    with (tmp_path / "summary.csv").open(newline="") as stream:
-        assert next(csv.DictReader(stream))["crlb"] == ""
-    for row in ("nominal,mmle3", good.replace("0.17", "x"), good + ",1"):
-        (tmp_path / "estimates.csv").write_text(f"{head}\n{good}\n{row}\n")
-        refused(run("report", tmp_path), "estimates.csv", "line 3")
-    (tmp_path / "estimates.csv").write_text("a,b\n")
-    refused(run("report", tmp_path), "estimates.csv", "line 1")
+def test_compare_goes_on_where_it_stopped_and_does_not_mix(run: Run, tmp_path: Path) -> None:
+    options = ("compare", "--scenario", "single", "--method", "mle-white", "--out", tmp_path)
+    assert run(*options, "--replications", 1).status == 0
+    answer = run(*options, "--replications", 2)
+    assert "holds 1 of 2 fits already" in answer.out
+    refused(run(*options, "--seed", 9), "study.sqlite", "seed", "--out", "--mix")
+    assert run(*options, "--seed", 9, "--mix", "--replications", 3).status == 0
+    assert "seed" in (tmp_path / "report.md").read_text(encoding="utf-8")
+    both = ("--workers", 1, "--scheduler", "tcp://127.0.0.1:1")
+    refused(run(*options, *both), "--workers", "--scheduler")

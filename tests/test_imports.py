@@ -13,7 +13,8 @@ ROOT = Path(__file__).parent.parent
 METHODS = sorted((ROOT / "methods").glob("*.py"))
 CORE = sorted((ROOT / "src" / "pilotid").glob("*.py"))
 DATASETS = sorted((ROOT / "datasets").glob("*.py"))
-FRONT = {"cli", "study", "summary", "arguments"}  # the command line, and where truth meets estimate
+# The command line, and where truth meets estimate.
+FRONT = {"cli", "study", "arguments", "inference"}
 COMMAND = "from pilotid.cli import main\ntry: "
 HEAVY = ("scipy.signal", "control", "pysindy", "emcee", "matplotlib", "pandas", "jinja2")
 

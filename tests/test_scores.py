@@ -58,3 +58,38 @@ def test_coverage_limits_hold_95_percent_of_the_binomial() -> None:
     assert scores.coverage_limits(0.95, 20) == (17 / 20, 20 / 20)
     low, high = scores.coverage_limits(0.5, 10)  # P(<= 1) = .0107, P(<= 2) = .0547
     assert (low, high) == (0.2, 0.8)
+
+
+def test_coverage_interval_is_wilson_s() -> None:
+    # 19 of 20: centre (.95 + z2/40) / (1 + z2/20), z2 = 3.8415
+    low, high = scores.coverage_interval(0.95, 20)
+    assert (low, high) == (pytest.approx(0.7639, abs=1e-4), pytest.approx(0.9911, abs=1e-4))
+    assert scores.coverage_interval(1.0, 20)[0] == pytest.approx(1.0 - 3.8415 / 23.8415, abs=1e-4)
+    assert all(math.isnan(x) for x in scores.coverage_interval(math.nan, 0))
+
+
+def test_rmse_std_error_is_that_of_simulated_estimates() -> None:
+    rng = np.random.default_rng(1)
+    draws = rng.normal(0.3, 1.0, (4000, 100))
+    found = [scores.rmse(d, 0.0) for d in draws]
+    claimed = np.mean([scores.rmse_std_error(d, 0.0) for d in draws])
+    assert claimed == pytest.approx(np.std(found), rel=0.05)
+    assert math.isnan(scores.rmse_std_error(np.ones(1), 0.0))
+
+
+def test_spread_std_error_uses_the_fourth_moment() -> None:
+    # deviations -1, -1, -1, 3: variance 12/3 = 4, fourth moment (1 + 1 + 1 + 81)/4 = 21
+    expected = math.sqrt((21.0 - 16.0) / 4.0) / (2.0 * 2.0)
+    assert scores.spread_std_error(np.array([0.0, 0.0, 0.0, 4.0])) == pytest.approx(expected)
+    rng = np.random.default_rng(2)
+    draws = rng.standard_t(8.0, (4000, 100))
+    claimed = np.mean([scores.spread_std_error(d) for d in draws])
+    assert claimed == pytest.approx(np.std([scores.spread(d) for d in draws]), rel=0.1)
+    assert math.isnan(scores.spread_std_error(np.ones(1)))
+    assert math.isnan(scores.spread_std_error(np.ones(3)))
+
+
+def test_held_counts_the_intervals_that_hold_the_truth_and_no_others() -> None:
+    intervals = np.array([[0.0, 1.0], [1.0, 2.0], [1.1, 2.0], [math.nan, 3.0], [-1.0, 5.0]])
+    assert scores.held(intervals, 1.0) == 3
+    assert scores.held(np.zeros((0, 2)), 1.0) == 0

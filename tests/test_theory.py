@@ -22,7 +22,7 @@ from pilotid.prediction import LeastSquares, predict
 from pilotid.prepare import decimation
 from pilotid.randomness import fit_rng, recording_rng
 from pilotid.sandwich import hessian, sandwich_of, score_products
-from pilotid.study import bound
+from pilotid.study import entry_of
 from pilotid.theory import bounds, monic, white_limit
 from pilotid.types import FloatArray, InputError
 
@@ -136,9 +136,9 @@ def test_refusals_say_why() -> None:
 
 
 def test_the_study_knows_the_bounds_of_its_scenarios() -> None:
-    assert bound("nominal", "tdvis") == pytest.approx(0.32 * 0.0106, rel=0.01)
-    assert np.isnan(bound("nominal", "unknown"))
-    assert np.isnan(bound("unknown", "tdvis"))
+    known = {p.parameter: p for p in entry_of("nominal").parameters}
+    assert known["tdvis"].truth == 0.32
+    assert known["tdvis"].bound == pytest.approx(0.32 * 0.0106, rel=0.01)
 
 
 def test_information_is_what_whitened_recordings_hold() -> None:

@@ -6,16 +6,24 @@ Heavy libraries are imported by the commands that need them: `pilotid list` is i
 from __future__ import annotations
 
 import inspect
+import os
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
 from pilotid import output
-from pilotid.arguments import default_method, methods_of, names_of, require_writable, started
+from pilotid.arguments import (
+    default_method,
+    methods_of,
+    names_of,
+    read_truth,
+    require_writable,
+    started,
+)
 from pilotid.estimate import Method
 from pilotid.files import load_recording, parse_mapping, save_recording, write_file
 from pilotid.fits import fit_all
@@ -25,7 +33,7 @@ from pilotid.recording import joined
 from pilotid.types import InputError
 
 if TYPE_CHECKING:
-    from pilotid.study import Row
+    from pilotid.store import Store, Unit
 
 app = typer.Typer(
     help="Identify pilot models from tracking recordings with every standard method.",
@@ -89,7 +97,13 @@ def list_names() -> None:
 
 
 def _first_line(method: Method) -> str:
-    return (inspect.getdoc(type(method)) or "").partition("\n")[0]
+    """What a method is, and its settings where they are not the usual ones."""
+    line = (inspect.getdoc(type(method)) or "").partition("\n")[0]
+    given: Any = method  # methods of other packages need not be dataclasses
+    settings = fields(given) if is_dataclass(given) else ()
+    values = {f.name: getattr(given, f.name) for f in settings}
+    changed = [f"{f.name}={values[f.name]!r}" for f in settings if values[f.name] != f.default]
+    return f"{line} ({', '.join(changed)})" if changed else line
 
 
 @app.command()
@@ -148,9 +162,14 @@ def fit(
     report: Annotated[
         Path | None, typer.Option(metavar="F.html", help="Write a report with figures.")
     ] = None,
+    truth: Annotated[
+        Path | None,
+        typer.Option(metavar="F.truth.json", help="Draw a simulation's truth in the report."),
+    ] = None,
 ) -> None:
     """Identify a pilot model from recordings."""
     chosen = started(model_named(model), start)
+    true = read_truth(truth, chosen) if truth is not None else None
     methods = methods_of(method, [default_method()])
     json_file = None if json in (None, "-") else Path(str(json))
     for target in (json_file, report):
@@ -170,11 +189,59 @@ def fit(
     if report is not None:
         from pilotid.report import html_report
 
-        write_file(report, html_report(fits).encode("utf-8", "replace"))
+        write_file(report, html_report(fits, true).encode("utf-8", "replace"))
     if json == "-":
         sys.stdout.write(text)
     else:
         output.print_fits(output.make_console(), fits)
+
+
+@app.command()
+def posterior(
+    files: Annotated[
+        list[Path], typer.Argument(metavar="F.csv|F.mat ...", help="Recording to identify.")
+    ],
+    model: Annotated[
+        str, typer.Option(metavar="NAME", help="Pilot model; multi needs motion of the pilot.")
+    ] = "single",
+    white: Annotated[
+        bool, typer.Option("--white", help="Take the residual for white, as the seed did.")
+    ] = False,
+    mapping: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--map",
+            metavar="u=stick,e=err",
+            help="The file's names for t, e, u, x, ft, fd; a minus before one flips its sign.",
+        ),
+    ] = None,
+    joint: Annotated[
+        bool, typer.Option("--joint", help="Take all files as runs of one recording.")
+    ] = False,
+    element: Annotated[
+        str | None,
+        typer.Option(metavar="4/s^2", help="Controlled element, for the loops' margins."),
+    ] = None,
+    seed: SeedOption = DEFAULT_SEED,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder for draws, summary and figures.")
+    ] = None,
+) -> None:
+    """Sample the posterior of a pilot model's parameters with emcee."""
+    from pilotid.elements import element_named
+    from pilotid.inference import infer
+    from pilotid.study import make_folder
+
+    if len(files) > 1 and not joint:
+        raise InputError("several files need --joint: they are then runs of one recording")
+    plant = element_named(element) if element else None
+    chosen = model_named(model)
+    names = parse_mapping(",".join(mapping)) if mapping else None
+    recordings = [load_recording(file, names) for file in files]
+    recording = joined(recordings) if len(recordings) > 1 else recordings[0]
+    if out is not None:
+        make_folder(out)
+    infer(recording, chosen, white=white, element=plant, seed=seed, folder=out)
 
 
 @app.command()
@@ -183,7 +250,7 @@ def compare(
         str,
         typer.Option(
             metavar="quick|full",
-            help="quick: 20 recordings of the nominal scenario; full: 100 of every scenario.",
+            help="quick: some recordings of the nominal scenario; full: 500 of every scenario.",
         ),
     ] = "quick",
     scenario: ScenarioOption = None,
@@ -195,42 +262,83 @@ def compare(
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes; default: one for each processor.")
     ] = None,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the results.")] = Path(
-        "results/compare"
-    ),
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Use the workers of this Dask scheduler instead."),
+    ] = None,
+    mix: Annotated[
+        bool, typer.Option("--mix", help="Add to results of other code or settings in DIR.")
+    ] = False,
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Folder of the results; goes on where it stopped.")
+    ] = Path("results/compare"),
 ) -> None:
     """Compare methods on simulated recordings whose truth is known."""
     from pilotid.datasets import SCENARIOS, scenario_named
     from pilotid.methods import methods
-    from pilotid.study import PROFILES, make_folder, run_units, units_of
+    from pilotid.progress import with_progress
+    from pilotid.store import Store
+    from pilotid.study import PROFILES, Study, make_folder
 
     if profile not in PROFILES:
         raise InputError(f"unknown profile '{profile}': choose from {', '.join(PROFILES)}")
+    if workers is not None and scheduler is not None:
+        raise InputError("--workers and --scheduler exclude each other; leave one out")
     default, count = PROFILES[profile]
     scenarios = [scenario_named(n).name for n in names_of(scenario, default, list(SCENARIOS))]
     chosen = [m.name for m in methods_of(method, list(methods()))]
-    units = units_of(scenarios, chosen, replications or count, seed)
+    study = Study(tuple(scenarios), tuple(chosen), replications or count, seed)
     make_folder(out)
-    done = output.progress(run_units(units, workers), "comparing", len(units))
-    _finish(out, [row for rows in done for row in rows])
+    with Store(out, create=True) as store:
+        pending = study.enter(store, mix=mix)
+        console = output.make_console()
+        total = len(study.units())
+        if len(pending) < total:
+            held = total - len(pending)
+            console.print(f"{store.path}: holds {held} of {total} fits already", soft_wrap=True)
+        results = with_progress(study.run(store, pending, workers, scheduler), pending)
+        try:
+            for number, _ in enumerate(results, start=1):
+                if number == len(chosen):  # one fit by each method tells how long all will take
+                    _foretell(store, pending, workers)
+        except KeyboardInterrupt:
+            raise InputError(
+                f"stopped; {store.path} keeps what is done, and the same command goes on from there"
+            ) from None
+        _finish(out, store)
+
+
+def _foretell(store: Store, pending: list[Unit], workers: int | None) -> None:
+    """Say about how long a long study will take."""
+    from pilotid.study import remaining_seconds
+
+    processes = workers or os.cpu_count() or 1
+    minutes = remaining_seconds(store, pending, processes) / 60.0
+    if minutes > 1.0:
+        output.make_console(errors=True).print(
+            f"{len(pending)} fits, about {minutes:.0f} min on {processes} processes", soft_wrap=True
+        )
 
 
 @app.command()
 def report(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="What `compare` wrote.")],
 ) -> None:
-    """Make the summary and report of a comparison again, from its estimates alone."""
-    from pilotid.study import read_estimates
+    """Make the tables and the report of a comparison again, from its store alone."""
+    from pilotid.store import Store
 
-    _finish(folder, read_estimates(folder))
+    with Store(folder) as store:
+        _finish(folder, store)
 
 
-def _finish(folder: Path, rows: list[Row]) -> None:
-    from pilotid.summary import summarise, summary_tables, write_results
+def _finish(folder: Path, store: Store) -> None:
+    from pilotid.study_report import overview_table, write_report
+    from pilotid.summary import groups_of, summaries_of, write_tables
 
+    groups = groups_of(store)
+    summaries = summaries_of(groups)
+    write_tables(folder, groups, summaries)
+    path = write_report(folder, store, groups, summaries)
     console = output.make_console()
-    summaries = summarise(rows)
-    for table in summary_tables(summaries):
-        output.print_table(console, table)
-        console.print()
-    console.print(f"report: {write_results(folder, rows, summaries)}", soft_wrap=True)
+    output.print_table(console, overview_table(store, groups, summaries))
+    console.print(f"report: {path}", soft_wrap=True)

@@ -9,6 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
+from pilotid.draws import Draws
 from pilotid.model import PilotModel
 from pilotid.noise import RemnantEstimate
 from pilotid.prediction import LeastSquares, Prediction, predict
@@ -28,6 +29,7 @@ class Outcome(enum.Enum):
     SINGULAR = "failed: the information matrix is singular"
     UNSTABLE_MODEL = "failed: the first-step model is unusable"
     NOT_APPLICABLE = "not applicable to this recording"
+    CRASHED = "failed: an error ended the fit"
 
     @property
     def usable(self) -> bool:
@@ -84,6 +86,8 @@ class Estimate:
         The remnant's spectrum, where the method estimates it.
     frequency_response
         The first step of a two-step method.
+    draws
+        Draws of the posterior, where the method has one.
     seconds
         Wall-clock time of the fit.
     """
@@ -100,6 +104,7 @@ class Estimate:
     starts: Starts | None = None
     remnant: RemnantEstimate | None = None
     frequency_response: FrequencyResponse | None = None
+    draws: Draws | None = None
     seconds: float = float("nan")
 
     @property

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pilotid.derived_draws import spread_of
 from pilotid.estimate import Estimate, Method, identify
 from pilotid.model import PilotModel
 from pilotid.randomness import fit_rng
@@ -69,6 +70,12 @@ def derived(estimate: Estimate) -> list[Quantity]:
     if not {"Kvis", "tlead"} <= set(keys):
         return []
     gain, lead = keys.index("Kvis"), keys.index("tlead")
+    draws = estimate.draws
+    if draws is not None:
+        product = draws.values[:, gain] * draws.values[:, lead]
+        known = spread_of("Kvis*tlead", "s", product, draws.weights)
+        low, high = known.equal_tailed.tolist()
+        return [Quantity(known.key, known.unit, known.mean, known.deviation, low, high)]
     slope = np.zeros(len(keys))
     slope[gain], slope[lead] = estimate.values[lead], estimate.values[gain]
     value = float(estimate.values[gain] * estimate.values[lead])

@@ -60,8 +60,8 @@ class Band:
 
 
 @lru_cache
-def analysis_band(dt: float, band: float) -> Band:
-    """The analysis band up to `band` [rad/s] of a recording sampled every `dt` [s]."""
+def analysis_band(dt: float, band: float | None) -> Band:
+    """The analysis band up to `band` [rad/s], or all, of a recording sampled every `dt` [s]."""
     return Band(dt, decimation(dt, band))
 
 

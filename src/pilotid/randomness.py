@@ -25,5 +25,10 @@ def fit_rng(
     return _generator(seed, crc32(scenario.encode()), replication, crc32(method.encode()))
 
 
+def start_rng(seed: int, scenario: str, replication: int = 0) -> np.random.Generator:
+    """The generator of a replication's initial guesses, the same for every method."""
+    return _generator(seed, crc32(scenario.encode()), replication, crc32(b"start"))
+
+
 def _generator(seed: int, *key: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))

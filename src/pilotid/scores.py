@@ -71,3 +71,47 @@ def coverage_limits(share: float, count: int) -> tuple[float, float]:
     below = bdtr(k, count, share)  # P(at most k)
     low, high = int(np.argmax(below >= 0.025)), int(np.argmax(below >= 0.975))
     return low / count, high / count
+
+
+def coverage_interval(share: float, count: int) -> tuple[float, float]:
+    """95 % interval of the coverage that an observed share of `count` intervals tells (Wilson).
+
+    Parameters
+    ----------
+    share
+        Share of the intervals that held the truth.
+    count
+        Number of intervals.
+    """
+    if count == 0:
+        return math.nan, math.nan
+    z = 1.959963984540054
+    centre = (share + z**2 / (2 * count)) / (1.0 + z**2 / count)
+    reach = z * math.sqrt(share * (1.0 - share) / count + z**2 / (4 * count**2))
+    return centre - reach / (1.0 + z**2 / count), centre + reach / (1.0 + z**2 / count)
+
+
+def rmse_std_error(values: FloatArray, truth: float) -> float:
+    """Monte Carlo standard error of the root mean square error (delta method)."""
+    squares = (values - truth) ** 2
+    if values.size < 2 or not squares.any():
+        return math.nan
+    return float(np.std(squares, ddof=1) / math.sqrt(values.size) / (2.0 * rmse(values, truth)))
+
+
+def spread_std_error(values: FloatArray) -> float:
+    """Monte Carlo standard error of the sample standard deviation (delta method).
+
+    It uses the fourth moment of the values, so that it holds for heavy tails too.
+    """
+    deviation = spread(values)
+    if not deviation > 0.0:
+        return math.nan
+    fourth = float(np.mean((values - np.mean(values)) ** 4))
+    # The variance of a variance estimate, without its terms of order 1/n^2.
+    return math.sqrt(max(fourth - deviation**4, 0.0) / values.size) / (2.0 * deviation)
+
+
+def held(intervals: FloatArray, truth: float) -> int:
+    """Number of intervals that hold the truth, ends included; one with a NaN does not."""
+    return int(np.sum((intervals[:, 0] <= truth) & (truth <= intervals[:, 1])))

@@ -2,153 +2,239 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import os
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
-from dataclasses import dataclass, fields
-from functools import lru_cache
-from multiprocessing import get_context
+import hashlib
+import math
+import platform
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from importlib.metadata import version
 from pathlib import Path
+from statistics import median
 
 import numpy as np
 
 from pilotid.datasets import scenario_named, simulate
-from pilotid.datasets.scenarios import SCENARIOS
+from pilotid.datasets.loop import remnant_ratio
+from pilotid.datasets.scenarios import SCENARIOS, Scenario
 from pilotid.datasets.spectra import spectra
-from pilotid.estimate import identify
-from pilotid.files import write_file
+from pilotid.estimate import Estimate, Outcome, identify
 from pilotid.fits import parameters
-from pilotid.methods import method_named
-from pilotid.randomness import fit_rng, recording_rng
+from pilotid.methods import method_named, methods
+from pilotid.model import PilotModel
+from pilotid.randomness import fit_rng, recording_rng, start_rng
+from pilotid.store import ParameterTruth, Result, ScenarioEntry, Store, Unit
 from pilotid.theory import bounds
 from pilotid.types import InputError
+from pilotid.workers import run_tasks
 
 #: Scenarios and replications of each, by name of the profile.
 PROFILES: dict[str, tuple[tuple[str, ...], int]] = {
-    "quick": (("nominal",), 20),
-    "full": (tuple(SCENARIOS), 100),
+    "quick": (("nominal",), 25),
+    "full": (tuple(SCENARIOS), 500),
 }
-ESTIMATES = "estimates.csv"
+LIBRARIES = ("numpy", "scipy", "control", "pysindy", "emcee")
 
 
 @dataclass(frozen=True)
-class Unit:
-    """One fit: a method on one replication of a scenario."""
+class Study:
+    """What is to be compared.
 
-    scenario: str
-    method: str
-    replication: int
+    Attributes
+    ----------
+    scenarios, methods
+        Their names.
+    replications
+        Recordings of each scenario.
+    seed
+        Seed of all random numbers.
+    """
+
+    scenarios: tuple[str, ...]
+    methods: tuple[str, ...]
+    replications: int
     seed: int
 
+    def units(self) -> list[Unit]:
+        """All fits: one recording of every scenario after the other."""
+        return [
+            Unit(scenario, method, replication)
+            for replication in range(self.replications)
+            for scenario in self.scenarios
+            for method in self.methods
+        ]
 
-@dataclass(frozen=True)
-class Row:
-    """One parameter of one fit beside its truth; the fields are the columns of the CSV file."""
+    def enter(self, store: Store, *, mix: bool = False) -> list[Unit]:
+        """Describe the study in a store; returns the fits that the store lacks.
 
-    scenario: str
-    method: str
-    replication: int
-    outcome: str
-    parameter: str
-    truth: float
-    value: float
-    std_error: float
-    lower_95: float
-    upper_95: float
-    seconds: float
+        Parameters
+        ----------
+        store
+            A new store, or one of the same study that was stopped or was smaller.
+        mix
+            Whether results of other code or settings may stay beside the new ones.
 
+        Raises
+        ------
+        InputError
+            If the store holds results of other code or settings.
+        """
+        about = about_this(self.seed)
+        held = store.about()
+        changed = [key for key in about if key in held and held[key] != about[key]]
+        labels = store.methods()
+        changed += [m for m in self.methods if labels.get(m, label_of(m)) != label_of(m)]
+        details = {entry.name: entry.details for entry in store.scenarios()}
+        changed += [s for s in self.scenarios if details.get(s, details_of(s)) != details_of(s)]
+        if changed and not mix:
+            raise InputError(
+                f"{store.path}: holds results of other code or settings (different: "
+                f"{', '.join(changed)}); name another folder with --out, or put both into one "
+                "report with --mix"
+            )
+        if changed:
+            about["mixed"] = ", ".join(changed)
+        store.describe(about)
+        for name in self.scenarios:
+            store.add_scenario(entry_of(name))
+            ratio = remnant_ratio(scenario_named(name))
+            store.describe({f"remnant ratio {name}": f"{ratio:.4f}"})
+        known = list(methods())
+        for name in self.methods:
+            store.add_method(name, known.index(name), label_of(name))
+        done = store.done()
+        return [unit for unit in self.units() if unit not in done]
 
-def units_of(
-    scenarios: Sequence[str], methods: Sequence[str], replications: int, seed: int
-) -> list[Unit]:
-    """All fits of a comparison, in the order of their rows."""
-    return [
-        Unit(scenario, method, replication, seed)
-        for scenario in scenarios
-        for method in methods
-        for replication in range(replications)
-    ]
-
-
-def run_unit(unit: Unit) -> list[Row]:
-    """Simulate, identify, and set the estimate beside the truth."""
-    scenario = scenario_named(unit.scenario)
-    recording = simulate(scenario, recording_rng(unit.seed, unit.scenario, unit.replication))
-    rng = fit_rng(unit.seed, unit.method, unit.scenario, unit.replication)
-    estimate = identify(method_named(unit.method), recording, scenario.model, rng)
-    return [
-        Row(
-            unit.scenario,
-            unit.method,
-            unit.replication,
-            estimate.outcome.slug,
-            q.key,
-            float(truth),
-            q.value,
-            q.std_error,
-            q.lower,
-            q.upper,
-            estimate.seconds,
-        )
-        for q, truth in zip(parameters(estimate), scenario.values, strict=True)
-    ]
-
-
-def run_units(units: Sequence[Unit], workers: int | None = None) -> Iterator[list[Row]]:
-    """The rows of each unit, in the order of the units.
-
-    Parameters
-    ----------
-    units
-        What to run.
-    workers
-        Number of processes; None for one for each processor.  All work is done in them,
-        even by a single one, so that the numbers are the same for any number.
-    """
-    with (
-        _one_thread_each(),
-        ProcessPoolExecutor(workers or os.cpu_count(), mp_context=get_context("spawn")) as pool,
-    ):
-        yield from pool.map(run_unit, units)
+    def run(
+        self,
+        store: Store,
+        pending: Iterable[Unit],
+        workers: int | None = None,
+        scheduler: str | None = None,
+    ) -> Iterator[Result]:
+        """Fit what is pending; each result is in the store before it comes out."""
+        fit = partial(run_unit, self.seed)
+        for result in run_tasks(fit, pending, given_up, workers, scheduler):
+            store.add(result)
+            yield result
 
 
-@contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Processes started meanwhile use one thread each in linear algebra.
-
-    They read these variables when they import numpy, before any code of ours runs.
-    """
-    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-    before = {name: os.environ.get(name) for name in names}
-    os.environ.update(dict.fromkeys(names, "1"))
+def run_unit(seed: int, unit: Unit) -> Result:
+    """Simulate and identify; whatever goes wrong is a result."""
     try:
-        yield
-    finally:
-        for name, value in before.items():
-            os.environ.pop(name)
-            if value is not None:
-                os.environ[name] = value
+        scenario = scenario_named(unit.scenario)
+        replication = 0 if scenario.one_recording else unit.replication
+        recording = simulate(scenario, recording_rng(seed, scenario.name, replication))
+        model = _started(scenario, seed, unit.replication)
+        rng = fit_rng(seed, unit.method, unit.scenario, unit.replication)
+        estimate = identify(method_named(unit.method), recording, model, rng)
+    except Exception as error:  # a bug, and no reason to lose the other results
+        return given_up(unit, f"{type(error).__name__}: {error}")
+    return _result(unit, estimate)
 
 
-def bound(scenario: str, parameter: str) -> float:
-    """Cramer-Rao bound on a parameter's standard deviation, NaN where nothing is known of it.
+def _started(scenario: Scenario, seed: int, replication: int) -> PilotModel:
+    """The scenario's model with the initial guesses of a replication."""
+    if not scenario.start_spread:
+        return scenario.model
+    rng = start_rng(seed, scenario.name, replication)
+    factors = 1.0 + scenario.start_spread * rng.uniform(-1.0, 1.0, len(scenario.truth))
+    starts = scenario.values * factors
+    return scenario.model.with_start(dict(zip(scenario.model.keys, starts.tolist(), strict=True)))
 
-    It is that of the whole record with the remnant's spectrum known: the floor under every
-    unbiased method.  Rows read from a file may name scenarios that this version lacks.
+
+def given_up(unit: Unit, why: str) -> Result:
+    """The row of a fit that gave no estimate at all."""
+    return Result(unit, Outcome.CRASHED.slug, why)
+
+
+def _result(unit: Unit, estimate: Estimate) -> Result:
+    return Result(
+        unit,
+        estimate.outcome.slug,
+        estimate.message,
+        estimate.outcome.usable,
+        _number(estimate.vaf),
+        estimate.iterations,
+        estimate.draws is not None,
+        _number(estimate.seconds),
+        tuple(
+            (q.key, _number(q.value), _number(q.std_error), _number(q.lower), _number(q.upper))
+            for q in parameters(estimate)
+        ),
+    )
+
+
+def _number(value: float) -> float | None:
+    """A number for the store, None where it is none."""
+    return float(value) if math.isfinite(value) else None
+
+
+def remaining_seconds(store: Store, pending: Sequence[Unit], workers: int) -> float:
+    """About how long the pending fits will take, by what fits of each method took so far."""
+    took: dict[str, list[float]] = {}
+    for result in store.results():
+        if result.seconds is not None:
+            took.setdefault(result.unit.method, []).append(result.seconds)
+    typical = {method: median(seconds) for method, seconds in took.items()}
+    return sum(typical.get(unit.method, 0.0) for unit in pending) / workers
+
+
+def about_this(seed: int) -> dict[str, str]:
+    """Code, versions and seed: what two results must share to be compared."""
+    return {
+        "seed": str(seed),
+        "code": code_digest(),
+        "pilotid": version("pilotid"),
+        "python": ".".join(platform.python_version_tuple()[:2]),
+        **{name: version(name) for name in LIBRARIES},
+    }
+
+
+def code_digest() -> str:
+    """A short digest of this package's source."""
+    import pilotid.datasets
+    import pilotid.methods
+
+    digest = hashlib.sha256()
+    for package in (pilotid, pilotid.methods, pilotid.datasets):
+        for folder in package.__path__:
+            for file in sorted(Path(folder).glob("*.py")):
+                digest.update(file.name.encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def label_of(method: str) -> str:
+    """A method's settings."""
+    return repr(method_named(method))
+
+
+def details_of(scenario: str) -> str:
+    """All that defines a scenario."""
+    return repr(scenario_named(scenario))
+
+
+def entry_of(name: str) -> ScenarioEntry:
+    """A scenario with its truth and its bounds, for the store.
+
+    The bound is that of the whole record with the remnant's spectrum known: the floor under
+    every unbiased method.
     """
-    return _bounds(scenario).get(parameter, float("nan"))
-
-
-@lru_cache(maxsize=64)
-def _bounds(scenario: str) -> dict[str, float]:
-    if scenario not in SCENARIOS:
-        return {}
-    known = SCENARIOS[scenario]
-    deviations = np.sqrt(np.diag(bounds(spectra(known)).full))
-    return dict(zip(known.model.keys, deviations.tolist(), strict=True))
+    scenario = scenario_named(name)
+    deviations = np.sqrt(np.diag(bounds(spectra(scenario)).full))
+    return ScenarioEntry(
+        name,
+        list(SCENARIOS).index(name),
+        scenario.description,
+        scenario.model.name,
+        details_of(name),
+        tuple(
+            ParameterTruth(p.key, p.unit, float(truth), _number(float(bound)))
+            for p, truth, bound in zip(
+                scenario.model.parameters, scenario.values, deviations, strict=True
+            )
+        ),
+    )
 
 
 def make_folder(folder: Path) -> None:
@@ -159,45 +245,3 @@ def make_folder(folder: Path) -> None:
         raise InputError(
             f"{folder}: cannot be made ({error.strerror}); name another folder with --out"
         ) from error
-
-
-def write_estimates(folder: Path, rows: Sequence[Row]) -> None:
-    """Write the rows as CSV, numbers with as many digits as restore them."""
-    names = [f.name for f in fields(Row)]
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(names)
-    for row in rows:
-        writer.writerow([cell(getattr(row, name)) for name in names])
-    write_file(folder / ESTIMATES, text.getvalue().encode())
-
-
-def cell(value: str | float) -> str:
-    """A cell of a CSV file; empty for NaN."""
-    return "" if value != value else str(value)
-
-
-def read_estimates(folder: Path) -> list[Row]:
-    """The rows that `write_estimates` wrote."""
-    path = folder / ESTIMATES
-    try:
-        lines = list(csv.reader(path.read_text(encoding="utf-8").splitlines()))
-    except (OSError, UnicodeDecodeError):
-        raise InputError(
-            f"{path}: cannot be read; name a folder that `pilotid compare` wrote"
-        ) from None
-    names = [f.name for f in fields(Row)]
-    if not lines or lines[0] != names:
-        raise InputError(f"{path}: line 1 must be {','.join(names)}; run `pilotid compare` again")
-    rows = []
-    for number, line in enumerate(lines[1:], start=2):
-        try:
-            scenario, method, replication, outcome, parameter, *numbers = line
-            values = [float(text) if text else float("nan") for text in numbers]
-            rows.append(Row(scenario, method, int(replication), outcome, parameter, *values))
-        except (ValueError, TypeError):
-            raise InputError(
-                f"{path}: line {number} is not a row of {len(names)} cells as `pilotid compare` "
-                "writes it; run that again"
-            ) from None
-    return rows

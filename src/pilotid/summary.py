@@ -1,34 +1,78 @@
-"""Scores of a comparison: as CSV, as tables and as a report in Markdown."""
+"""Scores of a study, and the files that hold them."""
 
 from __future__ import annotations
 
 import csv
 import io
 import math
-from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
-from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pilotid import scores
-from pilotid.estimate import Outcome
 from pilotid.files import write_file
-from pilotid.study import Row, bound, cell, write_estimates
+from pilotid.store import ParameterTruth, Result, ScenarioEntry, Store
+from pilotid.types import BoolArray, FloatArray
 
-if TYPE_CHECKING:
-    from rich.table import Table
+ESTIMATES = "estimates.csv"
+SUMMARY = "summary.csv"
 
-REPORT = "report.md"
-USABLE = {outcome.slug for outcome in Outcome if outcome.usable}
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """All fits of one scenario by one method.
+
+    Attributes
+    ----------
+    scenario
+        The scenario.
+    method
+        The method's name.
+    results
+        The fits by replication.
+    """
+
+    scenario: ScenarioEntry
+    method: str
+    results: tuple[Result, ...]
+
+    @property
+    def usable(self) -> BoolArray:
+        """Which fits count as results, shape (fits,)."""
+        return np.array([r.usable for r in self.results], dtype=bool)
+
+    @property
+    def failures(self) -> int:
+        """Number of fits that do not count."""
+        return int(np.sum(~self.usable))
+
+    @property
+    def applicable(self) -> bool:
+        """Whether the method could treat any of the recordings."""
+        return any(r.outcome != "not-applicable" for r in self.results)
+
+    @property
+    def seconds(self) -> FloatArray:
+        """Wall-clock times of the fits, shape (fits,)."""
+        return np.array([math.nan if r.seconds is None else r.seconds for r in self.results])
+
+    def numbers(self, index: int) -> FloatArray:
+        """Value, standard error and the interval's ends of one parameter, (fits, 4).
+
+        A fit that gave none has NaN; one that did not converge has its last values.
+        """
+        rows = [r.estimates[index][1:] if r.estimates else (None,) * 4 for r in self.results]
+        return np.array(rows, dtype=float)
 
 
 @dataclass(frozen=True)
 class Summary:
-    """Scores of one parameter by one method; the fields are the columns of the CSV file."""
+    """Scores of one parameter by one method; the fields are the columns of the CSV file.
+
+    Fits that failed are counted and left out, as the literature does.
+    """
 
     scenario: str
     method: str
@@ -47,127 +91,78 @@ class Summary:
     posterior_std: float
 
 
-def summarise(rows: Sequence[Row]) -> list[Summary]:
-    """Scores for each scenario, method and parameter, in order of appearance."""
-    groups: dict[tuple[str, str, str], list[Row]] = {}
-    for row in rows:
-        groups.setdefault((row.scenario, row.method, row.parameter), []).append(row)
-    return [_scored(*key, group) for key, group in groups.items()]
+def groups_of(store: Store) -> list[Group]:
+    """The study's fits by scenario and method, in the order of the catalogues."""
+    scenarios = {entry.name: entry for entry in store.scenarios()}
+    found: dict[tuple[str, str], list[Result]] = {}
+    for result in store.results():
+        found.setdefault((result.unit.scenario, result.unit.method), []).append(result)
+    return [Group(scenarios[name], method, tuple(own)) for (name, method), own in found.items()]
 
 
-def _scored(scenario: str, method: str, parameter: str, rows: list[Row]) -> Summary:
-    truth = rows[0].truth
-    used = [row for row in rows if row.outcome in USABLE]
-    values = np.array([row.value for row in used])
-    intervals = np.array([(row.lower_95, row.upper_95) for row in used]).reshape(-1, 2)
-    bias = scores.bias(values, truth)
+def summaries_of(groups: Iterable[Group]) -> list[Summary]:
+    """Scores for each scenario, method and parameter."""
+    return [
+        _scored(group, index, parameter)
+        for group in groups
+        for index, parameter in enumerate(group.scenario.parameters)
+    ]
+
+
+def _scored(group: Group, index: int, known: ParameterTruth) -> Summary:
+    values, errors, *ends = group.numbers(index)[group.usable].T
+    bias = scores.bias(values, known.truth)
+    claimed = scores.mean(errors)
     return Summary(
-        scenario,
-        method,
-        parameter,
-        n=len(used),
-        failures=len(rows) - len(used),
-        truth=truth,
+        group.scenario.name,
+        group.method,
+        known.parameter,
+        n=values.size,
+        failures=group.failures,
+        truth=known.truth,
         bias=bias,
         bias_se=scores.bias_std_error(values),
-        bias_percent=100.0 * bias / truth if truth else math.nan,
+        bias_percent=100.0 * bias / known.truth if known.truth else math.nan,
         std=scores.spread(values),
-        rmse=scores.rmse(values, truth),
-        crlb=bound(scenario, parameter),
-        mean_std_error=scores.mean(np.array([row.std_error for row in used])),
-        coverage_95=scores.coverage(intervals, truth),
-        posterior_std=math.nan,
+        rmse=scores.rmse(values, known.truth),
+        crlb=math.nan if known.bound is None else known.bound,
+        mean_std_error=claimed,
+        coverage_95=scores.coverage(np.stack(ends, axis=1), known.truth),
+        posterior_std=claimed if any(r.posterior for r in group.results) else math.nan,
     )
 
 
-COLUMNS = ("method", "parameter", "n", "failed", "truth", "bias %", "+- %", "std %")
-CLAIMS = ("claimed std %", "bound %", "coverage 95 %")
-
-
-def _cells(summary: Summary) -> list[str]:
-    def percent(value: float) -> str:
-        return f"{100.0 * value / abs(summary.truth):.1f}" if math.isfinite(value) else "-"
-
-    return [
-        summary.method,
-        summary.parameter,
-        str(summary.n),
-        str(summary.failures),
-        f"{summary.truth:.4g}",
-        percent(summary.bias * math.copysign(1.0, summary.truth)),
-        percent(summary.bias_se),
-        percent(summary.std),
-        percent(summary.mean_std_error),
-        percent(summary.crlb),
-        f"{summary.coverage_95:.2f}" if math.isfinite(summary.coverage_95) else "-",
-    ]
-
-
-def _by_scenario(summaries: Sequence[Summary]) -> Iterator[tuple[str, list[Summary]]]:
-    for scenario, group in groupby(summaries, key=lambda s: s.scenario):
-        yield scenario, list(group)
-
-
-def summary_tables(summaries: Sequence[Summary]) -> Iterator[Table]:
-    """A table for the terminal for each scenario."""
-    from pilotid.output import make_table
-
-    for scenario, group in _by_scenario(summaries):
-        table = make_table()
-        table.title = f"scenario {scenario}"
-        table.title_justify = "left"
-        for i, name in enumerate(COLUMNS + CLAIMS):
-            table.add_column(name, justify="left" if i < 2 else "right", no_wrap=True)
-        for i, summary in enumerate(group):
-            last = i + 1 == len(group) or group[i + 1].method != summary.method
-            table.add_row(*_cells(summary), end_section=last)
-        yield table
-
-
-def report_text(rows: Sequence[Row], summaries: Sequence[Summary]) -> str:
-    """The report in Markdown."""
-    parts = [
-        "# Comparison of methods on simulated recordings\n",
-        "Percentages are of the true value. bias: mean error, with its Monte Carlo standard "
-        "error beside it; std: scatter of the estimates; claimed std: mean of the standard "
-        "errors that the method itself reports; bound: the least standard deviation of any "
-        "unbiased method (Cramer-Rao); coverage: share of its 95 % intervals that hold "
-        "the truth. Failed fits are counted and left out.\n",
-    ]
-    for scenario, group in _by_scenario(summaries):
-        count = len({row.replication for row in rows if row.scenario == scenario})
-        parts.append(f"## {scenario}: {count} recordings\n")
-        parts.append(_markdown([COLUMNS + CLAIMS, *map(_cells, group)]))
-        parts += _failures([row for row in rows if row.scenario == scenario])
-    return "\n".join(parts)
-
-
-def _markdown(lines: Sequence[Sequence[str]]) -> str:
-    head, *body = [f"| {' | '.join(line)} |" for line in lines]
-    rule = f"| --- | --- |{' ---: |' * (len(lines[0]) - 2)}"
-    return "\n".join([head, rule, *body]) + "\n"
-
-
-def _failures(rows: Sequence[Row]) -> list[str]:
-    sentences = {outcome.slug: outcome.value for outcome in Outcome}
-    fits = {(row.method, row.replication): row.outcome for row in rows}
-    counts = Counter((method, outcome) for (method, _), outcome in fits.items())
-    return [
-        f"- {method}, {count} of {sum(m == method for m, _ in fits)} fits: "
-        f"{sentences.get(outcome, outcome)}\n"
-        for (method, outcome), count in counts.items()
-        if outcome != Outcome.CONVERGED.slug
-    ]
-
-
-def write_results(folder: Path, rows: Sequence[Row], summaries: Sequence[Summary]) -> Path:
-    """Write the files of a comparison; returns the path of the report."""
+def write_tables(folder: Path, groups: Sequence[Group], summaries: Sequence[Summary]) -> None:
+    """Write estimates and summary as CSV, numbers with as many digits as restore them."""
     names = [f.name for f in fields(Summary)]
+    rows = [[getattr(s, name) for name in names] for s in summaries]
+    write_file(folder / SUMMARY, _csv(names, rows))
+    columns = ["scenario", "method", "replication", "outcome", "parameter", "truth", "value"]
+    columns += ["std_error", "lower_95", "upper_95", "seconds"]
+    write_file(folder / ESTIMATES, _csv(columns, _estimates(groups)))
+
+
+def _estimates(groups: Sequence[Group]) -> Iterator[list[object]]:
+    for group in groups:
+        numbers = [group.numbers(index) for index in range(len(group.scenario.parameters))]
+        for row, result in enumerate(group.results):
+            for known, own in zip(group.scenario.parameters, numbers, strict=True):
+                yield [
+                    group.scenario.name,
+                    group.method,
+                    result.unit.replication,
+                    result.outcome,
+                    known.parameter,
+                    known.truth,
+                    *own[row].tolist(),
+                    math.nan if result.seconds is None else result.seconds,
+                ]
+
+
+def _csv(head: Sequence[str], rows: Iterable[Sequence[object]]) -> bytes:
+    """A table as CSV; NaN is an empty cell."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(names)
-    writer.writerows([cell(getattr(s, name)) for name in names] for s in summaries)
-    write_estimates(folder, rows)
-    write_file(folder / "summary.csv", text.getvalue().encode())
-    write_file(folder / REPORT, report_text(rows, summaries).encode())
-    return folder / REPORT
+    writer.writerow(head)
+    writer.writerows([["" if cell != cell else cell for cell in row] for row in rows])
+    return text.getvalue().encode()

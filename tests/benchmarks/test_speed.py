@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from functools import cache
 
 import control
@@ -12,10 +13,15 @@ from scipy.optimize import least_squares
 
 from pilotid.datasets import scenario_named, simulate
 from pilotid.estimate import identify
+from pilotid.methods.arx import ARX
+from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.model import MULTI, PilotModel
+from pilotid.orders import StructureSearch, search_structures
+from pilotid.prediction import predict
 from pilotid.recording import Recording
+from pilotid.regression import Regression, Structure, signals
 from pilotid.types import FloatArray
 
 PADE = 5
@@ -84,9 +90,52 @@ def test_mle(benchmark: BenchmarkFixture) -> None:
     assert estimate.outcome.usable
 
 
+@pytest.mark.benchmark(group="posterior of 7 parameters and the remnant's, 4096 samples")
+def test_bayes_by_importance_sampling(benchmark: BenchmarkFixture) -> None:
+    estimate = benchmark(
+        lambda: identify(Bayes(), coloured(), far_model(), np.random.default_rng(1))
+    )
+    assert estimate.outcome.usable
+    assert estimate.draws is not None
+    assert estimate.draws.sampler == "importance"
+
+
+@pytest.mark.benchmark(group="posterior of 7 parameters and the remnant's, 4096 samples")
+def test_bayes_by_emcee(benchmark: BenchmarkFixture) -> None:
+    fit = (Bayes(sampler="emcee"), coloured(), far_model(), np.random.default_rng(1))
+    estimate = benchmark.pedantic(identify, fit, rounds=1)
+    assert estimate.draws is not None
+    assert estimate.draws.effective.min() >= 2000.0
+
+
 @pytest.mark.benchmark(group="fit of 7 parameters to 4096 samples from 40 % off")
 def test_what_a_user_would_write(benchmark: BenchmarkFixture) -> None:
     values = benchmark.pedantic(by_hand, (recording(), far_model().start), rounds=3)
     estimate = identify(MLEWhite(), recording(), far_model(), np.random.default_rng(1))
     # Both reach the same optimum, so that the times are those of the same work.
     assert values == pytest.approx(estimate.values, rel=0.05)
+
+
+@pytest.mark.benchmark(group="search among 2205 structures in 2048 samples")
+def test_arx_search(benchmark: BenchmarkFixture) -> None:
+    prediction = predict(coloured(), MULTI, 78.0)
+    output, inputs = signals(prediction)
+    structures = [
+        Structure(poles, (4, 4), delays)
+        for poles in range(2, 7)
+        for delays in itertools.product(range(3, 24), repeat=2)
+    ]
+
+    def searched() -> StructureSearch:
+        regression = Regression(output, inputs, 6, [(3, 26)] * 2, prediction.first)
+        return search_structures(regression, structures)
+
+    assert benchmark(searched).cost.size == 2205
+    if benchmark.enabled:
+        assert benchmark.stats.stats.min < 0.15
+
+
+@pytest.mark.benchmark(group="fit of 7 parameters to 4096 samples with a coloured remnant")
+def test_arx(benchmark: BenchmarkFixture) -> None:
+    estimate = benchmark(lambda: identify(ARX(), coloured(), far_model(), np.random.default_rng(1)))
+    assert estimate.outcome.usable

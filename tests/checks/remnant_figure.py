@@ -11,14 +11,16 @@ import argparse
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pilotid.datasets import scenario_named
 from pilotid.datasets.spectra import spectra
-from pilotid.study import run_unit, units_of
-from pilotid.summary import Summary, summarise
+from pilotid.store import Store
+from pilotid.study import Study
+from pilotid.summary import Summary, groups_of, summaries_of
 from pilotid.theory import white_limit
 
 if TYPE_CHECKING:
@@ -39,8 +41,11 @@ WHITE, MLE, BOUND = "#D55E00", "#0072B2", "#9A9A9A"  # Okabe and Ito, colour-bli
 
 def summaries(replications: int, seed: int) -> dict[str, list[Summary]]:
     """Scores of both methods, parameter by parameter."""
-    units = units_of([SCENARIO], ["mle-white", "mle"], replications, seed)
-    found = summarise([row for unit in units for row in run_unit(unit)])
+    study = Study((SCENARIO,), ("mle-white", "mle"), replications, seed)
+    with TemporaryDirectory() as folder, Store(Path(folder), create=True) as store:
+        for _ in study.run(store, study.enter(store)):
+            pass
+        found = summaries_of(groups_of(store))
     return {name: [s for s in found if s.method == name] for name in ("mle-white", "mle")}
 
 

@@ -1,6 +1,6 @@
 """Figure of docs/two-step.md: frequency responses of one recording of `nominal`.
 
-    nox -s check -- responses       writes docs/responses.svg
+nox -s check -- responses       writes docs/responses.svg
 """
 
 from __future__ import annotations

@@ -1,0 +1,146 @@
+"""Functions of the parameters, with the spread that the posterior gives them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pilotid.controlled import ControlledElement
+from pilotid.draws import SHARE, Draws, quantiles, shortest_interval
+from pilotid.loops import margin, open_loops
+from pilotid.model import PilotModel
+from pilotid.prediction import predict
+from pilotid.recording import Recording
+from pilotid.residuals import Residuals
+from pilotid.types import FloatArray
+
+COUNT = 1000  # draws from which the costly quantities are computed
+BLOCK = 8  # parameter sets simulated at once
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """A quantity's posterior.
+
+    Attributes
+    ----------
+    key, unit
+        As printed.
+    mean, deviation
+        Posterior mean and standard deviation.
+    equal_tailed, highest_density
+        95 % intervals, shape (2,).
+    effective, r_hat
+        Of a sampled parameter; NaN for functions of several.
+    """
+
+    key: str
+    unit: str
+    mean: float
+    deviation: float
+    equal_tailed: FloatArray
+    highest_density: FloatArray
+    effective: float = float("nan")
+    r_hat: float = float("nan")
+
+
+def spread_of(
+    key: str,
+    unit: str,
+    values: FloatArray,
+    weights: FloatArray | None = None,
+    *,
+    effective: float = float("nan"),
+    r_hat: float = float("nan"),
+) -> Spread:
+    """The posterior of a quantity from its draws, shape (draws,)."""
+    own = np.full(values.size, 1.0 / values.size) if weights is None else weights
+    mean = float(own @ values)
+    tail = 0.5 * (1.0 - SHARE)
+    return Spread(
+        key,
+        unit,
+        mean,
+        float(np.sqrt(own @ (values - mean) ** 2)),
+        quantiles(values, own, (tail, 1.0 - tail)),
+        shortest_interval(values, own),
+        effective,
+        r_hat,
+    )
+
+
+def parameter_spreads(draws: Draws, model: PilotModel) -> list[Spread]:
+    """The sampled parameters, the remnant's last."""
+    units = {p.key: p.unit for p in model.parameters} | {"frequency": "rad/s"}
+    return [
+        spread_of(
+            key,
+            units.get(key, ""),
+            draws.values[:, i],
+            draws.weights,
+            effective=float(draws.effective[i]),
+            r_hat=float(draws.r_hat[i]),
+        )
+        for i, key in enumerate(draws.keys)
+    ]
+
+
+def derived_spreads(
+    draws: Draws,
+    model: PilotModel,
+    recording: Recording,
+    element: ControlledElement | None,
+) -> list[Spread]:
+    """The product of gain and lead time, the VAF, and loop margins if the element is known."""
+    result = []
+    keys = draws.keys
+    if {"Kvis", "tlead"} <= set(keys):
+        product = draws.values[:, keys.index("Kvis")] * draws.values[:, keys.index("tlead")]
+        result.append(spread_of("Kvis*tlead", "s", product, draws.weights))
+    some = draws.equally_weighted(COUNT)[:, : len(model.parameters)]
+    result.append(spread_of("VAF", "%", vafs(recording, model, some)))
+    if element is not None:
+        result += _margin_spreads(model, some, element)
+    return result
+
+
+def vafs(recording: Recording, model: PilotModel, values: FloatArray) -> FloatArray:
+    """Variance accounted for [%] by each parameter set, see `simulated_vaf`, shape (sets,)."""
+    prediction = predict(recording, model)
+    residuals = Residuals(prediction)
+    spread = np.mean(np.var(prediction.control, axis=1))
+    left = np.empty(len(values))
+    for begin in range(0, len(values), BLOCK):
+        block = slice(begin, begin + BLOCK)
+        samples = prediction.samples_of(residuals.spectra(values[block]))
+        left[block] = np.mean(np.var(prediction.without_nuisance(samples), axis=2), axis=1)
+    return np.asarray(np.maximum(0.0, 100.0 * (1.0 - left / spread)))
+
+
+def _margin_spreads(
+    model: PilotModel, values: FloatArray, element: ControlledElement
+) -> Sequence[Spread]:
+    omega = np.geomspace(0.1, 30.0, 600)
+    found = np.empty((len(values), 4))
+    for row, own in zip(found, values, strict=True):
+        target, disturbance = (margin(omega, s) for s in open_loops(model, own, element, omega))
+        row[:] = (
+            target.crossover,
+            target.phase_margin,
+            disturbance.crossover,
+            disturbance.phase_margin,
+        )
+    names = (
+        ("target crossover", "rad/s"),
+        ("target phase margin", "deg"),
+        ("disturbance crossover", "rad/s"),
+        ("disturbance phase margin", "deg"),
+    )
+    # A loop that crosses for some draws only has no margin to speak of.
+    return [
+        spread_of(name, unit, own)
+        for (name, unit), own in zip(names, found.T, strict=True)
+        if np.isfinite(own).all()
+    ]

@@ -1,0 +1,170 @@
+"""What a report consists of, and its form as Markdown.
+
+Texts hold `code`, **strong** words and [links](#section); nothing else is marked up.
+"""
+
+from __future__ import annotations
+
+import html
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table.
+
+    Attributes
+    ----------
+    title
+        Its heading.
+    text
+        Whether it holds words, which are set to the left.
+    paper
+        Whether its numbers are those of the paper that a study repeats.
+    hint
+        What the heading means, where it is short.
+    """
+
+    title: str
+    text: bool = False
+    paper: bool = False
+    hint: str = ""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An entry of a table, with a mark (see `verdicts.Grade`) if it is a verdict."""
+
+    text: str
+    mark: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table.
+
+    Attributes
+    ----------
+    caption
+        What it shows.
+    columns
+        Its columns; the first `heads` hold what the rows are about.
+    rows
+        Rows of entries.
+    heads
+        Number of columns in front.
+    folded
+        Whether a page shows it only when asked.
+    """
+
+    caption: str
+    columns: Sequence[Column]
+    rows: Sequence[Sequence[Entry]]
+    heads: int = 1
+    folded: bool = False
+    kind: str = field(default="table", init=False)
+
+    @property
+    def left(self) -> str:
+        """Classes that set the columns of words to the left."""
+        return " ".join(f"t{i}" for i, c in enumerate(self.columns, start=1) if c.text)
+
+    def begins_group(self, number: int) -> bool:
+        """Whether a row is the first of those with the same first entry."""
+        rows = self.rows
+        return self.heads > 1 and number > 0 and rows[number][0].text != rows[number - 1][0].text
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure; its SVG is part of a page and a file beside the Markdown."""
+
+    name: str
+    svg: str
+    alt: str
+    caption: str
+    kind: str = field(default="picture", init=False)
+
+
+@dataclass(frozen=True)
+class Text:
+    """A paragraph."""
+
+    text: str
+    kind: str = field(default="text", init=False)
+
+
+@dataclass(frozen=True)
+class Bullets:
+    """A list."""
+
+    items: Sequence[str]
+    kind: str = field(default="bullets", init=False)
+
+
+@dataclass(frozen=True)
+class Command:
+    """Something to type, and what it does."""
+
+    text: str
+    command: str
+    kind: str = field(default="command", init=False)
+
+
+Block = Table | Picture | Text | Bullets | Command
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the report with a heading; its key is the target of links."""
+
+    key: str
+    title: str
+    blocks: Sequence[Block]
+
+
+def entries(rows: Iterable[Sequence[str | Entry]]) -> list[list[Entry]]:
+    """Rows of a table, from words or entries."""
+    return [[cell if isinstance(cell, Entry) else Entry(cell) for cell in row] for row in rows]
+
+
+def inline_html(text: str) -> str:
+    """A text as HTML."""
+    safe = html.escape(text, quote=True)
+    safe = re.sub(r"`([^`]+)`", r"<code>\1</code>", safe)
+    safe = re.sub(r"\*\*([^*]+)\*\*", r"<strong>\1</strong>", safe)
+    safe = safe.replace(" %", "&nbsp;%")
+    return re.sub(r"\[([^\]]+)\]\((#[\w-]+)\)", r'<a href="\2">\1</a>', safe)
+
+
+def markdown(title: str, sections: Sequence[Section]) -> str:
+    """The report as Markdown, with figures from the folder beside it."""
+    parts = [f"# {title}", "\n".join(f"- [{s.title}](#{s.key})" for s in sections)]
+    for section in sections:
+        parts.append(f'<a id="{section.key}"></a>\n\n## {section.title}')
+        parts += [_block(block) for block in section.blocks]
+    return "\n\n".join(parts) + "\n"
+
+
+def _block(block: Block) -> str:
+    if isinstance(block, Table):
+        return _table(block)
+    if isinstance(block, Picture):
+        return f"![{block.alt}](figures/{block.name}.svg)\n\n*{block.caption}*"
+    if isinstance(block, Bullets):
+        return "\n".join(f"- {item}" for item in block.items)
+    if isinstance(block, Command):
+        return f"{block.text}\n\n    {block.command}"
+    return block.text
+
+
+def _table(table: Table) -> str:
+    def line(cells: Iterable[str]) -> str:
+        return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
+
+    rules = ["---" if column.text else "---:" for column in table.columns]
+    head = [line(column.title for column in table.columns), line(rules)]
+    rows = [line(cell.text.replace("<", "&lt;") for cell in row) for row in table.rows]
+    return "\n".join([f"**{table.caption}**", "", *head, *rows])

@@ -1,0 +1,273 @@
+"""`bayes`: its likelihood, its samplers against one another, and what it does when all fails."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from pilotid.datasets import SCENARIOS, simulate
+from pilotid.draws import Draws
+from pilotid.ensembles import Run
+from pilotid.estimate import Estimate, Outcome, identify
+from pilotid.fits import derived
+from pilotid.joint import Joint
+from pilotid.likelihood import Likelihood, prediction_error_filters, whitening_filters
+from pilotid.methods.bayes import Bayes
+from pilotid.methods.mle import MLE
+from pilotid.methods.mle_white import MLEWhite
+from pilotid.model import MULTI, SINGLE
+from pilotid.noise import Autoregressive, LowPass, NoiseModel, analysis_band
+from pilotid.prediction import predict
+from pilotid.priors import HalfCauchy, LogNormal, Normal, default_prior, priors_of
+from pilotid.residuals import Residuals
+from pilotid.types import FloatArray, InputError
+
+NOMINAL, ONE = SCENARIOS["nominal"], SCENARIOS["single"]
+RECORDING = simulate(NOMINAL, np.random.default_rng(21))
+SIMPLE = simulate(ONE, np.random.default_rng(22))
+SHORT = Run(ensembles=4, walkers=24, first=150, most=1500, effective=600.0)
+
+
+def likelihood_of(
+    noise: NoiseModel, terms: tuple[float, ...] = (), runs: int = 1, offset: float = 0.0
+) -> Likelihood:
+    recording = simulate(replace(NOMINAL, runs=runs), np.random.default_rng(1))
+    recording = replace(recording, u=recording.u + offset)
+    prediction = replace(predict(recording, MULTI, 50.0), terms=terms)
+    return Likelihood(Joint(prediction, noise, analysis_band(NOMINAL.dt, 50.0)))
+
+
+def sets_of(noise: NoiseModel, count: int) -> FloatArray:
+    remnant = {0: [], 1: [5.0], 2: [3.5, 0.7], 3: [3.5, 0.7]}[getattr(noise, "order", 0) % 4]
+    factors = np.exp(0.1 * np.random.default_rng(2).standard_normal((count, 7 + len(remnant))))
+    return np.array([*NOMINAL.truth, *remnant]) * factors
+
+
+# ------------------------------------------------------------------------------- likelihood
+
+
+def test_residuals_are_those_of_the_prediction() -> None:
+    values = sets_of(LowPass(0), 9)
+    prediction = predict(RECORDING, MULTI, 50.0)
+    expected = prediction.row_spectra(values)[:, -1]
+    found = Residuals(prediction).spectra(values)
+    np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("terms", [(), (0.0, -1.0 / 6.0)], ids=["plain", "nuisance"])
+@pytest.mark.parametrize("order", [0, 1, 2, 3])
+def test_sums_of_squares_are_the_last_elements_of_the_gram_matrices(
+    order: int, terms: tuple[float, ...]
+) -> None:
+    likelihood = likelihood_of(LowPass(order), terms, runs=2)
+    values = sets_of(LowPass(order), 37)
+    expected = likelihood.joint.gram(values)[:, -1, -1]
+    np.testing.assert_allclose(likelihood.sums_of_squares(values), expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e6])
+def test_autoregressive_coefficients_are_integrated_out(offset: float) -> None:
+    noise = Autoregressive(3)
+    likelihood = likelihood_of(noise, (0.0, -1.0 / 6.0), runs=2, offset=offset)
+    values = sets_of(LowPass(0), 2)
+    found = likelihood.log(values)
+    # On a grid around the optimum: the integral of (sum of squares)^(-N/2).
+    logs = []
+    for own in values:
+        centre = likelihood.coefficients(own[None])[0]
+        products = likelihood.lagged_products(own[None])[0]
+        spread = np.linalg.inv(products[1:, 1:])
+        root = np.linalg.cholesky(spread * (products[0] @ np.array([1.0, *centre]))) / np.sqrt(
+            likelihood.joint.samples
+        )
+        axis = np.linspace(-5.0, 5.0, 21)
+        mesh = np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 3)
+        taps = np.concatenate([np.ones((len(mesh), 1)), centre + mesh @ root.T], axis=1)
+        squares = np.einsum("si,ij,sj->s", taps, products, taps)
+        power = -0.5 * likelihood.joint.samples * np.log(squares)
+        logs.append(np.logaddexp.reduce(power) + np.log(np.linalg.det(root)))
+    assert found[0] - found[1] == pytest.approx(logs[0] - logs[1], abs=1e-3)
+
+
+def test_products_of_lags_agree_with_the_gram_matrix() -> None:
+    noise = Autoregressive(6)
+    likelihood = likelihood_of(noise, (0.0, -1.0 / 6.0), runs=3)
+    values = sets_of(LowPass(0), 3)
+    full = np.concatenate([values, likelihood.coefficients(values)], axis=1)
+    grams = likelihood.joint.gram(full)
+    taps = np.concatenate([np.ones((3, 1)), full[:, 7:]], axis=1)
+    squares = np.einsum("si,sij,sj->s", taps, likelihood.lagged_products(values), taps)
+    np.testing.assert_allclose(squares, grams[:, -1, -1], rtol=1e-9)
+    # At the best coefficients the prediction error knows nothing of the residual's past.
+    slopes = grams[:, 7:-1, -1]
+    assert np.abs(slopes).max() < 1e-9 * grams[:, -1, -1].max()
+
+
+def test_recursion_gives_the_whitening_filters() -> None:
+    noise, band = LowPass(2), analysis_band(NOMINAL.dt, 50.0)
+    values = np.array([[3.5, 0.7], [10.0, 0.2], [60.0, 1.5]])
+    expected = noise.taps(values, band)[0]
+    np.testing.assert_allclose(whitening_filters(noise, values, band), expected, atol=1e-8)
+    first_order = 0.8 ** np.arange(6.0)[None]
+    expected = np.array([[1.0, -0.8, 0.0, 0.0, 0.0, 0.0]])
+    np.testing.assert_allclose(prediction_error_filters(first_order), expected, atol=1e-12)
+
+
+# ----------------------------------------------------------------------------------- priors
+
+
+@pytest.mark.parametrize(
+    ("prior", "oracle"),
+    [
+        (LogNormal(2.0, 0.7), stats.lognorm(0.7, scale=2.0)),
+        (Normal(0.3, 0.1), stats.norm(0.3, 0.1)),
+        (HalfCauchy(1.7), stats.halfcauchy(scale=1.7)),
+    ],
+    ids=["log-normal", "normal", "half-Cauchy"],
+)
+def test_priors_are_those_of_scipy(
+    prior: LogNormal | Normal | HalfCauchy, oracle: stats.rv_frozen
+) -> None:
+    x = np.array([0.05, 0.3, 1.0, 4.0])
+    np.testing.assert_allclose(prior.logpdf(x), oracle.logpdf(x), rtol=1e-12)
+    drawn = prior.draw(np.random.default_rng(0), 2000)
+    assert stats.kstest(drawn, oracle.cdf).pvalue > 1e-3
+
+
+def test_four_fifths_of_a_prior_lie_in_the_range_of_published_values() -> None:
+    for parameter in MULTI.parameters:
+        prior = default_prior(parameter)
+        x = np.linspace(*parameter.usual, 20_001)
+        share = np.trapezoid(np.exp(prior.logpdf(x)), x)
+        if isinstance(prior, HalfCauchy):
+            assert prior.scale == parameter.usual[1]
+        else:
+            assert share == pytest.approx(0.8, abs=1e-3)
+
+
+def test_priors_may_be_replaced_by_distributions_of_scipy() -> None:
+    tight = stats.lognorm(0.1, scale=0.2)
+    told, own = fit(Bayes(priors=(("Kvis", tight),))), fit(Bayes())
+    assert abs(told.values[0] - 0.2) < 0.25 * abs(own.values[0] - 0.2)
+    # As precisions of independent pieces of evidence add up.
+    expected = (own.std_error[0] ** -2.0 + 0.02**-2.0) ** -0.5
+    assert told.std_error[0] == pytest.approx(expected, rel=0.15)
+    assert priors_of(MULTI, LowPass(1), (("frequency", tight),))[-1] is tight
+    with pytest.raises(InputError, match="Kvos, which model multi lacks"):
+        priors_of(MULTI, LowPass(1), (("Kvos", tight),))
+
+
+# --------------------------------------------------------------------------------- samplers
+
+
+def fit(method: Bayes) -> Estimate:
+    return identify(method, RECORDING, MULTI, np.random.default_rng(3))
+
+
+def drawn(estimate: Estimate) -> Draws:
+    assert estimate.draws is not None, estimate.sentence
+    return estimate.draws
+
+
+def log_spread(draws: Draws) -> FloatArray:
+    logs = np.log(draws.values)
+    return np.asarray(np.sqrt(draws.weights @ (logs - draws.weights @ logs) ** 2))
+
+
+def test_both_samplers_give_the_same_posterior() -> None:
+    quick = fit(Bayes(sampler="importance", draws=30_000))
+    slow = fit(Bayes(sampler="emcee", run=replace(SHORT, effective=1500.0)))
+    assert quick.outcome is slow.outcome is Outcome.CONVERGED
+    few = drawn(slow).effective.min()
+    # On the logarithmic scale, where the tail of lead time does not make the error larger.
+    ratio = log_spread(drawn(slow)) / log_spread(drawn(quick))
+    # The fourth moment of a logarithm is at most 4.2 here.
+    np.testing.assert_allclose(ratio, 1.0, atol=4.0 * np.sqrt(3.2 / (4.0 * few)))
+    assert ratio.mean() == pytest.approx(1.0, abs=0.04)
+    apart = np.abs(slow.values - quick.values) / quick.std_error
+    assert (apart < 4.0 * np.sqrt(1.0 / few + 1.0 / drawn(quick).effective.min())).all()
+    assert (drawn(slow).r_hat <= 1.01).all()
+    assert (drawn(slow).effective >= 1500.0).all()
+
+
+@pytest.mark.parametrize("sampler", ["importance", "emcee"])
+def test_the_same_generator_gives_the_same_draws(sampler: str) -> None:
+    method = Bayes(sampler=sampler, draws=500, wanted=50.0, run=replace(SHORT, effective=200.0))  # type: ignore[arg-type]
+    runs = [identify(method, SIMPLE, SINGLE, np.random.default_rng(4)) for _ in range(2)]
+    first, second = (drawn(run).values.tobytes() for run in runs)
+    assert first == second
+    other = identify(method, SIMPLE, SINGLE, np.random.default_rng(5))
+    assert drawn(other).values.tobytes() != first
+
+
+def test_importance_sampling_that_fails_gives_way_to_emcee() -> None:
+    method = Bayes(draws=200, wanted=5000.0, run=replace(SHORT, effective=300.0))
+    estimate = identify(method, SIMPLE, SINGLE, np.random.default_rng(6))
+    assert drawn(estimate).sampler == "emcee"
+    assert "emcee took over" in estimate.message or not estimate.outcome.usable
+    alone = identify(
+        replace(method, sampler="importance"), SIMPLE, SINGLE, np.random.default_rng(6)
+    )
+    assert alone.outcome is Outcome.NOT_CONVERGED
+    assert "effective draws only" in alone.message
+    assert np.isfinite(alone.values).all()
+
+
+def test_a_run_that_is_too_short_is_an_outcome() -> None:
+    run = Run(walkers=24, first=30, most=30, effective=1e5)
+    estimate = identify(Bayes(sampler="emcee", run=run), SIMPLE, SINGLE, np.random.default_rng(7))
+    assert estimate.outcome is Outcome.NOT_CONVERGED
+    assert "of 100000 wanted" in estimate.message
+
+
+# --------------------------------------------------------------------------------- estimate
+
+
+def test_the_posterior_agrees_with_maximum_likelihood_where_that_is_nearly_normal() -> None:
+    bayes, mle = fit(Bayes()), identify(MLE(), RECORDING, MULTI, np.random.default_rng(3))
+    well_known = slice(2, 7)
+    apart = np.abs(bayes.values - mle.values)[well_known] / mle.std_error[well_known]
+    assert (apart < 0.2).all()
+    ratio = (bayes.std_error / mle.std_error)[well_known]
+    np.testing.assert_allclose(ratio, 1.0, atol=0.12)
+    assert bayes.vaf == pytest.approx(mle.vaf, abs=0.5)
+    assert bayes.remnant is not None
+    assert bayes.remnant.model == "second-order"
+
+
+def test_a_white_likelihood_is_as_overconfident_as_that_of_output_error() -> None:
+    # A recording in which both find the same transients.
+    recording = simulate(NOMINAL, np.random.default_rng(24))
+    method = Bayes(likelihood="white", band=None, draws=2000, wanted=300.0)
+    bayes, white, honest = (
+        identify(m, recording, MULTI, np.random.default_rng(3))
+        for m in (method, MLEWhite(), Bayes())
+    )
+    assert bayes.method == "bayes-white"
+    apart = np.abs(bayes.values - white.values) / white.std_error
+    assert (apart < 0.3).all()
+    np.testing.assert_allclose((bayes.std_error / white.std_error)[:3], 1.0, atol=0.25)
+    assert (honest.std_error[:2] > 3.0 * bayes.std_error[:2]).all()
+
+
+def test_the_product_of_gain_and_lead_time_comes_from_the_draws() -> None:
+    estimate = fit(Bayes())
+    (product,) = derived(estimate)
+    draws = drawn(estimate)
+    own = draws.values[:, 0] * draws.values[:, 1]
+    assert product.value == pytest.approx(draws.weights @ own)
+    assert product.std_error < 0.06 * product.value
+    # The values are geometric means, whose product is that of the draws.
+    assert estimate.values[0] * estimate.values[1] == pytest.approx(product.value, rel=5e-3)
+
+
+def test_intervals_are_of_the_kind_asked_for() -> None:
+    tails, shortest = fit(Bayes()), fit(Bayes(intervals="highest-density"))
+    assert tails.values.tobytes() == shortest.values.tobytes()
+    widths = [np.ptp(e.intervals, axis=1) for e in (tails, shortest)]
+    assert (widths[1] <= widths[0] * (1.0 + 1e-9)).all()
+    # Lead time is skewed to the right.
+    assert shortest.intervals[1, 1] < tails.intervals[1, 1]

@@ -1,0 +1,150 @@
+"""`pilotid posterior`: tables, files, figures, and what follows from the draws."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pilotid.cli import main
+from pilotid.controlled import double_integrator
+from pilotid.datasets import SCENARIOS, simulate
+from pilotid.derived_draws import derived_spreads, spread_of, vafs
+from pilotid.elements import element_named, parsed_element
+from pilotid.estimate import simulated_vaf
+from pilotid.files import save_recording
+from pilotid.likelihood import Likelihood
+from pilotid.loops import margins
+from pilotid.methods.bayes import Bayes, Inference
+from pilotid.model import SINGLE
+from pilotid.noise import Autoregressive, LowPass
+from pilotid.predictive import predictive_band
+from pilotid.types import InputError
+
+SCENARIO = SCENARIOS["single"]
+RECORDING = simulate(SCENARIO, np.random.default_rng(31))
+
+
+@pytest.fixture(scope="module")
+def inference() -> Inference:
+    return Bayes().infer(RECORDING, SINGLE, np.random.default_rng(1))
+
+
+def test_the_command_writes_draws_summary_and_figures(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out = tmp_path / "run.csv", tmp_path / "out"
+    save_recording(RECORDING, file)
+    with pytest.raises(SystemExit) as end:
+        main(["posterior", str(file), "--out", str(out), "--seed", "3"])
+    printed = capsys.readouterr()
+    assert not end.value.code, printed.err
+    assert "bayes: converged" in printed.out
+    assert "disturbance phase margin" in printed.out  # the element comes from the sidecar
+    assert "emcee: 4 ensembles of 40 walkers" in printed.out
+    draws = np.load(out / "draws.npy")
+    assert draws.dtype.names == (*SINGLE.keys, "frequency", "damping", "log_density")
+    assert draws.shape[0] == 4
+    with (out / "summary.csv").open(encoding="utf-8", newline="") as stream:
+        rows = {row["quantity"]: row for row in csv.DictReader(stream)}
+    assert float(rows["fnm"]["mean"]) == pytest.approx(draws["fnm"].mean())
+    assert float(rows["fnm"]["std"]) == pytest.approx(draws["fnm"].std())
+    assert all(float(rows[key]["effective_size"]) >= 2000.0 for key in SINGLE.keys)
+    assert json.loads((out / "estimate.json").read_text())["outcome"] == "converged"
+    for name in ("corner", "trace", "autocorrelation", "predictive"):
+        text = (out / f"{name}.svg").read_text(encoding="utf-8")
+        assert text.startswith("<svg")
+        assert len(text) > 10_000
+    assert not [path for path in out.iterdir() if path.name.endswith(".part")]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["a.csv", "b.csv"], "several files need --joint"),
+        (["a.csv", "--element", "four"], "the controlled element 'four' is not one of"),
+    ],
+)
+def test_wrong_use_ends_with_a_sentence(
+    arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(["posterior", *arguments])
+    assert end.value.code == 2
+    assert sentence in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "numerator", "denominator"),
+    [
+        ("4", (4.0,), (1.0,)),
+        ("2.5/s", (2.5,), (1.0, 0.0)),
+        ("4/s^2", (4.0,), (1.0, 0.0, 0.0)),
+        (" 4 / s**2 ", (4.0,), (1.0, 0.0, 0.0)),
+        ("1.5e1/(s(s+2))", (15.0,), (1.0, 2.0, 0.0)),
+        ("10/(s*(s + .5))", (10.0,), (1.0, 0.5, 0.0)),
+    ],
+)
+def test_controlled_elements_are_read(
+    text: str, numerator: tuple[float, ...], denominator: tuple[float, ...]
+) -> None:
+    element = element_named(text)
+    assert (element.numerator, element.denominator) == (numerator, denominator)
+    assert parsed_element(element.name) == element
+
+
+@pytest.mark.parametrize("text", ["", "K/s^2", "4/s^3", "-4/s", "0/s", "1e999", "4/s^2; import os"])
+def test_other_texts_are_no_controlled_elements(text: str) -> None:
+    assert parsed_element(text) is None
+    with pytest.raises(InputError, match="write for example 4/s"):
+        element_named(text)
+
+
+def test_derived_quantities_are_those_of_the_parameters(inference: Inference) -> None:
+    draws = inference.estimate.draws
+    assert draws is not None
+    some = draws.equally_weighted(3)[:, :5]
+    expected = [simulated_vaf(RECORDING, SINGLE, own) for own in some]
+    np.testing.assert_allclose(vafs(RECORDING, SINGLE, some), expected, rtol=1e-9)
+    element = double_integrator(4.0)
+    spreads = {s.key: s for s in derived_spreads(draws, SINGLE, RECORDING, element)}
+    target, disturbance = margins(SINGLE, SCENARIO.values, element)
+    for key, truth in (
+        ("Kvis*tlead", SCENARIO.truth[0] * SCENARIO.truth[1]),
+        ("target crossover", target.crossover),
+        ("target phase margin", target.phase_margin),
+        ("disturbance crossover", disturbance.crossover),
+        ("disturbance phase margin", disturbance.phase_margin),
+    ):
+        spread = spreads[key]
+        assert abs(spread.mean - truth) < 3.5 * spread.deviation, key
+        assert spread.equal_tailed[0] < spread.mean < spread.equal_tailed[1]
+    assert "target crossover" not in {
+        s.key for s in derived_spreads(draws, SINGLE, RECORDING, None)
+    }
+
+
+def test_a_quantity_of_equal_draws_has_no_spread() -> None:
+    spread = spread_of("x", "", np.full(10, 2.0))
+    assert spread.mean == pytest.approx(2.0)
+    assert spread.deviation < 1e-9
+
+
+@pytest.mark.parametrize("noise", [LowPass(2), Autoregressive(4)], ids=lambda n: n.name)
+def test_the_predictive_band_holds_what_it_says(noise: LowPass | Autoregressive) -> None:
+    two = simulate(replace(SCENARIO, runs=2), np.random.default_rng(32))
+    found = Bayes(noise=noise).infer(two, SINGLE, np.random.default_rng(2))
+    assert isinstance(found.likelihood, Likelihood)
+    draws = found.estimate.draws
+    assert draws is not None
+    band = predictive_band(draws, found.likelihood, np.random.default_rng(3))
+    assert band.control.shape[0] == 2
+    assert band.time.size == band.control.shape[1]
+    # Correlated samples: the remnant's 160 s are some hundred independent ones.
+    assert band.inside == pytest.approx(0.95, abs=0.04)
+    widths = np.diff(band.model, axis=0).mean(), np.diff(band.with_remnant, axis=0).mean()
+    assert widths[0] < 0.5 * widths[1]

@@ -1,0 +1,101 @@
+"""The store: what was committed is there, once, and in order."""
+
+from __future__ import annotations
+
+import sqlite3
+from pathlib import Path
+
+import pytest
+
+from pilotid.store import STORE, ParameterTruth, Result, ScenarioEntry, Store, Unit
+from pilotid.types import InputError
+
+NUMBERS = (("Kvis", 0.2, 0.1, 0.0, 0.4), ("tlead", 3.0, None, None, None))
+
+
+def entry(name: str, position: int) -> ScenarioEntry:
+    known = (ParameterTruth("Kvis", "", 0.17, 0.04), ParameterTruth("tlead", "s", 2.93, None))
+    return ScenarioEntry(name, position, "a scenario", "gain", "details", known)
+
+
+def filled(folder: Path) -> Store:
+    store = Store(folder, create=True)
+    for name, position in (("late", 2), ("early", 1)):
+        store.add_scenario(entry(name, position))
+    for name, position in (("second", 1), ("first", 0)):
+        store.add_method(name, position, f"{name}()")
+    return store
+
+
+def result(scenario: str, method: str, replication: int) -> Result:
+    unit = Unit(scenario, method, replication)
+    return Result(unit, "converged", "why", True, 80.5, 7, False, 0.25, NUMBERS)
+
+
+def test_what_goes_in_comes_out_in_the_order_of_the_catalogues(tmp_path: Path) -> None:
+    keys = [("late", "first", 0), ("early", "second", 1), ("early", "second", 0)]
+    with filled(tmp_path) as store:
+        for key in keys:
+            store.add(result(*key))
+        store.add(Result(Unit("early", "first", 0), "crashed", "why"))
+    with Store(tmp_path) as store:
+        found = list(store.results())
+        assert [r.unit for r in found] == [
+            Unit("early", "first", 0),
+            Unit("early", "second", 0),
+            Unit("early", "second", 1),
+            Unit("late", "first", 0),
+        ]
+        assert found[0] == Result(Unit("early", "first", 0), "crashed", "why")
+        assert found[1:] == [result(*key) for key in reversed(keys)]
+        assert store.scenarios() == [entry("early", 1), entry("late", 2)]
+        assert store.methods() == {"first": "first()", "second": "second()"}
+        assert store.done() == {r.unit for r in found}
+
+
+def test_a_fit_is_kept_once(tmp_path: Path) -> None:
+    with filled(tmp_path) as store:
+        store.add(result("early", "first", 0))
+        store.add(Result(Unit("early", "first", 0), "other"))
+        (only,) = store.results()
+        assert only.outcome == "converged"
+        assert len(only.estimates) == 2
+
+
+def test_a_fit_that_cannot_be_kept_whole_is_not_kept(tmp_path: Path) -> None:
+    twice = (NUMBERS[0], NUMBERS[0])
+    broken = Result(Unit("early", "first", 0), "converged", estimates=twice)
+    with filled(tmp_path) as store:
+        with pytest.raises(sqlite3.IntegrityError):
+            store.add(broken)
+        assert store.done() == set()
+        store.add(result("early", "first", 0))  # the store goes on
+
+
+def test_what_is_committed_is_there_without_closing(tmp_path: Path) -> None:
+    store = filled(tmp_path)
+    store.add(result("early", "first", 0))
+    with Store(tmp_path) as other:
+        assert other.done() == {Unit("early", "first", 0)}
+    store.close()
+
+
+def test_facts_are_kept(tmp_path: Path) -> None:
+    with filled(tmp_path) as store:
+        store.describe({"seed": "1"})
+        store.describe({"seed": "2", "code": "x"})
+        assert store.about() == {"format": "1", "seed": "2", "code": "x"}
+
+
+def test_files_that_are_no_store_are_refused_in_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such file; name a folder"):
+        Store(tmp_path)
+    (tmp_path / STORE).write_bytes(b"no database" * 100)
+    with pytest.raises(InputError, match="is no store of results"):
+        Store(tmp_path)
+    other = tmp_path / "other"
+    other.mkdir()
+    with filled(other) as store:
+        store.describe({"format": "0"})
+    with pytest.raises(InputError, match="another version"):
+        Store(other)

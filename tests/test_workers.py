@@ -1,0 +1,78 @@
+"""Processes that die lose nothing but, at worst, the task that kills them."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+from pilotid.workers import run_tasks
+
+
+def doubled(task: int) -> int:
+    return 2 * task
+
+
+def deadly(task: int) -> int:
+    """Task 3 kills whatever process runs it."""
+    if task == 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 2 * task
+
+
+def deadly_once(task: tuple[int, str]) -> int:
+    """Task 3 kills its process the first time."""
+    number, mark = task
+    if number == 3 and not Path(mark).exists():
+        Path(mark).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 2 * number
+
+
+def threads(_: int) -> str | None:
+    return os.environ.get("OMP_NUM_THREADS")
+
+
+def given_up(task: int, why: str) -> int:
+    assert "died" in why
+    return -task
+
+
+def never(task: object, why: str) -> int:
+    raise AssertionError((task, why))
+
+
+def test_all_tasks_are_answered_by_any_number_of_processes() -> None:
+    for workers in (1, 2):
+        answers = list(run_tasks(doubled, range(30), never, workers))
+        assert sorted(answers) == [2 * i for i in range(30)]
+
+
+def test_a_task_that_kills_its_process_is_given_up_and_the_others_are_done() -> None:
+    answers = list(run_tasks(deadly, range(12), given_up, 2))
+    assert sorted(answers) == sorted([2 * i for i in range(12) if i != 3] + [-3])
+
+
+def test_a_task_whose_process_died_by_chance_is_done_again(tmp_path: Path) -> None:
+    tasks = [(i, str(tmp_path / "mark")) for i in range(12)]
+    assert sorted(run_tasks(deadly_once, tasks, never, 2)) == [2 * i for i in range(12)]
+
+
+def test_processes_have_one_thread_each_and_the_environment_is_left_as_it_was() -> None:
+    before = os.environ.get("OMP_NUM_THREADS")
+    assert list(run_tasks(threads, [0], never, 1)) == ["1"]
+    assert os.environ.get("OMP_NUM_THREADS") == before
+
+
+def test_tasks_are_taken_as_they_are_needed() -> None:
+    taken = []
+
+    def tasks() -> object:
+        for i in range(1000):
+            taken.append(i)
+            yield i
+
+    answers = run_tasks(doubled, tasks(), never, 1)  # type: ignore[arg-type]
+    next(answers)
+    answers.close()  # type: ignore[attr-defined]
+    assert len(taken) < 20
