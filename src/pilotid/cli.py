@@ -29,7 +29,7 @@ from pilotid.files import load_recording, parse_mapping, save_recording, write_f
 from pilotid.fits import fit_all
 from pilotid.model import MODELS, model_named
 from pilotid.randomness import DEFAULT_SEED, recording_rng
-from pilotid.recording import joined
+from pilotid.recording import Recording, joined
 from pilotid.types import InputError
 
 if TYPE_CHECKING:
@@ -53,6 +53,20 @@ ScenarioOption = Annotated[
     typer.Option(
         "--scenario", metavar="NAME", help="Scenario; repeat, separate by commas, or say all."
     ),
+]
+ModelOption = Annotated[
+    str, typer.Option(metavar="NAME", help="Pilot model; multi needs motion of the pilot.")
+]
+MapOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--map",
+        metavar="u=stick,e=err",
+        help="The file's names for t, e, u, x, ft, fd; a minus before one flips its sign.",
+    ),
+]
+JointOption = Annotated[
+    bool, typer.Option("--joint", help="Take all files as runs of one recording.")
 ]
 
 
@@ -137,21 +151,10 @@ def fit(
     files: Annotated[
         list[Path], typer.Argument(metavar="F.csv|F.mat ...", help="Recordings to identify.")
     ],
-    model: Annotated[
-        str, typer.Option(metavar="NAME", help="Pilot model; multi needs motion of the pilot.")
-    ] = "single",
+    model: ModelOption = "single",
     method: MethodOption = None,
-    mapping: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--map",
-            metavar="u=stick,e=err",
-            help="The file's names for t, e, u, x, ft, fd; a minus before one flips its sign.",
-        ),
-    ] = None,
-    joint: Annotated[
-        bool, typer.Option("--joint", help="Take all files as runs of one recording.")
-    ] = False,
+    mapping: MapOption = None,
+    joint: JointOption = False,
     start: Annotated[
         str | None, typer.Option(metavar="Kvis=0.2,tlead=1.5", help="Initial guesses.")
     ] = None,
@@ -175,10 +178,7 @@ def fit(
     for target in (json_file, report):
         if target is not None:
             require_writable(target, files)
-    names = parse_mapping(",".join(mapping)) if mapping else None
-    recordings = [load_recording(file, names) for file in files]
-    if joint and len(recordings) > 1:
-        recordings = [joined(recordings)]
+    recordings = _loaded(files, mapping, joint)
     todo = output.progress(recordings, "fitting", len(recordings))
     fits = [fit_all(recording, chosen, methods, seed) for recording in todo]
 
@@ -196,28 +196,24 @@ def fit(
         output.print_fits(output.make_console(), fits)
 
 
+def _loaded(files: list[Path], mapping: list[str] | None, joint: bool) -> list[Recording]:
+    """The recordings in files, as one if they are runs of one."""
+    names = parse_mapping(",".join(mapping)) if mapping else None
+    recordings = [load_recording(file, names) for file in files]
+    return [joined(recordings)] if joint and len(recordings) > 1 else recordings
+
+
 @app.command()
 def posterior(
     files: Annotated[
         list[Path], typer.Argument(metavar="F.csv|F.mat ...", help="Recording to identify.")
     ],
-    model: Annotated[
-        str, typer.Option(metavar="NAME", help="Pilot model; multi needs motion of the pilot.")
-    ] = "single",
+    model: ModelOption = "single",
     white: Annotated[
         bool, typer.Option("--white", help="Take the residual for white, as the seed did.")
     ] = False,
-    mapping: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--map",
-            metavar="u=stick,e=err",
-            help="The file's names for t, e, u, x, ft, fd; a minus before one flips its sign.",
-        ),
-    ] = None,
-    joint: Annotated[
-        bool, typer.Option("--joint", help="Take all files as runs of one recording.")
-    ] = False,
+    mapping: MapOption = None,
+    joint: JointOption = False,
     element: Annotated[
         str | None,
         typer.Option(metavar="4/s^2", help="Controlled element, for the loops' margins."),
@@ -236,9 +232,7 @@ def posterior(
         raise InputError("several files need --joint: they are then runs of one recording")
     plant = element_named(element) if element else None
     chosen = model_named(model)
-    names = parse_mapping(",".join(mapping)) if mapping else None
-    recordings = [load_recording(file, names) for file in files]
-    recording = joined(recordings) if len(recordings) > 1 else recordings[0]
+    (recording,) = _loaded(files, mapping, joint)
     if out is not None:
         make_folder(out)
     infer(recording, chosen, white=white, element=plant, seed=seed, folder=out)
