@@ -6,7 +6,6 @@ Heavy libraries are imported by the commands that need them: `pilotid list` is i
 from __future__ import annotations
 
 import inspect
-import os
 import sys
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass, replace
@@ -305,8 +304,9 @@ def compare(
 def _foretell(store: Store, pending: list[Unit], workers: int | None) -> None:
     """Say about how long a long study will take."""
     from pilotid.study import remaining_seconds
+    from pilotid.workers import processors
 
-    processes = workers or os.cpu_count() or 1
+    processes = workers or processors()
     minutes = remaining_seconds(store, pending, processes) / 60.0
     if minutes > 1.0:
         output.make_console(errors=True).print(

@@ -8,6 +8,7 @@ known: if that process dies too, the task is given up and the others go on.
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -49,9 +50,16 @@ def run_tasks(
         Address of a Dask scheduler to use instead.
     """
     if scheduler is None:
-        yield from _locally(function, tasks, given_up, workers or os.cpu_count() or 1)
+        yield from _locally(function, tasks, given_up, workers or processors())
     else:
         yield from _on_dask(function, tasks, given_up, scheduler)
+
+
+def processors() -> int:
+    """Number of processors that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def _locally(
@@ -112,9 +120,7 @@ def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
     before = {name: os.environ.get(name) for name in names}
     os.environ.update(dict.fromkeys(names, "1"))
-    pool = ProcessPoolExecutor(
-        workers, mp_context=get_context("spawn"), initializer=_end_with_parent
-    )
+    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_settle)
     try:
         yield pool
     finally:
@@ -126,8 +132,12 @@ def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
                 os.environ[name] = value
 
 
-def _end_with_parent() -> None:
-    """End this process when the one that started it is gone; it would wait for ever."""
+def _settle() -> None:
+    """Leave interruptions to the process that started this one, and end when it is gone.
+
+    Ctrl-C reaches all processes of a terminal; a worker without a parent would wait for ever.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()
 
     def watch() -> None:
