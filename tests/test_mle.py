@@ -18,6 +18,7 @@ from pilotid.model import MULTI
 from pilotid.noise import Autoregressive, Band, LowPass, NoiseModel
 from pilotid.prediction import LeastSquares, predict
 from pilotid.profile import CHI_SQUARED_95, profile_intervals
+from pilotid.randomness import fit_rng, recording_rng
 
 NOMINAL = SCENARIOS["nominal"]
 BAND = Band(NOMINAL.dt, 3)
@@ -171,3 +172,13 @@ def test_runs_are_fitted_jointly() -> None:
     alone = identify(MLE(), first, MULTI, np.random.default_rng(8))
     ratio = together.std_error / alone.std_error
     np.testing.assert_allclose(ratio[2:], 0.5, atol=0.12)
+
+
+@pytest.mark.parametrize(("name", "replication"), [("remnant-0.5", 42), ("remnant-0.8", 17)])
+def test_a_channel_that_the_white_search_loses_is_found_again(name: str, replication: int) -> None:
+    # A white residual draws these two to a vestibular gain of zero.
+    scenario = SCENARIOS[name]
+    recording = simulate(scenario, recording_rng(1, name, replication))
+    estimate = identify(MLE(), recording, scenario.model, fit_rng(1, "mle", name, replication))
+    assert estimate.outcome is Outcome.CONVERGED
+    np.testing.assert_allclose(estimate.values[2:], scenario.values[2:], rtol=0.2)

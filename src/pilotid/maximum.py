@@ -12,7 +12,7 @@ import numpy as np
 
 from pilotid.estimate import Starts
 from pilotid.joint import Joint
-from pilotid.minimise import Minima, minimise
+from pilotid.minimise import Minima, minimise, solve_linear
 from pilotid.model import PilotModel
 from pilotid.noise import (
     Band,
@@ -27,7 +27,7 @@ from pilotid.noise import (
 )
 from pilotid.prediction import LeastSquares, Prediction, predict
 from pilotid.recording import Recording
-from pilotid.search import record, search
+from pilotid.search import draw_starts, record, search
 from pilotid.types import FloatArray
 
 #: The remnant's model before one is chosen: most published remnants are of this kind.
@@ -127,7 +127,9 @@ def _explored(
     A wrong optimum of the pilot suggests a wrong remnant, under which it looks right.
     So the first search takes the residual for white: that optimum is biased, but hardly
     ever the wrong one.  Where its starts disagree, or lead to an unusual pilot, a second
-    search, whitened by the remnant found, brings more candidates.
+    search, whitened by the remnant found, brings more candidates.  If the first has lost a
+    channel, so has that whitening: a third search, from usual pilots, each with the remnant
+    that it leaves, finds it again.
     """
     prediction = predict(recording, model, band)
     found = search(
@@ -144,9 +146,16 @@ def _explored(
     terms = whitened.noticeable_terms(best[0])
     if starts.agreeing == len(starts.cost) and model.is_usual(best[0]):
         return best, terms, starts
-    whitened = LeastSquares(replace(prediction, terms=terms), whitened.taps)
+    narrowed = replace(prediction, terms=terms)
+    whitened = LeastSquares(narrowed, whitened.taps)
     again = search(whitened.gram, model, rng, known=best, candidates=candidates)
-    return np.concatenate([best, again.distinct(hopeless=0.02)[1:]]), terms, starts
+    usual = np.concatenate([model.start[None], draw_starts(model, rng, candidates)])
+    usual, _ = solve_linear(whitened.gram(usual), usual, model.linear, model.lower)
+    joint = Joint(narrowed, noise, joint.band)
+    guesses = [_guess(joint, LeastSquares(narrowed).residual(pilot)) for pilot in usual]
+    least = minimise(joint.gram, np.hstack([usual, guesses]), joint, tolerance=1e-3)
+    others = [again.distinct(hopeless=0.02)[1:], least.values[:1, : joint.pilot]]
+    return np.concatenate([best, *others]), terms, starts
 
 
 def _estimated(
@@ -174,9 +183,14 @@ def _estimated(
 
 
 def _fitted(joint: Joint, candidates: FloatArray, residual: FloatArray, tolerance: float) -> Minima:
-    guess = joint.noise.guess(lagged_products(residual), joint.band)
+    guess = _guess(joint, residual)
     starts = np.concatenate([candidates, np.tile(guess, (len(candidates), 1))], axis=1)
     return minimise(joint.gram, starts, joint, tolerance=tolerance)
+
+
+def _guess(joint: Joint, residual: FloatArray) -> FloatArray:
+    """The remnant's parameters that a residual suggests."""
+    return np.asarray(joint.noise.guess(lagged_products(residual), joint.band))
 
 
 def _criterion(joint: Joint, end: Minima) -> float:
