@@ -40,6 +40,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from pilotid.chance import ONE_IN_10000, chi_squared_quantile
 from pilotid.estimate import Estimate, Outcome, failed
 from pilotid.minimise import minimise
 from pilotid.model import PilotModel
@@ -271,9 +272,7 @@ def _regression(prediction: Prediction, poles: int, lags: list[tuple[int, int]])
     for terms in range(count):
         smaller = regression(terms)
         left = prediction.runs * (count - terms)
-        # Wilson and Hilferty's approximation of the chi-squared quantile of 0.9999.
-        share = 2.0 / (9.0 * left)
-        limit = left * (1.0 - share + 3.719 * math.sqrt(share)) ** 3
+        limit = chi_squared_quantile(left, ONE_IN_10000)
         if smaller.costs([everything])[0] - cost <= limit * variance:
             return smaller
     return full

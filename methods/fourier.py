@@ -190,8 +190,7 @@ class Equations:
 
     def rows(self, values: FloatArray) -> FloatArray:
         """Standardised Jacobian and residual, shape (sets, parameters + 1, residuals)."""
-        slopes = self.model.jacobian(self.omega, values)
-        responses = np.array([self.model.response(self.omega, v) for v in values])
+        responses, slopes = self.model.response_and_jacobian(self.omega, values)
         everything = np.concatenate([slopes, responses[:, :, None]], axis=2)
         rows = sum(everything[:, c] @ inputs.T for c, inputs in enumerate(self._inputs))
         rows[:, -1] = self._control - rows[:, -1]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pilotid.controlled import ControlledElement
-from pilotid.draws import SHARE, Draws, quantiles, shortest_interval
+from pilotid.draws import Draws, equal_tailed_interval, shortest_interval
 from pilotid.loops import margin, open_loops
 from pilotid.model import PilotModel
 from pilotid.prediction import predict
@@ -58,13 +58,12 @@ def spread_of(
     """The posterior of a quantity from its draws, shape (draws,)."""
     own = np.full(values.size, 1.0 / values.size) if weights is None else weights
     mean = float(own @ values)
-    tail = 0.5 * (1.0 - SHARE)
     return Spread(
         key,
         unit,
         mean,
         float(np.sqrt(own @ (values - mean) ** 2)),
-        quantiles(values, own, (tail, 1.0 - tail)),
+        equal_tailed_interval(values, own),
         shortest_interval(values, own),
         effective,
         r_hat,

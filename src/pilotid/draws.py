@@ -84,8 +84,7 @@ class Draws:
     @property
     def equal_tailed(self) -> FloatArray:
         """95 % intervals with as much outside on either side, shape (parameters, 2)."""
-        tail = 0.5 * (1.0 - SHARE)
-        return np.array([quantiles(v, self.weights, (tail, 1.0 - tail)) for v in self.values.T])
+        return np.array([equal_tailed_interval(v, self.weights) for v in self.values.T])
 
     @property
     def highest_density(self) -> FloatArray:
@@ -126,6 +125,12 @@ def quantiles(values: FloatArray, weights: FloatArray, shares: tuple[float, ...]
     """Quantiles of weighted values, shape (shares,)."""
     ordered, middles = _distribution(values, weights)
     return np.asarray(np.interp(shares, middles, ordered))
+
+
+def equal_tailed_interval(values: FloatArray, weights: FloatArray) -> FloatArray:
+    """The 95 % interval with as much of the weight outside on either side, shape (2,)."""
+    tail = 0.5 * (1.0 - SHARE)
+    return quantiles(values, weights, (tail, 1.0 - tail))
 
 
 def shortest_interval(values: FloatArray, weights: FloatArray, share: float = SHARE) -> FloatArray:

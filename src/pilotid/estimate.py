@@ -9,6 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
+from pilotid.chance import Z95
 from pilotid.draws import Draws
 from pilotid.model import PilotModel
 from pilotid.noise import RemnantEstimate
@@ -174,7 +175,7 @@ def failed(method: str, model: PilotModel, outcome: Outcome, message: str = "") 
 
 def symmetric_intervals(values: FloatArray, covariance: FloatArray) -> FloatArray:
     """Value +- 1.96 standard errors, shape (parameters, 2)."""
-    reach = 1.959963984540054 * np.sqrt(np.diag(covariance))
+    reach = Z95 * np.sqrt(np.diag(covariance))
     return np.stack([values - reach, values + reach], axis=1)
 
 

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pilotid.chance import Z95
 from pilotid.derived_draws import spread_of
 from pilotid.estimate import Estimate, Method, identify
 from pilotid.model import PilotModel
 from pilotid.randomness import fit_rng
 from pilotid.recording import Recording
-
-Z95 = 1.959963984540054
 
 
 @dataclass(frozen=True, eq=False)

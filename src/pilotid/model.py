@@ -240,7 +240,13 @@ class PilotModel:
         )
 
     def jacobian(self, omega: FloatArray, values: FloatArray) -> ComplexArray:
-        """Derivative of `response` by each parameter.
+        """Derivative of `response` by each parameter, see `response_and_jacobian`."""
+        return self.response_and_jacobian(omega, values)[1]
+
+    def response_and_jacobian(
+        self, omega: FloatArray, values: FloatArray
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """`response` and its derivative by each parameter.
 
         Parameters
         ----------
@@ -252,16 +258,19 @@ class PilotModel:
 
         Returns
         -------
-        Complex derivatives, shape (channels, parameters, n) or (sets, channels, parameters, n).
+        Complex responses, shape (channels, n), and derivatives, shape
+        (channels, parameters, n); for parameter sets (sets, ...) each.
         """
         s = 1j * np.asarray(omega, dtype=float)
-        shape = (*values.shape[:-1], len(self.channels), len(self.parameters), s.size)
-        result = np.zeros(shape, dtype=complex)
+        shape = (*values.shape[:-1], len(self.channels))
+        responses = np.zeros((*shape, s.size), dtype=complex)
+        jacobian = np.zeros((*shape, len(self.parameters), s.size), dtype=complex)
         for c, (response, slopes) in enumerate(self.terms(s, values)):
             full = response * s ** self.channels[c].derivative
+            responses[..., c, :] = full
             for index, slope in slopes:
-                result[..., c, index, :] += full * slope
-        return result
+                jacobian[..., c, index, :] += full * slope
+        return responses, jacobian
 
     def polynomials(self, values: FloatArray, pade_order: int = 5) -> list[Rational]:
         """Each channel's polynomials, delays as Pade approximants.

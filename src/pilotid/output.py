@@ -170,6 +170,11 @@ def _remnant_words(remnant: RemnantEstimate) -> str:
     return words
 
 
+def decimals(error: float) -> int:
+    """Decimals of a number whose error shows two digits."""
+    return min(max(1 - math.floor(math.log10(error)), 0), 9)
+
+
 def figures(quantity: Quantity, plus_minus: str = "±") -> tuple[str, str]:
     """Value with standard error, and 95 % interval, to the digits that the error allows."""
     if not math.isfinite(quantity.value):
@@ -177,7 +182,7 @@ def figures(quantity: Quantity, plus_minus: str = "±") -> tuple[str, str]:
     error = quantity.std_error
     if not (math.isfinite(error) and error > 0.0):
         return f"{quantity.value:.4g}", ""
-    digits = min(max(1 - math.floor(math.log10(error)), 0), 9)
+    digits = decimals(error)
     value = f"{quantity.value:.{digits}f} {plus_minus} {error:.{digits}f}"
     return value, f"{quantity.lower:.{digits}f} .. {quantity.upper:.{digits}f}"
 

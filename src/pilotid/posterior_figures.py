@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pilotid.draws import Draws, quantiles
+from pilotid.draws import Draws, equal_tailed_interval
 from pilotid.figures import COLOURS
 from pilotid.predictive import PredictiveBand
 from pilotid.types import FloatArray
@@ -69,7 +69,7 @@ def _marginal(axes: Axes, draws: Draws, index: int, limits: FloatArray) -> None:
     axes.hist(
         own, bins=40, range=tuple(limits), weights=draws.weights, color=COLOUR, histtype="step"
     )
-    low, high = quantiles(own, draws.weights, (0.025, 0.975))
+    low, high = equal_tailed_interval(own, draws.weights)
     for place in (low, float(draws.weights @ own), high):
         axes.axvline(place, color=GREY, linestyle="--", linewidth=0.7)
     axes.set_yticks([])

@@ -69,7 +69,7 @@ def table(spreads: Sequence[Spread]) -> Table:
 
 def _cells(spread: Spread) -> list[str]:
     error = spread.deviation
-    digits = min(max(1 - math.floor(math.log10(error)), 0), 9) if error > 0.0 else 4
+    digits = output.decimals(error) if error > 0.0 else 4
 
     def interval(ends: tuple[float, float]) -> str:
         return f"{ends[0]:.{digits}f} .. {ends[1]:.{digits}f}"

@@ -16,6 +16,7 @@ from math import factorial
 
 import numpy as np
 
+from pilotid.chance import ONE_IN_10000, chi_squared_quantile
 from pilotid.model import PilotModel
 from pilotid.prepare import Prepared, prepare
 from pilotid.recording import Recording
@@ -338,8 +339,7 @@ class LeastSquares:
         variance = np.sum(left**2) / (left.size - amplitudes.size)
         squares = amplitudes**2 / np.sum(weights**2, axis=1)
         runs = self.prediction.runs
-        # Wilson and Hilferty's approximation of the chi-squared quantile.
-        limit = runs * (1.0 - 2.0 / (9.0 * runs) + 3.719 * np.sqrt(2.0 / (9.0 * runs))) ** 3
+        limit = chi_squared_quantile(runs, ONE_IN_10000)
         noticeable = np.sum(squares, axis=0) > limit * variance
         return tuple(p for p, n in zip(poles, noticeable, strict=True) if n)
 

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from pilotid.chance import Z95
 from pilotid.types import FloatArray
 
 
@@ -85,7 +86,7 @@ def coverage_interval(share: float, count: int) -> tuple[float, float]:
     """
     if count == 0:
         return math.nan, math.nan
-    z = 1.959963984540054
+    z = Z95
     centre = (share + z**2 / (2 * count)) / (1.0 + z**2 / count)
     reach = z * math.sqrt(share * (1.0 - share) / count + z**2 / (4 * count**2))
     return centre - reach / (1.0 + z**2 / count), centre + reach / (1.0 + z**2 / count)

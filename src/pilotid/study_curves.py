@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pilotid.chance import Z95
 from pilotid.figures import colour_of
-from pilotid.study_figures import BOUND, INK, Z95, grid, journal_style, limits, log_ticks, marker_of
+from pilotid.study_figures import BOUND, INK, grid, journal_style, limits, log_ticks, marker_of
 from pilotid.study_scores import Cells, Score
 from pilotid.types import FloatArray
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pilotid.chance import Z95
 from pilotid.figures import COLOURS, colour_of
 from pilotid.study_scores import Cell, agreeing, ends
 
@@ -21,7 +22,6 @@ COLUMNS = 4
 MARKERS = "os^DvPX<>*ph"  # so that methods differ without colour, too
 BOUND = "#c9ced6"
 INK = "#333333"
-Z95 = 1.959963984540054
 
 
 def journal_style() -> AbstractContextManager[None]:

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pilotid.chance import Z95
 from pilotid.figures import colour_of
 from pilotid.study_figures import (
     BOUND,
     INK,
     WIDTH,
-    Z95,
     journal_style,
     log_ticks,
     marker_of,

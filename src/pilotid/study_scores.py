@@ -14,8 +14,6 @@ from pilotid.store import ScenarioEntry
 from pilotid.summary import Group, Summary
 from pilotid.types import FloatArray
 
-NOT_APPLICABLE = "not-applicable"
-
 
 @dataclass(frozen=True)
 class Score:
@@ -93,7 +91,7 @@ class Cell:
     @property
     def tried(self) -> int:
         """Fits of recordings that the method can treat."""
-        return sum(r.outcome != NOT_APPLICABLE for r in self.group.results)
+        return self.group.tried
 
     @property
     def usable(self) -> int:
@@ -166,7 +164,7 @@ def _score(group: Group, index: int, summary: Summary) -> Score:
     numbers, truth = group.numbers(index), summary.truth
     own = numbers[group.usable]
     every = numbers[np.isfinite(numbers[:, 0]), 0]
-    tried = sum(r.outcome != NOT_APPLICABLE for r in group.results)
+    tried = group.tried
     claims = bool(np.isfinite(own[:, 2:]).any())
     given = int(np.sum(np.isfinite(own[:, 2:]).all(axis=1)))
     share = scores.held(own[:, 2:], truth) / tried if claims else math.nan

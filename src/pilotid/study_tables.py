@@ -194,16 +194,8 @@ def bias_table(
                 score = cell.scores[index] if cell else None
                 row.append(plus_minus(score.bias, score.bias_se) if score else NONE)
             rows.append(row)
-    counts = [[short, "fits", NONE, *_fits(study, name)] for name, short in scenarios]
-    return Table(caption, columns, entries(sorted_in(rows, counts)), heads=2)
-
-
-def sorted_in(rows: Sequence[list[str]], counts: Sequence[list[str]]) -> list[list[str]]:
-    """Rows with the row of counts after the last one of its scenario."""
-    result = []
-    for count in counts:
-        result += [row for row in rows if row[0] == count[0]] + [count]
-    return result
+        rows.append([short, "fits", NONE, *_fits(study, name)])
+    return Table(caption, columns, entries(rows), heads=2)
 
 
 def _fits(study: Cells, scenario: str) -> list[str]:
@@ -300,6 +292,5 @@ def ratio_table(study: Cells, scenarios: Sequence[str]) -> Table:
                 score = cell.scores[index] if cell else None
                 row.append(plus_minus(score.ratio, score.ratio_se).lstrip("+") if score else NONE)
             rows.append(row)
-    counts = [[name, "fits", NONE, *_fits(study, name)] for name in scenarios]
-    return Table("Root mean square error over the bound", columns,
-                 entries(sorted_in(rows, counts)), heads=2)  # fmt: skip
+        rows.append([name, "fits", NONE, *_fits(study, name)])
+    return Table("Root mean square error over the bound", columns, entries(rows), heads=2)

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from pilotid import scores
+from pilotid.estimate import Outcome
 from pilotid.files import write_file
 from pilotid.store import ParameterTruth, Result, ScenarioEntry, Store
 from pilotid.types import BoolArray, FloatArray
@@ -49,9 +50,9 @@ class Group:
         return int(np.sum(~self.usable))
 
     @property
-    def applicable(self) -> bool:
-        """Whether the method could treat any of the recordings."""
-        return any(r.outcome != "not-applicable" for r in self.results)
+    def tried(self) -> int:
+        """Number of fits of recordings that the method can treat."""
+        return sum(r.outcome != Outcome.NOT_APPLICABLE.slug for r in self.results)
 
     @property
     def seconds(self) -> FloatArray:

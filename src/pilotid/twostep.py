@@ -13,6 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
+from pilotid.chance import ONE_IN_1000, chi_squared_quantile
 from pilotid.estimate import (
     Estimate,
     Outcome,
@@ -81,8 +82,8 @@ class ResponseFit:
         Array of shape (sets, parameters + 1, residuals).
         """
         omega = self.response.omega
-        slopes = real_parts(self.model.jacobian(omega, values).swapaxes(1, 2))
-        found = np.array([self.model.response(omega, v) for v in values])
+        found, jacobian = self.model.response_and_jacobian(omega, values)
+        slopes = real_parts(jacobian.swapaxes(1, 2))
         residual = real_parts(self.response.value - found)
         return np.concatenate([slopes, residual[:, None]], axis=1) @ self.whitener.T
 
@@ -175,7 +176,4 @@ def _excess(cost: float, freedom: int) -> float:
     """Variance of the standardised residuals where it is clearly above 1, else 1."""
     if freedom == 0:
         return 1.0
-    # Wilson and Hilferty's approximation of the chi-squared quantile of 0.999.
-    share = 2.0 / (9.0 * freedom)
-    limit = (1.0 - share + 3.09 * share**0.5) ** 3
-    return cost / freedom if cost / freedom > limit else 1.0
+    return cost / freedom if cost > chi_squared_quantile(freedom, ONE_IN_1000) else 1.0
