@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from pilotid.controlled import ControlledElement, double_integrator
 from pilotid.datasets.forcing import (
     SEED_PERIOD,
     Forcing,
@@ -16,7 +15,9 @@ from pilotid.datasets.forcing import (
     seed_target,
 )
 from pilotid.datasets.remnant import Remnant, white
-from pilotid.model import MULTI, SINGLE, PilotModel
+from pilotid.pilot.catalogue import MULTI, SINGLE
+from pilotid.pilot.element import ControlledElement, double_integrator
+from pilotid.pilot.model import PilotModel
 from pilotid.types import FloatArray, InputError
 
 

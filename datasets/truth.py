@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
-from pilotid.datasets.loop import remnant_ratio
 from pilotid.datasets.scenarios import Scenario
-from pilotid.loops import margins
+from pilotid.datasets.simulation import remnant_ratio
+from pilotid.pilot.loops import margins
 
 
 def truth(scenario: Scenario) -> dict[str, object]:

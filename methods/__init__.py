@@ -10,7 +10,7 @@ from __future__ import annotations
 from functools import cache
 from importlib.metadata import entry_points
 
-from pilotid.estimate import Method
+from pilotid.estimates.method import Method
 from pilotid.methods.arx import ARX
 from pilotid.methods.bayes import Bayes
 from pilotid.methods.fourier import Fourier

@@ -41,23 +41,22 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.chance import ONE_IN_10000, chi_squared_quantile
-from pilotid.estimate import Estimate, Outcome, failed
-from pilotid.minimise import minimise
-from pilotid.model import PilotModel
-from pilotid.orders import Criterion, StructureSearch, search_structures
-from pilotid.prediction import Prediction, predict
-from pilotid.recording import Recording
-from pilotid.regression import (
-    Fit,
+from pilotid.estimates.estimate import Estimate, Outcome, failed
+from pilotid.estimates.response import FrequencyResponse
+from pilotid.frequency.regression import (
+    BlackBox,
     Regression,
-    Structure,
     discrete_response,
     known_dynamics,
     signals,
 )
-from pilotid.response import FrequencyResponse
-from pilotid.search import search
-from pilotid.twostep import ResponseFit, second_step
+from pilotid.frequency.second_step import ResponseFit, second_step
+from pilotid.frequency.structures import Criterion, Structure, StructureSearch
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import Recording
+from pilotid.solve.least_squares import minimise
+from pilotid.solve.search import search
+from pilotid.time_domain.prediction import Prediction, predict
 from pilotid.types import FloatArray
 
 LEAST_ROWS = 5.0  # rows of the regression for each of its coefficients
@@ -84,7 +83,7 @@ class FirstStep:
     """
 
     search: StructureSearch
-    fit: Fit
+    fit: BlackBox
     model: PilotModel
     dt: float
     omega: FloatArray
@@ -130,7 +129,7 @@ class ARX:
         Shortest and longest delay searched, for each input on its own [s]; the model used
         begins at the shortest.
     criterion
-        By which a structure is chosen, see `pilotid.orders.StructureSearch`.
+        By which a structure is chosen, see `pilotid.frequency.structures.StructureSearch`.
     memory
         Longest lag of the inputs in the model used [s]; None uses the structure found
         as it is.  Longer ones come closer to the inverse of the controlled element.
@@ -144,7 +143,7 @@ class ARX:
     rounds
         How often the covariance is propagated anew.
     candidates, refined
-        Random starts screened, and starts minimised, see `pilotid.search.search`.
+        Random starts screened, and starts minimised, see `pilotid.solve.search.search`.
     """
 
     band: float = 26.0
@@ -195,7 +194,7 @@ class ARX:
             for z in self.zeros
             for delays in itertools.product(range(low, high + 1), repeat=inputs)
         ]
-        found = search_structures(regression, structures)
+        found = regression.search(structures)
         best = found.best(self.criterion)
         if self.memory is not None:
             best = Structure(self.long_poles, (longest - low + 1,) * inputs, (low,) * inputs)

@@ -5,7 +5,7 @@ parameters are sampled along with the pilot's.  The variance of the prediction e
 the coefficients of an autoregressive remnant, are integrated out in closed form.  Which
 family of remnants it is (low-pass of some order, or autoregressive) is decided once, by the
 criterion that `mle` uses, and named in the result: the posterior is given that family.
-Priors are proper and weak, see `pilotid.priors` and docs/posterior.md.
+Priors are proper and weak, see `pilotid.posterior.priors` and docs/posterior.md.
 
 The value of a parameter is its posterior mean on the scale it is sampled on, the logarithm
 for positive parameters; standard errors are posterior standard deviations.
@@ -29,16 +29,17 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from pilotid.ensembles import USUAL_RUN, Run
-from pilotid.estimate import Estimate, Outcome, failed, outcome_of, simulated_vaf
-from pilotid.likelihood import Likelihood
-from pilotid.maximum import maximum
-from pilotid.model import PilotModel
-from pilotid.noise import LowPass, NoiseModel
-from pilotid.posterior import Posterior
-from pilotid.priors import Prior, priors_of
-from pilotid.recording import Recording
-from pilotid.sampling import Sampler, sample
+from pilotid.estimates.estimate import Estimate, Outcome, failed, outcome_of
+from pilotid.pilot.model import PilotModel
+from pilotid.posterior.density import Posterior
+from pilotid.posterior.ensembles import USUAL_RUN, Run
+from pilotid.posterior.likelihood import Likelihood
+from pilotid.posterior.priors import Prior, priors_of
+from pilotid.posterior.sampling import Sampler, sample
+from pilotid.recordings.recording import Recording
+from pilotid.time_domain.maximum_likelihood import maximum
+from pilotid.time_domain.output_error import simulated_vaf
+from pilotid.time_domain.remnant_models import LowPass, NoiseModel
 
 
 class Inference(NamedTuple):
@@ -69,7 +70,7 @@ class Bayes:
     band
         Analysis band [rad/s]; None uses the full sampling rate.
     search_band, candidates, refined, rounds
-        Of the search for the optimum, see `pilotid.maximum`.
+        Of the search for the optimum, see `pilotid.time_domain.maximum_likelihood`.
     draws, wanted
         Draws of the importance sampler, and how many effective ones it must give.
     run

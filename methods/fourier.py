@@ -28,16 +28,15 @@ from typing import ClassVar
 
 import numpy as np
 
-from pilotid.coefficients import Coefficients, coefficients_of
-from pilotid.estimate import Estimate, Outcome
-from pilotid.lines import NotMultisineError, forcing_lines
-from pilotid.minimise import minimise
-from pilotid.model import PilotModel
-from pilotid.prediction import gram_matrices
-from pilotid.recording import Recording
-from pilotid.response import FrequencyResponse
-from pilotid.search import search
-from pilotid.twostep import second_step
+from pilotid.estimates.estimate import Estimate, Outcome
+from pilotid.estimates.response import FrequencyResponse
+from pilotid.frequency.fourier_coefficients import Coefficients, coefficients_of
+from pilotid.frequency.second_step import second_step
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.lines import NotMultisineError, forcing_lines
+from pilotid.recordings.recording import Recording
+from pilotid.solve.least_squares import gram_matrices, minimise
+from pilotid.solve.search import search
 from pilotid.types import ComplexArray, FloatArray
 
 

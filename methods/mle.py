@@ -18,19 +18,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from pilotid.estimate import (
-    Estimate,
-    Outcome,
-    covariance_of,
-    failed,
-    outcome_of,
-    simulated_vaf,
-    symmetric_intervals,
-)
-from pilotid.maximum import maximum
-from pilotid.model import PilotModel
-from pilotid.profile import profile_intervals
-from pilotid.recording import Recording
+from pilotid.estimates.estimate import Estimate, Outcome, failed, outcome_of, symmetric_intervals
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import Recording
+from pilotid.solve.covariance import covariance_of
+from pilotid.solve.intervals import profile_intervals
+from pilotid.time_domain.maximum_likelihood import maximum
+from pilotid.time_domain.output_error import simulated_vaf
 
 
 @dataclass(frozen=True)
@@ -44,9 +38,10 @@ class MLE:
     search_band
         Narrower and cheaper band in which the optimum is searched [rad/s].
     candidates, refined
-        Random starts screened, and starts minimised, see `pilotid.search.search`.
+        Random starts screened, and starts minimised, see `pilotid.solve.search.search`.
     rounds
-        How often the remnant's model is chosen anew at most, see `pilotid.maximum`.
+        How often the remnant's model is chosen anew at most, see
+        `pilotid.time_domain.maximum_likelihood`.
     """
 
     band: float = 50.0

@@ -17,21 +17,14 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from pilotid.estimate import (
-    Estimate,
-    Outcome,
-    covariance_of,
-    failed,
-    outcome_of,
-    simulated_vaf,
-    symmetric_intervals,
-)
-from pilotid.minimise import minimise
-from pilotid.model import PilotModel
-from pilotid.prediction import LeastSquares, predict
-from pilotid.recording import Recording
-from pilotid.sandwich import sandwich
-from pilotid.search import record, search
+from pilotid.estimates.estimate import Estimate, Outcome, failed, outcome_of, symmetric_intervals
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import Recording
+from pilotid.solve.covariance import covariance_of, sandwich
+from pilotid.solve.least_squares import minimise
+from pilotid.solve.search import record, search
+from pilotid.time_domain.output_error import LeastSquares, simulated_vaf
+from pilotid.time_domain.prediction import predict
 
 
 @dataclass(frozen=True)
@@ -45,10 +38,10 @@ class MLEWhite:
     search_band
         Band of the search for the optimum, which the full rate then only polishes.
     candidates, refined
-        Random starts screened, and starts minimised, see `pilotid.search.search`.
+        Random starts screened, and starts minimised, see `pilotid.solve.search.search`.
     covariance
         ``claimed`` follows from the white residual; ``sandwich`` is measured on the
-        residual as it is, see `pilotid.sandwich`.
+        residual as it is, see `pilotid.solve.covariance`.
     """
 
     band: float | None = None

@@ -17,18 +17,13 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from pilotid.estimate import (
-    Estimate,
-    Outcome,
-    covariance_of,
-    failed,
-    simulated_vaf,
-    symmetric_intervals,
-)
-from pilotid.factors import Rational
-from pilotid.model import PilotModel
-from pilotid.prepare import prepare
-from pilotid.recording import Recording
+from pilotid.estimates.estimate import Estimate, Outcome, failed, symmetric_intervals
+from pilotid.pilot.factors import Rational
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import Recording
+from pilotid.solve.covariance import covariance_of
+from pilotid.time_domain.output_error import simulated_vaf
+from pilotid.time_domain.prepare import prepare
 from pilotid.types import FloatArray
 
 Hold = Literal["zoh", "foh"]

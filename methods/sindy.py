@@ -34,21 +34,21 @@ from typing import ClassVar
 
 import numpy as np
 
-from pilotid.estimate import Estimate, Outcome, failed
-from pilotid.model import PilotModel
-from pilotid.prediction import predict
-from pilotid.recording import Recording
-from pilotid.regression import (
-    Fit,
+from pilotid.estimates.estimate import Estimate, Outcome, failed
+from pilotid.estimates.response import FrequencyResponse
+from pilotid.frequency.regression import (
+    BlackBox,
     Regression,
-    Structure,
     discrete_response,
     known_dynamics,
     lagged_rows,
     signals,
 )
-from pilotid.response import FrequencyResponse
-from pilotid.twostep import second_step
+from pilotid.frequency.second_step import second_step
+from pilotid.frequency.structures import Structure
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import Recording
+from pilotid.time_domain.prediction import predict
 from pilotid.types import FloatArray
 
 LEAST_ROWS = 2.0  # rows of the regression for each of its columns
@@ -126,7 +126,9 @@ class SINDy:
             return failed(self.name, model, Outcome.UNSTABLE_MODEL, reason)
         return second_step(self.name, recording, model, response, rng)
 
-    def regress(self, library: _Library, structure: Structure, rng: np.random.Generator) -> Fit:
+    def regress(
+        self, library: _Library, structure: Structure, rng: np.random.Generator
+    ) -> BlackBox:
         """The sparse model of one structure, with the covariance of its ensemble."""
         blocks = library.blocks(structure, self.block)
         triangle = _triangle(np.concatenate(blocks))
@@ -140,10 +142,10 @@ class SINDy:
         cost = float(np.sum((triangle[:, -1] - triangle[:, :-1] @ coefficients) ** 2))
         variance = cost / (library.count - size)
         covariance = ensemble_covariance(members - coefficients, triangle[:size, :size], variance)
-        return Fit(structure, coefficients, covariance, cost)
+        return BlackBox(structure, coefficients, covariance, cost)
 
     def response(
-        self, recording: Recording, model: PilotModel, sparse: Fit, dt: float
+        self, recording: Recording, model: PilotModel, sparse: BlackBox, dt: float
     ) -> FrequencyResponse:
         """Frequency response of a sparse model, with the allowance for its misfit."""
         lowest = max(self.lowest, 2.0 * np.pi / recording.duration)
@@ -268,7 +270,7 @@ def ensemble_covariance(
     return np.asarray(factor * inverse @ inverse.T)
 
 
-def unusable(sparse: Fit, model: PilotModel) -> str:
+def unusable(sparse: BlackBox, model: PilotModel) -> str:
     """Why a sparse model is no model of a pilot; empty if it is one."""
     for channel, numerator in zip(model.channels, sparse.numerators, strict=True):
         if not numerator.any():

@@ -8,13 +8,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from pilotid import scores
 from pilotid.datasets import Scenario, scenario_named, simulate
-from pilotid.estimate import Estimate, Outcome, identify
+from pilotid.estimates.estimate import Estimate, Outcome
+from pilotid.estimates.method import identify
 from pilotid.methods.arx import ARX
-from pilotid.model import MODELS, MULTI, SINGLE
-from pilotid.randomness import fit_rng, recording_rng
-from pilotid.recording import Recording
+from pilotid.pilot.catalogue import MODELS, MULTI, SINGLE
+from pilotid.recordings.recording import Recording
+from pilotid.seeds import fit_rng, recording_rng
+from pilotid.study import scores
 
 
 def fit_of(method: ARX, scenario: Scenario, replication: int = 0) -> Estimate:

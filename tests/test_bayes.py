@@ -9,20 +9,21 @@ import pytest
 from scipy import stats
 
 from pilotid.datasets import SCENARIOS, simulate
-from pilotid.draws import Draws
-from pilotid.ensembles import Run
-from pilotid.estimate import Estimate, Outcome, identify
-from pilotid.fits import derived
-from pilotid.joint import Joint
-from pilotid.likelihood import Likelihood, prediction_error_filters, whitening_filters
+from pilotid.estimates.draws import Draws
+from pilotid.estimates.estimate import Estimate, Outcome
+from pilotid.estimates.method import identify
+from pilotid.estimates.quantities import derived
 from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.model import MULTI, SINGLE
-from pilotid.noise import Autoregressive, LowPass, NoiseModel, analysis_band
-from pilotid.prediction import predict
-from pilotid.priors import HalfCauchy, LogNormal, Normal, default_prior, priors_of
-from pilotid.residuals import Residuals
+from pilotid.pilot.catalogue import MULTI, SINGLE
+from pilotid.posterior.ensembles import Run
+from pilotid.posterior.likelihood import Likelihood, prediction_error_filters, whitening_filters
+from pilotid.posterior.priors import HalfCauchy, LogNormal, Normal, default_prior, priors_of
+from pilotid.time_domain.fast_residuals import Residuals
+from pilotid.time_domain.prediction import predict
+from pilotid.time_domain.prediction_errors import PredictionErrors
+from pilotid.time_domain.remnant_models import Autoregressive, LowPass, NoiseModel, analysis_band
 from pilotid.types import FloatArray, InputError
 
 NOMINAL, ONE = SCENARIOS["nominal"], SCENARIOS["single"]
@@ -37,7 +38,7 @@ def likelihood_of(
     recording = simulate(replace(NOMINAL, runs=runs), np.random.default_rng(1))
     recording = replace(recording, u=recording.u + offset)
     prediction = replace(predict(recording, MULTI, 50.0), terms=terms)
-    return Likelihood(Joint(prediction, noise, analysis_band(NOMINAL.dt, 50.0)))
+    return Likelihood(PredictionErrors(prediction, noise, analysis_band(NOMINAL.dt, 50.0)))
 
 
 def sets_of(noise: NoiseModel, count: int) -> FloatArray:

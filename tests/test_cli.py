@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pilotid.cli import main
-from pilotid.files import load_recording, save_recording
+from pilotid.cli.main import main
 from pilotid.methods import METHODS, methods
-from pilotid.model import MODELS
-from pilotid.recording import Recording
+from pilotid.pilot.catalogue import MODELS
+from pilotid.recordings.files import load_recording, save_recording
+from pilotid.recordings.recording import Recording
 
 # The columns that others script against.
 ESTIMATES_HEAD = (
@@ -208,7 +208,7 @@ def test_default_model_is_single(run: Run, simulated: Path) -> None:
 
 def test_all_methods(run: Run, simulated: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     few = {m.name: m for m in METHODS if m.name in ("mmle3", "mle-white")}
-    for module in ("pilotid.methods", "pilotid.arguments"):
+    for module in ("pilotid.methods", "pilotid.cli.arguments"):
         monkeypatch.setattr(f"{module}.methods", lambda: few)
     result = strict(run("fit", simulated, "--method", "all", "--json", "-").out)
     assert [e["method"] for e in result["estimates"]] == list(few)

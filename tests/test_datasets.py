@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter
 
-from pilotid.controlled import double_integrator, position_control, single_integrator
 from pilotid.datasets import SCENARIOS, Scenario, scenario_named, simulate
 from pilotid.datasets.forcing import (
     Forcing,
@@ -22,10 +21,11 @@ from pilotid.datasets.forcing import (
     seed_disturbance,
     seed_target,
 )
-from pilotid.datasets.loop import remnant_ratio, white_level
 from pilotid.datasets.remnant import UNIT_LEVEL, Remnant, white
-from pilotid.loops import pilot_on
-from pilotid.recording import Recording
+from pilotid.datasets.simulation import remnant_ratio, white_level
+from pilotid.pilot.element import double_integrator, position_control, single_integrator
+from pilotid.pilot.loops import pilot_on
+from pilotid.recordings.recording import Recording
 from pilotid.types import ComplexArray, FloatArray, InputError
 
 NOMINAL = SCENARIOS["nominal"]

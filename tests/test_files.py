@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
 
-from pilotid.files import load_recording, parse_mapping, save_recording
-from pilotid.recording import SIGNALS, Recording
+from pilotid.recordings.files import load_recording, parse_mapping, save_recording
+from pilotid.recordings.recording import SIGNALS, Recording
 from pilotid.types import FloatArray, InputError
 
 DT = 0.05
@@ -691,7 +691,7 @@ def measured() -> Path:
 
 def test_measured_yaw(measured: Path) -> None:
     files = sorted(measured.glob("yaw/*.mat"))
-    assert len(files) == 12
+    assert len(files) >= 12
     for file in files:
         recording = load_recording(file)
         assert (recording.runs, recording.samples, recording.run_in) == (5, 8192, 0)
@@ -703,7 +703,7 @@ def test_measured_yaw(measured: Path) -> None:
 
 def test_measured_rollpitch(measured: Path) -> None:
     files = sorted(measured.glob("rollpitch/pilot*.csv"))
-    assert len(files) == 12
+    assert len(files) >= 12
     for file in files:
         recording = load_recording(file)
         assert (recording.runs, recording.samples, recording.run_in) == (1, 8192, 0)

@@ -12,14 +12,16 @@ import pytest
 from scipy.optimize import approx_fprime
 
 from pilotid import load_recording
-from pilotid.coefficients import coefficients_of, interpolation
 from pilotid.datasets import scenario_named, simulate
 from pilotid.datasets.scenarios import Scenario
-from pilotid.estimate import Outcome, identify
-from pilotid.lines import NotMultisineError, forcing_lines
+from pilotid.estimates.estimate import Outcome
+from pilotid.estimates.method import identify
+from pilotid.frequency.fourier_coefficients import coefficients_of, interpolation
 from pilotid.methods.fourier import Equations, Fourier
-from pilotid.model import GAIN_ONLY, MULTI, RATE, SINGLE, Channel, PilotModel
-from pilotid.recording import Recording
+from pilotid.pilot.catalogue import GAIN_ONLY, MULTI, RATE, SINGLE
+from pilotid.pilot.model import Channel, PilotModel
+from pilotid.recordings.lines import NotMultisineError, forcing_lines
+from pilotid.recordings.recording import Recording
 
 FOLDER = os.environ.get("PILOTID_MEASURED", "")
 NOMINAL = scenario_named("nominal")
@@ -121,7 +123,7 @@ def test_the_residual_is_that_of_the_lines_less_the_trend_beside_them() -> None:
 
 def test_power_of_the_remnant_is_that_of_its_spectrum() -> None:
     # Above 8 rad/s leakage would exceed it many times.
-    from pilotid.datasets.spectra import spectra
+    from pilotid.datasets.experiments import spectra
 
     expected = None
     ratios = []

@@ -3,20 +3,32 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
+import tomllib
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parent.parent
-METHODS = sorted((ROOT / "methods").glob("*.py"))
-CORE = sorted((ROOT / "src" / "pilotid").glob("*.py"))
-DATASETS = sorted((ROOT / "datasets").glob("*.py"))
-# The command line, and where truth meets estimate.
-FRONT = {"cli", "study", "arguments", "inference"}
-COMMAND = "from pilotid.cli import main\ntry: "
+SOURCE = ROOT / "src" / "pilotid"
+FOLDERS = {"methods": ROOT / "methods", "datasets": ROOT / "datasets"}
+COMMAND = "from pilotid.cli.main import main\ntry: "
 HEAVY = ("scipy.signal", "control", "pysindy", "emcee", "matplotlib", "pandas", "jinja2")
+
+
+def modules() -> dict[str, Path]:
+    """Every module of the package by its dotted name."""
+    files = {("pilotid", *f.relative_to(SOURCE).parts): f for f in SOURCE.rglob("*.py")}
+    for name, folder in FOLDERS.items():
+        files |= {("pilotid", name, *f.relative_to(folder).parts): f for f in folder.rglob("*.py")}
+    named = {".".join(parts).removesuffix(".py"): f for parts, f in files.items()}
+    return {name.removesuffix(".__init__"): f for name, f in named.items()}
+
+
+MODULES = modules()
 
 
 def imported(path: Path) -> set[str]:
@@ -31,36 +43,75 @@ def imported(path: Path) -> set[str]:
     return names
 
 
-def within(names: set[str], package: str) -> set[str]:
-    return {n for n in names if n == package or n.startswith(f"{package}.")}
+def own_modules(path: Path) -> set[str]:
+    """The modules of this package that a file imports, by their dotted names."""
+    found = set()
+    for name in imported(path):
+        if name in MODULES:
+            found.add(name)
+        elif name.rpartition(".")[0] in MODULES:
+            found.add(name.rpartition(".")[0])
+    return found
 
 
-@pytest.mark.parametrize("path", METHODS, ids=lambda p: p.stem)
-def test_methods_import_neither_datasets_nor_one_another(path: Path) -> None:
-    names = imported(path)
-    assert not within(names, "pilotid.datasets")
-    if path.stem != "__init__":
-        assert not within(names, "pilotid.methods")
+def room(module: str) -> str:
+    """The row of the map in CONTRIBUTING.md that a module belongs to."""
+    parts = module.split(".")
+    return parts[1] if len(parts) > 1 else "pilotid"
 
 
-@pytest.mark.parametrize("path", DATASETS, ids=lambda p: p.stem)
-def test_datasets_import_no_methods(path: Path) -> None:
-    assert not within(imported(path), "pilotid.methods")
+def house() -> dict[str, set[str]]:
+    """Rooms from the bottom to the top, and those beneath that each must not import.
+
+    They are read from the map in CONTRIBUTING.md, which is the one place that has them.
+    """
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    table = text.split("## The map\n")[1].split("\n## ")[0]
+    rows = [line.strip("|").split("|") for line in table.splitlines() if line.startswith("| `")]
+    found: dict[str, set[str]] = {}
+    for first, *_, excluded in rows:
+        for name in re.findall(r"`([a-z_]+)/?`", first):
+            found[name] = set(re.findall(r"`([a-z_]+)`", excluded))
+    return found
 
 
-@pytest.mark.parametrize("path", [p for p in CORE if p.stem not in FRONT], ids=lambda p: p.stem)
-def test_the_core_imports_neither_methods_nor_datasets(path: Path) -> None:
-    names = imported(path)
-    assert not within(names, "pilotid.methods") | within(names, "pilotid.datasets")
+HOUSE = house()
+
+
+def test_the_map_shows_every_room() -> None:
+    rooms = {room(name) for name in MODULES} - {"pilotid"}
+    assert set(HOUSE) - {"pilotid"} == rooms
+    listed = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    packages = {name for name, path in MODULES.items() if path.stem == "__init__"}
+    assert set(listed["tool"]["setuptools"]["packages"]) == packages
+
+
+@pytest.mark.parametrize("module", sorted(MODULES))
+def test_no_arrow_runs_against_the_order_of_the_house(module: str) -> None:
+    order, here = list(HOUSE), room(module)
+    beneath = set(order[: order.index(here)]) - HOUSE[here]
+    allowed = beneath | {here}
+    wrong = sorted(name for name in own_modules(MODULES[module]) if room(name) not in allowed)
+    assert not wrong, f"{module} must not import {', '.join(wrong)}; see the map in CONTRIBUTING.md"
+
+
+def test_no_module_imports_itself_in_a_circle() -> None:
+    arrows = {name: own_modules(path) - {name} for name, path in MODULES.items()}
+    TopologicalSorter(arrows).prepare()
+
+
+@pytest.mark.parametrize("module", sorted(m for m in MODULES if room(m) == "methods"))
+def test_methods_do_not_import_one_another(module: str) -> None:
+    if module != "pilotid.methods":
+        assert not {m for m in own_modules(MODULES[module]) if room(m) == "methods"}
 
 
 @pytest.mark.parametrize(
-    "path", [*CORE, *METHODS, *DATASETS, *sorted(Path(__file__).parent.rglob("*.py"))], ids=str
+    "path", [*MODULES.values(), *sorted(Path(__file__).parent.rglob("*.py"))], ids=str
 )
 def test_nothing_imports_the_top_level_folders(path: Path) -> None:
     # They would be a second copy of the same modules, with classes that are not equal.
-    names = imported(path)
-    assert not within(names, "methods") | within(names, "datasets") | within(names, "src")
+    assert not {n for n in imported(path) if n.split(".")[0] in ("methods", "datasets", "src")}
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,8 @@ import control
 import numpy as np
 import pytest
 
-from pilotid.controlled import (
+from pilotid.pilot.catalogue import GAIN_ONLY, MULTI, SINGLE
+from pilotid.pilot.element import (
     ControlledElement,
     double_integrator,
     from_control,
@@ -16,8 +17,8 @@ from pilotid.controlled import (
     position_control,
     single_integrator,
 )
-from pilotid.loops import margin, margins, open_loops, pilot_on, unstable_poles
-from pilotid.model import GAIN_ONLY, MULTI, SINGLE, PilotModel
+from pilotid.pilot.loops import margin, margins, open_loops, pilot_on, unstable_poles
+from pilotid.pilot.model import PilotModel
 from pilotid.types import FloatArray
 
 OMEGA = np.geomspace(0.05, 50.0, 50)

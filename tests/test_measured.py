@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from pilotid.cli import main
+from pilotid.cli.main import main
 
 FOLDER = os.environ.get("PILOTID_MEASURED", "")
 

@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 
 from pilotid.datasets import scenario_named, simulate
-from pilotid.estimate import Estimate, Method, Outcome, identify
+from pilotid.estimates.estimate import Estimate, Outcome
+from pilotid.estimates.method import Method, identify
 from pilotid.methods import METHODS, methods
-from pilotid.model import MULTI, SINGLE, PilotModel
-from pilotid.recording import SIGNALS, Recording
+from pilotid.pilot.catalogue import MULTI, SINGLE
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import SIGNALS, Recording
 
 MODELS = {"single": SINGLE, "multi": MULTI}
 SCENARIOS = {"single": "single", "multi": "nominal"}

@@ -11,11 +11,13 @@ import pytest
 from scipy.optimize import OptimizeResult, least_squares
 
 from pilotid.datasets import SCENARIOS, simulate
-from pilotid.factors import Parameter
-from pilotid.minimise import Gram, Minima, minimise, solve_linear
-from pilotid.model import MODELS, MULTI, PilotModel
-from pilotid.prediction import LeastSquares, predict
-from pilotid.search import draw_starts, record, search
+from pilotid.pilot.catalogue import MODELS, MULTI
+from pilotid.pilot.factors import Parameter
+from pilotid.pilot.model import PilotModel
+from pilotid.solve.least_squares import Gram, Minima, minimise, solve_linear
+from pilotid.solve.search import draw_starts, record, search
+from pilotid.time_domain.output_error import LeastSquares
+from pilotid.time_domain.prediction import predict
 from pilotid.types import BoolArray, FloatArray
 
 Rows = Callable[[FloatArray], FloatArray]

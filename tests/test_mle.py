@@ -9,25 +9,27 @@ import pytest
 
 from pilotid.datasets import SCENARIOS, Scenario, simulate
 from pilotid.datasets.remnant import Remnant
-from pilotid.estimate import Outcome, identify
-from pilotid.joint import Joint
+from pilotid.estimates.estimate import Outcome
+from pilotid.estimates.method import identify
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.minimise import minimise
-from pilotid.model import MULTI
-from pilotid.noise import Autoregressive, Band, LowPass, NoiseModel
-from pilotid.prediction import LeastSquares, predict
-from pilotid.profile import CHI_SQUARED_95, profile_intervals
-from pilotid.randomness import fit_rng, recording_rng
+from pilotid.pilot.catalogue import MULTI
+from pilotid.seeds import fit_rng, recording_rng
+from pilotid.solve.intervals import CHI_SQUARED_95, profile_intervals
+from pilotid.solve.least_squares import minimise
+from pilotid.time_domain.output_error import LeastSquares
+from pilotid.time_domain.prediction import predict
+from pilotid.time_domain.prediction_errors import PredictionErrors
+from pilotid.time_domain.remnant_models import Autoregressive, Band, LowPass, NoiseModel
 
 NOMINAL = SCENARIOS["nominal"]
 BAND = Band(NOMINAL.dt, 3)
 TRUTH = NOMINAL.values
 
 
-def joint_of(scenario: Scenario, noise: NoiseModel, seed: int) -> Joint:
+def joint_of(scenario: Scenario, noise: NoiseModel, seed: int) -> PredictionErrors:
     recording = simulate(scenario, np.random.default_rng(seed))
-    return Joint(predict(recording, scenario.model, 50.0), noise, BAND)
+    return PredictionErrors(predict(recording, scenario.model, 50.0), noise, BAND)
 
 
 @pytest.mark.parametrize(

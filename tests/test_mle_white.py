@@ -11,14 +11,15 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
-from pilotid import scores
 from pilotid.datasets import Scenario, scenario_named, simulate
-from pilotid.estimate import Estimate, Method, Outcome, identify
-from pilotid.factors import Rational
+from pilotid.estimates.estimate import Estimate, Outcome
+from pilotid.estimates.method import Method, identify
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.methods.mmle3 import MMLE3, pulse_response
-from pilotid.model import MULTI
-from pilotid.randomness import fit_rng, recording_rng
+from pilotid.pilot.catalogue import MULTI
+from pilotid.pilot.factors import Rational
+from pilotid.seeds import fit_rng, recording_rng
+from pilotid.study import scores
 from pilotid.types import FloatArray
 
 REPLICATIONS = 160

@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from pilotid.factors import (
+from pilotid.pilot.catalogue import GAIN_ONLY, LEAD_LAG, MODELS, MULTI, RATE, SINGLE, model_named
+from pilotid.pilot.factors import (
     Canals,
     Delay,
     Differentiator,
@@ -24,17 +25,7 @@ from pilotid.factors import (
     Values,
     pade,
 )
-from pilotid.model import (
-    GAIN_ONLY,
-    LEAD_LAG,
-    MODELS,
-    MULTI,
-    RATE,
-    SINGLE,
-    Channel,
-    PilotModel,
-    model_named,
-)
+from pilotid.pilot.model import Channel, PilotModel
 from pilotid.types import ComplexArray, FloatArray, InputError
 
 OMEGA = np.geomspace(0.05, 50.0, 41)

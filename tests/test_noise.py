@@ -5,17 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pilotid.noise import (
-    NOISE_MODELS,
-    REACH,
-    Autoregressive,
-    Band,
-    LowPass,
-    contenders,
-    lagged_products,
-    remnant_estimate,
-)
-from pilotid.prepare import lowpass
+from pilotid.time_domain.prediction import REACH
+from pilotid.time_domain.prepare import lowpass
+from pilotid.time_domain.remnant_choice import NOISE_MODELS, contenders, lagged_products
+from pilotid.time_domain.remnant_models import Autoregressive, Band, LowPass, remnant_estimate
 from pilotid.types import FloatArray
 
 BAND = Band(0.02, 3)

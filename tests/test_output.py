@@ -11,11 +11,14 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from pilotid import output
-from pilotid.estimate import Estimate, Outcome, Starts, failed, symmetric_intervals
-from pilotid.fits import Quantity, derived, parameters
-from pilotid.model import MODELS, SINGLE
-from pilotid.response import FrequencyResponse
+from pilotid.estimates.estimate import Estimate, Outcome, Starts, failed, symmetric_intervals
+from pilotid.estimates.quantities import Quantity, derived, parameters
+from pilotid.estimates.response import FrequencyResponse
+from pilotid.pilot.catalogue import MODELS, SINGLE
+from pilotid.show.json import estimate_json, strict_json
+from pilotid.show.numbers import value_and_interval
+from pilotid.show.terminal import fit_table, print_table, side_by_side
+from pilotid.show.words import verdict
 
 
 def estimate(method: str = "mine", **fields: object) -> Estimate:
@@ -65,22 +68,22 @@ def test_figures_have_the_digits_that_the_error_allows(
     value: float, error: float, text: str, interval: str
 ) -> None:
     quantity = Quantity("k", "", value, error, value - 1.96 * error, value + 1.96 * error)
-    assert output.figures(quantity) == (text, interval)
+    assert value_and_interval(quantity) == (text, interval)
 
 
 def test_verdict_tells_outcome_fit_starts_and_time() -> None:
     starts = Starts(np.array([1.0, 1.0, 1.3]), agreeing=2)
     full = estimate(message="barely", starts=starts, seconds=0.0123)
     words = "mine: converged (barely); VAF 80.0 %; 2 of 3 starts agree"
-    assert output.verdict(full) == f"{words}; 0.012 s"
-    assert output.verdict(full, timed=False) == words
-    assert output.verdict(failed("x", SINGLE, Outcome.SINGULAR)) == (
+    assert verdict(full) == f"{words}; 0.012 s"
+    assert verdict(full, timed=False) == words
+    assert verdict(failed("x", SINGLE, Outcome.SINGULAR)) == (
         "x: failed: the information matrix is singular"
     )
 
 
 def test_json_of_a_failure_is_null_where_there_is_no_number() -> None:
-    text = output.strict_json(output.estimate_json(failed("x", SINGLE, Outcome.NEGATIVE_DELAY)))
+    text = strict_json(estimate_json(failed("x", SINGLE, Outcome.NEGATIVE_DELAY)))
     entry = json.loads(text)
     assert "NaN" not in text
     assert entry["outcome"] == "negative-delay"
@@ -95,9 +98,9 @@ def test_json_of_a_failure_is_null_where_there_is_no_number() -> None:
 
 
 def test_json_of_an_estimate() -> None:
-    entry = output.estimate_json(estimate(seconds=0.5))
+    entry = estimate_json(estimate(seconds=0.5))
     assert list(parameters(estimate())[0].__dict__.values())[:4] == ["Kvis", "", 0.5, 0.1]
-    assert json.loads(output.strict_json(entry))["correlation"][0][1] == pytest.approx(-0.9)
+    assert json.loads(strict_json(entry))["correlation"][0][1] == pytest.approx(-0.9)
     assert "frequency_response" not in entry
 
 
@@ -110,7 +113,7 @@ def test_json_of_a_two_step_method_holds_its_frequency_response() -> None:
         note="some words",
     )
     found = replace(estimate(), frequency_response=response)
-    assert output.estimate_json(found)["frequency_response"] == {
+    assert estimate_json(found)["frequency_response"] == {
         "omega": [1.0, 2.0],
         "note": "some words",
         "visual": {
@@ -120,17 +123,17 @@ def test_json_of_a_two_step_method_holds_its_frequency_response() -> None:
             "systematic": [0.1, 0.0],
         },
     }
-    assert "some words" in output.verdict(found)
+    assert "some words" in verdict(found)
 
 
 @pytest.mark.parametrize(("width", "tables"), [(80, 3), (140, 1)])
 def test_tables_stay_within_the_width(width: int, tables: int) -> None:
     several = [estimate(name) for name in ("one", "two", "three")]
-    groups = output._groups(several, width)
+    groups = side_by_side(several, width)
     assert len(groups) == tables
     for group in groups:
         stream = io.StringIO()
-        output.print_table(Console(file=stream, width=width), output.fit_table(group))
+        print_table(Console(file=stream, width=width), fit_table(group))
         lines = stream.getvalue().splitlines()
         assert len(lines) == 2 + len(SINGLE.keys) + 1
         assert max(map(len, lines)) <= width

@@ -10,19 +10,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pilotid.cli import main
-from pilotid.controlled import double_integrator
+from pilotid.cli.main import main
 from pilotid.datasets import SCENARIOS, simulate
-from pilotid.derived_draws import derived_spreads, spread_of, vafs
-from pilotid.elements import element_named, parsed_element
-from pilotid.estimate import simulated_vaf
-from pilotid.files import save_recording
-from pilotid.likelihood import Likelihood
-from pilotid.loops import margins
+from pilotid.estimates.draws import spread_of
 from pilotid.methods.bayes import Bayes, Inference
-from pilotid.model import SINGLE
-from pilotid.noise import Autoregressive, LowPass
-from pilotid.predictive import predictive_band
+from pilotid.pilot.catalogue import SINGLE
+from pilotid.pilot.element import double_integrator, element_named, parsed_element
+from pilotid.pilot.loops import margins
+from pilotid.posterior.derived import derived_spreads, vafs
+from pilotid.posterior.likelihood import Likelihood
+from pilotid.posterior.predictive import predictive_band
+from pilotid.recordings.files import save_recording
+from pilotid.time_domain.output_error import simulated_vaf
+from pilotid.time_domain.remnant_models import Autoregressive, LowPass
 from pilotid.types import InputError
 
 SCENARIO = SCENARIOS["single"]

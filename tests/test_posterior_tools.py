@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pilotid.convergence import autocorrelation_times, effective_sizes, r_hat
-from pilotid.draws import Draws, quantiles, shortest_interval
-from pilotid.ensembles import Run, ensembles
-from pilotid.importance import StudentT, importance
+from pilotid.estimates.draws import Draws, quantiles, shortest_interval
+from pilotid.posterior.convergence import autocorrelation_times, effective_sizes, r_hat
+from pilotid.posterior.ensembles import Run, ensembles
+from pilotid.posterior.importance import StudentT, importance
 from pilotid.types import FloatArray
 
 

@@ -7,14 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pilotid.controlled import double_integrator, single_integrator
 from pilotid.datasets import SCENARIOS, Scenario, simulate
-from pilotid.factors import Canals
-from pilotid.minimise import minimise
-from pilotid.model import LEAD_LAG, MULTI, RATE, SINGLE, PilotModel
-from pilotid.prediction import LeastSquares, predict, predict_circular
-from pilotid.prepare import decimation, prepare
-from pilotid.recording import Recording
+from pilotid.pilot.catalogue import LEAD_LAG, MULTI, RATE, SINGLE
+from pilotid.pilot.element import double_integrator, single_integrator
+from pilotid.pilot.factors import Canals
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import Recording
+from pilotid.solve.least_squares import minimise
+from pilotid.time_domain.output_error import LeastSquares
+from pilotid.time_domain.prediction import predict, predict_circular
+from pilotid.time_domain.prepare import decimation, prepare
 from pilotid.types import FloatArray
 
 BANDS = (None, 26.0, 31.0, 50.0)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from pilotid.methods import METHODS
-from pilotid.model import MODELS
+from pilotid.pilot.catalogue import MODELS
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -53,7 +53,7 @@ def test_ci_runs_the_readme_s_test_command() -> None:
 
 
 def test_every_command_in_the_readme_exists() -> None:
-    from pilotid.cli import app
+    from pilotid.cli.main import app
 
     known = {
         command.name or command.callback.__name__

@@ -8,7 +8,7 @@ from dataclasses import FrozenInstanceError
 import numpy as np
 import pytest
 
-from pilotid.recording import SIGNALS, Recording, joined
+from pilotid.recordings.recording import SIGNALS, Recording, joined
 from pilotid.types import FloatArray, InputError
 
 DT = 0.05

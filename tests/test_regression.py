@@ -9,9 +9,9 @@ import pytest
 from scipy.signal import lfilter
 
 from pilotid.datasets import scenario_named, simulate
-from pilotid.orders import Criterion, StructureSearch, search_structures
-from pilotid.regression import Regression, Structure, discrete_response, lagged_rows
-from pilotid.response import real_parts
+from pilotid.estimates.response import real_parts
+from pilotid.frequency.regression import Regression, discrete_response, lagged_rows
+from pilotid.frequency.structures import Criterion, Structure, StructureSearch
 from pilotid.types import FloatArray
 
 DT = 0.1
@@ -138,7 +138,7 @@ def test_a_drift_of_each_run_can_be_fitted_besides() -> None:
 def test_the_search_finds_orders_and_delays_of_a_true_system(criterion: Criterion) -> None:
     signals = true_arx(np.random.default_rng(5), 400, runs=3)
     regression = Regression(signals[0], signals[1:], 4, [(1, 8), (1, 8)], 8)
-    found = search_structures(regression, grid(range(1, 5), range(1, 5), range(1, 5)))
+    found = regression.search(grid(range(1, 5), range(1, 5), range(1, 5)))
     best = found.best(criterion)
     assert best.delays == DELAYS
     if criterion == "aicc":  # which is known to take too many

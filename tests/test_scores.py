@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from pilotid import scores
+from pilotid.study import scores
 
 VALUES = np.array([1.0, 2.0, 3.0, 6.0])  # mean 3; deviations -2, -1, 0, 3, squares sum to 14
 

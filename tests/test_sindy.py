@@ -10,20 +10,15 @@ import pysindy
 import pytest
 
 from pilotid.datasets import scenario_named, simulate
-from pilotid.estimate import Estimate, Outcome, identify
-from pilotid.methods.sindy import (
-    SINDy,
-    _Library,
-    ensemble_covariance,
-    known_dynamics,
-    prune,
-    undetermined,
-)
-from pilotid.model import MULTI, SINGLE, PilotModel
-from pilotid.randomness import fit_rng, recording_rng
-from pilotid.recording import Recording
-from pilotid.regression import lagged_rows
-from pilotid.response import FrequencyResponse
+from pilotid.estimates.estimate import Estimate, Outcome
+from pilotid.estimates.method import identify
+from pilotid.estimates.response import FrequencyResponse
+from pilotid.frequency.regression import known_dynamics, lagged_rows
+from pilotid.methods.sindy import SINDy, _Library, ensemble_covariance, prune, undetermined
+from pilotid.pilot.catalogue import MULTI, SINGLE
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import Recording
+from pilotid.seeds import fit_rng, recording_rng
 from pilotid.types import FloatArray
 
 

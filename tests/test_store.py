@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from pilotid.store import STORE, ParameterTruth, Result, ScenarioEntry, Store, Unit
+from pilotid.study.store import STORE, ParameterTruth, Result, ScenarioEntry, Store, Unit
 from pilotid.types import InputError
 
 NUMBERS = (("Kvis", 0.2, 0.1, 0.0, 0.4), ("tlead", 3.0, None, None, None))

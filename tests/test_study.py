@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 
 from pilotid.datasets import scenario_named
-from pilotid.estimate import Outcome
-from pilotid.store import STORE, Store, Unit
-from pilotid.study import Study, _started, entry_of, remaining_seconds, run_unit
-from pilotid.summary import groups_of, summaries_of, write_tables
+from pilotid.estimates.estimate import Outcome
+from pilotid.study.store import STORE, Store, Unit
+from pilotid.study.study import Study, _started, entry_of, remaining_seconds, run_unit
+from pilotid.study.summary import groups_of, summaries_of, write_tables
 from pilotid.types import InputError
 
 STUDY = Study(("single", "starts"), ("mle-white", "fourier"), 3, 5)
@@ -104,7 +104,7 @@ def test_an_error_in_a_method_is_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(name: str) -> object:
         raise RuntimeError(f"no {name}")
 
-    monkeypatch.setattr("pilotid.study.method_named", broken)
+    monkeypatch.setattr("pilotid.study.study.method_named", broken)
     result = run_unit(1, Unit("single", "mle-white", 0))
     assert (result.outcome, result.message) == (Outcome.CRASHED.slug, "RuntimeError: no mle-white")
     assert not result.usable
@@ -131,7 +131,7 @@ def test_groups_and_summaries_hold_the_store_s_numbers(finished: Path) -> None:
 
 def command(folder: Path, *more: str) -> list[str]:
     options = ["--scenario", "single", "--method", "mle-white,fourier", "--replications", "40"]
-    program = "from pilotid.cli import main; main()"
+    program = "from pilotid.cli.main import main; main()"
     return [sys.executable, "-c", program, "compare", *options, "--out", str(folder), *more]
 
 

@@ -14,14 +14,14 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from pilotid import output
-from pilotid.store import ParameterTruth, Result, ScenarioEntry, Store, Unit
-from pilotid.study_content import inline_html
-from pilotid.study_numbers import number, plus_minus, printed, share
-from pilotid.study_report import overview_table, write_report
-from pilotid.study_scores import Cell, Cells, agreeing, setting
-from pilotid.summary import groups_of, summaries_of
-from pilotid.verdicts import Grade, judge, sentence
+from pilotid.report.content import inline_html
+from pilotid.report.page import overview_table, write_report
+from pilotid.report.scores import Cell, Cells, agreeing, setting
+from pilotid.report.verdicts import Grade, judge, sentence
+from pilotid.show.numbers import number, plus_minus, printed, share
+from pilotid.show.terminal import make_console
+from pilotid.study.store import ParameterTruth, Result, ScenarioEntry, Store, Unit
+from pilotid.study.summary import groups_of, summaries_of
 
 KEYS = ("Kvis", "tlead", "tdvis", "Kvest", "tdvest", "fnm", "dnm")
 TRUTH = (0.17, 2.93, 0.32, 1.59, 0.29, 12.0, 0.3)
@@ -114,7 +114,7 @@ def report(folder: Path, fill: Callable[[Store], None], methods: Sequence[str]) 
         groups = groups_of(store)
         summaries = summaries_of(groups)
         page = write_report(folder, store, groups, summaries)
-        console = output.make_console()
+        console = make_console()
         with console.capture() as captured:
             console.print(overview_table(store, groups, summaries))
     assert page == folder / "report.html"

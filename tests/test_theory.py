@@ -8,22 +8,23 @@ import numpy as np
 import pytest
 
 from pilotid.datasets import SCENARIOS, Scenario, scenario_named, simulate
+from pilotid.datasets.experiments import spectra
 from pilotid.datasets.forcing import SEED_PERIOD, Steps, seed_disturbance, seed_target
-from pilotid.datasets.loop import white_level
 from pilotid.datasets.remnant import Remnant, white
-from pilotid.datasets.spectra import spectra
-from pilotid.estimate import identify
-from pilotid.experiment import View
-from pilotid.joint import Joint
+from pilotid.datasets.simulation import white_level
+from pilotid.estimates.method import identify
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.model import MULTI
-from pilotid.noise import Band, LowPass
-from pilotid.prediction import LeastSquares, predict
-from pilotid.prepare import decimation
-from pilotid.randomness import fit_rng, recording_rng
-from pilotid.sandwich import hessian, sandwich_of, score_products
-from pilotid.study import entry_of
-from pilotid.theory import bounds, monic, white_limit
+from pilotid.pilot.catalogue import MULTI
+from pilotid.seeds import fit_rng, recording_rng
+from pilotid.solve.covariance import hessian, sandwich_of, score_products
+from pilotid.study.study import entry_of
+from pilotid.theory.bounds import bounds, monic, white_limit
+from pilotid.theory.experiment import View
+from pilotid.time_domain.output_error import LeastSquares
+from pilotid.time_domain.prediction import predict
+from pilotid.time_domain.prediction_errors import PredictionErrors
+from pilotid.time_domain.prepare import decimation
+from pilotid.time_domain.remnant_models import Band, LowPass
 from pilotid.types import FloatArray, InputError
 
 NOMINAL = scenario_named("nominal")
@@ -155,7 +156,7 @@ def test_information_is_what_whitened_recordings_hold() -> None:
     for i in range(30):
         recording = simulate(scenario, recording_rng(3, scenario.name, i))
         prediction = replace(predict(recording, MULTI, 50.0), terms=())
-        joint = Joint(prediction, LowPass(2), band)
+        joint = PredictionErrors(prediction, LowPass(2), band)
         gram = joint.gram(values)[0]
         # Scaled to the full length: without run-in a part of the record is not scored.
         grams.append(gram[:-1, :-1] / (gram[-1, -1] / joint.samples))

@@ -10,12 +10,14 @@ import pytest
 from scipy.optimize import approx_fprime
 
 from pilotid.datasets import scenario_named, simulate
-from pilotid.estimate import Outcome
-from pilotid.figures import bode, svg
-from pilotid.model import MULTI, SINGLE, PilotModel
-from pilotid.recording import Recording
-from pilotid.response import FrequencyResponse, circular, real_parts
-from pilotid.twostep import ResponseFit, second_step
+from pilotid.estimates.estimate import Outcome
+from pilotid.estimates.response import FrequencyResponse, circular, real_parts
+from pilotid.frequency.second_step import ResponseFit, second_step
+from pilotid.pilot.catalogue import MULTI, SINGLE
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import Recording
+from pilotid.show.figures import bode
+from pilotid.show.svg import svg
 from pilotid.types import ComplexArray, FloatArray
 
 OMEGA = np.geomspace(0.4, 17.0, 20)

@@ -6,7 +6,7 @@ import os
 import signal
 from pathlib import Path
 
-from pilotid.workers import run_tasks
+from pilotid.study.workers import run_tasks
 
 
 def doubled(task: int) -> int:

@@ -14,10 +14,12 @@ Load a recording, choose a model and a method, and identify::
 Methods live in `pilotid.methods`, simulated data sets in `pilotid.datasets`.
 """
 
-from pilotid.estimate import Estimate, Method, Outcome, identify
-from pilotid.files import load_recording, save_recording
-from pilotid.model import MODELS, Channel, PilotModel, model_named
-from pilotid.recording import Recording, joined
+from pilotid.estimates.estimate import Estimate, Outcome
+from pilotid.estimates.method import Method, identify
+from pilotid.pilot.catalogue import MODELS, model_named
+from pilotid.pilot.model import Channel, PilotModel
+from pilotid.recordings.files import load_recording, save_recording
+from pilotid.recordings.recording import Recording, joined
 from pilotid.types import InputError
 
 __version__ = "0.1.0"

@@ -12,16 +12,17 @@ from pytest_benchmark.fixture import BenchmarkFixture
 from scipy.optimize import least_squares
 
 from pilotid.datasets import scenario_named, simulate
-from pilotid.estimate import identify
+from pilotid.estimates.method import identify
+from pilotid.frequency.regression import Regression, signals
+from pilotid.frequency.structures import Structure, StructureSearch
 from pilotid.methods.arx import ARX
 from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.model import MULTI, PilotModel
-from pilotid.orders import StructureSearch, search_structures
-from pilotid.prediction import predict
-from pilotid.recording import Recording
-from pilotid.regression import Regression, Structure, signals
+from pilotid.pilot.catalogue import MULTI
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import Recording
+from pilotid.time_domain.prediction import predict
 from pilotid.types import FloatArray
 
 PADE = 5
@@ -128,7 +129,7 @@ def test_arx_search(benchmark: BenchmarkFixture) -> None:
 
     def searched() -> StructureSearch:
         regression = Regression(output, inputs, 6, [(3, 26)] * 2, prediction.first)
-        return search_structures(regression, structures)
+        return regression.search(structures)
 
     assert benchmark(searched).cost.size == 2205
     if benchmark.enabled:

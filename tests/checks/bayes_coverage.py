@@ -28,12 +28,12 @@ from multiprocessing import get_context
 import numpy as np
 
 from pilotid.datasets import SCENARIOS, Scenario, simulate
-from pilotid.datasets.spectra import spectra
-from pilotid.estimate import identify
+from pilotid.datasets.experiments import spectra
+from pilotid.estimates.method import identify
 from pilotid.methods import methods
-from pilotid.priors import default_prior
-from pilotid.randomness import fit_rng, recording_rng
-from pilotid.theory import bounds
+from pilotid.posterior.priors import default_prior
+from pilotid.seeds import fit_rng, recording_rng
+from pilotid.theory.bounds import bounds
 from pilotid.types import FloatArray
 
 METHODS = ("bayes", "bayes-white")

@@ -19,13 +19,14 @@ from multiprocessing import get_context
 import numpy as np
 
 from pilotid.datasets import SCENARIOS, Scenario, simulate
+from pilotid.datasets.experiments import spectra
 from pilotid.datasets.remnant import Remnant
-from pilotid.datasets.spectra import spectra
-from pilotid.estimate import Estimate, identify
+from pilotid.estimates.estimate import Estimate
+from pilotid.estimates.method import identify
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.randomness import fit_rng, recording_rng
-from pilotid.theory import bounds
+from pilotid.seeds import fit_rng, recording_rng
+from pilotid.theory.bounds import bounds
 
 LOOSE = ("Kvis", "tlead")
 

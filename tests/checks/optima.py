@@ -17,12 +17,12 @@ from multiprocessing import get_context
 import numpy as np
 
 from pilotid.datasets import SCENARIOS, Scenario, simulate
-from pilotid.estimate import identify
-from pilotid.joint import Joint
+from pilotid.estimates.method import identify
 from pilotid.methods.mle import MLE
-from pilotid.minimise import minimise
-from pilotid.noise import LowPass, analysis_band
-from pilotid.prediction import predict
+from pilotid.solve.least_squares import minimise
+from pilotid.time_domain.prediction import predict
+from pilotid.time_domain.prediction_errors import PredictionErrors
+from pilotid.time_domain.remnant_models import LowPass, analysis_band
 from pilotid.types import FloatArray
 
 SAME = 0.5  # units of the deviance
@@ -57,7 +57,7 @@ def deviance(name: str, replication: int) -> tuple[str, float]:
         return estimate.outcome.value, float("inf")
     band = analysis_band(recording.dt, method.band)
     prediction = replace(predict(recording, scenario.model, method.band), terms=())
-    joint = Joint(prediction, LowPass(2), band)
+    joint = PredictionErrors(prediction, LowPass(2), band)
     remnant = np.array([scenario.remnant.frequency, scenario.remnant.damping])
 
     def cost(values: FloatArray) -> float:

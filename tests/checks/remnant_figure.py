@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pilotid.datasets import scenario_named
-from pilotid.datasets.spectra import spectra
-from pilotid.store import Store
-from pilotid.study import Study
-from pilotid.summary import Summary, groups_of, summaries_of
-from pilotid.theory import white_limit
+from pilotid.datasets.experiments import spectra
+from pilotid.study.store import Store
+from pilotid.study.study import Study
+from pilotid.study.summary import Summary, groups_of, summaries_of
+from pilotid.theory.bounds import white_limit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

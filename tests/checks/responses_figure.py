@@ -9,10 +9,11 @@ import argparse
 from pathlib import Path
 
 from pilotid.datasets import scenario_named, simulate
-from pilotid.estimate import identify
-from pilotid.figures import bode, svg
+from pilotid.estimates.method import identify
 from pilotid.methods import methods
-from pilotid.randomness import fit_rng, recording_rng
+from pilotid.seeds import fit_rng, recording_rng
+from pilotid.show.figures import bode
+from pilotid.show.svg import svg
 
 SCENARIO = "nominal"
 FILE = Path(__file__).parents[2] / "docs" / "responses.svg"

@@ -17,10 +17,11 @@ from dataclasses import replace
 import numpy as np
 
 from pilotid.datasets import SCENARIOS, simulate
-from pilotid.draws import Draws
-from pilotid.estimate import Estimate, identify
+from pilotid.estimates.draws import Draws
+from pilotid.estimates.estimate import Estimate
+from pilotid.estimates.method import identify
 from pilotid.methods.bayes import Bayes
-from pilotid.randomness import fit_rng, recording_rng
+from pilotid.seeds import fit_rng, recording_rng
 from pilotid.types import FloatArray
 
 NOMINAL = SCENARIOS["nominal"]

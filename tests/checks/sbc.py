@@ -25,12 +25,12 @@ from pathlib import Path
 import numpy as np
 
 from pilotid.datasets import SCENARIOS, Scenario, simulate
-from pilotid.estimate import identify
-from pilotid.loops import unstable_poles
+from pilotid.estimates.method import identify
 from pilotid.methods.bayes import Bayes
-from pilotid.noise import LowPass
-from pilotid.priors import LogNormal
-from pilotid.randomness import fit_rng, recording_rng
+from pilotid.pilot.loops import unstable_poles
+from pilotid.posterior.priors import LogNormal
+from pilotid.seeds import fit_rng, recording_rng
+from pilotid.time_domain.remnant_models import LowPass
 from pilotid.types import FloatArray
 
 NOMINAL = SCENARIOS["nominal"]

@@ -16,13 +16,13 @@ from dataclasses import replace
 import numpy as np
 
 from pilotid.datasets import Scenario, scenario_named, simulate
+from pilotid.datasets.experiments import spectra
 from pilotid.datasets.forcing import SEED_PERIOD
 from pilotid.datasets.remnant import Remnant
-from pilotid.datasets.spectra import spectra
-from pilotid.estimate import identify
+from pilotid.estimates.method import identify
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.randomness import fit_rng, recording_rng
-from pilotid.theory import white_limit
+from pilotid.seeds import fit_rng, recording_rng
+from pilotid.theory.bounds import white_limit
 from pilotid.types import FloatArray
 
 REMNANTS = {

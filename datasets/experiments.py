@@ -1,0 +1,105 @@
+"""A scenario as its exact closed-loop spectra, which `pilotid.theory.bounds` works on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from pilotid.datasets.forcing import Multisine, Steps
+from pilotid.datasets.scenarios import Scenario
+from pilotid.datasets.simulation import closed_loop, white_level
+from pilotid.pilot.loops import pilot_on
+from pilotid.theory.experiment import Circulation, Experiment, gradient_of
+from pilotid.types import ComplexArray, FloatArray, InputError
+
+
+def spectra(scenario: Scenario) -> Experiment:
+    """The experiment that a scenario describes.
+
+    Raises
+    ------
+    InputError
+        If the loop is unstable, if there is no remnant, if a multisine and another kind of
+        forcing function occur together, or if that other kind starts during the run-in.
+    """
+    level = white_level(scenario)
+    if level == 0.0:
+        raise InputError(f"scenario {scenario.name}: without a remnant every bound is zero")
+    forcing = [
+        (f, cause)
+        for f, cause in ((scenario.target, "target"), (scenario.disturbance, "disturbance"))
+        if f is not None
+    ]
+    sines = [(f, cause) for f, cause in forcing if isinstance(f, Multisine)]
+    if sines and len(sines) < len(forcing):
+        raise InputError(
+            f"scenario {scenario.name}: bounds for a multisine together with another kind of "
+            "forcing function are not implemented"
+        )
+    omega = np.unique(np.concatenate([np.zeros(0), *(f.omega for f, _ in sines)]))
+    error, output = np.zeros((2, omega.size), dtype=complex)
+    for f, cause in sines:
+        at = np.searchsorted(omega, f.omega)
+        phasors = np.array(f.amplitudes) * np.exp(1j * np.array(f.phases))
+        e, x = _inputs(scenario, f.omega, cause)
+        error[at] += e * phasors
+        output[at] += x * phasors
+    return Experiment(
+        model=scenario.model,
+        values=scenario.values,
+        dt=scenario.dt,
+        samples=round(scenario.duration / scenario.dt),
+        runs=scenario.runs,
+        circulation=lambda w: _circulation(scenario, level, w),
+        line_omega=omega,
+        line_error=error,
+        line_output=output,
+        transient=_transient(scenario) if len(forcing) > len(sines) else None,
+    )
+
+
+def _inputs(scenario: Scenario, omega: FloatArray, cause: str) -> tuple[ComplexArray, ComplexArray]:
+    """Error and output for each unit of a cause."""
+    loop = closed_loop(scenario, omega)
+    output: ComplexArray = getattr(loop, f"x_of_{cause}")
+    return (1.0 if cause == "target" else 0.0) - output, output
+
+
+def _circulation(scenario: Scenario, level: float, omega: FloatArray) -> Circulation:
+    remnant = scenario.remnant
+    shaping = level * remnant.filter(omega)
+    if remnant.enters == "error":
+        shaping = shaping * pilot_on(scenario.model, omega, scenario.values)[0]
+    error, output = _inputs(scenario, omega, "remnant")
+    names = ((), ("frequency",), ("frequency", "damping"), ("frequency", "damping"))
+    slopes = np.zeros((len(names[remnant.order]), omega.size))
+    for slope, name in zip(slopes, names[remnant.order], strict=True):
+        step = 1e-5 * getattr(remnant, name)
+        ahead, behind = (
+            replace(remnant, **{name: getattr(remnant, name) + h}).filter(omega)
+            for h in (step, -step)
+        )
+        slope += np.log(np.abs(ahead / behind)) / step  # of the power: twice the amplitude's
+    return Circulation(error, output, np.abs(shaping) ** 2, slopes)
+
+
+def _transient(scenario: Scenario) -> FloatArray:
+    """Derivatives of the forced control by the parameters, in the measurement window."""
+    time = np.arange(round(scenario.duration / scenario.dt), dtype=float) * scenario.dt
+    total = np.zeros((len(scenario.truth), time.size))
+    for forcing, cause in ((scenario.target, "target"), (scenario.disturbance, "disturbance")):
+        if forcing is None:
+            continue
+        if isinstance(forcing, Steps) and min(forcing.times) < 0.0:
+            raise InputError(
+                f"scenario {scenario.name}: bounds need a {cause} that is periodic or zero until "
+                "the measurement window; this one starts before"
+            )
+
+        def response(omega: FloatArray, cause: str = cause) -> ComplexArray:
+            e, x = _inputs(scenario, omega, cause)
+            return gradient_of(scenario.model, omega, e, x, scenario.values)
+
+        total += forcing.through(response, time)
+    return total

@@ -1,0 +1,93 @@
+"""What the options of the command line mean."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from pilotid.estimates.method import Method
+from pilotid.methods import method_named, methods
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.csv import sidecar_path
+from pilotid.types import FloatArray, InputError
+
+
+def names_of(given: Sequence[str] | None, default: Sequence[str], all_: Sequence[str]) -> list[str]:
+    """The names in options that may be repeated, hold several with commas, or say ``all``."""
+    names = [name.strip() for text in given or () for name in text.split(",") if name.strip()]
+    if "all" in names:
+        return list(all_)
+    return list(dict.fromkeys(names or default))
+
+
+def methods_of(given: Sequence[str] | None, default: Sequence[str]) -> list[Method]:
+    """The methods that options name."""
+    return [method_named(name) for name in names_of(given, default, list(methods()))]
+
+
+def default_method() -> str:
+    """The method of a fit where none is named."""
+    return "mle" if "mle" in methods() else "mle-white"
+
+
+def started(model: PilotModel, text: str | None) -> PilotModel:
+    """A model with the initial guesses of a text such as ``Kvis=0.2,tlead=1.5``."""
+    values: dict[str, float] = {}
+    for pair in (text or "").split(",") if text is not None else ():
+        key, _, number = (part.strip() for part in pair.partition("="))
+        try:
+            values[key] = float(number)
+        except ValueError:
+            raise InputError(
+                f"--start {text}: '{pair}' is not PARAMETER=NUMBER; write for example "
+                f"{model.keys[0]}={model.start[0]:g}"
+            ) from None
+    try:
+        return model.with_start(values)
+    except InputError:
+        raise
+    except ValueError as error:
+        raise InputError(f"--start {text}: {error}") from None
+
+
+def read_truth(path: Path, model: PilotModel) -> FloatArray:
+    """True parameters in model order from the file that `pilotid simulate` writes.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or lacks a parameter of the model.
+    """
+    try:
+        held = json.loads(path.read_text(encoding="utf-8"))["parameters"]
+        return model.vector({key: float(entry["value"]) for key, entry in held.items()})
+    except InputError as error:
+        raise InputError(f"{path}: {error}; give the truth of a recording of that model") from None
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+        raise InputError(
+            f"{path}: cannot be read as the truth of a simulation; name the F.truth.json that "
+            "`pilotid simulate` wrote"
+        ) from None
+
+
+def require_writable(target: Path, inputs: Sequence[Path]) -> None:
+    """Refuse, before any work is done, an output file that would destroy an input.
+
+    Raises
+    ------
+    InputError
+        If the target is an input, its sidecar or its truth, or has no folder to be in.
+    """
+    if not target.parent.is_dir():
+        raise InputError(f"{target}: there is no folder {target.parent}; make it first")
+    if target.is_dir():
+        raise InputError(f"{target}: is a folder; name a file in it")
+    for file in inputs:
+        for taken, what in (
+            (file, "is a recording to read"),
+            (sidecar_path(file), f"is where {file} keeps its description (the sidecar)"),
+            (file.with_suffix(".truth.json"), f"is where {file} keeps its truth"),
+        ):
+            if target.resolve() == taken.resolve():
+                raise InputError(f"{target}: {what}; write the results to another file")

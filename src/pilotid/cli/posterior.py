@@ -1,0 +1,69 @@
+"""The command `pilotid posterior`: a full emcee run, its tables, files and figures."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+
+from pilotid.estimates.quantities import Fitted
+from pilotid.methods.bayes import Bayes
+from pilotid.pilot.element import ControlledElement, parsed_element
+from pilotid.pilot.model import PilotModel
+from pilotid.posterior.derived import derived_spreads, parameter_spreads
+from pilotid.posterior.predictive import predictive_band
+from pilotid.recordings.recording import Recording
+from pilotid.seeds import fit_rng
+from pilotid.show.posterior import print_posterior, sampling_bar, write_posterior
+
+
+def infer(
+    recording: Recording,
+    model: PilotModel,
+    *,
+    white: bool,
+    element: ControlledElement | None,
+    seed: int,
+    folder: Path | None,
+) -> None:
+    """Sample a posterior with emcee and print what it says.
+
+    Parameters
+    ----------
+    recording, model
+        What is identified.
+    white
+        Whether the residual is taken for white.
+    element
+        Controlled element; None for that which the recording names, if it names one.
+    seed
+        Seed of all random numbers.
+    folder
+        Where draws, summary and figures go; None for nowhere.
+    """
+    method = Bayes(sampler="emcee")
+    if white:
+        method = replace(method, likelihood="white", band=None)
+    rng = fit_rng(seed, method.name)
+    method.objection(recording, model)  # imports emcee before the run is timed
+    begin = time.perf_counter()
+    with sampling_bar() as watch:
+        estimate, likelihood = method.infer(recording, model, rng, watch)
+    estimate = replace(estimate, seconds=time.perf_counter() - begin)
+    fit = Fitted(recording, model, (estimate,))
+    draws = estimate.draws
+    if draws is None:
+        print_posterior(fit, [], [], None)
+        return
+    plant = element or parsed_element(recording.controlled_element)
+    spreads = parameter_spreads(draws, model)
+    spreads += derived_spreads(draws, model, recording, plant)
+    predictive = predictive_band(draws, likelihood, rng)
+    notes = []
+    if plant is None:
+        notes.append("no loop margins: name the controlled element, for example --element 4/s^2")
+    if folder is not None:
+        unit = recording.units.get("u", "")
+        written = write_posterior(folder, estimate, spreads, predictive, unit)
+        notes += [str(path) for path in written]
+    print_posterior(fit, spreads, notes, predictive)

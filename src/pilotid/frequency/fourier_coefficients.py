@@ -1,0 +1,261 @@
+"""Fourier coefficients of a recording at its forcing lines and at the bins beside them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pilotid.estimates.response import FrequencyResponse, circular
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.lines import forcing_lines
+from pilotid.recordings.recording import Recording
+from pilotid.types import BoolArray, ComplexArray, FloatArray, IntArray
+
+#: Least power of the remnant at a line as a share of the control's there: far below what
+#: any recording resolves, it keeps weights finite without a remnant.
+QUIETEST = 1e-12
+#: Adjacent lines whose scatter between runs is averaged.
+POOLED = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Coefficients:
+    """Fourier coefficients at n forcing lines and, behind them, at the bins between.
+
+    Attributes
+    ----------
+    omega
+        Frequencies of the lines and then of the bins [rad/s], each ascending, shape (all,).
+    disturbance
+        Which lines are the disturbance's, shape (n,).
+    control
+        Coefficients of the control, shape (runs, all).
+    inputs
+        Coefficients of each channel's signed input, shape (channels, runs, all).
+    phases
+        What turns every run's forcing function to phase zero at the lines, (runs, n).
+    beside
+        For each line, the indices of the bins beside it, shape (n, beside).
+    trend
+        Weights with which the bins beside a line give the trend there, shape (n, beside).
+    detrend
+        Projectors of those bins on what is no trend, over their degrees of freedom, shape
+        (n, beside, beside).
+    freedom
+        Degrees of freedom of the power beside a line in one run.
+    """
+
+    omega: FloatArray
+    disturbance: BoolArray
+    control: ComplexArray
+    inputs: ComplexArray
+    phases: ComplexArray
+    beside: IntArray
+    trend: FloatArray
+    detrend: FloatArray
+    freedom: int
+
+    @property
+    def lines(self) -> int:
+        """Number of lines n."""
+        return int(self.disturbance.size)
+
+    def at_lines(self, coefficients: ComplexArray) -> ComplexArray:
+        """Coefficients at the lines, shape (..., n), averaged over runs in phase.
+
+        Parameters
+        ----------
+        coefficients
+            Shape (..., runs, n).
+        """
+        return np.asarray(np.mean(coefficients * self.phases, axis=-2))
+
+    def leakage(self, residuals: ComplexArray) -> ComplexArray:
+        """What transients leak to the lines, shape (..., runs, n).
+
+        Parameters
+        ----------
+        residuals
+            Residuals at lines and bins, shape (..., runs, all).
+        """
+        return np.asarray(np.einsum("nb,...nb->...n", self.trend, residuals[..., self.beside]))
+
+    def power(self, residuals: ComplexArray) -> FloatArray:
+        """Power of the remnant in the averaged coefficients at the lines, shape (n,).
+
+        The bins beside a line tell it.  The differences between runs, which a pilot who
+        changes makes larger, scale it; adjacent lines share that factor, which one line
+        alone would tell with few degrees of freedom.
+        """
+        runs = len(residuals)
+        freedom = self.freedom if runs == 1 else POOLED * (runs - 1)
+        bins = residuals[:, self.beside]
+        left = np.einsum("rnb,nbc,rnc->n", bins.conj(), self.detrend, bins).real / runs
+        power = left * (1.0 + np.sum(self.trend**2, axis=1)) / runs
+        least = QUIETEST * np.abs(self.at_lines(self.control[:, : self.lines])) ** 2
+        power = np.maximum(power, least)
+        if runs > 1:
+            own = (residuals[:, : self.lines] - self.leakage(residuals)) * self.phases
+            scatter = np.mean(np.abs(own - own.mean(axis=0)) ** 2, axis=0) / (runs - 1)
+            window = np.ones(POOLED)
+            ascending = np.argsort(self.omega[: self.lines], kind="stable")
+            ratio = (scatter / power)[ascending]
+            shared = np.convolve(ratio, window, "same")
+            shared /= np.convolve(np.ones_like(ratio), window, "same")
+            power[ascending] *= shared
+            power = np.maximum(power, least)
+        # Makes its inverse, the information, right on average (for complex normal residuals).
+        return np.asarray(power * freedom / (freedom - 1.0))
+
+    def residuals(self, responses: ComplexArray) -> ComplexArray:
+        """Control less what channels with these responses, (channels, all), make of it."""
+        return np.asarray(self.control - np.einsum("ca,cra->ra", responses, self.inputs))
+
+    def first_residuals(self) -> ComplexArray:
+        """Residuals before anything is known of the model, shape (runs, all).
+
+        Between the lines e = -x, so that the remnant there is U - D E with D = U/E at the
+        lines of the disturbance (at those of the target for a pilot without motion who
+        follows a target alone); D is interpolated.
+        """
+        known = self.disturbance if self.disturbance.any() else ~self.disturbance
+        omega = self.omega[: self.lines][known]
+        reference = self.inputs[0]
+        leakage = np.zeros_like(self.phases)
+        for _ in range(3):
+            control = self.at_lines(self.control[:, : self.lines] - leakage)
+            ratio = control / self.at_lines(reference[:, : self.lines])
+            everywhere = np.exp(interpolation(omega, self.omega) @ _logarithm(ratio[known]))
+            residuals = self.control - everywhere * reference
+            leakage = self.leakage(residuals)
+        return np.asarray(residuals)
+
+    def response(
+        self, model: PilotModel, control: ComplexArray, power: FloatArray
+    ) -> FrequencyResponse:
+        """The responses of the channels that give a control at the lines.
+
+        Parameters
+        ----------
+        model
+            The pilot model whose channels are meant.
+        control
+            Control at the lines, averaged over runs, shape (n,).
+        power
+            Power of the remnant in it, shape (n,).
+        """
+        signed = self.at_lines(self.inputs[:, :, : self.lines])
+        order = np.argsort(self.omega[: self.lines], kind="stable")
+        omega = self.omega[: self.lines][order]
+        ratio, noise = (control / signed[0])[order], (np.sqrt(power) / np.abs(signed[0]))[order]
+        if len(signed) == 1:
+            return FrequencyResponse(
+                omega, ratio[None], circular(np.diag(noise**2).astype(complex))
+            )
+        # U/E = H1 + (X/E) H2 at each line, and interpolated from the other forcing function's.
+        slope, disturbance = (signed[1] / signed[0])[order], self.disturbance[order]
+        weights = np.zeros((omega.size, omega.size))
+        for own in (disturbance, ~disturbance):
+            weights[np.ix_(own, ~own)] = interpolation(omega[~own], omega[own])
+        logarithms = [np.zeros(omega.size, dtype=complex) for _ in range(2)]
+        for logarithm, values in zip(logarithms, (ratio, slope), strict=True):
+            for own in (disturbance, ~disturbance):
+                logarithm[own] = _logarithm(values[own])
+        other_ratio, other_slope = (np.exp(weights @ logarithm) for logarithm in logarithms)
+        second = (ratio - other_ratio) / (slope - other_slope)
+        first = ratio - slope * second
+        # What the remnant at each line does to both responses at every line.
+        equation = np.diag(noise).astype(complex)
+        others = other_ratio[:, None] * weights * (noise / ratio)
+        on_second = (equation - others) / (slope - other_slope)[:, None]
+        on_first = equation - slope[:, None] * on_second
+        both = np.concatenate([on_first, on_second])
+        return FrequencyResponse(omega, np.array([first, second]), circular(both @ both.conj().T))
+
+
+def coefficients_of(
+    recording: Recording, model: PilotModel, neighbours: int, trend: int | None
+) -> Coefficients:
+    """Fourier coefficients of a recording's measurement window.
+
+    Parameters
+    ----------
+    recording
+        A recording with one or two multisines, see `pilotid.recordings.lines.forcing_lines`.
+    model
+        The pilot model.
+    neighbours
+        Bins beside each line to use.
+    trend
+        Order of the polynomial in frequency that transients leave beside a line; None for
+        no transients.
+    """
+    by_signal = forcing_lines(recording)
+    lines = np.concatenate(list(by_signal.values()))
+    disturbance = np.concatenate([np.full(v.size, k == "fd") for k, v in by_signal.items()])
+    between = np.setdiff1d(np.arange(1, recording.samples // 2), lines)
+    away = np.abs(between - lines[:, None])
+    nearest = np.sort(np.argsort(away, axis=1, kind="stable")[:, :neighbours], axis=1)
+    used, index = np.unique(nearest, return_inverse=True)
+    bins = between[used]
+    everywhere = np.concatenate([lines, bins])
+
+    def transformed(signal: FloatArray) -> ComplexArray:
+        window = recording.window(signal)
+        return np.asarray(np.fft.rfft(window)[:, everywhere] / recording.samples)
+
+    orders = np.arange(0 if trend is None else trend + 1)
+    powers = ((between[nearest] - lines[:, None]) / neighbours)[:, :, None] ** orders
+    fitting = np.linalg.pinv(powers) if orders.size else np.zeros((lines.size, 0, neighbours))
+    weights = fitting[:, 0] if orders.size else np.zeros((lines.size, neighbours))
+    return Coefficients(
+        omega=2.0 * np.pi * everywhere / recording.duration,
+        disturbance=disturbance,
+        control=transformed(recording.u),
+        inputs=np.array([c.sign * transformed(recording.input(c.input)) for c in model.channels]),
+        phases=_phases(recording, by_signal),
+        beside=lines.size + index.reshape(nearest.shape),
+        trend=weights,
+        detrend=(np.eye(neighbours) - powers @ fitting) / (neighbours - orders.size),
+        freedom=neighbours - orders.size,
+    )
+
+
+def _phases(recording: Recording, by_signal: dict[str, IntArray]) -> ComplexArray:
+    """What turns each run's forcing function to phase zero at its lines, (runs, n)."""
+    parts = []
+    for name, lines in by_signal.items():
+        signal = getattr(recording, name)
+        if signal is None:
+            parts.append(np.ones((recording.runs, lines.size), dtype=complex))
+        else:
+            forcing = np.fft.rfft(recording.window(signal))[:, lines]
+            parts.append(np.exp(-1j * np.angle(forcing)))
+    return np.concatenate(parts, axis=1)
+
+
+def interpolation(known: FloatArray, wanted: FloatArray) -> FloatArray:
+    """Weights of linear interpolation over log frequency, the ends extended.
+
+    Parameters
+    ----------
+    known, wanted
+        Frequencies, the known ones ascending; shapes (n,) and (m,).
+
+    Returns
+    -------
+    Array of shape (m, n).
+    """
+    x, at = np.log(known), np.log(wanted)
+    left = np.clip(np.searchsorted(x, at) - 1, 0, x.size - 2)
+    share = (at - x[left]) / (x[left + 1] - x[left])
+    weights = np.zeros((at.size, x.size))
+    rows = np.arange(at.size)
+    weights[rows, left], weights[rows, left + 1] = 1.0 - share, share
+    return weights
+
+
+def _logarithm(values: ComplexArray) -> ComplexArray:
+    """Logarithm along ascending frequency, its phase without jumps."""
+    return np.asarray(np.log(np.abs(values)) + 1j * np.unwrap(np.angle(values)))

@@ -1,0 +1,268 @@
+"""Linear regression of the control on its own past and on the inputs' past.
+
+The core that black-box methods share: rows of lagged signals, the residual sums of
+squares of very many choices of columns from one QR factorisation, and the frequency
+response, with its covariance, of the discrete transfer functions found.
+
+Lagged signals are nearly collinear (condition 1e4 to 1e8 for a pilot's), which squares
+in normal equations; here everything rests on orthogonal factors of scaled columns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pilotid.estimates.response import real_parts
+from pilotid.frequency.structures import Structure, StructureSearch
+from pilotid.pilot.model import Channel
+from pilotid.time_domain.prediction import Prediction
+from pilotid.types import ComplexArray, FloatArray, IntArray
+
+BLOCK = 256  # factorisations at once: their columns then stay in the processor's cache
+
+
+@dataclass(frozen=True, eq=False)
+class BlackBox:
+    """Least-squares coefficients of a structure.
+
+    Attributes
+    ----------
+    structure
+        Orders and delays.
+    coefficients
+        a_1, a_2, ... of A = 1 + a_1 q^-1 + ..., then those of each B_i.
+    covariance
+        Their covariance for a white residual.
+    cost
+        Residual sum of squares.
+    """
+
+    structure: Structure
+    coefficients: FloatArray
+    covariance: FloatArray
+    cost: float
+
+    @property
+    def denominator(self) -> FloatArray:
+        """Coefficients of A, its leading 1 included."""
+        return np.concatenate([[1.0], self.coefficients[: self.structure.poles]])
+
+    @property
+    def numerators(self) -> list[FloatArray]:
+        """Coefficients of each B_i, without its delay."""
+        ends = self.structure.poles + np.cumsum(self.structure.zeros)
+        return np.split(self.coefficients, [self.structure.poles, *ends])[1:-1]
+
+    def unstable(self, dt: float) -> FloatArray:
+        """Frequencies of the poles outside the unit circle [rad/s], ascending."""
+        poles = np.roots(self.denominator)
+        return np.sort(np.abs(np.angle(poles[np.abs(poles) >= 1.0]))) / dt
+
+
+class Regression:
+    """All lags of all signals, factorised once.
+
+    Parameters
+    ----------
+    output
+        The output, shape (runs, samples).
+    inputs
+        The inputs, each of that shape.
+    poles
+        Largest lag of the output.
+    lags
+        Per input, its smallest and largest lag.
+    first
+        Index of the first row's output; at least the largest lag.
+    nuisance
+        What is fitted to every run besides, shape (rows, terms); a constant if not given.
+    """
+
+    def __init__(
+        self,
+        output: FloatArray,
+        inputs: Sequence[FloatArray],
+        poles: int,
+        lags: Sequence[tuple[int, int]],
+        first: int,
+        nuisance: FloatArray | None = None,
+    ) -> None:
+        rows = lagged_rows(output, inputs, poles, lags, first)
+        runs, count, _ = rows.shape
+        basis = np.linalg.qr(np.ones((count, 1)) if nuisance is None else nuisance).Q
+        rows = rows - basis @ (basis.T @ rows)
+        self.samples = runs * (count - basis.shape[1])
+        widths = [poles, *(high - low + 1 for low, high in lags)]
+        self._begin = np.concatenate([[0], np.cumsum(widths)])
+        self._lags = tuple(lags)
+        table = rows.reshape(runs * count, -1)
+        scale = np.linalg.norm(table, axis=0)
+        self._scale = np.where(scale > 0.0, scale, 1.0)
+        self._triangle = _triangle(table / self._scale)
+
+    def columns(self, structure: Structure) -> IntArray:
+        """Indices of a structure's columns."""
+        held = structure.poles <= self._begin[1]
+        parts = [np.arange(structure.poles)]
+        for i, (low, high) in enumerate(self._lags):
+            lags = structure.lags(i)
+            held &= lags.size == 0 or bool(low <= lags[0] and lags[-1] <= high)
+            parts.append(self._begin[i + 1] + lags - low)
+        if not held:
+            raise ValueError(f"the regression does not hold all lags of {structure}")
+        return np.concatenate(parts)
+
+    def costs(self, structures: Sequence[Structure]) -> FloatArray:
+        """Residual sums of squares, shape (structures,)."""
+        result = np.empty(len(structures))
+        sizes = np.array([s.parameters for s in structures])
+        for size in np.unique(sizes):
+            alike = np.flatnonzero(sizes == size)
+            chosen = np.array([self.columns(structures[int(i)]) for i in alike])
+            result[alike] = self._costs(chosen)
+        return result
+
+    def search(self, structures: Sequence[Structure]) -> StructureSearch:
+        """What many structures cost, as a search for the best of them."""
+        return StructureSearch(tuple(structures), self.costs(structures), self.samples)
+
+    def _costs(self, chosen: IntArray) -> FloatArray:
+        """The same for sets of equally many columns, shape (sets, columns)."""
+        size = chosen.shape[1]
+        if len(self._triangle) <= size:
+            return np.zeros(len(chosen))
+        last = np.full((len(chosen), 1), self._triangle.shape[1] - 1)
+        picked = np.concatenate([chosen, last], axis=1)
+        rows = self._triangle.T
+        remainder = np.concatenate(
+            [
+                _triangle(rows[picked[i : i + BLOCK]].swapaxes(1, 2))[:, size, size]
+                for i in range(0, len(picked), BLOCK)
+            ]
+        )
+        return np.asarray((remainder * self._scale[-1]) ** 2)
+
+    def fit(self, structure: Structure) -> BlackBox:
+        """Coefficients of one structure, and their covariance."""
+        chosen = self.columns(structure)
+        q, r = np.linalg.qr(self._triangle[:, chosen])
+        target = self._triangle[:, -1]
+        projected = q.T @ target
+        cost = float(np.sum((target - q @ projected) ** 2)) * self._scale[-1] ** 2
+        units = self._scale[-1] / self._scale[chosen]
+        inverse = np.linalg.solve(r, np.eye(len(chosen))) / self._scale[chosen, None]
+        freedom = max(1, self.samples - len(chosen))
+        return BlackBox(
+            structure,
+            coefficients=np.linalg.solve(r, projected) * units,
+            covariance=inverse @ inverse.T * (cost / freedom),
+            cost=cost,
+        )
+
+
+def _triangle(matrices: FloatArray) -> FloatArray:
+    """Triangular factors R of matrices (..., m, n), shape (..., min(m, n), n)."""
+    return np.asarray(np.linalg.qr(matrices, mode="r"))
+
+
+def lagged_rows(
+    output: FloatArray,
+    inputs: Sequence[FloatArray],
+    poles: int,
+    lags: Sequence[tuple[int, int]],
+    first: int,
+) -> FloatArray:
+    """Rows of the regression, run by run.
+
+    A row holds -u(t-1) ... -u(t-poles), then the lags of each input in ascending order,
+    and last u(t).  No row reaches from one run into another.
+
+    Parameters
+    ----------
+    output, inputs, poles, lags, first
+        See `Regression`.
+
+    Returns
+    -------
+    Array of shape (runs, samples - first, columns).
+    """
+    end = output.shape[1]
+    columns = [-output[:, first - lag : end - lag] for lag in range(1, poles + 1)]
+    for signal, (low, high) in zip(inputs, lags, strict=True):
+        columns += [signal[:, first - lag : end - lag] for lag in range(low, high + 1)]
+    columns.append(output[:, first:])
+    return np.stack(columns, axis=-1)
+
+
+def signals(prediction: Prediction) -> tuple[FloatArray, list[FloatArray]]:
+    """Control and signed inputs of a prediction, each of shape (runs, first + scored).
+
+    The inputs have passed through their channel's known dynamics, so that the slow poles of
+    these need not be found: a regression takes little notice of them.
+    """
+    end = prediction.first + prediction.scored
+
+    def samples(spectrum: ComplexArray) -> FloatArray:
+        return np.asarray(np.fft.irfft(spectrum, n=prediction.length)[:, :end])
+
+    channels = zip(prediction.model.channels, prediction.spectra, strict=True)
+    inputs = [samples(known_dynamics(c, prediction.s) * spectrum) for c, spectrum in channels]
+    return samples(prediction.control_spectrum), inputs
+
+
+def known_dynamics(channel: Channel, s: ComplexArray) -> ComplexArray:
+    """Product of a channel's factors without parameters, differentiators apart, shape (n,)."""
+    product = np.ones_like(s)
+    for factor in channel.dynamics:
+        if not factor.parameters:
+            product = product * factor.response(s, [])
+    return product
+
+
+def discrete_response(
+    omega: FloatArray,
+    dt: float,
+    fit: BlackBox,
+    factors: ComplexArray,
+    reference: ComplexArray | None = None,
+) -> tuple[ComplexArray, FloatArray]:
+    """Frequency responses of the transfer functions B_i/A, and their covariance.
+
+    Parameters
+    ----------
+    omega
+        Frequencies [rad/s], shape (n,).
+    dt
+        Sampling interval [s].
+    fit
+        Coefficients and their covariance.
+    factors
+        What each response is multiplied by, shape (inputs, n).
+    reference
+        Responses at which errors are propagated, shape (inputs, n); None for the estimated
+        ones, whose errors make small responses look accurate.
+
+    Returns
+    -------
+    Responses (inputs, n), and the covariance of `pilotid.estimates.response.real_parts` of them.
+    """
+    structure = fit.structure
+    delay = np.exp(-1j * omega * dt)
+    powers = delay ** np.arange(1, structure.poles + 1)[:, None]
+    bottom = 1.0 + fit.coefficients[: structure.poles] @ powers
+    value = np.zeros(factors.shape, dtype=complex)
+    slopes = np.zeros((structure.parameters, *factors.shape), dtype=complex)
+    begin = structure.poles
+    for i, top in enumerate(fit.numerators):
+        shifts = delay ** structure.lags(i)[:, None]
+        common = factors[i] / bottom
+        value[i] = common * (top @ shifts)
+        slopes[begin : begin + top.size, i] = common * shifts
+        begin += top.size
+    at = value if reference is None else reference
+    slopes[: structure.poles] = -at * (powers / bottom)[:, None]
+    jacobian = real_parts(slopes)
+    return value, jacobian.T @ fit.covariance @ jacobian

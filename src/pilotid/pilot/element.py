@@ -1,0 +1,129 @@
+"""Controlled elements: the dynamics that the pilot controls, x = Hc (u + fd)."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pilotid.types import ComplexArray, FloatArray, InputError
+
+if TYPE_CHECKING:
+    import control
+
+
+@dataclass(frozen=True)
+class ControlledElement:
+    """A rational transfer function with an optional pure delay.
+
+    Attributes
+    ----------
+    numerator, denominator
+        Polynomial coefficients, highest power of s first.
+    delay
+        Pure time delay [s].
+    name
+        As printed in reports.
+    """
+
+    numerator: tuple[float, ...]
+    denominator: tuple[float, ...]
+    delay: float = 0.0
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        if len(self.numerator) > len(self.denominator) or self.denominator[0] == 0.0:
+            raise ValueError(f"controlled element {self.name}: must be a proper transfer function")
+        if self.delay < 0.0:
+            raise ValueError(f"controlled element {self.name}: a delay cannot be negative")
+
+    def response(self, omega: FloatArray) -> ComplexArray:
+        """Frequency response at `omega` [rad/s], shape (n,)."""
+        s = 1j * np.asarray(omega, dtype=float)
+        ratio = np.polyval(self.numerator, s) / np.polyval(self.denominator, s)
+        return np.asarray(ratio * np.exp(-self.delay * s))
+
+    def rational(self, pade_order: int = 5) -> control.TransferFunction:
+        """As a python-control transfer function; a delay becomes a Pade approximant."""
+        import control
+
+        from pilotid.pilot.factors import pade
+
+        top, bottom = pade(self.delay, pade_order)
+        return control.TransferFunction(
+            np.polymul(self.numerator, top), np.polymul(self.denominator, bottom)
+        )
+
+
+def position_control(gain: float) -> ControlledElement:
+    """K: the output follows the control."""
+    return ControlledElement((gain,), (1.0,), name=f"{gain:g}")
+
+
+def single_integrator(gain: float) -> ControlledElement:
+    """K/s: rate control."""
+    return ControlledElement((gain,), (1.0, 0.0), name=f"{gain:g}/s")
+
+
+def double_integrator(gain: float) -> ControlledElement:
+    """K/s^2: acceleration control."""
+    return ControlledElement((gain,), (1.0, 0.0, 0.0), name=f"{gain:g}/s^2")
+
+
+def integrator_with_lag(gain: float, break_frequency: float) -> ControlledElement:
+    """K/(s (s + a)), with a in rad/s: between rate and acceleration control."""
+    return ControlledElement(
+        (gain,), (1.0, break_frequency, 0.0), name=f"{gain:g}/(s(s+{break_frequency:g}))"
+    )
+
+
+def from_control(system: control.TransferFunction, delay: float = 0.0) -> ControlledElement:
+    """Any continuous single-input single-output transfer function of python-control."""
+    if not system.issiso() or (system.dt not in (0, None)):
+        raise ValueError("the controlled element must be continuous, with one input and one output")
+    import control
+
+    system = control.tf(system)  # from a state space too
+    return ControlledElement(
+        tuple(float(c) for c in system.num[0][0]),
+        tuple(float(c) for c in system.den[0][0]),
+        delay,
+        "user-defined",
+    )
+
+
+_NUMBER = r"([0-9]*\.?[0-9]+(?:e[-+]?[0-9]+)?)"
+
+
+_FORMS: tuple[tuple[str, Callable[..., ControlledElement]], ...] = (
+    (_NUMBER, position_control),
+    (rf"{_NUMBER}/s", single_integrator),
+    (rf"{_NUMBER}/s(?:\^|\*\*)2", double_integrator),
+    (rf"{_NUMBER}/\(s\*?\(s\+{_NUMBER}\)\)", integrator_with_lag),
+)
+
+
+def parsed_element(text: str) -> ControlledElement | None:
+    """The controlled element K, K/s, K/s^2 or K/(s(s+a)) of a text; None for any other."""
+    plain = re.sub(r"\s", "", text).lower()
+    for form, build in _FORMS:
+        match = re.fullmatch(form, plain)
+        if match:
+            numbers = [float(group) for group in match.groups()]
+            return build(*numbers) if all(0.0 < n < math.inf for n in numbers) else None
+    return None
+
+
+def element_named(text: str) -> ControlledElement:
+    """As `parsed_element`; `InputError` for a text that is none."""
+    element = parsed_element(text)
+    if element is None:
+        raise InputError(
+            f"the controlled element '{text}' is not one of K, K/s, K/s^2 and K/(s(s+a)) with "
+            "positive numbers; write for example 4/s^2"
+        )
+    return element

@@ -1,0 +1,314 @@
+"""Pilot models: a sum of channels, each a signed product of factors on one input."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from pilotid.pilot.factors import (
+    Delay,
+    Differentiator,
+    Factor,
+    Neuromuscular,
+    Parameter,
+    Rational,
+    Response,
+)
+from pilotid.types import BoolArray, ComplexArray, FloatArray, InputError
+
+if TYPE_CHECKING:
+    import control
+
+Input = Literal["error", "output"]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One path of the pilot, from an input signal to the control.
+
+    Attributes
+    ----------
+    name
+        As in tables and files, for example ``visual``.
+    input
+        ``error`` (e) or ``output`` (x).
+    sign
+        +1 or -1: the motion channels of the seed act against the output.
+    factors
+        Their product is the channel's response (without the sign).
+    """
+
+    name: str
+    input: Input
+    sign: int
+    factors: tuple[Factor, ...]
+
+    @property
+    def derivative(self) -> int:
+        """Order of the input's derivative that the channel acts on."""
+        return sum(f.order for f in self.factors if isinstance(f, Differentiator))
+
+    @property
+    def dynamics(self) -> tuple[Factor, ...]:
+        """The factors apart from the differentiators."""
+        return tuple(f for f in self.factors if not isinstance(f, Differentiator))
+
+
+#: Response of a channel without its differentiators and without its sign, and
+#: its log-derivatives by parameter index.
+ChannelTerms = tuple[ComplexArray, list[tuple[int, Response]]]
+
+
+@dataclass(frozen=True)
+class PilotModel:
+    """A parametric model of the human controller, u = sum of channels + remnant.
+
+    Attributes
+    ----------
+    name, description
+        For the command line and reports.
+    channels
+        The paths that add up to the control.
+    overrides
+        Parameters whose bounds or start differ from those that the factors give.
+
+    A structure of one's own takes a few lines::
+
+        PilotModel("lagged", (Channel("visual", "error", 1,
+            (Gain("Kvis"), Lag("tlag"), Delay("tdvis"), Neuromuscular())),))
+    """
+
+    name: str
+    channels: tuple[Channel, ...]
+    description: str = ""
+    overrides: tuple[Parameter, ...] = ()
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Free parameters, in order of appearance, neuromuscular ones last."""
+        found: dict[str, Parameter] = {}
+        factors = [f for c in self.channels for f in c.factors]
+        factors.sort(key=lambda f: isinstance(f, Neuromuscular))
+        for parameter in (p for f in factors for p in f.parameters):
+            if found.setdefault(parameter.key, parameter) != parameter:
+                raise ValueError(
+                    f"model {self.name}: the two factors that share parameter {parameter.key} "
+                    "must give it the same unit, bounds and start"
+                )
+        for parameter in self.overrides:
+            if parameter.key not in found:
+                raise ValueError(f"model {self.name} has no parameter {parameter.key} to override")
+            found[parameter.key] = parameter
+        return tuple(found.values())
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Parameter keys in model order."""
+        return tuple(p.key for p in self.parameters)
+
+    @cached_property
+    def lower(self) -> FloatArray:
+        """Lower bounds, shape (parameters,)."""
+        return np.array([p.lower for p in self.parameters])
+
+    @cached_property
+    def upper(self) -> FloatArray:
+        """Upper bounds, shape (parameters,)."""
+        return np.array([p.upper for p in self.parameters])
+
+    @cached_property
+    def start(self) -> FloatArray:
+        """Default initial guess, shape (parameters,)."""
+        return np.array([p.start for p in self.parameters])
+
+    @cached_property
+    def positive(self) -> BoolArray:
+        """Which parameters are searched on a logarithmic scale, shape (parameters,)."""
+        return np.array([p.positive for p in self.parameters])
+
+    def is_usual(self, values: FloatArray) -> bool:
+        """Whether all parameters lie in the ranges of published values."""
+        low, high = np.array([p.usual for p in self.parameters]).T
+        return bool(np.all((low <= values) & (values <= high)))
+
+    @property
+    def delays(self) -> tuple[int, ...]:
+        """Indices of the parameters that are time delays."""
+        factors = (f for c in self.channels for f in c.factors)
+        keys = {f.key for f in factors if isinstance(f, Delay)}
+        return tuple(i for i, key in enumerate(self.keys) if key in keys)
+
+    @property
+    def linear(self) -> tuple[int, ...]:
+        """Indices of the parameters that the response is proportional to."""
+        return tuple(i for i, p in enumerate(self.parameters) if p.linear)
+
+    @property
+    def fixed_poles(self) -> tuple[float, ...]:
+        """Poles that no parameter moves [rad/s]; their free decay is a nuisance term."""
+        poles = {p for c in self.channels for f in c.factors for p in f.fixed_poles}
+        return tuple(sorted(poles))
+
+    @cached_property
+    def _layout(self) -> tuple[tuple[tuple[Factor, tuple[int, ...]], ...], ...]:
+        """Per channel, its dynamics, each with the indices of its parameters."""
+        index = {key: i for i, key in enumerate(self.keys)}
+        return tuple(
+            tuple((f, tuple(index[p.key] for p in f.parameters)) for f in c.dynamics)
+            for c in self.channels
+        )
+
+    def vector(self, values: Mapping[str, float]) -> FloatArray:
+        """Parameter values by key as a vector in model order, shape (parameters,)."""
+        missing = [key for key in self.keys if key not in values]
+        if missing:
+            raise InputError(f"model {self.name}: no value for {', '.join(missing)}")
+        return np.array([float(values[key]) for key in self.keys])
+
+    def responses(self, s: ComplexArray, values: FloatArray) -> list[ComplexArray]:
+        """Each channel's response without its sign and its differentiators.
+
+        Parameters
+        ----------
+        s
+            Laplace variable [rad/s], shape (n,).
+        values
+            Parameters in model order, shape (parameters,).
+        """
+        result = []
+        for layout in self._layout:
+            response: ComplexArray = np.ones_like(s)
+            for factor, indices in layout:
+                response = response * factor.response(s, [values[i, None] for i in indices])
+            result.append(response)
+        return result
+
+    def terms(self, s: ComplexArray, values: FloatArray) -> list[ChannelTerms]:
+        """Responses without sign and differentiators, and their log-derivatives.
+
+        Parameters
+        ----------
+        s
+            Laplace variable [rad/s], shape (n,).
+        values
+            Parameters in model order, shape (parameters,), or (sets, parameters) for
+            several parameter sets at once; what comes back then broadcasts to (sets, n).
+        """
+        done: dict[Factor, tuple[Response, tuple[Response, ...]]] = {}
+        result: list[ChannelTerms] = []
+        for layout in self._layout:
+            response: ComplexArray = np.ones_like(s)
+            slopes: list[tuple[int, Response]] = []
+            for factor, indices in layout:
+                if factor not in done:
+                    own = [values[..., i, None] for i in indices]
+                    done[factor] = factor.response(s, own), factor.log_derivative(s, own)
+                factor_response, factor_slopes = done[factor]
+                response = response * factor_response
+                slopes += zip(indices, factor_slopes, strict=True)
+            result.append((response, slopes))
+        return result
+
+    def response(self, omega: FloatArray, values: FloatArray) -> ComplexArray:
+        """Frequency response of every channel, without its sign.
+
+        Parameters
+        ----------
+        omega
+            Frequencies [rad/s], shape (n,).
+        values
+            Parameters in model order, shape (parameters,).
+
+        Returns
+        -------
+        Complex response, shape (channels, n).
+        """
+        s = 1j * np.asarray(omega, dtype=float)
+        return np.array(
+            [
+                response * s**channel.derivative
+                for channel, response in zip(self.channels, self.responses(s, values), strict=True)
+            ]
+        )
+
+    def jacobian(self, omega: FloatArray, values: FloatArray) -> ComplexArray:
+        """Derivative of `response` by each parameter, see `response_and_jacobian`."""
+        return self.response_and_jacobian(omega, values)[1]
+
+    def response_and_jacobian(
+        self, omega: FloatArray, values: FloatArray
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """`response` and its derivative by each parameter.
+
+        Parameters
+        ----------
+        omega
+            Frequencies [rad/s], shape (n,).
+        values
+            Parameters in model order, shape (parameters,), or parameter sets, shape
+            (sets, parameters).
+
+        Returns
+        -------
+        Complex responses, shape (channels, n), and derivatives, shape
+        (channels, parameters, n); for parameter sets (sets, ...) each.
+        """
+        s = 1j * np.asarray(omega, dtype=float)
+        shape = (*values.shape[:-1], len(self.channels))
+        responses = np.zeros((*shape, s.size), dtype=complex)
+        jacobian = np.zeros((*shape, len(self.parameters), s.size), dtype=complex)
+        for c, (response, slopes) in enumerate(self.terms(s, values)):
+            full = response * s ** self.channels[c].derivative
+            responses[..., c, :] = full
+            for index, slope in slopes:
+                jacobian[..., c, index, :] += full * slope
+        return responses, jacobian
+
+    def polynomials(self, values: FloatArray, pade_order: int = 5) -> list[Rational]:
+        """Each channel's polynomials, delays as Pade approximants.
+
+        Without sign and differentiators: the input is the derivative that the channel acts on.
+        """
+        result: list[Rational] = []
+        for layout in self._layout:
+            top, bottom = np.ones(1), np.ones(1)
+            for factor, indices in layout:
+                above, below = factor.rational([float(values[i]) for i in indices], pade_order)
+                top, bottom = np.convolve(top, above), np.convolve(bottom, below)
+            result.append((top.tolist(), bottom.tolist()))
+        return result
+
+    def rational(self, values: FloatArray, pade_order: int = 5) -> list[control.TransferFunction]:
+        """Each channel as a python-control transfer function, without its sign."""
+        import control
+
+        return [
+            control.TransferFunction([*top, *[0.0] * channel.derivative], bottom)
+            for channel, (top, bottom) in zip(
+                self.channels, self.polynomials(values, pade_order), strict=True
+            )
+        ]
+
+    def with_start(self, values: Mapping[str, float]) -> PilotModel:
+        """The same model with other initial guesses for the parameters named."""
+        unknown = [key for key in values if key not in self.keys]
+        if unknown:
+            raise InputError(
+                f"model {self.name} has no parameter {', '.join(unknown)}: "
+                f"choose from {', '.join(self.keys)}"
+            )
+        for p in self.parameters:
+            if p.key in values and not p.lower < values[p.key] < p.upper:
+                raise InputError(
+                    f"the start {p.key}={values[p.key]:g} lies outside the bounds of model "
+                    f"{self.name}, {p.lower:g} to {p.upper:g}"
+                )
+        changed = tuple(
+            replace(p, start=float(values[p.key])) if p.key in values else p
+            for p in self.parameters
+        )
+        return replace(self, overrides=changed)

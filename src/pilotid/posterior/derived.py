@@ -1,0 +1,98 @@
+"""Functions of the parameters, with the spread that the posterior gives them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pilotid.estimates.draws import (
+    Draws,
+    Spread,
+    spread_of,
+)
+from pilotid.pilot.element import ControlledElement
+from pilotid.pilot.loops import margin, open_loops
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import Recording
+from pilotid.time_domain.fast_residuals import Residuals
+from pilotid.time_domain.prediction import predict
+from pilotid.types import FloatArray
+
+COUNT = 1000  # draws from which the costly quantities are computed
+BLOCK = 8  # parameter sets simulated at once
+
+
+def parameter_spreads(draws: Draws, model: PilotModel) -> list[Spread]:
+    """The sampled parameters, the remnant's last."""
+    units = {p.key: p.unit for p in model.parameters} | {"frequency": "rad/s"}
+    return [
+        spread_of(
+            key,
+            units.get(key, ""),
+            draws.values[:, i],
+            draws.weights,
+            effective=float(draws.effective[i]),
+            r_hat=float(draws.r_hat[i]),
+        )
+        for i, key in enumerate(draws.keys)
+    ]
+
+
+def derived_spreads(
+    draws: Draws,
+    model: PilotModel,
+    recording: Recording,
+    element: ControlledElement | None,
+) -> list[Spread]:
+    """The product of gain and lead time, the VAF, and loop margins if the element is known."""
+    result = []
+    keys = draws.keys
+    if {"Kvis", "tlead"} <= set(keys):
+        product = draws.values[:, keys.index("Kvis")] * draws.values[:, keys.index("tlead")]
+        result.append(spread_of("Kvis*tlead", "s", product, draws.weights))
+    some = draws.equally_weighted(COUNT)[:, : len(model.parameters)]
+    result.append(spread_of("VAF", "%", vafs(recording, model, some)))
+    if element is not None:
+        result += _margin_spreads(model, some, element)
+    return result
+
+
+def vafs(recording: Recording, model: PilotModel, values: FloatArray) -> FloatArray:
+    """Variance accounted for [%] by each parameter set, see `simulated_vaf`, shape (sets,)."""
+    prediction = predict(recording, model)
+    residuals = Residuals(prediction)
+    spread = np.mean(np.var(prediction.control, axis=1))
+    left = np.empty(len(values))
+    for begin in range(0, len(values), BLOCK):
+        block = slice(begin, begin + BLOCK)
+        samples = prediction.samples_of(residuals.spectra(values[block]))
+        left[block] = np.mean(np.var(prediction.without_nuisance(samples), axis=2), axis=1)
+    return np.asarray(np.maximum(0.0, 100.0 * (1.0 - left / spread)))
+
+
+def _margin_spreads(
+    model: PilotModel, values: FloatArray, element: ControlledElement
+) -> Sequence[Spread]:
+    omega = np.geomspace(0.1, 30.0, 600)
+    found = np.empty((len(values), 4))
+    for row, own in zip(found, values, strict=True):
+        target, disturbance = (margin(omega, s) for s in open_loops(model, own, element, omega))
+        row[:] = (
+            target.crossover,
+            target.phase_margin,
+            disturbance.crossover,
+            disturbance.phase_margin,
+        )
+    names = (
+        ("target crossover", "rad/s"),
+        ("target phase margin", "deg"),
+        ("disturbance crossover", "rad/s"),
+        ("disturbance phase margin", "deg"),
+    )
+    # A loop that crosses for some draws only has no margin to speak of.
+    return [
+        spread_of(name, unit, own)
+        for (name, unit), own in zip(names, found.T, strict=True)
+        if np.isfinite(own).all()
+    ]

@@ -1,0 +1,206 @@
+"""The likelihood of pilot and remnant parameters, for very many parameter sets.
+
+The prediction errors are Gaussian and white once the residual is whitened by the
+remnant's spectrum.  Their variance is integrated out in closed form under Jeffreys' prior
+1/variance, which leaves
+
+    log p = -(N/2) log(sum of squares) + constant.
+
+Where the remnant is autoregressive of order p, its coefficients enter as in a linear
+regression of the residual on its own past.  They too are integrated out, under a flat
+prior: with A the products of that past, and the sum of squares at its minimum,
+
+    log p = -((N - p)/2) log(sum of squares) - (1/2) log det A + constant
+
+(Zellner, An Introduction to Bayesian Inference in Econometrics, 1971, ch. 3 and 7).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from pilotid.time_domain.fast_residuals import Residuals
+from pilotid.time_domain.prediction_errors import PredictionErrors
+from pilotid.time_domain.remnant_models import Autoregressive, Band, LowPass, NoiseModel
+from pilotid.types import BoolArray, FloatArray
+
+BLOCK = 16  # parameter sets evaluated at once: about what the processor's cache holds
+SPECTRA = 64  # remnant spectra evaluated at once, for the same reason
+
+
+class Likelihood:
+    """Log-likelihood by pilot parameters and those of the remnant that stay.
+
+    Parameters
+    ----------
+    joint
+        Prediction, model of the remnant and analysis band.
+    """
+
+    def __init__(self, joint: PredictionErrors) -> None:
+        self.joint = joint
+        self.residuals = Residuals(joint.prediction)
+        integrated = isinstance(joint.noise, Autoregressive)
+        #: Number of the remnant's parameters that are integrated out.
+        self.integrated = len(joint.noise.keys) if integrated else 0
+        #: Number of parameters that stay.
+        self.count = joint.lower.size - self.integrated
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Names of the parameters, those of the remnant last."""
+        remnant = () if self.integrated else self.joint.noise.keys
+        return (*self.joint.prediction.model.keys, *remnant)
+
+    @property
+    def lower(self) -> FloatArray:
+        """Lower bounds."""
+        return self.joint.lower[: self.count]
+
+    @property
+    def upper(self) -> FloatArray:
+        """Upper bounds."""
+        return self.joint.upper[: self.count]
+
+    @property
+    def positive(self) -> BoolArray:
+        """Which parameters are sampled on a logarithmic scale."""
+        return self.joint.positive[: self.count]
+
+    def log(self, values: FloatArray) -> FloatArray:
+        """Log-likelihood up to a constant, shape (sets,).
+
+        Parameters
+        ----------
+        values
+            Parameter sets inside the bounds, shape (sets, parameters).
+        """
+        samples = self.joint.samples
+        # What overflows is no number, which is no likelihood either.
+        with np.errstate(all="ignore"):
+            if not self.integrated:
+                return np.asarray(-0.5 * samples * np.log(self.sums_of_squares(values)))
+            left, log_determinant = self._regressed(self.lagged_products(values))
+            freedom = samples - self.integrated
+            return np.asarray(-0.5 * (freedom * np.log(left) + log_determinant))
+
+    def sums_of_squares(self, values: FloatArray) -> FloatArray:
+        """Sums of squares of the prediction errors, shape (sets,).
+
+        Parameters
+        ----------
+        values
+            Sets of pilot and, in any case, remnant parameters.
+        """
+        joint, prediction = self.joint, self.joint.prediction
+        taps = whitening_filters(joint.noise, values[:, joint.pilot :], joint.band)
+        sums = np.empty(len(values))
+        for block in _blocks(len(values), BLOCK):
+            spectra = self.residuals.spectra(values[block, : joint.pilot])
+            if taps.shape[1] > 1:
+                spectra *= prediction.filter_response(taps[block])[:, None, :]
+            errors = prediction.without_nuisance(prediction.samples_of(spectra))
+            sums[block] = np.einsum("srt,srt->s", errors, errors)
+        return sums
+
+    def lagged_products(self, values: FloatArray) -> FloatArray:
+        """Inner products of the residual with itself at all pairs of lags 0 to the order.
+
+        Nuisance terms are projected out, and all runs count together.  The products of one
+        pair of lags differ from those of the pair before by the samples at both ends alone.
+
+        Returns
+        -------
+        Array of shape (sets, order + 1, order + 1).
+        """
+        prediction, order = self.joint.prediction, len(self.joint.noise.keys)
+        scored = prediction.scored
+        result = np.empty((len(values), order + 1, order + 1))
+        for block in _blocks(len(values), BLOCK):
+            signal = self._long_residual(values[block])
+            lags = [signal[..., order - j : order - j + scored] for j in range(order + 1)]
+            gained = signal[..., order - 1 :: -1][..., :order]
+            lost = signal[..., -1 : -order - 1 : -1]
+            change = np.einsum("sri,srj->sij", gained, gained)
+            change -= np.einsum("sri,srj->sij", lost, lost)
+            own = result[block]
+            for j, lag in enumerate(lags):
+                own[:, 0, j] = own[:, j, 0] = np.einsum("srt,srt->s", lags[0], lag)
+            for i in range(order):
+                own[:, i + 1, 1:] = own[:, i, :-1] + change[:, i]
+            if prediction.terms:
+                along = np.stack([lag @ prediction.nuisance_basis for lag in lags], axis=1)
+                along = along.reshape(len(signal), order + 1, -1)
+                own -= along @ along.transpose(0, 2, 1)
+        return result
+
+    def _long_residual(self, values: FloatArray) -> FloatArray:
+        """Residuals from `order` samples before the first scored one, (sets, runs, samples).
+
+        Nuisance terms are fitted to the scored samples and taken out of all: what is left of
+        them at other lags is then small beside the residual, whatever the offset was.
+        """
+        prediction, order = self.joint.prediction, len(self.joint.noise.keys)
+        spectra = self.residuals.spectra(values[:, : self.joint.pilot])
+        signal = np.fft.irfft(spectra, n=prediction.length)
+        signal = signal[..., prediction.first - order : prediction.first + prediction.scored]
+        if not prediction.terms:
+            return signal
+        amplitudes = signal[..., order:] @ np.linalg.pinv(prediction.nuisance_terms).T
+        time = np.arange(-order, prediction.scored) * prediction.dt
+        return np.asarray(signal - amplitudes @ np.exp(np.outer(prediction.terms, time)))
+
+    @staticmethod
+    def _regressed(products: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Least sums of squares, and log-determinants of the past's products."""
+        past, across = products[:, 1:, 1:], products[:, 1:, 0]
+        solved = np.linalg.solve(past, across[..., None])[..., 0]
+        left = products[:, 0, 0] - np.einsum("si,si->s", across, solved)
+        sign, log_determinant = np.linalg.slogdet(past)
+        return np.where(sign > 0.0, left, np.nan), log_determinant
+
+    def coefficients(self, values: FloatArray) -> FloatArray:
+        """Autoregressive coefficients that suit each parameter set best, (sets, order)."""
+        products = self.lagged_products(values)
+        solved = np.linalg.solve(products[:, 1:, 1:], products[:, 1:, :1])
+        return np.asarray(-solved[..., 0])
+
+
+def whitening_filters(noise: NoiseModel, values: FloatArray, band: Band) -> FloatArray:
+    """Whitening filters of many parameter sets, shape (sets, taps)."""
+    if not isinstance(noise, LowPass) or noise.order == 0:
+        one = noise.taps(values[:1], band)[0] if not noise.keys else noise.taps(values, band)[0]
+        return np.asarray(np.broadcast_to(one, (len(values), one.shape[1])))
+    filters = []
+    for block in _blocks(len(values), SPECTRA):
+        folded = [noise.power(omega, values[block])[0] * weight for omega, weight in band.folds]
+        power = np.sum(folded, axis=0)
+        filters.append(prediction_error_filters(power @ band.cosines))
+    return np.concatenate(filters)
+
+
+def prediction_error_filters(autocovariance: FloatArray) -> FloatArray:
+    """Prediction-error filters by Levinson's and Durbin's recursion, shape (sets, lags).
+
+    Parameters
+    ----------
+    autocovariance
+        Lags from 0, shape (sets, lags).
+    """
+    sets, lags = autocovariance.shape
+    taps = np.zeros((sets, lags))
+    taps[:, 0] = 1.0
+    power = autocovariance[:, 0].copy()
+    for order in range(1, lags):
+        across = np.einsum("sk,sk->s", taps[:, :order], autocovariance[:, order:0:-1])
+        reflection = -across / power
+        taps[:, 1 : order + 1] += reflection[:, None] * taps[:, order - 1 :: -1][:, :order]
+        power = power * (1.0 - reflection * reflection)
+    return taps
+
+
+def _blocks(count: int, size: int) -> Iterator[slice]:
+    for begin in range(0, count, size):
+        yield slice(begin, min(begin + size, count))

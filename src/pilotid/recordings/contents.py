@@ -1,0 +1,225 @@
+"""What a file holds: signals, and notes about them; and the recording they make.
+
+A format's reader turns a file into `Contents`; `assembled` makes the
+`Recording` of it, so every check that does not depend on the format is here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+from pilotid.recordings.names import SNAP, UNEVENNESS, shown, time_base
+from pilotid.recordings.recording import SIGNALS, Recording
+from pilotid.types import FloatArray, InputError
+
+T = TypeVar("T")
+
+LARGEST = 1e15  # up to which a float holds every whole number
+
+
+@dataclass(frozen=True)
+class Notes:
+    """What a file may say about its recording beside the signals; None is not said.
+
+    Attributes
+    ----------
+    where
+        The place of the notes themselves, for messages.
+    runs, run_in, dt
+        Number of runs, length of the run-in [s], sampling interval [s].
+    units, lines, controlled_element
+        As in `Recording`.
+    """
+
+    where: str = ""
+    runs: int | None = None
+    run_in: float | None = None
+    dt: float | None = None
+    units: Mapping[str, str] | None = None
+    lines: Mapping[str, tuple[int, ...]] | None = None
+    controlled_element: str | None = None
+
+    @classmethod
+    def parsed(cls, raw: object, where: str) -> Notes:
+        """The notes in a plain object of numbers, strings, lists and mappings.
+
+        Raises
+        ------
+        InputError
+            For an unknown key or a value of the wrong kind.
+        """
+        known = "runs, run_in, dt, units, lines, controlled_element"
+        if not isinstance(raw, dict):
+            raise InputError(f"{where}: must be one object with keys among {known}")
+        for key in raw:
+            if key not in known.split(", "):
+                raise InputError(
+                    f"{where}: unknown key {shown(key)}; the known ones are {known} (rename this "
+                    "file if it is not the description of the recording)"
+                )
+
+        def value(key: str, read: Callable[[object], T | None], wanted: str) -> T | None:
+            result = read(raw[key]) if key in raw else None
+            if key in raw and result is None:
+                raise InputError(f"{where}: {key!r} must be {wanted}; correct it or leave it out")
+            return result
+
+        return cls(
+            where=where,
+            runs=value("runs", _count, "a whole number of at least 1"),
+            run_in=value("run_in", _seconds, "a number of seconds, 0 or more"),
+            dt=value("dt", lambda v: _seconds(v) or None, "a positive number of seconds"),
+            units=value("units", _units, f"an object of strings, keys among {', '.join(SIGNALS)}"),
+            lines=value("lines", _lines, "an object {'ft': [...], 'fd': [...]} of whole numbers"),
+            controlled_element=value(
+                "controlled_element", lambda v: v if isinstance(v, str) else None, "a string"
+            ),
+        )
+
+    @classmethod
+    def of(cls, recording: Recording, t: FloatArray, where: str) -> Notes:
+        """The notes that, beside the times `t` as they are written, restore a recording."""
+        base = time_base(t, where, lambda i: f"sample {i + 1}")
+        return cls(
+            where=where,
+            runs=recording.runs,
+            run_in=recording.run_in * recording.dt,
+            dt=None if base.dt == recording.dt else recording.dt,
+            units=dict(recording.units) or None,
+            lines=dict(recording.lines) or None,
+            controlled_element=recording.controlled_element or None,
+        )
+
+    def plain(self) -> dict[str, object]:
+        """The inverse of `parsed`.
+
+        Raises
+        ------
+        InputError
+            If `parsed` would not take them, so that no unreadable file is written.
+        """
+        raw: dict[str, object] = {
+            "runs": self.runs,
+            "run_in": self.run_in,
+            "dt": self.dt,
+            "units": self.units,
+            "lines": {k: list(v) for k, v in self.lines.items()} if self.lines else None,
+            "controlled_element": self.controlled_element,
+        }
+        raw = {key: value for key, value in raw.items() if value is not None}
+        Notes.parsed(raw, self.where)
+        return raw
+
+
+def _seconds(value: object) -> float | None:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return float(value) if 0 <= value < LARGEST else None
+
+
+def _count(value: object) -> int | None:
+    number = _seconds(value)
+    return int(number) if number and number.is_integer() else None
+
+
+def _units(value: object) -> dict[str, str] | None:
+    if not isinstance(value, dict) or not value.keys() <= SIGNALS.keys():
+        return None
+    return value if all(isinstance(unit, str) for unit in value.values()) else None
+
+
+def _lines(value: object) -> dict[str, tuple[int, ...]] | None:
+    if not isinstance(value, dict) or not value.keys() <= {"ft", "fd"}:
+        return None
+    lines: dict[str, tuple[int, ...]] = {}
+    for signal, entries in value.items():
+        counts = [_count(entry) for entry in entries] if isinstance(entries, list) else [None]
+        lines[signal] = tuple(count for count in counts if count is not None)
+        if len(lines[signal]) < len(counts):
+            return None
+    return lines
+
+
+@dataclass(frozen=True)
+class Contents:
+    """What a file holds.
+
+    Attributes
+    ----------
+    t
+        Time [s], shape (samples,).
+    signals
+        By our names, each of shape (runs, samples), or (1, samples) for one that all runs share.
+    where
+        Puts the place of a sample of the time, by its index, into words.
+    notes
+        What the file says beside the signals.
+    """
+
+    t: FloatArray
+    signals: Mapping[str, FloatArray]
+    where: Callable[[int], str]
+    notes: Notes = field(default_factory=Notes)
+
+
+def assembled(contents: Contents, source: str) -> Recording:
+    """The recording that a file holds.
+
+    Raises
+    ------
+    InputError
+        If time base, signals and notes do not make one recording.
+    """
+    base = time_base(contents.t, source, contents.where)
+    notes, signals = contents.notes, contents.signals
+    runs = len(signals["u"])
+    if notes.runs not in (None, runs):
+        raise InputError(
+            f"{notes.where}: says {notes.runs} runs but {source} holds {runs}; correct one of them"
+        )
+    dt = _agreed_interval(base.dt, notes, contents.t.size, source)
+    return Recording(
+        dt=dt,
+        e=signals["e"],
+        u=signals["u"],
+        x=signals["x"],
+        ft=signals.get("ft"),
+        fd=signals.get("fd"),
+        run_in=_agreed_run_in(base.run_in, notes, dt, source),
+        lines=notes.lines or {},
+        units=notes.units or {},
+        source=source,
+        controlled_element=notes.controlled_element or "",
+    )
+
+
+def _agreed_interval(dt: float, notes: Notes, samples: int, source: str) -> float:
+    if notes.dt is None:
+        return dt
+    if abs(notes.dt - dt) > dt * max(SNAP, 2 * UNEVENNESS / (samples - 1)):
+        raise InputError(
+            f"{notes.where}: says dt = {notes.dt:g} s but the time in {source} steps by {dt:g} s; "
+            "correct one of them"
+        )
+    return notes.dt
+
+
+def _agreed_run_in(negative: int, notes: Notes, dt: float, source: str) -> int:
+    """Samples of run-in: those at negative times, or what the notes say if there are none."""
+    if notes.run_in is None:
+        return negative
+    samples = round(notes.run_in / dt)
+    if negative not in (0, samples):
+        raise InputError(
+            f"{notes.where}: says run_in = {notes.run_in:g} s but {negative * dt:g} s of {source} "
+            "lie before t = 0; correct one of them"
+        )
+    return samples
+
+
+def common_run(signal: FloatArray) -> FloatArray:
+    """A forcing function to write: its first run alone if all runs are equal to the bit."""
+    first = signal[:1]
+    return first if all(run.tobytes() == first.tobytes() for run in signal) else signal

@@ -1,0 +1,71 @@
+"""The figure of a study's summary: all methods and parameters of a scenario at a glance."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pilotid.chance import Z95
+from pilotid.report.figures import BOUND, name_rows
+from pilotid.report.scores import Cell
+from pilotid.show.style import INK, WIDTH, colour_of, journal_style, log_ticks, marker_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+def glance(cells: Sequence[Cell]) -> Figure:
+    """Bias and rmse over the bound, and coverage: a point for each parameter, a row a method."""
+    from matplotlib.figure import Figure
+
+    with journal_style():
+        figure = Figure(figsize=(WIDTH, max(1.4, 0.75 + 0.3 * len(cells))), layout="constrained")
+        bias, ratio, coverage = figure.subplots(1, 3, sharey=True)
+        bias.axvspan(-0.25, 0.25, color=BOUND, linewidth=0)
+        ratio.axvline(1.0, color=INK, linewidth=0.8)
+        coverage.axvline(95.0, color=INK, linewidth=0.8)
+        for row, cell in enumerate(cells):
+            _glance_row((bias, ratio, coverage), row, cell)
+        name_rows(bias, [c.method for c in cells], cells, named=True)
+        bias.set_xscale("symlog", linthresh=1.0)
+        bias.set_xlabel("bias / bound")
+        low, high = bias.get_xlim()
+        bias.set_xlim(min(low, -1.2), max(high, 1.2))
+        powers = [10.0**p for p in range(4)]
+        ticks = [-p for p in reversed(powers)] + [0.0] + powers
+        bias.set_xticks(ticks, [f"{t:g}".replace("-", "\N{MINUS SIGN}") for t in ticks])
+        bias.set_xlim(min(low, -1.2), max(high, 1.2))
+        ratio.set_xscale("log")
+        log_ticks(ratio, "x")
+        ratio.set_xlabel("rmse / bound")
+        coverage.set_xlim(-3.0, 103.0)
+        coverage.set_xlabel("95 % intervals that hold the truth [%]")
+        for axes in (bias, ratio, coverage):
+            for row in range(len(cells) - 1):
+                axes.axhline(row + 0.5, color="#dddddd", linewidth=0.5)
+    return figure
+
+
+def _glance_row(axes: tuple[Axes, Axes, Axes], row: int, cell: Cell) -> None:
+    style: dict[str, Any] = {
+        "color": colour_of(cell.method),
+        "marker": marker_of(cell.method),
+        "markersize": 3.2,
+        "elinewidth": 0.7,
+        "linewidth": 0.0,
+    }
+    offsets = np.linspace(-0.36, 0.36, len(cell.scores))
+    for place, score in zip(row + offsets, cell.scores, strict=True):
+        axes[0].errorbar(score.bias / score.bound, place,
+                         xerr=Z95 * score.bias_se / score.bound, **style)  # fmt: skip
+        low = min(Z95 * score.ratio_se, 0.9 * score.ratio)
+        axes[1].errorbar(score.ratio, place, xerr=[[low], [Z95 * score.ratio_se]], **style)
+        if math.isfinite(score.coverage):
+            ends = np.abs(np.array(score.coverage_interval) - score.coverage)
+            axes[2].errorbar(
+                100.0 * score.coverage, place, xerr=100.0 * ends[:, np.newaxis], **style
+            )

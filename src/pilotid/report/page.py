@@ -1,0 +1,210 @@
+"""The report of a study, as a page and as Markdown, from its store alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pilotid.disk import write_file
+from pilotid.report import appendix
+from pilotid.report import glance as study_glance
+from pilotid.report import tables as study_tables
+from pilotid.report.chapters import Chapter, chapters, one_recording, ratio
+from pilotid.report.content import (
+    Block,
+    Bullets,
+    Command,
+    Picture,
+    Section,
+    Text,
+    inline_html,
+    markdown,
+)
+from pilotid.report.scores import Cells
+from pilotid.report.verdicts import CODES, RULES, Verdict, in_short, judge, sentence
+from pilotid.show.numbers import MINUS, NONE, number
+from pilotid.show.page import templates_of
+from pilotid.show.svg import compact
+from pilotid.study.store import Store
+from pilotid.study.summary import Group, Summary
+from pilotid.types import InputError
+
+if TYPE_CHECKING:
+    from rich.table import Table as RichTable
+
+TITLE = "Pilot-model identification: methods compared"
+REFERENCE = "nominal"
+
+
+def write_report(
+    folder: Path, store: Store, groups: Sequence[Group], summaries: Sequence[Summary]
+) -> Path:
+    """Write report.html, report.md and the figures; equal stores give equal bytes.
+
+    Parameters
+    ----------
+    folder
+        Where to write.
+    store
+        The study's store.
+    groups, summaries
+        Its fits and their scores.
+
+    Returns
+    -------
+    Path
+        The page.
+    """
+    study = Cells(groups, summaries, list(store.methods()))
+    sections = _sections(study, store)
+    pictures = folder / "figures"
+    try:
+        pictures.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{pictures}: cannot be made ({error.strerror}); free the name") from error
+    for block in (block for section in sections for block in section.blocks):
+        if isinstance(block, Picture):
+            write_file(pictures / f"{block.name}.svg", block.svg.encode())
+    write_file(folder / "report.md", markdown(TITLE, sections).encode("utf-8", "replace"))
+    page = folder / "report.html"
+    write_file(page, _page(sections).encode("utf-8", "replace"))
+    return page
+
+
+def overview_table(
+    store: Store, groups: Sequence[Group], summaries: Sequence[Summary]
+) -> RichTable:
+    """The summary as a table for the terminal."""
+    from pilotid.show.terminal import make_table
+
+    study = Cells(groups, summaries, list(store.methods()))
+    table = make_table()
+    for title in ("method", "verdict", "largest bias"):
+        table.add_column(title)
+    for title in ("fits", "rmse/bound", "coverage %", "ms/fit"):
+        table.add_column(title, justify="right")
+    if not study.scenarios:
+        return table
+    name = reference(study)
+    table.title, table.title_justify, table.title_style = _overview_title(study, name), "left", ""
+    for cell in study.of(name):
+        row = (
+            cell.method,
+            judge(cell).words,
+            study_tables.largest_bias(cell),
+            f"{cell.usable}/{cell.tried}",
+            study_tables.worst_rmse(cell),
+            study_tables.span(cell, lambda s: 100.0 * s.coverage),
+            number(cell.milliseconds),
+        )
+        # A terminal may lack these two signs.
+        plain = (text.replace(MINUS, "-").replace(NONE, "-") for text in row)
+        table.add_row(*plain)
+    return table
+
+
+def reference(study: Cells) -> str:
+    """The scenario that the summary is about."""
+    if REFERENCE in study.names:
+        return REFERENCE
+    several = [entry.name for entry in study.scenarios if not one_recording(entry)]
+    return (several or study.names)[0]
+
+
+def _overview_title(study: Cells, name: str) -> str:
+    return (
+        f"{name}, {_recordings(study, name)}; bias as a multiple of the bound; rmse: median, worst"
+    )
+
+
+def _recordings(study: Cells, name: str) -> str:
+    count = study.replications([name])
+    return "1 recording" if count == 1 else f"{count} recordings"
+
+
+def _sections(study: Cells, store: Store) -> list[Section]:
+    about = store.about()
+    if not study.scenarios:
+        return [Section("summary", "Summary", [Text("The study holds no fits yet.")])]
+    told = chapters(study, about)
+    return [
+        _summary(study, about, told),
+        *(_chapter(study, about, chapter) for chapter in told),
+        *appendix.posterior(study),
+        appendix.failures(study),
+        appendix.settings(study, store),
+        appendix.origin(study, about),
+        appendix.reading(),
+    ]
+
+
+def _summary(study: Cells, about: Mapping[str, str], told: Sequence[Chapter]) -> Section:
+    name = reference(study)
+    entry, cells = study.entry(name), study.of(name)
+    power = ratio(about, name)
+    share = f", remnant {100 * power:.0f} % of the control's power" if power == power else ""
+    verdicts = [judge(cell) for cell in cells]
+    blocks: list[Block] = []
+    if "mixed" in about:
+        blocks.append(Text(f"**Careful: {appendix.mixed(about['mixed'])}**"))
+    intro = f"Scenario `{name}` ({entry.description}{share}), {_recordings(study, name)}."
+    if one_recording(entry):
+        intro += " All fits are of one recording: bias and coverage say nothing of others."
+    caption = f"`{name}`: all parameters in a row for each method"
+    alt = f"Bias and rmse over the bound, and coverage, of each method in scenario {name}"
+    blocks += [
+        Text(f"**{in_short(verdicts)}** {intro}"),
+        study_tables.verdict_table(verdicts, caption),
+        Bullets([sentence(v) for v in verdicts]),
+        Picture(
+            "glance",
+            compact(study_glance.glance(cells), "glance", alt),
+            alt,
+            f"Scenario {name}, one point for each parameter, from the top down "
+            f"{', '.join(p.parameter for p in entry.parameters)}. Bars: 95 % Monte Carlo "
+            "intervals. Bias: linear within ±1, logarithmic beyond; grey: a quarter of the bound.",
+        ),
+    ]
+    several = {n: c.key for c in told for n in c.tabled if not one_recording(study.entry(n))}
+    if len(several) > 1:
+        blocks.append(study_tables.matrix(study, _all_verdicts(study, several), several))
+        blocks.append(Text(f"{CODES}."))
+    blocks.append(Text("Rules: " + " ".join(RULES)))
+    return Section("summary", "Summary", blocks)
+
+
+def _all_verdicts(study: Cells, names: Mapping[str, str]) -> dict[tuple[str, str], Verdict]:
+    return {(name, cell.method): judge(cell) for name in names for cell in study.of(name)}
+
+
+def _chapter(study: Cells, about: Mapping[str, str], chapter: Chapter) -> Section:
+    full = [
+        study_tables.scenario_table(study.of(name), chapter.paper.get(name, ()))
+        for name in chapter.tabled
+        if not one_recording(study.entry(name))
+    ]
+    counts = _counts(study, chapter.scenarios)
+    command = Command(
+        "To reproduce:", appendix.command(study, about, chapter.scenarios, chapter.key)
+    )
+    blocks = [Text(f"{chapter.text} {counts}"), *chapter.blocks, *full, command]
+    return Section(chapter.key, chapter.title, blocks)
+
+
+def _counts(study: Cells, scenarios: Sequence[str]) -> str:
+    """How many recordings there are."""
+    counts = sorted({study.replications([name]) for name in scenarios})
+    if len(scenarios) == 1 and one_recording(study.entry(scenarios[0])):
+        return f"{counts[0]} initial guesses."
+    if len(scenarios) == 1:
+        return f"{_recordings(study, scenarios[0])}."
+    return f"{NONE.join(str(c) for c in sorted({counts[0], counts[-1]}))} recordings a scenario."
+
+
+def _page(sections: Sequence[Section]) -> str:
+    from markupsafe import Markup
+
+    environment = templates_of("pilotid.report")
+    environment.filters["inline"] = lambda text: Markup(inline_html(text))
+    return environment.get_template("study.html").render(title=TITLE, sections=sections)

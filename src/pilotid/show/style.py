@@ -1,0 +1,90 @@
+"""Colours, markers and type of all figures."""
+
+from __future__ import annotations
+
+import math
+from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# Colours that people with a colour vision deficiency tell apart (Okabe and Ito, 2008, and Tol,
+# 2021).  A method has the same one in every figure.
+COLOURS = {
+    "mmle3": "#999999",
+    "mle-white": "#D55E00",
+    "mle": "#0072B2",
+    "fourier": "#009E73",
+    "arx": "#E69F00",
+    "bj": "#56B4E9",
+    "sindy": "#CC79A7",
+    "bayes": "#332288",
+    "bayes-white": "#882255",
+}
+
+
+OTHERS = ("#117733", "#AA4499", "#44AA99")  # of methods from other packages
+
+
+def colour_of(method: str) -> str:
+    """The colour of a method."""
+    return COLOURS.get(method, OTHERS[sum(map(ord, method)) % len(OTHERS)])
+
+
+WIDTH = 7.6  # inches, two columns of a journal
+
+
+MARKERS = "os^DvPX<>*ph"  # so that methods differ without colour, too
+
+
+INK = "#333333"
+
+
+def journal_style() -> AbstractContextManager[None]:
+    """Small type, thin axes: a figure for a column of a journal."""
+    from matplotlib import rc_context
+
+    return rc_context(
+        {
+            "font.family": "sans-serif",
+            "font.sans-serif": ["DejaVu Sans"],
+            "font.size": 8.0,
+            "axes.titlesize": 8.5,
+            "axes.labelsize": 8.0,
+            "xtick.labelsize": 7.5,
+            "ytick.labelsize": 7.5,
+            "legend.fontsize": 7.5,
+            "axes.spines.top": False,
+            "axes.spines.right": False,
+            "axes.edgecolor": "#777777",
+            "axes.linewidth": 0.6,
+            "xtick.major.width": 0.6,
+            "ytick.major.width": 0.6,
+            "xtick.minor.size": 0.0,
+            "ytick.minor.size": 0.0,
+            "axes.unicode_minus": True,
+            "lines.linewidth": 1.0,
+        }
+    )
+
+
+def marker_of(method: str) -> str:
+    """The marker of a method, the same in every figure."""
+    known = list(COLOURS)
+    place = known.index(method) if method in known else len(known) + sum(map(ord, method)) % 3
+    return MARKERS[place]
+
+
+def log_ticks(axes: Axes, which: str) -> None:
+    """Plain numbers on a logarithmic axis that spans little, and few of them if it spans much."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axis = axes.xaxis if which == "x" else axes.yaxis
+    low, high = axes.get_xlim() if which == "x" else axes.get_ylim()
+    decades = math.log10(high / low) if low > 0.0 else 1.0
+    steps = ((0.75, (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0)), (2.2, (1.0, 2.0, 5.0)), (3.5, (1.0, 3.0)))
+    subs = next((subs for most, subs in steps if decades < most), (1.0,))
+    axis.set_major_locator(LogLocator(subs=subs, numticks=12))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())

@@ -1,0 +1,122 @@
+"""The covariance of a least-squares estimate whose residual is not white.
+
+With A the Hessian of half the sum of squares and B the covariance of its gradient, the
+estimate has the covariance A^-1 B A^-1, whatever the residual is (Ljung, System
+Identification, 2nd ed., sec. 9.2).  The inverse of A alone holds for a white residual only.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pilotid.solve.least_squares import Gram
+from pilotid.types import FloatArray
+
+
+def sandwich(
+    gram: Gram, rows: FloatArray, values: FloatArray, dt: float, reach: float = 5.0
+) -> FloatArray | None:
+    """The sandwich covariance, measured on the recording that was fitted.
+
+    Parameters
+    ----------
+    gram
+        Gram matrices of the problem, see `pilotid.solve.least_squares.minimise`.
+    rows
+        Jacobian and, last, residual at the estimate, shape (parameters + 1, runs, samples).
+    values
+        The estimate, shape (parameters,).
+    dt
+        Sampling interval [s].
+    reach
+        Longest lag at which scores are taken to be correlated [s].
+
+    Returns
+    -------
+    Covariance, shape (parameters, parameters); None if the Hessian is singular.
+    """
+    return sandwich_of(hessian(gram, values), score_products(rows, max(1, round(reach / dt))))
+
+
+def sandwich_of(curvature: FloatArray, score_covariance: FloatArray) -> FloatArray | None:
+    """A^-1 B A^-1, or None if A is not positive definite."""
+    diagonal = np.diag(curvature)
+    if not (np.all(np.isfinite(curvature)) and np.all(diagonal > 0.0)):
+        return None
+    scale = np.sqrt(diagonal)
+    scaled = curvature / np.outer(scale, scale)
+    eigenvalues, vectors = np.linalg.eigh(scaled)
+    if eigenvalues[0] <= 1e-13 * eigenvalues[-1]:
+        return None
+    half = (vectors / eigenvalues) @ vectors.T / scale
+    covariance = half @ score_covariance @ half.T / np.outer(scale, scale)
+    return np.asarray(0.5 * (covariance + covariance.T))
+
+
+def hessian(gram: Gram, values: FloatArray, step: float = 1e-4) -> FloatArray:
+    """Hessian of half the sum of squares, from differences of its exact gradient.
+
+    J'J leaves out the residual times the model's curvature, which matters where the
+    residual is large.
+
+    Parameters
+    ----------
+    gram
+        Gram matrices of the problem.
+    values
+        Where, shape (parameters,).
+    step
+        Step of the central differences, as a share of each value.
+    """
+    steps = np.diag(step * np.maximum(np.abs(values), 1e-3))
+    gradients = -gram(np.concatenate([values + steps, values - steps]))[:, :-1, -1]
+    ahead, behind = np.split(gradients, 2)
+    rows = (ahead - behind) / (2.0 * np.diag(steps))[:, None]
+    return np.asarray(0.5 * (rows + rows.T))
+
+
+def score_products(rows: FloatArray, reach: int) -> FloatArray:
+    """Covariance of the sum of the scores, Jacobian times residual, over all samples.
+
+    Products of scores up to `reach` samples apart, weighted by Parzen's lag window, which
+    keeps the result positive semidefinite (Newey and West 1987; Andrews 1991).  Runs are
+    independent.
+
+    Parameters
+    ----------
+    rows
+        Jacobian and, last, residual, shape (parameters + 1, runs, samples).
+    reach
+        Longest lag [samples].
+    """
+    scores = rows[:-1] * rows[-1]
+    length = scores.shape[2] + reach
+    lag = np.arange(length // 2 + 1)
+    share = np.minimum(lag / (reach + 1.0), 1.0)
+    window = np.where(share < 0.5, 1.0 - 6.0 * share**2 + 6.0 * share**3, 2.0 * (1.0 - share) ** 3)
+    circle = np.concatenate([window, window[1 : (length + 1) // 2][::-1]])
+    spectra = np.fft.fft(scores, n=length)
+    smoothing = np.fft.fft(circle).real
+    products = np.einsum("prn,qrn,n->pq", spectra, spectra.conj(), smoothing, optimize=True)
+    return np.asarray(products.real / length)
+
+
+def covariance_of(hessian: FloatArray, variance: float) -> FloatArray | None:
+    """Inverse of a least-squares information matrix, or None if it is singular.
+
+    Parameters
+    ----------
+    hessian
+        Inner products J'J, shape (parameters, parameters).
+    variance
+        Variance of the white residual.
+    """
+    scale = np.sqrt(np.diag(hessian))
+    if not (np.all(np.isfinite(scale)) and np.all(scale > 0.0)):
+        return None
+    scaled = hessian / np.outer(scale, scale)
+    eigenvalues, vectors = np.linalg.eigh(scaled)
+    if eigenvalues[0] <= 1e-13 * eigenvalues[-1]:
+        return None
+    inverse = (vectors / eigenvalues) @ vectors.T
+    return np.asarray(variance * inverse / np.outer(scale, scale))

@@ -1,0 +1,138 @@
+"""Profile-likelihood intervals.
+
+The interval of a parameter holds the values at which the likelihood, maximised over
+all other parameters, falls short of its maximum by less than the 95 % quantile of
+chi-squared allows.  Unlike value +- 1.96 standard errors it follows the likelihood
+where it is skewed, as in gain and lead time.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from pilotid.solve.least_squares import Gram, Inner, Minima, Space
+from pilotid.types import FloatArray, IntArray
+
+CHI_SQUARED_95 = 3.841458820694124
+LONGEST_STEP = 1.0  # standard errors an iteration may move the profiled parameter
+
+
+def profile_intervals(
+    gram: Gram,
+    space: Space,
+    minimum: Minima,
+    variance: float,
+    count: int,
+    *,
+    estimated: int | None = None,
+    iterations: int = 8,
+    tolerance: float = 0.3,
+) -> FloatArray:
+    """95 % profile-likelihood intervals of the first `count` parameters.
+
+    All end points are sought at once by Newton steps (Venzon & Moolgavkar, Applied
+    Statistics 37, 1988): along the profiled parameter to the sought level, in all
+    others to their conditional optimum.
+
+    Parameters
+    ----------
+    gram
+        Gram matrices of residual and Jacobian.
+    space
+        Bounds; an interval ends at them.
+    minimum
+        The optimum, whose first entry counts.
+    variance
+        Variance of the residuals, 1 where they are standardised.
+    count
+        How many parameters.
+    estimated
+        Number of residuals less parameters, if the variance was estimated from them.
+    iterations, tolerance
+        Largest number of evaluations, and how far from the sought deviance, of 3.84, the
+        last Newton step may begin.
+
+    Returns
+    -------
+    Lower and upper ends, shape (count, 2).
+    """
+    inside = Inner(gram, space)
+    lower, upper = inside.enter(space.lower), inside.enter(space.upper)
+    best = inside.enter(minimum.values[:1])
+    lowest = float(minimum.cost[0])
+    target = lowest + CHI_SQUARED_95 * variance
+    if estimated is not None:
+        # The variance is then one more parameter, maximised over as well.
+        target = lowest * math.exp(CHI_SQUARED_95 / estimated)
+
+    slope = inside.slope(minimum.values[:1])[0]
+    hessian = (minimum.gram[0] * slope[:, None] * slope)[:-1, :-1]
+    covariance = np.linalg.inv(hessian) * variance
+    error = np.sqrt(np.diag(covariance))[:count]
+    which = np.tile(np.arange(count), 2)
+    side = np.repeat([-1.0, 1.0], count)
+    reach = math.sqrt(CHI_SQUARED_95)
+    # On the ridge of the quadratic approximation.
+    ridge = covariance[which] / error[which, None]
+    points = np.clip(best + side[:, None] * reach * ridge, lower, upper)
+    active = np.arange(2 * count)
+    for _ in range(iterations):
+        grams = inside.gram(points[active])
+        k, direction = which[active], side[active]
+        step, off = _step(grams, k, direction, error[k], target)
+        deviance_off = np.abs(grams[:, -1, -1] - target) / variance
+        at_bound = (points[active, k] <= lower[k]) & (direction < 0)
+        at_bound |= (points[active, k] >= upper[k]) & (direction > 0)
+        done = ((deviance_off < tolerance) & (off < tolerance * variance)) | at_bound
+        moved = np.clip(points[active] + step, lower, upper)
+        points[active] = np.where(at_bound[:, None], points[active], moved)
+        active = active[~done]
+        if not active.size:
+            break
+    ends = inside.leave(points)[np.arange(2 * count), which]
+    # Where the likelihood has another summit the search may end on its side.
+    best_values = minimum.values[0, :count]
+    return np.stack(
+        [np.minimum(ends[:count], best_values), np.maximum(ends[count:], best_values)], axis=1
+    )
+
+
+def _step(
+    grams: FloatArray, which: IntArray, side: FloatArray, error: FloatArray, target: float
+) -> tuple[FloatArray, FloatArray]:
+    """Steps to the level sought, and what the other parameters still promise."""
+    index = np.arange(len(grams))
+    hessian, descent = grams[:, :-1, :-1], grams[:, :-1, -1]
+    # Rows and columns of the profiled parameter are replaced by those of the identity.
+    others = hessian.copy()
+    others[index, which, :] = 0.0
+    others[index, :, which] = 0.0
+    others[index, which, which] = 1.0
+    across = hessian[index, which].copy()
+    across[index, which] = 0.0
+    right = descent.copy()
+    right[index, which] = 0.0
+    solved = _solved(others, np.stack([right, across], axis=-1))
+    to_optimum, along_ridge = solved[..., 0], solved[..., 1]
+    gained = np.einsum("sp,sp->s", right, to_optimum)
+    slope = descent[index, which] - np.einsum("sp,sp->s", across, to_optimum)
+    curvature = hessian[index, which, which] - np.einsum("sp,sp->s", across, along_ridge)
+    curvature = np.maximum(curvature, 1e-30)
+    # cost - gained - 2 slope t + curvature t^2 = target, the root on the outer side
+    excess = grams[:, -1, -1] - gained - target
+    root = np.sqrt(np.maximum(slope**2 - curvature * excess, 0.0))
+    move = np.clip((slope + side * root) / curvature, -LONGEST_STEP * error, LONGEST_STEP * error)
+    step = to_optimum - move[:, None] * along_ridge
+    step[index, which] = move
+    return step, gained
+
+
+def _solved(matrices: FloatArray, right: FloatArray) -> FloatArray:
+    """Solutions of linear systems, of least norm where one is singular."""
+    try:
+        return np.asarray(np.linalg.solve(matrices, right))
+    except np.linalg.LinAlgError:
+        # Far from the optimum, or at a bound, a parameter may lose all influence.
+        return np.asarray(np.linalg.pinv(matrices) @ right)

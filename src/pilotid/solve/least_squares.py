@@ -1,0 +1,306 @@
+"""Bounded nonlinear least squares from several starts at once.
+
+Levenberg-Marquardt on the normal equations, with the bounds as an active set, for
+all starts in one vectorised sweep.  scipy.optimize.least_squares is the oracle of
+the tests; it takes one start at a time and factorises the full Jacobian.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from pilotid.types import BoolArray, FloatArray
+
+#: Longest step of a positive parameter, on its logarithmic scale: a gain that is
+#: extrapolated towards zero would not come back.
+LONGEST = 1.0
+
+#: Maps parameter sets (sets, p) to Gram matrices (sets, p + 1, p + 1), see `LeastSquares.gram`.
+Gram = Callable[[FloatArray], FloatArray]
+
+
+class Space(Protocol):
+    """Where a search moves."""
+
+    @property
+    def lower(self) -> FloatArray:
+        """Lower bounds, shape (parameters,)."""
+        ...
+
+    @property
+    def upper(self) -> FloatArray:
+        """Upper bounds, shape (parameters,)."""
+        ...
+
+    @property
+    def positive(self) -> BoolArray:
+        """Which parameters move on a logarithmic scale, shape (parameters,)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Minima:
+    """Where each start ended, best first.
+
+    Attributes
+    ----------
+    values
+        End points, shape (starts, parameters).
+    cost
+        Residual sums of squares, shape (starts,).
+    converged
+        Whether the stopping rule was met, shape (starts,).
+    gram
+        Gram matrices at the end points.
+    iterations
+        Iterations of the sweep.
+    """
+
+    values: FloatArray
+    cost: FloatArray
+    converged: BoolArray
+    gram: FloatArray
+    iterations: int
+
+    def distinct(self, same: float = 3e-3, hopeless: float = 0.1) -> FloatArray:
+        """One end point of each optimum that may be the best one.
+
+        Ends are the same optimum where their costs differ by less than the share `same`,
+        and are left out where they exceed the lowest cost by more than `hopeless`.
+        """
+        steps = np.diff(self.cost, prepend=-np.inf) > same * np.abs(self.cost)
+        return np.asarray(self.values[steps & (self.cost <= (1.0 + hopeless) * self.cost[0])])
+
+
+def minimise(
+    gram: Gram,
+    starts: FloatArray,
+    space: Space,
+    *,
+    tolerance: float = 1e-9,
+    iterations: int = 60,
+) -> Minima:
+    """Minimise a sum of squares within bounds from every start.
+
+    Positive parameters move on a logarithmic scale, on which the narrow valley of gain
+    and lead time, whose product alone is well known, is straight.
+
+    Parameters
+    ----------
+    gram
+        Evaluates Gram matrices of Jacobian and residual.
+    starts
+        Start points, shape (starts, parameters).
+    space
+        Bounds of the parameters, and which of them are positive; a model for example.
+    tolerance
+        Stop when a step is predicted to lower the cost by less than this share.
+    iterations
+        Largest number of evaluations.
+    """
+    inside = Inner(gram, space)
+    clipped = np.clip(starts, space.lower, space.upper)
+    end = _minimise(
+        inside.gram,
+        inside.enter(clipped),
+        inside.enter(space.lower),
+        inside.enter(space.upper),
+        np.where(space.positive, LONGEST, 0.25 * (space.upper - space.lower)),
+        tolerance,
+        iterations,
+    )
+    values = np.clip(inside.leave(end.values), space.lower, space.upper)
+    slope = inside.slope(values)
+    return replace(end, values=values, gram=end.gram / slope[:, :, None] / slope[:, None, :])
+
+
+class Inner:
+    """A least-squares problem on the scale on which a search moves."""
+
+    def __init__(self, gram: Gram, space: Space) -> None:
+        self._gram = gram
+        self._positive = space.positive
+
+    def enter(self, values: FloatArray) -> FloatArray:
+        """Parameters on the inner scale."""
+        positive = self._positive
+        return np.where(positive, np.log(np.where(positive, values, 1.0)), values)
+
+    def leave(self, points: FloatArray) -> FloatArray:
+        """Parameters on their own scale."""
+        positive = self._positive
+        return np.where(positive, np.exp(np.where(positive, points, 0.0)), points)
+
+    def slope(self, values: FloatArray) -> FloatArray:
+        """Derivatives of the parameters by inner ones, and 1 for the residual's place."""
+        result = np.ones((len(values), values.shape[1] + 1))
+        result[:, :-1] = np.where(self._positive, values, 1.0)
+        return result
+
+    def gram(self, points: FloatArray) -> FloatArray:
+        """Gram matrices by inner parameters."""
+        values = self.leave(points)
+        slope = self.slope(values)
+        return self._gram(values) * slope[:, :, None] * slope[:, None, :]
+
+
+def _minimise(
+    gram: Gram,
+    starts: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    longest: FloatArray,
+    tolerance: float,
+    iterations: int,
+) -> Minima:
+    values = starts.copy()
+    grams = gram(values)
+    curvature = np.zeros_like(grams[:, :-1, :-1])
+    damping = np.full(len(values), 1e-3)
+    active = np.arange(len(values))
+    converged = np.zeros(len(values), dtype=bool)
+    count = 1
+    while active.size and count < iterations:
+        step, promised = _step(
+            grams[active], curvature[active], values[active], damping[active], lower, upper
+        )
+        done = promised <= tolerance * grams[active, -1, -1]
+        converged[active[done]] = True
+        active, step = active[~done], step[~done]
+        if not active.size:
+            break
+        trial = np.clip(values[active] + np.clip(step, -longest, longest), lower, upper)
+        trial_grams = gram(trial)
+        count += 1
+        better = trial_grams[:, -1, -1] < grams[active, -1, -1]  # false for NaN
+        accepted = active[better]
+        moved = (trial - values[active])[better]
+        # Far from the optimum a secant says little about the curvature there.
+        near = trial_grams[better, -1, -1] > 0.99 * grams[accepted, -1, -1]
+        if near.any():
+            updated = _secant(curvature[accepted], grams[accepted], trial_grams[better], moved)
+            curvature[accepted] = np.where(near[:, None, None], updated, 0.0)
+        else:
+            curvature[accepted] = 0.0
+        values[accepted], grams[accepted] = trial[better], trial_grams[better]
+        damping[accepted] = np.maximum(damping[accepted] / 10.0, 1e-9)
+        damping[active[~better]] *= 8.0
+        # Rounding, not the model, is then what keeps a step from lowering the cost.
+        stuck = damping[active] > 1e7
+        converged[active[stuck]] = np.isfinite(grams[active[stuck], -1, -1])
+        active = active[~stuck]
+    order = np.argsort(grams[:, -1, -1], kind="stable")
+    return Minima(values[order], grams[order, -1, -1], converged[order], grams[order], count)
+
+
+def _step(
+    grams: FloatArray,
+    curvature: FloatArray,
+    values: FloatArray,
+    damping: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Damped steps, and the decrease of the cost that an undamped step promises."""
+    descent = grams[:, :-1, -1]
+    blocked = ((values <= lower) & (descent < 0.0)) | ((values >= upper) & (descent > 0.0))
+    free = ~blocked
+    scale = _scale(grams)
+    matrix = (grams[:, :-1, :-1] + curvature) / (scale[:, :, None] * scale[:, None, :])
+    if blocked.any():
+        matrix = np.where(free[:, :, None] & free[:, None, :], matrix, 0.0)
+    # A start outside the model's domain has no Hessian; it goes nowhere.
+    matrix = np.where(np.isfinite(matrix).all(axis=(1, 2), keepdims=True), matrix, 0.0)
+    # Negative curvature is turned round, so that steps descend.
+    eigenvalues, vectors = np.linalg.eigh(matrix)
+    eigenvalues = np.maximum(np.abs(eigenvalues), 1e-9)
+    right = np.where(free, descent / scale, 0.0)
+    along = (right[:, None] @ vectors)[:, 0]
+    step = (vectors @ (along / (eigenvalues + damping[:, None]))[:, :, None])[:, :, 0]
+    return step / scale, np.sum(along**2 / eigenvalues, axis=1)
+
+
+def _secant(
+    curvature: FloatArray, old: FloatArray, new: FloatArray, step: FloatArray
+) -> FloatArray:
+    """Symmetric rank-one update of what Gauss-Newton leaves out of the Hessian.
+
+    With a large residual the curvature of the model matters: plain Gauss-Newton
+    then overshoots and creeps from side to side.  The change of the gradient along
+    each step shows that curvature (Dennis, Gay & Welsch, NL2SOL, 1981).
+    """
+    scale = _scale(new)
+    gradient_change = old[:, :-1, -1] - new[:, :-1, -1]
+    model_change = np.einsum("spq,sq->sp", new[:, :-1, :-1] + curvature, step)
+    missing = (gradient_change - model_change) / scale
+    scaled_step = step * scale
+    product = np.einsum("sp,sp->s", missing, scaled_step)
+    size = np.linalg.norm(missing, axis=1) * np.linalg.norm(scaled_step, axis=1)
+    trusted = np.abs(product) > 1e-3 * size
+    factor = np.where(trusted, 1.0 / np.where(trusted, product, 1.0), 0.0)
+    unscaled = missing * scale
+    update = factor[:, None, None] * unscaled[:, :, None] * unscaled[:, None, :]
+    return np.asarray(curvature + update)
+
+
+def _scale(grams: FloatArray) -> FloatArray:
+    scale = np.sqrt(np.diagonal(grams, axis1=1, axis2=2)[:, :-1])
+    return np.asarray(np.where(scale > 0.0, scale, 1.0))
+
+
+def solve_linear(
+    grams: FloatArray, values: FloatArray, linear: tuple[int, ...], lower: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Best values of the linear parameters with all others as they are.
+
+    Returns
+    -------
+    The parameter sets with those values, and the residual sums of squares, where a
+    parameter that would leave its lower bound is set to a tenth of its old value.
+    """
+    index = list(linear)
+    hessian = grams[:, index][:, :, index]
+    descent = grams[:, index, -1]
+    size = np.sqrt(np.einsum("sii->si", hessian))
+    scaled = hessian / (size[:, :, None] * size[:, None, :]) + 1e-10 * np.eye(len(index))
+    step = np.linalg.solve(scaled, (descent / size)[:, :, None])[:, :, 0] / size
+    old = values[:, index]
+    new = np.where(old + step > lower[index], old + step, 0.1 * old)
+    change = new - old
+    cost = (
+        grams[:, -1, -1]
+        - 2.0 * np.einsum("sk,sk->s", change, descent)
+        + np.einsum("sk,skl,sl->s", change, hessian, change)
+    )
+    result = values.copy()
+    result[:, index] = new
+    return result, cost
+
+
+BLOCK = 4  # parameter sets evaluated at once: more no longer fit the processor's cache
+
+
+def gram_matrices(rows: Callable[[FloatArray], FloatArray], values: FloatArray) -> FloatArray:
+    """Inner products over runs and samples of the rows of many parameter sets.
+
+    Parameters
+    ----------
+    rows
+        Maps parameter sets to rows of shape (sets, n, runs, scored).
+    values
+        Parameter sets, shape (sets, parameters).
+
+    Returns
+    -------
+    Array of shape (sets, n, n).
+    """
+    grams = []
+    for begin in range(0, len(values), BLOCK):
+        block = rows(values[begin : begin + BLOCK])
+        flat = block.reshape(*block.shape[:2], -1)
+        grams.append(flat @ flat.transpose(0, 2, 1))
+    return np.concatenate(grams)

@@ -1,0 +1,4 @@
+"""Scenarios x methods x replications: fits, their store, their scores.
+
+The only room in which truth meets estimate.  Imports methods and data sets.  Start at `study`.
+"""

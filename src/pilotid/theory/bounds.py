@@ -1,0 +1,190 @@
+"""What an estimator can reach and where it goes wrong, from exact closed-loop spectra.
+
+No simulation: the Cramer-Rao bound is the inverse of the Fisher information of the
+whitened prediction error, and an estimator that takes the residual for white is described
+by the minimum of its expected cost and by the sandwich covariance there (Ljung, System
+Identification, 2nd ed., ch. 8, 9 and 13).  All of it holds for long recordings; edges,
+transients and the skewness of short ones are for Monte Carlo to show.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pilotid.solve.covariance import covariance_of, hessian, sandwich_of
+from pilotid.solve.least_squares import minimise
+from pilotid.theory.experiment import GRID, Experiment, View
+from pilotid.types import ComplexArray, FloatArray, InputError
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """Lower bounds on the covariance of any unbiased estimator, (parameters, parameters).
+
+    They are NaN where the information is singular.
+
+    Attributes
+    ----------
+    full
+        All of the record, the remnant's spectrum known.
+    forcing
+        The response to the forcing functions alone, as methods that look at the forcing
+        lines only see it, the remnant's spectrum known.
+    low_pass
+        All of the record, with the remnant's own parameters estimated too.
+    autoregressive
+        All of the record, with autoregressive coefficients of the remnant estimated too.
+    """
+
+    full: FloatArray
+    forcing: FloatArray
+    low_pass: FloatArray
+    autoregressive: FloatArray
+
+
+def bounds(experiment: Experiment, band: float | None = None, order: int = 8) -> Bounds:
+    """Cramer-Rao bounds.
+
+    After a step the forced control holds more than a low-pass remnant up to any frequency,
+    and the full-rate bound of a delay rests on what lies near half the sampling rate.  A
+    method works inside a band; ask for the bound in that band then.
+
+    Parameters
+    ----------
+    experiment
+        The loop and its excitation.
+    band
+        What lies above this frequency [rad/s] is not used; None for the whole record.
+    order
+        Number of the autoregressive coefficients, at the sampling rate of the band.
+    """
+    view = View(experiment, band)
+    circulation = view.circulation
+    gradient = view.gradient(view.omega, circulation.error, circulation.output, experiment.values)
+    forcing = _forcing_information(view)
+    full = forcing + view.samples * view.products(gradient, gradient)
+
+    by_shape, _ = monic(0.5 * circulation.log_slopes, 2 * GRID)
+    factor, _ = monic(0.5 * np.log(circulation.density), 2 * GRID)
+    delays = np.exp(-1j * np.pi / view.band * np.outer(np.arange(1, order + 1), view.omega))
+    by_coefficient = -delays * np.exp(factor)
+
+    def left(nuisance: ComplexArray) -> FloatArray:
+        """Information left when the remnant's own parameters take their share."""
+        cross = view.products(gradient, nuisance)
+        taken = cross @ np.linalg.solve(view.products(nuisance, nuisance), cross.T)
+        return np.asarray(full - view.samples * taken)
+
+    informations = full, forcing, left(by_shape), left(by_coefficient)
+    return Bounds(*(_inverse(experiment.runs * i) for i in informations))
+
+
+@dataclass(frozen=True, eq=False)
+class WhiteLimit:
+    """Output error with a residual taken for white, in the limit of a long recording.
+
+    Attributes
+    ----------
+    values
+        Where the estimate goes, shape (parameters,).
+    bias
+        The same less the truth.
+    claimed
+        The covariance that the method reports, shape (parameters, parameters).
+    sandwich
+        The covariance that it has.
+    """
+
+    values: FloatArray
+    bias: FloatArray
+    claimed: FloatArray
+    sandwich: FloatArray
+
+
+def white_limit(experiment: Experiment, band: float | None = None) -> WhiteLimit:
+    """Bias, claimed covariance and true covariance of output error with a white residual.
+
+    The minimum is the one that is reached from the truth.
+
+    Parameters
+    ----------
+    experiment
+        The loop and its excitation, which must be periodic.
+    band
+        Analysis band [rad/s]; None for the full sampling rate.
+
+    Raises
+    ------
+    InputError
+        If the excitation is not periodic: a single transient has no limit for long
+        recordings, since its share of the record vanishes.
+    """
+    if experiment.transient is not None:
+        raise InputError("the limit of long recordings needs a periodic excitation, not a step")
+    view = View(experiment, band)
+
+    def gram(sets: FloatArray) -> FloatArray:
+        return np.array([view.mean_products(values) for values in sets])
+
+    end = minimise(gram, experiment.values[None], experiment.model, tolerance=1e-13, iterations=300)
+    values, terms = end.values[0], end.gram[0]
+    claimed = _inverse(view.samples * terms[:-1, :-1] / terms[-1, -1])
+    sandwich = sandwich_of(hessian(gram, values), view.score_covariance(values) / view.samples)
+    if not end.converged[0] or sandwich is None:
+        raise InputError("the expected cost has no proper minimum near the true parameters")
+    return WhiteLimit(
+        values,
+        values - experiment.values,
+        claimed / experiment.runs,
+        sandwich / experiment.runs,
+    )
+
+
+def _forcing_information(view: View) -> FloatArray:
+    """Information of one run's response to the forcing functions."""
+    experiment = view.experiment
+    phasors = view.gradient(view.line_omega, view.line_error, view.line_output, experiment.values)
+    whitened = phasors / np.sqrt(view.at_lines.density)
+    information = 0.5 * experiment.samples * np.real(whitened @ whitened.conj().T)
+    if experiment.transient is None:
+        return np.asarray(information)
+    samples, dt = experiment.samples, experiment.dt
+    # A causal filter and a signal that starts from rest: with zeros behind it, passage
+    # through the transform is exact in the window.
+    length = max(4 * samples, 2 * GRID)
+    omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(length, dt), dtype=float)
+    log_filter, log_gain = monic(0.5 * np.log(experiment.circulation(omega).density), length)
+    spectrum = np.fft.rfft(experiment.transient, n=length) * np.exp(-log_gain - log_filter)
+    bins = np.fft.fft(np.fft.irfft(spectrum, n=length)[:, :samples])
+    bins = bins[:, np.abs(2.0 * np.pi * np.fft.fftfreq(samples, dt)) <= view.band]
+    return np.asarray(information + np.real(bins @ bins.conj().T) / samples)
+
+
+def monic(log_amplitude: FloatArray, length: int) -> tuple[ComplexArray, FloatArray]:
+    """Logarithm of monic minimum-phase filters with given amplitudes.
+
+    Parameters
+    ----------
+    log_amplitude
+        ln|H| at the bins of a real transform, shape (..., length // 2 + 1).
+    length
+        Length of the transform.
+
+    Returns
+    -------
+    The logarithms at the bins, and those of the gains left out to make the filters monic.
+    """
+    cepstrum = np.fft.irfft(log_amplitude, n=length)
+    # Twice the causal half: the anticausal half folded over.
+    cepstrum[..., 1 : (length + 1) // 2] *= 2.0
+    cepstrum[..., length // 2 + 1 :] = 0.0
+    gain = cepstrum[..., 0].copy()
+    cepstrum[..., 0] = 0.0
+    return np.fft.rfft(cepstrum), gain
+
+
+def _inverse(information: FloatArray) -> FloatArray:
+    covariance = covariance_of(information, 1.0)
+    return np.full_like(information, np.nan) if covariance is None else covariance

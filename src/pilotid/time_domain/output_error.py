@@ -1,0 +1,98 @@
+"""Residual and Jacobian of a prediction: the problem of output error."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pilotid.chance import ONE_IN_10000, chi_squared_quantile
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import Recording
+from pilotid.solve.least_squares import gram_matrices
+from pilotid.time_domain.prediction import Prediction, predict
+from pilotid.types import FloatArray
+
+
+class LeastSquares:
+    """Gram matrices of residual and Jacobian, nuisance terms projected out.
+
+    Parameters
+    ----------
+    prediction
+        The prepared prediction.
+    taps
+        Moving-average filter that whitens the residual, shape (taps,); None for a
+        residual that is white already.
+    """
+
+    def __init__(self, prediction: Prediction, taps: FloatArray | None = None) -> None:
+        self.prediction = prediction
+        self.taps = taps
+
+    @property
+    def samples(self) -> int:
+        """Number of residuals, see `Prediction.samples`."""
+        return self.prediction.samples
+
+    def rows(self, values: FloatArray) -> FloatArray:
+        """Whitened Jacobian and residual, shape (sets, parameters + 1, runs, scored)."""
+        return self.prediction.without_nuisance(self.prediction.rows(values, self.taps))
+
+    def residual(self, values: FloatArray) -> FloatArray:
+        """Residual of one parameter set before whitening, shape (runs, scored)."""
+        return self.prediction.without_nuisance(self.prediction.residual(values))
+
+    def noticeable_terms(self, values: FloatArray) -> tuple[float, ...]:
+        """The nuisance terms that the residual of one parameter set shows.
+
+        Fitting a term that is not there costs more than its degree of freedom: in a closed
+        loop it biases the low-frequency parameters, since what is subtracted depends on
+        the future of the recording (the same effect biases autoregressive coefficients
+        when a mean is removed; Kendall 1954).  A term stays if its squared t-values, all
+        runs together, exceed what chance gives once in 10,000.
+        """
+        poles = self.prediction.terms
+        if not poles:
+            return ()
+        terms = self.prediction.nuisance_terms
+        residual = self.prediction.residual(values, self.taps)
+        weights = np.linalg.solve(terms.T @ terms, terms.T)
+        amplitudes = residual @ weights.T
+        left = residual - amplitudes @ terms.T
+        variance = np.sum(left**2) / (left.size - amplitudes.size)
+        squares = amplitudes**2 / np.sum(weights**2, axis=1)
+        runs = self.prediction.runs
+        limit = chi_squared_quantile(runs, ONE_IN_10000)
+        noticeable = np.sum(squares, axis=0) > limit * variance
+        return tuple(p for p, n in zip(poles, noticeable, strict=True) if n)
+
+    def gram(self, values: FloatArray) -> FloatArray:
+        """Inner products of the rows, shape (sets, parameters + 1, parameters + 1).
+
+        The last diagonal element is the residual sum of squares; the last column
+        above it is the descent direction J'r.
+        """
+        return gram_matrices(self.rows, values)
+
+
+def simulated_vaf(
+    recording: Recording,
+    model: PilotModel,
+    values: FloatArray,
+    prediction: Prediction | None = None,
+) -> float:
+    """Variance accounted for, max(0, 1 - var(u - u_hat)/var(u)) in %.
+
+    u_hat is the simulated response at the full sampling rate to the recorded inputs,
+    with offset and slow decays fitted; all runs count together.
+
+    Parameters
+    ----------
+    recording, model, values
+        What is simulated.
+    prediction
+        The full-rate prediction, where the caller has it already.
+    """
+    prediction = prediction or predict(recording, model)
+    left = float(np.mean(np.var(LeastSquares(prediction).residual(values), axis=1)))
+    spread = float(np.mean(np.var(prediction.control, axis=1)))
+    return max(0.0, 100.0 * (1.0 - left / spread))

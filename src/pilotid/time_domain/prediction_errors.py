@@ -1,0 +1,89 @@
+"""Pilot and remnant estimated together: the prediction-error method.
+
+The residual u - u_hat is the remnant.  Whitened by a filter that follows from a model
+of the remnant's spectrum it is the prediction error, and the sum of its squares is the
+likelihood of pilot and remnant parameters together (Ljung, System Identification, 2nd
+ed., ch. 7).  In a closed loop whose delay keeps the remnant from reaching the inputs at
+once this is consistent, and efficient, without any knowledge of the loop.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from pilotid.solve.least_squares import gram_matrices
+from pilotid.time_domain.prediction import Prediction
+from pilotid.time_domain.remnant_models import Band, NoiseModel
+from pilotid.types import BoolArray, FloatArray
+
+
+class PredictionErrors:
+    """Prediction errors by pilot and remnant parameters, in this order.
+
+    It is a space, and has Gram matrices, for `pilotid.solve.least_squares.minimise`.
+
+    Parameters
+    ----------
+    prediction
+        The prepared prediction.
+    noise
+        Model of the remnant's spectrum.
+    band
+        The analysis band that the prediction was prepared in.
+    """
+
+    def __init__(self, prediction: Prediction, noise: NoiseModel, band: Band) -> None:
+        self.prediction, self.noise, self.band = prediction, noise, band
+        self.pilot = len(prediction.model.parameters)
+
+    @cached_property
+    def lower(self) -> FloatArray:
+        """Lower bounds."""
+        return np.concatenate([self.prediction.model.lower, self.noise.lower])
+
+    @cached_property
+    def upper(self) -> FloatArray:
+        """Upper bounds."""
+        return np.concatenate([self.prediction.model.upper, self.noise.upper])
+
+    @cached_property
+    def positive(self) -> BoolArray:
+        """Which parameters are searched on a logarithmic scale."""
+        return np.concatenate([self.prediction.model.positive, self.noise.positive])
+
+    @property
+    def samples(self) -> int:
+        """Number of prediction errors, see `Prediction.samples`."""
+        return self.prediction.samples
+
+    def whitener(self, values: FloatArray) -> FloatArray:
+        """Whitening filter at one parameter set, shape (taps,)."""
+        return np.asarray(self.noise.taps(values[None, self.pilot :], self.band)[0][0])
+
+    def rows(self, values: FloatArray) -> FloatArray:
+        """Jacobian of the prediction, and below it the prediction error.
+
+        Parameters
+        ----------
+        values
+            Parameter sets, shape (sets, parameters).
+
+        Returns
+        -------
+        Array of shape (sets, parameters + 1, runs, scored).
+        """
+        prediction = self.prediction
+        pilot, remnant = values[:, : self.pilot], values[:, self.pilot :]
+        taps, slopes = self.noise.taps(remnant, self.band)
+        spectra = prediction.row_spectra(pilot)
+        residual = spectra[:, -1:]
+        by_remnant = -prediction.filter_response(slopes)[:, :, None] * residual
+        spectra *= prediction.filter_response(taps)[:, None, None]
+        joined = np.concatenate([spectra[:, :-1], by_remnant, spectra[:, -1:]], axis=1)
+        return prediction.without_nuisance(prediction.samples_of(joined))
+
+    def gram(self, values: FloatArray) -> FloatArray:
+        """Inner products of the rows, shape (sets, parameters + 1, parameters + 1)."""
+        return gram_matrices(self.rows, values)

@@ -1,0 +1,83 @@
+"""The choice of the remnant's model."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from pilotid.time_domain.prediction import REACH
+from pilotid.time_domain.remnant_models import Autoregressive, Band, LowPass, NoiseModel
+from pilotid.types import FloatArray
+
+#: The families to choose from.
+NOISE_MODELS: tuple[NoiseModel, ...] = (
+    *(LowPass(order) for order in range(4)),
+    *(Autoregressive(order) for order in (2, 3, 4, 6, 8, 12)),
+)
+
+
+def lagged_products(residual: FloatArray) -> FloatArray:
+    """Mean products of a residual (runs, samples) at all pairs of lags 0 to REACH.
+
+    A filter's output power is then exact, taps @ products @ taps.  Autocovariances would
+    not do: their end effects leak from the strong low frequencies of a steep spectrum,
+    and a whitening filter magnifies that until a wrong model wins.
+
+    Returns
+    -------
+    Array of shape (REACH + 1, REACH + 1).
+    """
+    windows = np.lib.stride_tricks.sliding_window_view(residual, REACH + 1, axis=1)[..., ::-1]
+    flat = windows.reshape(-1, REACH + 1)
+    return np.asarray(flat.T @ flat / len(flat))
+
+
+#: Difference of the criterion that Kass and Raftery (1995) call very strong evidence.
+STRONG = 10.0
+
+
+#: Contenders lie this close: the residual of a first estimate decides no more than that.
+CLOSE = 10.0
+
+
+def criterion(model: NoiseModel, power: float, samples: int) -> float:
+    """Bayesian information criterion of a noise model: the lower, the better.
+
+    An autoregressive model must be better by `STRONG`: a free shape that is not needed
+    costs information and biases the low-frequency parameters.
+
+    Parameters
+    ----------
+    model
+        The noise model.
+    power
+        Mean square of the prediction error.
+    samples
+        Number of prediction errors.
+    """
+    handicap = STRONG if isinstance(model, Autoregressive) else 0.0
+    # A residual that a filter predicts to the last digit leaves rounding, of any sign.
+    return samples * math.log(max(power, 1e-300)) + len(model.keys) * math.log(samples) + handicap
+
+
+def contenders(residual: FloatArray, band: Band) -> list[NoiseModel]:
+    """The one or two noise models that suit a residual best; all lie within `CLOSE`.
+
+    Parameters
+    ----------
+    residual
+        Residual before whitening, shape (runs, samples).
+    band
+        The analysis band.
+    """
+    products = lagged_products(residual)
+    scored = []
+    for rank, model in enumerate(NOISE_MODELS):
+        values = model.guess(products, band)
+        taps = model.taps(values[None], band)[0][0]
+        power = float(taps @ products[: taps.size, : taps.size] @ taps)
+        scored.append((criterion(model, power, residual.size), rank))
+    scored.sort()
+    limit = scored[0][0] + CLOSE
+    return [NOISE_MODELS[rank] for score, rank in scored[:2] if score < limit]
