@@ -35,7 +35,7 @@ from pilotid.frequency.second_step import second_step
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.lines import NotMultisineError, forcing_lines
 from pilotid.recordings.recording import Recording
-from pilotid.solve.least_squares import gram_matrices, minimise
+from pilotid.solve.least_squares import Problem, minimise
 from pilotid.solve.search import search
 from pilotid.types import ComplexArray, FloatArray
 
@@ -149,7 +149,7 @@ def _with_interpolation_error(
     return replace(estimate, frequency_response=replace(response, systematic=error, note=note))
 
 
-class Equations:
+class Equations(Problem):
     """Residuals of U = sum of H I at the lines, less the trend of those at the bins beside.
 
     Parameters
@@ -194,7 +194,3 @@ class Equations:
         rows = sum(everything[:, c] @ inputs.T for c, inputs in enumerate(self._inputs))
         rows[:, -1] = self._control - rows[:, -1]
         return np.concatenate([rows.real, rows.imag], axis=-1)
-
-    def gram(self, values: FloatArray) -> FloatArray:
-        """Inner products of the rows, shape (sets, parameters + 1, parameters + 1)."""
-        return gram_matrices(self.rows, values)

@@ -67,7 +67,7 @@ class MLE:
         )
         joint, end = found.joint, found.end
         values, gram = end.values[0], end.gram[0]
-        freedom = joint.samples - len(values)
+        freedom = joint.residuals - len(values)
         variance = found.variance
         covariance = covariance_of(gram[:-1, :-1], variance)
         pilot = values[: joint.pilot]

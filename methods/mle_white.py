@@ -62,7 +62,7 @@ class MLEWhite:
         problem = LeastSquares(replace(prediction, terms=terms))
         end = minimise(problem.gram, found.values[:1], model, tolerance=1e-6)
         values, gram = end.values[0], end.gram[0]
-        variance = gram[-1, -1] / (problem.samples - len(values))
+        variance = gram[-1, -1] / (problem.residuals - len(values))
         covariance = covariance_of(gram[:-1, :-1], variance)
         if self.covariance == "sandwich":
             rows = problem.rows(values[None])[0]

@@ -82,13 +82,13 @@ def test_autoregressive_coefficients_are_integrated_out(offset: float) -> None:
         products = likelihood.lagged_products(own[None])[0]
         spread = np.linalg.inv(products[1:, 1:])
         root = np.linalg.cholesky(spread * (products[0] @ np.array([1.0, *centre]))) / np.sqrt(
-            likelihood.joint.samples
+            likelihood.joint.residuals
         )
         axis = np.linspace(-5.0, 5.0, 21)
         mesh = np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 3)
         taps = np.concatenate([np.ones((len(mesh), 1)), centre + mesh @ root.T], axis=1)
         squares = np.einsum("si,ij,sj->s", taps, products, taps)
-        power = -0.5 * likelihood.joint.samples * np.log(squares)
+        power = -0.5 * likelihood.joint.residuals * np.log(squares)
         logs.append(np.logaddexp.reduce(power) + np.log(np.linalg.det(root)))
     assert found[0] - found[1] == pytest.approx(logs[0] - logs[1], abs=1e-3)
 

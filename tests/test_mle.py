@@ -94,7 +94,7 @@ def test_profile_intervals_end_where_the_profile_likelihood_does() -> None:
     joint = joint_of(NOMINAL, LowPass(2), 3)
     start = np.concatenate([TRUTH, [3.5, 0.7]])[None]
     minimum = minimise(joint.gram, start, joint, tolerance=1e-10)
-    freedom = joint.samples - 9
+    freedom = joint.residuals - 9
     variance = minimum.cost[0] / freedom
     found = profile_intervals(joint.gram, joint, minimum, variance, 7, estimated=freedom)
     for index in (0, 1, 5):

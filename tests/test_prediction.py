@@ -227,15 +227,15 @@ def test_gram_of_several_runs_is_the_sum_over_the_runs(band: float | None) -> No
     np.testing.assert_allclose(
         together.gram(values), sum(problem.gram(values) for problem in alone), rtol=1e-9
     )
-    assert together.samples == sum(problem.samples for problem in alone)
+    assert together.residuals == sum(problem.samples for problem in alone)
 
 
 def test_samples_are_what_nuisance_terms_leave() -> None:
     recording = simulate(replace(NOMINAL, runs=2), np.random.default_rng(4))
     # 4084 scored samples, since a central difference ends 12 before the last; offset and
     # decay of the canals take two in every run.
-    assert LeastSquares(predict(recording, MULTI), TAPS).samples == 2 * (4084 - 2)
-    assert LeastSquares(predict(recording, SINGLE)).samples == 2 * (4096 - 1)
+    assert LeastSquares(predict(recording, MULTI), TAPS).residuals == 2 * (4084 - 2)
+    assert LeastSquares(predict(recording, SINGLE)).residuals == 2 * (4096 - 1)
 
 
 # ------------------------------------------------------------------ nuisance terms

@@ -159,7 +159,7 @@ def test_information_is_what_whitened_recordings_hold() -> None:
         joint = PredictionErrors(prediction, LowPass(2), band)
         gram = joint.gram(values)[0]
         # Scaled to the full length: without run-in a part of the record is not scored.
-        grams.append(gram[:-1, :-1] / (gram[-1, -1] / joint.samples))
+        grams.append(gram[:-1, :-1] / (gram[-1, -1] / joint.residuals))
         grams[-1] *= scenario.duration / (prediction.scored * prediction.dt)
     information = np.array(grams)
     found = bounds(spectra(scenario), band=np.pi / band.dt)
@@ -214,7 +214,7 @@ def test_the_limit_is_stationary_in_recordings_and_its_scores_have_the_covarianc
         recording = simulate(scenario, recording_rng(5, scenario.name, i))
         problem = LeastSquares(replace(predict(recording, MULTI), terms=()))
         gram = problem.gram(limit.values[None])[0]
-        shifts.append(np.linalg.solve(curvature, gram[:-1, -1]) / problem.samples)
+        shifts.append(np.linalg.solve(curvature, gram[:-1, -1]) / problem.residuals)
     scatter = np.sqrt(np.diag(limit.sandwich))
     relative = np.array(shifts) / scatter
     assert np.all(np.abs(relative.mean(axis=0)) < 3.3 / np.sqrt(replications))

@@ -9,8 +9,6 @@ weight.
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 
 from pilotid.chance import ONE_IN_1000, chi_squared_quantile
@@ -20,7 +18,7 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_of
 from pilotid.solve.intervals import profile_intervals
-from pilotid.solve.least_squares import gram_matrices, minimise
+from pilotid.solve.least_squares import Problem, minimise
 from pilotid.solve.search import record, search
 from pilotid.time_domain.output_error import simulated_vaf
 from pilotid.types import FloatArray
@@ -30,20 +28,7 @@ from pilotid.types import FloatArray
 NEGLIGIBLE = 1e-10
 
 
-class Problem(Protocol):
-    """Standardised residuals, of variance 1 each, of a model with these parameters."""
-
-    @property
-    def residuals(self) -> int:
-        """Number of independent residuals."""
-        ...
-
-    def gram(self, values: FloatArray) -> FloatArray:
-        """Inner products of Jacobian and residual, as `pilotid.solve` takes them."""
-        ...
-
-
-class ResponseFit:
+class ResponseFit(Problem):
     """Standardised residuals of a frequency response.
 
     Parameters
@@ -80,10 +65,6 @@ class ResponseFit:
         slopes = real_parts(jacobian.swapaxes(1, 2))
         residual = real_parts(self.response.value - found)
         return np.concatenate([slopes, residual[:, None]], axis=1) @ self.whitener.T
-
-    def gram(self, values: FloatArray) -> FloatArray:
-        """Inner products of the rows, shape (sets, parameters + 1, parameters + 1)."""
-        return gram_matrices(self.rows, values)
 
 
 def _whitener(response: FrequencyResponse) -> FloatArray:

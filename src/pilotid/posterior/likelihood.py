@@ -77,7 +77,7 @@ class Likelihood:
         values
             Parameter sets inside the bounds, shape (sets, parameters).
         """
-        samples = self.joint.samples
+        samples = self.joint.residuals
         # What overflows is no number, which is no likelihood either.
         with np.errstate(all="ignore"):
             if not self.integrated:

@@ -66,7 +66,7 @@ def predictive_band(
         values = np.concatenate([values, shapes], axis=1)
     taps = whitening_filters(joint.noise, values[:, pilot:], joint.band)
     squares = likelihood.sums_of_squares(values)
-    deviations = np.sqrt(squares / rng.chisquare(joint.samples, len(squares)))
+    deviations = np.sqrt(squares / rng.chisquare(joint.residuals, len(squares)))
     control = prediction.control
     shape = (len(values), *control.shape)
     answers, remnants = np.empty(shape), np.empty(shape)

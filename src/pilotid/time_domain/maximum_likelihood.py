@@ -57,7 +57,7 @@ class Maximum:
     @property
     def variance(self) -> float:
         """Variance of the prediction error."""
-        freedom = self.joint.samples - int(self.end.values.shape[1])
+        freedom = self.joint.residuals - int(self.end.values.shape[1])
         return float(self.end.cost[0]) / freedom
 
     @property
@@ -143,7 +143,7 @@ def _explored(
     best = end.values[:1, : joint.pilot]
     whitened = LeastSquares(prediction, joint.whitener(end.values[0]))
     terms = whitened.noticeable_terms(best[0])
-    if starts.agreeing == len(starts.cost) and model.is_usual(best[0]):
+    if starts.agreeing == len(starts.cost) and model.within_usual(best[0]):
         return best, terms, starts
     narrowed = replace(prediction, terms=terms)
     whitened = LeastSquares(narrowed, whitened.taps)
@@ -195,4 +195,4 @@ def _guess(joint: PredictionErrors, residual: FloatArray) -> FloatArray:
 
 
 def _criterion(joint: PredictionErrors, end: Minima) -> float:
-    return criterion(joint.noise, float(end.cost[0]) / joint.samples, joint.samples)
+    return criterion(joint.noise, float(end.cost[0]) / joint.residuals, joint.residuals)

@@ -7,12 +7,12 @@ import numpy as np
 from pilotid.chance import ONE_IN_10000, chi_squared_quantile
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.solve.least_squares import gram_matrices
+from pilotid.solve.least_squares import Problem
 from pilotid.time_domain.prediction import Prediction, predict
 from pilotid.types import FloatArray
 
 
-class LeastSquares:
+class LeastSquares(Problem):
     """Gram matrices of residual and Jacobian, nuisance terms projected out.
 
     Parameters
@@ -29,7 +29,7 @@ class LeastSquares:
         self.taps = taps
 
     @property
-    def samples(self) -> int:
+    def residuals(self) -> int:
         """Number of residuals, see `Prediction.samples`."""
         return self.prediction.samples
 
@@ -64,14 +64,6 @@ class LeastSquares:
         limit = chi_squared_quantile(runs, ONE_IN_10000)
         noticeable = np.sum(squares, axis=0) > limit * variance
         return tuple(p for p, n in zip(poles, noticeable, strict=True) if n)
-
-    def gram(self, values: FloatArray) -> FloatArray:
-        """Inner products of the rows, shape (sets, parameters + 1, parameters + 1).
-
-        The last diagonal element is the residual sum of squares; the last column
-        above it is the descent direction J'r.
-        """
-        return gram_matrices(self.rows, values)
 
 
 def simulated_vaf(
