@@ -1,10 +1,10 @@
-"""The seed's estimator: output error by Gauss-Newton on a discrete state space.
+"""The estimator of AIAA 2008-7109: output error by Gauss-Newton on a discrete state space.
 
-Follows AIAA 2008-7109, section III, and Milne's MMLE3 toolbox as it is described
+Follows the paper, section III, and Milne's MMLE3 toolbox as it is described
 there: 5th-order Pade delays, a hold for the inputs, zero initial state, no bounds,
 W = RR^-1 renewed at every iteration, steps -(H + lambda I)^-1 g with a lambda that
 shrinks as the cost falls, and Cramer-Rao bounds [H^-1]_ii^(1/2) as standard errors.
-A fit fails, as the seed's did, when a step drives a time delay negative.
+A fit fails, as the paper's did, when a step drives a time delay negative.
 
 Kept for comparison only: hold, Pade and zero initial state each bias the estimate,
 and the white residual makes it inconsistent for a coloured remnant.  Use `mle`.
@@ -56,6 +56,7 @@ class MMLE3:
     name: ClassVar[str] = "mmle3"
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
+        """None: any recording and any model will do."""
         # Imported here, before the fit is timed, since they take longer than the fit.
         import control  # noqa: F401
         import scipy.signal  # noqa: F401
@@ -63,6 +64,17 @@ class MMLE3:
         return None
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
+        """Iterate from the model's start until the cost settles.
+
+        Parameters
+        ----------
+        recording
+            The recording; all its runs are fitted jointly.
+        model
+            The pilot model, whose start is the only one.
+        rng
+            Not used: nothing here is random.
+        """
         output = _Output(self, recording, model)
         values = model.start.copy()
         predicted = output.predict(values)
