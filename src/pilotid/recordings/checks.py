@@ -166,20 +166,21 @@ def _repeated(recording: Recording) -> str | None:
     if window.shape[1] <= length:
         return None
     prints = np.concatenate([_fingerprints(row, length) for row in window])
-    places = np.arange(window.shape[1] - length + 1)
-    run = np.repeat(np.arange(len(window)), places.size)
+    places = window.shape[1] - length + 1
+    changes = np.cumsum(np.diff(window, axis=1, prepend=window[:, :1]) != 0.0, axis=1)
+    lively = (changes[:, length - 1 :] - changes[:, :places]).ravel() >= VALUES - 1
     order = np.argsort(prints, kind="stable")
-    same = np.flatnonzero(prints[order][1:] == prints[order][:-1])
-    for k in same:
-        first, second = sorted((int(order[k]), int(order[k + 1])))
-        a, b = first % places.size, second % places.size
-        stretch = window[run[first], a : a + length]
-        if np.unique(stretch).size >= VALUES and np.array_equal(
-            stretch, window[run[second], b : b + length]
-        ):
+    same = (prints[order][1:] == prints[order][:-1]) & lively[order][1:]
+    pairs = np.stack([order[:-1][same], order[1:][same]], axis=1)
+    for first, second in pairs[np.argsort(pairs[:, 0], kind="stable")].tolist():
+        (run, a), (again, b) = divmod(first, places), divmod(second, places)
+        stretch = window[run, a : a + length]
+        if np.unique(stretch).size < VALUES:
+            continue
+        if np.array_equal(stretch, window[again, b : b + length]):
             return (
-                f"u from t = {a * recording.dt:.4g} s on in run {run[first] + 1} comes again, to "
-                f"the last digit, from t = {b * recording.dt:.4g} s on in run {run[second] + 1}: "
+                f"u from t = {a * recording.dt:.4g} s on in run {run + 1} comes again, to "
+                f"the last digit, from t = {b * recording.dt:.4g} s on in run {again + 1}: "
                 "a part was recorded or copied twice; leave it out"
             )
     return None
