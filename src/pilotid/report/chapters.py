@@ -11,9 +11,10 @@ from pilotid.report import figures as study_figures
 from pilotid.report import tables as study_tables
 from pilotid.report.content import Block, Bullets, Picture
 from pilotid.report.paper import FIGURE_3, FIGURE_5, KEYS, PAPER, TABLE_3
-from pilotid.report.scores import Cell, Cells, setting
+from pilotid.report.scores import setting
 from pilotid.report.verdicts import judge, sentence
 from pilotid.show.svg import compact
+from pilotid.study.comparison import Cell, Comparison
 from pilotid.study.store import ScenarioEntry
 
 SHORT = {
@@ -53,9 +54,9 @@ class Chapter:
     paper: Mapping[str, Sequence[tuple[float, float]]] = field(default_factory=dict)
 
 
-def chapters(study: Cells, about: Mapping[str, str]) -> list[Chapter]:
+def chapters(study: Comparison, about: Mapping[str, str]) -> list[Chapter]:
     """The experiments whose scenarios are in the store; every scenario is in one of them."""
-    parts: list[Callable[[Cells, Mapping[str, str]], Chapter | None]] = [
+    parts: list[Callable[[Comparison, Mapping[str, str]], Chapter | None]] = [
         _nominal,
         _starts,
         _remnant,
@@ -87,11 +88,11 @@ def ratio(about: Mapping[str, str], scenario: str) -> float:
     return float(about.get(f"remnant ratio {scenario}", "nan"))
 
 
-def _present(study: Cells, *names: str) -> tuple[str, ...]:
+def _present(study: Comparison, *names: str) -> tuple[str, ...]:
     return tuple(name for name in study.names if name in names)
 
 
-def _family(study: Cells, prefix: str) -> tuple[str, ...]:
+def _family(study: Comparison, prefix: str) -> tuple[str, ...]:
     return tuple(name for name in study.names if name.startswith(prefix))
 
 
@@ -109,7 +110,7 @@ def _errors(cells: Sequence[Cell], paper: Sequence[tuple[float, float]] = ()) ->
     )
 
 
-def _nominal(study: Cells, about: Mapping[str, str]) -> Chapter | None:
+def _nominal(study: Comparison, about: Mapping[str, str]) -> Chapter | None:
     if not (names := _present(study, "nominal")):
         return None
     cells = study.of("nominal")
@@ -139,7 +140,7 @@ def _nominal(study: Cells, about: Mapping[str, str]) -> Chapter | None:
     )
 
 
-def _starts(study: Cells, about: Mapping[str, str]) -> Chapter | None:
+def _starts(study: Comparison, about: Mapping[str, str]) -> Chapter | None:
     if not (names := _present(study, "starts")):
         return None
     entry, cells = study.entry("starts"), study.of("starts")
@@ -169,7 +170,7 @@ def _starts(study: Cells, about: Mapping[str, str]) -> Chapter | None:
     )
 
 
-def _remnant(study: Cells, about: Mapping[str, str]) -> Chapter | None:
+def _remnant(study: Comparison, about: Mapping[str, str]) -> Chapter | None:
     names = tuple(n for n in _family(study, "remnant-") if _level(study, n) > 0.0)
     if not names:
         return None
@@ -215,7 +216,7 @@ def _remnant(study: Cells, about: Mapping[str, str]) -> Chapter | None:
     )
 
 
-def _level(study: Cells, name: str) -> float:
+def _level(study: Comparison, name: str) -> float:
     level = setting(study.entry(name), "level")
     try:
         return level if math.isfinite(level) else float(name.removeprefix("remnant-"))
@@ -223,7 +224,7 @@ def _level(study: Cells, name: str) -> float:
         return math.nan
 
 
-def _forcing(study: Cells, about: Mapping[str, str]) -> Chapter | None:
+def _forcing(study: Comparison, about: Mapping[str, str]) -> Chapter | None:
     own = _present(study, *(name for name in TABLE_3 if name != "nominal"))
     if not own:
         return None
@@ -252,7 +253,7 @@ def _forcing(study: Cells, about: Mapping[str, str]) -> Chapter | None:
     )
 
 
-def _single(study: Cells, about: Mapping[str, str]) -> Chapter | None:
+def _single(study: Comparison, about: Mapping[str, str]) -> Chapter | None:
     text = (
         "The visual channel alone. The paper says that its biases are smaller than those of two "
         "channels, and prints no numbers of simulations."
@@ -260,7 +261,7 @@ def _single(study: Cells, about: Mapping[str, str]) -> Chapter | None:
     return _plain(study, "single", "Single channel", text)
 
 
-def _white(study: Cells, about: Mapping[str, str]) -> Chapter | None:
+def _white(study: Comparison, about: Mapping[str, str]) -> Chapter | None:
     text = (
         "Not in the paper: the nominal case with a white remnant of 15 % of the control's power. "
         "A white residual is then the right assumption, so that every method based on it should be "
@@ -269,13 +270,13 @@ def _white(study: Cells, about: Mapping[str, str]) -> Chapter | None:
     return _plain(study, "white-remnant", "Control experiment: a white remnant", text)
 
 
-def _other(study: Cells, name: str) -> Chapter:
+def _other(study: Comparison, name: str) -> Chapter:
     return _plain(study, name, f"Scenario {name}", study.entry(name).description + ".") or Chapter(
         name, name, "", (name,), (), (name,)
     )
 
 
-def _plain(study: Cells, name: str, title: str, text: str) -> Chapter | None:
+def _plain(study: Comparison, name: str, title: str, text: str) -> Chapter | None:
     """A scenario by itself: what the rules say, and the errors."""
     if name not in study.names:
         return None
@@ -285,7 +286,7 @@ def _plain(study: Cells, name: str, title: str, text: str) -> Chapter | None:
     return Chapter(key, title, text, (name,), blocks, (name,))
 
 
-def _length(study: Cells, about: Mapping[str, str]) -> Chapter | None:
+def _length(study: Comparison, about: Mapping[str, str]) -> Chapter | None:
     text = (
         "Not in the paper: the nominal case over shorter and longer windows. The error of a "
         "consistent method falls with the bound, as 1/√T; that of an inconsistent one "
@@ -294,7 +295,7 @@ def _length(study: Cells, about: Mapping[str, str]) -> Chapter | None:
     return _trend(study, "length", "Length of the recording", text, "duration", "window T [s]")
 
 
-def _runs(study: Cells, about: Mapping[str, str]) -> Chapter | None:
+def _runs(study: Comparison, about: Mapping[str, str]) -> Chapter | None:
     text = (
         "Not in the paper: several runs with the same forcing functions and independent remnants, "
         "fitted jointly."
@@ -303,7 +304,7 @@ def _runs(study: Cells, about: Mapping[str, str]) -> Chapter | None:
 
 
 def _trend(
-    study: Cells, family: str, title: str, text: str, varied: str, label: str
+    study: Comparison, family: str, title: str, text: str, varied: str, label: str
 ) -> Chapter | None:
     """Root mean square error over what a family of scenarios varies."""
     own = _family(study, f"{family}-")
@@ -316,7 +317,7 @@ def _trend(
     if len(known) > 1:
         alt = f"Root mean square error by parameter and method over the {title.lower()}"
         figure = study_curves.sweep(
-            study, known, lambda s: (s.rmse, s.ratio_se * s.bound),
+            study, known, lambda s: (s.rmse, s.rmse_se),
             (label, "rmse [% of true value]"),
             log=True, line=lambda s: s.bound, line_label="bound",
         )  # fmt: skip
