@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from pilotid.show.numbers import signed
 from pilotid.study.comparison import Cell, Score
 
 #: Fewer fits than this allow no verdict.
@@ -222,11 +223,6 @@ def _percent(share: float) -> str:
 
 def _capital(text: str) -> str:
     return text[:1].upper() + text[1:]
-
-
-def signed(value: float) -> str:
-    """A percentage with its sign, a decimal where that matters and a true minus."""
-    return f"{value:+.{0 if abs(value) >= 9.95 else 1}f}".replace("-", "\N{MINUS SIGN}")
 
 
 def in_short(verdicts: Sequence[Verdict]) -> str:
