@@ -18,7 +18,7 @@ from pilotid.report.content import inline_html
 from pilotid.report.page import overview_table, write_report
 from pilotid.report.scores import setting
 from pilotid.report.verdicts import Grade, judge, sentence
-from pilotid.show.numbers import number, plus_minus, printed, share
+from pilotid.show.numbers import decimals, number, plus_minus, printed, share, signed
 from pilotid.show.terminal import make_console
 from pilotid.study.comparison import Cell, comparison_of
 from pilotid.study.store import ParameterTruth, Result, ScenarioEntry, Store, Unit
@@ -209,6 +209,9 @@ def test_numbers_have_the_digits_that_their_error_allows() -> None:
         "0", "1.00", "-26.7", "1234", "1.0e+07", "-",
     ]  # fmt: skip
     assert plain(printed(-11.6)) == "-11.6"
+    assert [plain(signed(x)) for x in (-24.2, 3.14, 9.96)] == ["-24", "+3.1", "+10"]
+    assert [decimals(x) for x in (0.0312, 1.2, 150.0, 1e-12)] == [3, 1, 0, 9]
+    assert decimals(-0.5, digits=3, most=2) == 2
     assert plain(share(0.95, (0.9, 0.98))) == "95 (90-98)"
 
 

@@ -13,7 +13,6 @@ from pilotid.report.content import Block, Bullets, Picture
 from pilotid.report.paper import FIGURE_3, FIGURE_5, KEYS, PAPER, TABLE_3
 from pilotid.report.scores import setting
 from pilotid.report.verdicts import judge, sentence
-from pilotid.show.svg import compact
 from pilotid.study.comparison import Cell, Comparison
 from pilotid.study.store import ScenarioEntry
 
@@ -100,9 +99,9 @@ def _errors(cells: Sequence[Cell], paper: Sequence[tuple[float, float]] = ()) ->
     name = cells[0].scenario.name
     beside = f"; the crosses are {PAPER}, Fig. 3 (10 runs, ± standard deviation)" if paper else ""
     alt = f"Mean error and scatter of each parameter by each method in scenario {name}"
-    return Picture(
+    return Picture.of(
+        study_figures.errors(cells, paper, PAPER),
         f"errors-{name}",
-        compact(study_figures.errors(cells, paper, PAPER), f"errors-{name}", alt),
         alt,
         f"Scenario {name}: mean error, standard deviation and claimed standard error beside the "
         f"Cramér-Rao bound{beside}. Each panel has its own scale; a triangle marks a method whose "
@@ -126,9 +125,9 @@ def _nominal(study: Comparison, about: Mapping[str, str]) -> Chapter | None:
         names,
         [
             _errors(cells, paper),
-            Picture(
+            Picture.of(
+                study_figures.scatter(cells),
                 "scatter-nominal",
-                compact(study_figures.scatter(cells), "scatter-nominal", alt),
                 alt,
                 "Scenario nominal: what the estimates scatter by, what the methods claim, and the "
                 f"least that an unbiased estimate can scatter by. {MONTE_CARLO} A claim to the "
@@ -157,9 +156,9 @@ def _starts(study: Comparison, about: Mapping[str, str]) -> Chapter | None:
         "lies within a tenth of the bound of the median end; a failed fit does not reach it.",
         names,
         [
-            Picture(
+            Picture.of(
+                study_figures.starts(cells, paper),
                 "starts",
-                compact(study_figures.starts(cells, paper), "starts", alt),
                 alt,
                 "Ends of the search, a dot for each start; behind the method's name the starts "
                 f"that reach the common end. Dotted: {PAPER}, Fig. 5.",
@@ -191,15 +190,13 @@ def _remnant(study: Comparison, about: Mapping[str, str]) -> Chapter | None:
             tick=tick,
         )  # fmt: skip
         caption = f"Bias over the remnant (Fig. 6). {MONTE_CARLO} Triangles lie outside the scale."
-        pictures.append(
-            Picture("remnant-bias", compact(figure, "remnant-bias", bias), bias, caption)
-        )
+        pictures.append(Picture.of(figure, "remnant-bias", bias, caption))
         figure = study_curves.sweep(
             study, points, lambda s: (s.std, s.std_se), (label, "standard deviation [%]"),
             log=True, line=lambda s: s.bound, line_label="bound", tick=tick,
         )  # fmt: skip
         caption = f"Standard deviation over the remnant (Fig. 7). {MONTE_CARLO}"
-        pictures.append(Picture("remnant-std", compact(figure, "remnant-std", std), std, caption))
+        pictures.append(Picture.of(figure, "remnant-std", std, caption))
     paper = {"remnant-0.4": [b for b, _ in FIGURE_3]}
     told = [(n, n) for n in names if n in (names[0], "remnant-0.4", names[-1])]
     table = study_tables.bias_table(study, told, paper, "Bias by remnant gain")
@@ -240,9 +237,9 @@ def _forcing(study: Comparison, about: Mapping[str, str]) -> Chapter | None:
         "four times nominal. The paper's numbers are means of 10 runs, or of 100: it says both.",
         tuple(names),
         [
-            Picture(
+            Picture.of(
+                figure,
                 "forcing",
-                compact(figure, "forcing", alt),
                 alt,
                 f"Bias by forcing function. {MONTE_CARLO} The axis is linear within "
                 f"±{study_curves.LINEAR:.0f} % (grey) and logarithmic beyond.",
@@ -322,6 +319,6 @@ def _trend(
             log=True, line=lambda s: s.bound, line_label="bound",
         )  # fmt: skip
         caption = f"Root mean square error and Cramér-Rao bound. {MONTE_CARLO}"
-        blocks.append(Picture(family, compact(figure, family, alt), alt, caption))
+        blocks.append(Picture.of(figure, family, alt, caption))
     blocks.append(study_tables.ratio_table(study, [name for name, _ in points]))
     return Chapter(family, title, text, names, blocks, own)

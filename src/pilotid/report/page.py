@@ -24,7 +24,6 @@ from pilotid.report.content import (
 from pilotid.report.verdicts import CODES, RULES, Verdict, in_short, judge, sentence
 from pilotid.show.numbers import MINUS, NONE, number
 from pilotid.show.page import templates_of
-from pilotid.show.svg import compact
 from pilotid.study.comparison import Comparison
 from pilotid.study.store import Store
 from pilotid.types import InputError
@@ -150,9 +149,9 @@ def _summary(study: Comparison, about: Mapping[str, str], told: Sequence[Chapter
         Text(f"**{in_short(verdicts)}** {intro}"),
         study_tables.verdict_table(verdicts, caption),
         Bullets([sentence(v) for v in verdicts]),
-        Picture(
+        Picture.of(
+            study_glance.glance(cells),
             "glance",
-            compact(study_glance.glance(cells), "glance", alt),
             alt,
             f"Scenario {name}, one point for each parameter, from the top down "
             f"{', '.join(p.parameter for p in entry.parameters)}. Bars: 95 % Monte Carlo "

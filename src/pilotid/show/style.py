@@ -25,6 +25,7 @@ STYLES = {
 OTHERS = (("#117733", "*"), ("#AA4499", "p"), ("#44AA99", "h"))
 WIDTH = 7.6  # inches, two columns of a journal
 INK = "#333333"
+GRID = "#dddddd"
 
 
 def style_of(method: str) -> tuple[str, str]:
