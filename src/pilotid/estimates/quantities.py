@@ -1,4 +1,4 @@
-"""What `fit` hands to tables, JSON and reports: estimates, quantity by quantity."""
+"""Estimates as quantities with errors and intervals, for tables, JSON and reports."""
 
 from __future__ import annotations
 

@@ -125,6 +125,7 @@ class Bode:
             axes.set_xlim(self.omega[0], self.omega[-1])
             axes.grid(color=GRID, linewidth=0.5)
             axes.set_axisbelow(True)
+            log_ticks(axes, "x")
         sizes, phases = _drawn(self.above), _drawn(self.below)
         sizes = sizes[sizes > 0.0]
         if sizes.size:
@@ -134,7 +135,6 @@ class Bode:
             self.below.set_ylim(low, high)
             step = next((s for s in TURNS if high - low < 7.0 * s), TURNS[-1])
             self.below.yaxis.set_major_locator(MultipleLocator(step))
-        log_ticks(self.below, "x")
         log_ticks(self.above, "y")
         self.above.tick_params(axis="x", labelbottom=False)
         self.below.set_ylabel("phase [deg]")
