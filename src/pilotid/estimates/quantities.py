@@ -1,4 +1,4 @@
-"""What `fit` hands to tables, JSON and reports: estimates, quantity by quantity."""
+"""Estimates as quantities with errors and intervals, for tables, JSON and reports."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from pilotid.chance import Z95
-from pilotid.estimates.draws import spread_of
+from pilotid.estimates.draws import Draws, Spread, spread_of
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.method import Method, identify
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import fit_rng
+from pilotid.types import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,24 +63,63 @@ def parameters(estimate: Estimate) -> list[Quantity]:
     ]
 
 
-def derived(estimate: Estimate) -> list[Quantity]:
-    """Functions of the parameters that are better known than the parameters themselves.
+@dataclass(frozen=True)
+class Product:
+    """A product of parameters that is better known than the parameters themselves."""
 
-    Gain and lead time of the visual channel are correlated at about -0.99; their product,
-    the gain on the error's rate, is known several times more accurately than either.
-    """
-    keys = estimate.model.keys
-    if not {"Kvis", "tlead"} <= set(keys):
-        return []
-    gain, lead = keys.index("Kvis"), keys.index("tlead")
-    draws = estimate.draws
-    if draws is not None:
-        product = draws.values[:, gain] * draws.values[:, lead]
-        known = spread_of("Kvis*tlead", "s", product, draws.weights)
-        low, high = known.equal_tailed.tolist()
-        return [Quantity(known.key, known.unit, known.mean, known.deviation, low, high)]
-    slope = np.zeros(len(keys))
-    slope[gain], slope[lead] = estimate.values[lead], estimate.values[gain]
-    value = float(estimate.values[gain] * estimate.values[lead])
-    error = float(np.sqrt(slope @ estimate.covariance @ slope))
-    return [Quantity("Kvis*tlead", "s", value, error, value - Z95 * error, value + Z95 * error)]
+    factors: tuple[str, ...]
+    unit: str
+
+    @property
+    def key(self) -> str:
+        """Its name in tables and files."""
+        return "*".join(self.factors)
+
+    def of(self, values: FloatArray, keys: tuple[str, ...]) -> FloatArray:
+        """The product for parameter sets in the order of the keys, shape (...,)."""
+        return np.asarray(np.prod([values[..., keys.index(f)] for f in self.factors], axis=0))
+
+    def gradient(self, values: FloatArray, keys: tuple[str, ...]) -> FloatArray:
+        """Its derivative by each parameter of one set, shape (parameters,)."""
+        slope = np.zeros(len(keys))
+        for factor in self.factors:
+            others = Product(tuple(f for f in self.factors if f != factor), "")
+            slope[keys.index(factor)] = others.of(values, keys)
+        return slope
+
+
+#: Gain and lead time of the visual channel are correlated at about -0.99; their product, the
+#: gain on the error's rate, is known several times more accurately than either.
+PRODUCTS = (Product(("Kvis", "tlead"), "s"),)
+
+
+def products_of(keys: tuple[str, ...]) -> list[Product]:
+    """The products whose factors are among the parameters."""
+    return [product for product in PRODUCTS if set(product.factors) <= set(keys)]
+
+
+def product_spreads(draws: Draws) -> list[Spread]:
+    """Posteriors of the products."""
+    return [
+        spread_of(p.key, p.unit, p.of(draws.values, draws.keys), draws.weights)
+        for p in products_of(draws.keys)
+    ]
+
+
+def derived(estimate: Estimate) -> list[Quantity]:
+    """Products of parameters, by the posterior where there is one, else by the delta method."""
+    if estimate.draws is not None:
+        return [
+            Quantity(s.key, s.unit, s.mean, s.deviation, *s.equal_tailed.tolist())
+            for s in product_spreads(estimate.draws)
+        ]
+    keys, result = estimate.model.keys, []
+    for product in products_of(keys):
+        value = float(product.of(estimate.values, keys))
+        slope = product.gradient(estimate.values, keys)
+        error = float(np.sqrt(slope @ estimate.covariance @ slope))
+        reach = Z95 * error
+        result.append(
+            Quantity(product.key, product.unit, value, error, value - reach, value + reach)
+        )
+    return result

@@ -176,13 +176,13 @@ def write_posterior(
         "summary.csv": summary_bytes(spreads),
         "estimate.json": strict_json(estimate_json(estimate)).encode(),
     }
-    figures = {
-        "corner.svg": corner(draws, units),
-        "trace.svg": trace(draws),
-        "autocorrelation.svg": autocorrelation(draws),
-        "predictive.svg": band(predictive, unit),
-    }
-    contents |= {name: svg(figure).encode() for name, figure in figures.items()}
+    figures = (
+        (corner(draws, units), "corner", "Posterior of every pair of parameters"),
+        (trace(draws), "trace", "Course of every parameter along the chains"),
+        (autocorrelation(draws), "autocorrelation", "Autocorrelation of every parameter"),
+        (band(predictive, unit), "predictive", "Recorded control in its predictive band"),
+    )
+    contents |= {f"{name}.svg": svg(f, name, alt).encode() for f, name, alt in figures}
     for name, content in contents.items():
         write_file(folder / name, content)
     return [folder / name for name in contents]

@@ -1,4 +1,4 @@
-"""Estimates as JSON and as tables on the terminal."""
+"""Estimates as tables on the terminal."""
 
 from __future__ import annotations
 
@@ -19,15 +19,6 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 PLAIN_WIDTH = 120  # columns of output that does not go to a terminal
-
-
-# ------------------------------------------------------------------------------------- JSON
-
-
-# ------------------------------------------------------------------------------------ words
-
-
-# ----------------------------------------------------------------------------------- tables
 
 
 def make_console(*, errors: bool = False) -> Console:
