@@ -145,7 +145,7 @@ def has_offset(residual: FloatArray, dt: float) -> bool:
     if blocks.size < 4:
         return False
     error = float(np.std(blocks, ddof=1)) / np.sqrt(blocks.size)
-    return abs(float(np.mean(blocks))) > LIMIT * error
+    return bool(abs(np.mean(blocks)) > LIMIT * error)
 
 
 class _Output:

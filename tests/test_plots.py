@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from pilotid.datasets import scenario_named, simulate
 from pilotid.estimates.estimate import Estimate, Outcome, failed, symmetric_intervals
-from pilotid.estimates.quantities import Fitted
+from pilotid.estimates.fitted import Fitted
 from pilotid.estimates.remnant import RemnantEstimate
 from pilotid.estimates.response import FrequencyResponse
 from pilotid.methods import methods

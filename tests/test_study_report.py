@@ -14,14 +14,14 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from pilotid.numbers import decimals, number, plus_minus, printed, share, signed
 from pilotid.report.content import inline_html
 from pilotid.report.page import overview_table, write_report
 from pilotid.report.scores import setting
 from pilotid.report.verdicts import Grade, judge, sentence
-from pilotid.show.numbers import decimals, number, plus_minus, printed, share, signed
-from pilotid.show.terminal import make_console
 from pilotid.study.comparison import Cell, comparison_of
 from pilotid.study.store import ParameterTruth, Result, ScenarioEntry, Store, Unit
+from pilotid.terminal import make_console
 
 KEYS = ("Kvis", "tlead", "tdvis", "Kvest", "tdvest", "fnm", "dnm")
 TRUTH = (0.17, 2.93, 0.32, 1.59, 0.29, 12.0, 0.3)

@@ -18,7 +18,6 @@ import numpy as np
 
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.estimates.method import identify
-from pilotid.estimates.remarks import remarks_on
 from pilotid.methods import method_named
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.files import load_recording
@@ -85,7 +84,7 @@ def named_by_a_fit(recording: Recording) -> bool:
     """Whether `mle` says that it explains nothing."""
     model = SCENARIOS["nominal"].model
     estimate = identify(method_named("mle"), recording, model, np.random.default_rng(1))
-    return any("explains" in remark for remark in remarks_on(estimate))
+    return any("explains" in remark for remark in estimate.remarks)
 
 
 def main() -> None:

@@ -1,29 +1,16 @@
-"""Estimates as quantities with errors and intervals, for tables, JSON and reports."""
+"""Quantities with errors and intervals: parameters, and products of them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from pilotid.chance import Z95
 from pilotid.estimates.draws import Draws, Spread, spread_of
-from pilotid.estimates.estimate import Estimate
-from pilotid.estimates.method import Method, identify
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
-from pilotid.seeds import fit_rng
+from pilotid.numbers import decimals
 from pilotid.types import FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class Fitted:
-    """All estimates of one model from one recording."""
-
-    recording: Recording
-    model: PilotModel
-    estimates: tuple[Estimate, ...]
 
 
 @dataclass(frozen=True)
@@ -37,30 +24,35 @@ class Quantity:
     lower: float
     upper: float
 
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Lower and upper end of the 95 % interval."""
+        return self.lower, self.upper
 
-def fit_all(
-    recording: Recording, model: PilotModel, methods: Sequence[Method], seed: int
-) -> Fitted:
-    """Run methods on a recording, each with its own random generator."""
-    return Fitted(
-        recording,
-        model,
-        tuple(identify(m, recording, model, fit_rng(seed, m.name)) for m in methods),
-    )
+    def shown(self, plus_minus: str = "±") -> tuple[str, str]:
+        """Value with standard error, and interval, to the digits that the error allows."""
+        if not math.isfinite(self.value):
+            return "-", ""
+        error = self.std_error
+        if not (math.isfinite(error) and error > 0.0):
+            return f"{self.value:.4g}", ""
+        digits = decimals(error)
+        value = f"{self.value:.{digits}f} {plus_minus} {error:.{digits}f}"
+        return value, f"{self.lower:.{digits}f} .. {self.upper:.{digits}f}"
 
+    def to_dict(self) -> dict[str, object]:
+        """Plain objects, as JSON has them."""
+        return {
+            "value": self.value,
+            "std_error": self.std_error,
+            "interval_95": [self.lower, self.upper],
+            "unit": self.unit,
+        }
 
-def parameters(estimate: Estimate) -> list[Quantity]:
-    """The model's parameters, in model order."""
-    return [
-        Quantity(p.key, p.unit, float(value), float(error), float(low), float(high))
-        for p, value, error, (low, high) in zip(
-            estimate.model.parameters,
-            estimate.values,
-            estimate.std_error,
-            estimate.intervals,
-            strict=True,
-        )
-    ]
+    def __str__(self) -> str:
+        value, interval = self.shown()
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{self.key} = {value}{unit}" + (f", 95 % {interval}" if interval else "")
 
 
 @dataclass(frozen=True)
@@ -106,18 +98,23 @@ def product_spreads(draws: Draws) -> list[Spread]:
     ]
 
 
-def derived(estimate: Estimate) -> list[Quantity]:
-    """Products of parameters, by the posterior where there is one, else by the delta method."""
-    if estimate.draws is not None:
-        return [
-            Quantity(s.key, s.unit, s.mean, s.deviation, *s.equal_tailed.tolist())
-            for s in product_spreads(estimate.draws)
-        ]
-    keys, result = estimate.model.keys, []
+def products_by_delta(
+    keys: tuple[str, ...], values: FloatArray, covariance: FloatArray
+) -> list[Quantity]:
+    """Products of parameters, with errors to first order.
+
+    Parameters
+    ----------
+    keys
+        The parameters' keys.
+    values, covariance
+        The estimate, shapes (parameters,) and (parameters, parameters).
+    """
+    result = []
     for product in products_of(keys):
-        value = float(product.of(estimate.values, keys))
-        slope = product.gradient(estimate.values, keys)
-        error = float(np.sqrt(slope @ estimate.covariance @ slope))
+        value = float(product.of(values, keys))
+        slope = product.gradient(values, keys)
+        error = float(np.sqrt(slope @ covariance @ slope))
         reach = Z95 * error
         result.append(
             Quantity(product.key, product.unit, value, error, value - reach, value + reach)

@@ -220,7 +220,7 @@ def _rms(signal: FloatArray) -> float:
 
 
 def _centred(signal: FloatArray) -> FloatArray:
-    return signal - signal.mean(axis=1, keepdims=True)
+    return np.asarray(signal - signal.mean(axis=1, keepdims=True))
 
 
 #: All checks, the gravest first.

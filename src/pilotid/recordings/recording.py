@@ -23,7 +23,7 @@ SHORTEST = 10.0  # seconds of measurement window that an identification needs
 COARSEST = 0.1  # seconds between samples: half that rate is just above the pilot's band
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Recording:
     """One condition of one subject or simulation, in one or more runs.
 
@@ -150,6 +150,37 @@ class Recording:
         """The part of a signal inside the measurement window, shape (runs, samples)."""
         return signal[:, self.run_in :]
 
+    @property
+    def signals(self) -> list[str]:
+        """Names of the signals that it has."""
+        return [name for name in SIGNALS if getattr(self, name) is not None]
+
+    @property
+    def description(self) -> str:
+        """One line: where it came from, how long and how fast."""
+        runs = "1 run" if self.runs == 1 else f"{self.runs} runs"
+        run_in = f" after {self.run_in * self.dt:.4g} s of run-in" if self.run_in else ""
+        rate = f"{1.0 / self.dt:.4g} Hz"
+        return f"{self.source}: {runs} of {self.duration:.4g} s at {rate}{run_in}"
+
+    def __repr__(self) -> str:
+        return f"<Recording {self.description}, signals {' '.join(self.signals)}>"
+
+    def to_dict(self) -> dict[str, object]:
+        """All but the samples as plain objects, as JSON has them."""
+        return {
+            "source": self.source,
+            "runs": self.runs,
+            "samples": self.samples,
+            "dt": self.dt,
+            "duration": self.duration,
+            "run_in": self.run_in * self.dt,
+            "signals": self.signals,
+            "units": dict(self.units),
+            "lines": {name: list(lines) for name, lines in self.lines.items()},
+            "controlled_element": self.controlled_element,
+        }
+
 
 def joined(recordings: Sequence[Recording]) -> Recording:
     """Several recordings of one condition as the runs of one recording.
@@ -165,7 +196,7 @@ def joined(recordings: Sequence[Recording]) -> Recording:
             ("sampling interval", first.dt, other.dt),
             ("number of samples", first.samples, other.samples),
             ("run-in", first.run_in, other.run_in),
-            ("set of signals", _present(first), _present(other)),
+            ("set of signals", " ".join(first.signals), " ".join(other.signals)),
         ):
             equal = a == b if not isinstance(a, float) else bool(np.isclose(a, float(str(b))))
             if not equal:
@@ -193,7 +224,3 @@ def joined(recordings: Sequence[Recording]) -> Recording:
         source=f"{first.source} and {len(recordings) - 1} more",
         controlled_element=first.controlled_element,
     )
-
-
-def _present(recording: Recording) -> str:
-    return " ".join(n for n in SIGNALS if getattr(recording, n) is not None)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pilotid.disk import write_file
+from pilotid.numbers import MINUS, NONE, number
 from pilotid.report import appendix
 from pilotid.report import glance as study_glance
 from pilotid.report import tables as study_tables
@@ -22,7 +23,6 @@ from pilotid.report.content import (
     markdown,
 )
 from pilotid.report.verdicts import CODES, RULES, Verdict, in_short, judge, sentence
-from pilotid.show.numbers import MINUS, NONE, number
 from pilotid.show.page import templates_of
 from pilotid.study.comparison import Comparison
 from pilotid.study.store import Store
@@ -69,7 +69,7 @@ def write_report(folder: Path, store: Store, study: Comparison) -> Path:
 
 def overview_table(study: Comparison) -> RichTable:
     """The summary as a table for the terminal."""
-    from pilotid.show.terminal import make_table
+    from pilotid.terminal import make_table
 
     table = make_table()
     for title in ("method", "verdict", "largest bias"):

@@ -9,9 +9,9 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from pilotid.estimates.estimate import Outcome
+from pilotid.numbers import NONE, number, plus_minus, printed, share, signed
 from pilotid.report.content import Column, Entry, Table, entries
 from pilotid.report.verdicts import Verdict, extremes
-from pilotid.show.numbers import NONE, number, plus_minus, printed, share, signed
 from pilotid.study.comparison import Cell, Comparison, Score
 
 

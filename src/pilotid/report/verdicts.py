@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from pilotid.show.numbers import signed
+from pilotid.numbers import signed
 from pilotid.study.comparison import Cell, Score
 
 #: Fewer fits than this allow no verdict.

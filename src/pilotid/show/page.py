@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate
-from pilotid.estimates.quantities import Fitted, derived, parameters
+from pilotid.estimates.fitted import Fitted
 from pilotid.show.figures import remnant_figure, response_figure, time_figure
-from pilotid.show.numbers import value_and_interval
 from pilotid.show.svg import svg
-from pilotid.show.words import heading, verdict
 from pilotid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -28,6 +26,7 @@ class Section:
     methods: list[str]
     rows: list[tuple[str, str, list[tuple[str, str]]]]
     verdicts: list[str]
+    remarks: list[str]
     figures: list[tuple[str, str]]
 
 
@@ -61,15 +60,16 @@ def templates_of(package: str) -> Environment:
 
 def _section(fit: Fitted, truth: FloatArray | None, number: int) -> Section:
     shown = [e for e in fit.estimates if np.isfinite(e.values).all()]
-    columns = [[*parameters(e), *derived(e)] for e in shown]
+    columns = [e.quantities for e in shown]
     return Section(
-        heading=heading(fit),
+        heading=fit.heading,
         methods=[e.method for e in shown],
         rows=[
-            (row[0].key, row[0].unit, [value_and_interval(quantity) for quantity in row])
+            (row[0].key, row[0].unit, [quantity.shown() for quantity in row])
             for row in zip(*columns, strict=True)
         ],
-        verdicts=[verdict(e, timed=False) for e in fit.estimates],
+        verdicts=[e.verdict(timed=False) for e in fit.estimates],
+        remarks=fit.warnings,
         figures=list(_figures(fit, shown, truth, number)),
     )
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-from pilotid.estimates.quantities import Quantity
-
 NONE = "\N{EN DASH}"
 MINUS = "\N{MINUS SIGN}"
 
@@ -57,15 +55,3 @@ def share(value: float, interval: tuple[float, float] | None = None) -> str:
     if interval is None:
         return text
     return f"{text} ({100.0 * interval[0]:.0f}{NONE}{100.0 * interval[1]:.0f})"
-
-
-def value_and_interval(quantity: Quantity, plus_minus: str = "±") -> tuple[str, str]:
-    """Value with standard error, and 95 % interval, to the digits that the error allows."""
-    if not math.isfinite(quantity.value):
-        return "-", ""
-    error = quantity.std_error
-    if not (math.isfinite(error) and error > 0.0):
-        return f"{quantity.value:.4g}", ""
-    digits = decimals(error)
-    value = f"{quantity.value:.{digits}f} {plus_minus} {error:.{digits}f}"
-    return value, f"{quantity.lower:.{digits}f} .. {quantity.upper:.{digits}f}"
