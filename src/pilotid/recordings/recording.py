@@ -188,7 +188,8 @@ def joined(recordings: Sequence[Recording]) -> Recording:
     Raises
     ------
     InputError
-        If the sampling interval, length, run-in or forcing signals present differ.
+        If the sampling interval, length, run-in or forcing signals present differ, or if a run
+        is there twice.
     """
     first = recordings[0]
     for other in recordings[1:]:
@@ -204,6 +205,8 @@ def joined(recordings: Sequence[Recording]) -> Recording:
                     f"{other.source}: the {what} ({b}) differs from that of {first.source} ({a}), "
                     "so the two cannot be runs of one recording"
                 )
+
+    _require_different_runs(recordings)
 
     def stacked(name: str) -> FloatArray | None:
         if getattr(first, name) is None:
@@ -224,3 +227,18 @@ def joined(recordings: Sequence[Recording]) -> Recording:
         source=f"{first.source} and {len(recordings) - 1} more",
         controlled_element=first.controlled_element,
     )
+
+
+def _require_different_runs(recordings: Sequence[Recording]) -> None:
+    """Refuse a run that is there twice: it would count as twice the information."""
+    seen: dict[bytes, str] = {}
+    for recording in recordings:
+        for run, control in enumerate(recording.u):
+            place = f"run {run + 1} of {recording.source}"
+            content = control.tobytes()
+            if content in seen:
+                raise InputError(
+                    f"{place} has the same control as {seen[content]}; name every run once, since "
+                    "a copy would count as new information"
+                )
+            seen[content] = place
