@@ -10,7 +10,7 @@ from pilotid.disk import write_file
 from pilotid.report import appendix
 from pilotid.report import glance as study_glance
 from pilotid.report import tables as study_tables
-from pilotid.report.chapters import Chapter, chapters, one_recording, ratio
+from pilotid.report.chapters import Chapter, chapters, ratio
 from pilotid.report.content import (
     Block,
     Bullets,
@@ -56,7 +56,7 @@ def write_report(
     Path
         The page.
     """
-    study = Cells(groups, summaries, list(store.methods()))
+    study = Cells(groups, summaries, store.methods())
     sections = _sections(study, store)
     pictures = folder / "figures"
     try:
@@ -78,7 +78,7 @@ def overview_table(
     """The summary as a table for the terminal."""
     from pilotid.show.terminal import make_table
 
-    study = Cells(groups, summaries, list(store.methods()))
+    study = Cells(groups, summaries, store.methods())
     table = make_table()
     for title in ("method", "verdict", "largest bias"):
         table.add_column(title)
@@ -108,7 +108,7 @@ def reference(study: Cells) -> str:
     """The scenario that the summary is about."""
     if REFERENCE in study.names:
         return REFERENCE
-    several = [entry.name for entry in study.scenarios if not one_recording(entry)]
+    several = [entry.name for entry in study.scenarios if not entry.one_recording]
     return (several or study.names)[0]
 
 
@@ -149,7 +149,7 @@ def _summary(study: Cells, about: Mapping[str, str], told: Sequence[Chapter]) ->
     if "mixed" in about:
         blocks.append(Text(f"**Careful: {appendix.mixed(about['mixed'])}**"))
     intro = f"Scenario `{name}` ({entry.description}{share}), {_recordings(study, name)}."
-    if one_recording(entry):
+    if entry.one_recording:
         intro += " All fits are of one recording: bias and coverage say nothing of others."
     caption = f"`{name}`: all parameters in a row for each method"
     alt = f"Bias and rmse over the bound, and coverage, of each method in scenario {name}"
@@ -166,7 +166,7 @@ def _summary(study: Cells, about: Mapping[str, str], told: Sequence[Chapter]) ->
             "intervals. Bias: linear within ±1, logarithmic beyond; grey: a quarter of the bound.",
         ),
     ]
-    several = {n: c.key for c in told for n in c.tabled if not one_recording(study.entry(n))}
+    several = {n: c.key for c in told for n in c.tabled if not study.entry(n).one_recording}
     if len(several) > 1:
         blocks.append(study_tables.matrix(study, _all_verdicts(study, several), several))
         blocks.append(Text(f"{CODES}."))
@@ -182,7 +182,7 @@ def _chapter(study: Cells, about: Mapping[str, str], chapter: Chapter) -> Sectio
     full = [
         study_tables.scenario_table(study.of(name), chapter.paper.get(name, ()))
         for name in chapter.tabled
-        if not one_recording(study.entry(name))
+        if not study.entry(name).one_recording
     ]
     counts = _counts(study, chapter.scenarios)
     command = Command(
@@ -195,7 +195,7 @@ def _chapter(study: Cells, about: Mapping[str, str], chapter: Chapter) -> Sectio
 def _counts(study: Cells, scenarios: Sequence[str]) -> str:
     """How many recordings there are."""
     counts = sorted({study.replications([name]) for name in scenarios})
-    if len(scenarios) == 1 and one_recording(study.entry(scenarios[0])):
+    if len(scenarios) == 1 and study.entry(scenarios[0]).one_recording:
         return f"{counts[0]} initial guesses."
     if len(scenarios) == 1:
         return f"{_recordings(study, scenarios[0])}."

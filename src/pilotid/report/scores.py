@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pilotid.study import scores
-from pilotid.study.store import ScenarioEntry
+from pilotid.study.entries import MethodEntry, ScenarioEntry
 from pilotid.study.summary import Group, Summary
 from pilotid.types import FloatArray
 
@@ -117,13 +116,17 @@ class Cells:
     """
 
     def __init__(
-        self, groups: Sequence[Group], summaries: Sequence[Summary], methods: Sequence[str]
+        self,
+        groups: Sequence[Group],
+        summaries: Sequence[Summary],
+        methods: Mapping[str, MethodEntry],
     ) -> None:
         known = {(s.scenario, s.method, s.parameter): s for s in summaries}
         self._cells = {(g.scenario.name, g.method): _cell(g, known) for g in groups}
         self.scenarios = list({g.scenario.name: g.scenario for g in groups}.values())
         present = {g.method for g in groups}
         self.methods = [m for m in methods if m in present]
+        self.typed = {label: entry.typed or label for label, entry in methods.items()}
 
     @property
     def names(self) -> list[str]:
@@ -195,12 +198,6 @@ def _score(group: Group, index: int, summary: Summary) -> Score:
         bias_all_se=percent * scores.bias_std_error(every),
         std_all=percent * scores.spread(every),
     )
-
-
-def setting(entry: ScenarioEntry, name: str) -> float:
-    """A number among all that defines a scenario, NaN if it is not there."""
-    found = re.search(rf"\b{name}=(-?[\d.]+(?:e-?\d+)?)", entry.details)
-    return float(found[1]) if found else math.nan
 
 
 def ends(cell: Cell) -> FloatArray:

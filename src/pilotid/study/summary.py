@@ -14,7 +14,8 @@ import numpy as np
 from pilotid.disk import write_file
 from pilotid.estimates.estimate import Outcome
 from pilotid.study import scores
-from pilotid.study.store import ParameterTruth, Result, ScenarioEntry, Store
+from pilotid.study.entries import ParameterTruth, Result, ScenarioEntry
+from pilotid.study.store import Store
 from pilotid.types import BoolArray, FloatArray
 
 ESTIMATES = "estimates.csv"
