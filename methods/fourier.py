@@ -62,6 +62,7 @@ class Fourier:
     name: ClassVar[str] = "fourier"
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
+        """Why the forcing functions have no lines, or too few, for the model's channels."""
         try:
             lines = forcing_lines(recording)
         except NotMultisineError as error:
@@ -89,6 +90,17 @@ class Fourier:
         return _response(coefficients, model, coefficients.first_residuals())
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
+        """Fit the equations at the lines, their leakage and weights in rounds.
+
+        Parameters
+        ----------
+        recording
+            The recording; the coefficients of all its runs are averaged in phase.
+        model
+            The pilot model, whose start is one of the starts of the search.
+        rng
+            Draws the other starts.
+        """
         coefficients = coefficients_of(recording, model, self.neighbours, self.trend)
         residuals = coefficients.first_residuals()
         problem = Equations(coefficients, model, coefficients.power(residuals))

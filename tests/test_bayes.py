@@ -18,12 +18,18 @@ from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.pilot.catalogue import MULTI, SINGLE
 from pilotid.posterior.ensembles import Run
-from pilotid.posterior.likelihood import Likelihood, prediction_error_filters, whitening_filters
+from pilotid.posterior.likelihood import Likelihood
 from pilotid.posterior.priors import HalfCauchy, LogNormal, Normal, default_prior, priors_of
 from pilotid.time_domain.fast_residuals import Residuals
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
-from pilotid.time_domain.remnant_models import Autoregressive, LowPass, NoiseModel, analysis_band
+from pilotid.time_domain.remnant_models import (
+    Autoregressive,
+    LowPass,
+    NoiseModel,
+    analysis_band,
+    prediction_error_filters,
+)
 from pilotid.types import FloatArray, InputError
 
 NOMINAL, ONE = SCENARIOS["nominal"], SCENARIOS["single"]
@@ -111,7 +117,7 @@ def test_recursion_gives_the_whitening_filters() -> None:
     noise, band = LowPass(2), analysis_band(NOMINAL.dt, 50.0)
     values = np.array([[3.5, 0.7], [10.0, 0.2], [60.0, 1.5]])
     expected = noise.taps(values, band)[0]
-    np.testing.assert_allclose(whitening_filters(noise, values, band), expected, atol=1e-8)
+    np.testing.assert_allclose(noise.filters(values, band), expected, atol=1e-8)
     first_order = 0.8 ** np.arange(6.0)[None]
     expected = np.array([[1.0, -0.8, 0.0, 0.0, 0.0, 0.0]])
     np.testing.assert_allclose(prediction_error_filters(first_order), expected, atol=1e-12)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pilotid.chance import CHI_SQUARED_95
 from pilotid.datasets import SCENARIOS, Scenario, simulate
 from pilotid.datasets.remnant import Remnant
 from pilotid.estimates.estimate import Outcome
@@ -15,7 +16,7 @@ from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.pilot.catalogue import MULTI
 from pilotid.seeds import fit_rng, recording_rng
-from pilotid.solve.intervals import CHI_SQUARED_95, profile_intervals
+from pilotid.solve.intervals import profile_intervals
 from pilotid.solve.least_squares import minimise
 from pilotid.time_domain.output_error import LeastSquares
 from pilotid.time_domain.prediction import predict

@@ -227,7 +227,7 @@ def test_gram_of_several_runs_is_the_sum_over_the_runs(band: float | None) -> No
     np.testing.assert_allclose(
         together.gram(values), sum(problem.gram(values) for problem in alone), rtol=1e-9
     )
-    assert together.residuals == sum(problem.samples for problem in alone)
+    assert together.residuals == sum(problem.residuals for problem in alone)
 
 
 def test_samples_are_what_nuisance_terms_leave() -> None:

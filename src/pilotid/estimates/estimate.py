@@ -89,6 +89,8 @@ class Estimate:
         The first step of a two-step method.
     draws
         Draws of the posterior, where the method has one.
+    remarks
+        What a user must know before believing it, a sentence each; empty if all is well.
     seconds
         Wall-clock time of the fit.
     """
@@ -106,6 +108,7 @@ class Estimate:
     remnant: RemnantEstimate | None = None
     frequency_response: FrequencyResponse | None = None
     draws: Draws | None = None
+    remarks: tuple[str, ...] = ()
     seconds: float = float("nan")
 
     @property

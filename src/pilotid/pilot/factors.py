@@ -52,6 +52,8 @@ class Parameter:
         solve for it instead of guessing it.
     delay
         It is a time delay, which a pilot cannot have negative.
+    last
+        It stands behind the others in tables and files, as neuromuscular parameters do.
     """
 
     key: str
@@ -63,6 +65,7 @@ class Parameter:
     positive: bool = True
     linear: bool = False
     delay: bool = False
+    last: bool = False
 
     def __post_init__(self) -> None:
         if not self.lower < self.start < self.upper:
@@ -306,6 +309,7 @@ class Neuromuscular:
                 *self.frequency_bounds,
                 self.frequency_start,
                 self.frequency_usual,
+                last=True,
             ),
             Parameter(
                 self.damping_key,
@@ -313,6 +317,7 @@ class Neuromuscular:
                 *self.damping_bounds,
                 self.damping_start,
                 self.damping_usual,
+                last=True,
             ),
         )
 

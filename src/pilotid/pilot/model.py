@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -99,25 +98,19 @@ class PilotModel:
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Free parameters, in order of appearance; those that channels share come last."""
+        """Free parameters, in order of appearance, neuromuscular ones last."""
         found: dict[str, Parameter] = {}
-        used: Counter[str] = Counter()
-        for channel in self.channels:
-            own = [p for f in channel.factors for p in f.parameters]
-            for parameter in own:
-                if found.setdefault(parameter.key, parameter) != parameter:
-                    raise ValueError(
-                        f"model {self.name}: the two factors that share parameter {parameter.key} "
-                        "must give it the same unit, bounds and start"
-                    )
-            used.update({p.key for p in own})
+        for parameter in (p for c in self.channels for f in c.factors for p in f.parameters):
+            if found.setdefault(parameter.key, parameter) != parameter:
+                raise ValueError(
+                    f"model {self.name}: the two factors that share parameter {parameter.key} "
+                    "must give it the same unit, bounds and start"
+                )
         for parameter in self.overrides:
             if parameter.key not in found:
                 raise ValueError(f"model {self.name} has no parameter {parameter.key} to override")
             found[parameter.key] = parameter
-        if len(self.channels) == 1:
-            return tuple(found.values())
-        return tuple(sorted(found.values(), key=lambda p: used[p.key] > 1))
+        return tuple(sorted(found.values(), key=lambda p: p.last))
 
     @property
     def keys(self) -> tuple[str, ...]:

@@ -77,4 +77,4 @@ class Posterior:
         broad = np.where(joint.positive, BROAD_LOG, BROAD_LINEAR) ** -2.0
         covariance = np.linalg.inv(information + np.diag(broad))
         count = self.likelihood.count
-        return scale.enter(values)[0, :count], covariance[:count, :count]
+        return scale.enter(values)[0, :count], np.asarray(covariance[:count, :count])

@@ -54,7 +54,7 @@ class Run:
     independent: float = 0.5
 
 
-USUAL_RUN = Run()
+DEFAULT_RUN = Run()
 
 
 @dataclass(frozen=True, eq=False)

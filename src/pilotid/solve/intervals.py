@@ -12,11 +12,11 @@ import math
 
 import numpy as np
 
+from pilotid.chance import CHI_SQUARED_95
 from pilotid.solve.least_squares import Gram, Minima, Space
 from pilotid.solve.scale import Scale
 from pilotid.types import FloatArray, IntArray
 
-CHI_SQUARED_95 = 3.841458820694124
 LONGEST_STEP = 1.0  # standard errors an iteration may move the profiled parameter
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pilotid.chance import ONE_IN_10000, chi_squared_quantile
+from pilotid.chance import SELDOM, chi_squared_limit
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Problem
@@ -48,7 +48,7 @@ class LeastSquares(Problem):
         loop it biases the low-frequency parameters, since what is subtracted depends on
         the future of the recording (the same effect biases autoregressive coefficients
         when a mean is removed; Kendall 1954).  A term stays if its squared t-values, all
-        runs together, exceed what chance gives once in 10,000.
+        runs together, exceed what chance gives once in 14,000.
         """
         poles = self.prediction.terms
         if not poles:
@@ -61,7 +61,7 @@ class LeastSquares(Problem):
         variance = np.sum(left**2) / (left.size - amplitudes.size)
         squares = amplitudes**2 / np.sum(weights**2, axis=1)
         runs = self.prediction.runs
-        limit = chi_squared_quantile(runs, ONE_IN_10000)
+        limit = chi_squared_limit(runs, SELDOM)
         noticeable = np.sum(squares, axis=0) > limit * variance
         return tuple(p for p, n in zip(poles, noticeable, strict=True) if n)
 
