@@ -225,7 +225,7 @@ def _from_catalogue(text: str) -> Scenario:
     return checked(replace(changed, name=signs, family="", varied=""))
 
 
-def checked(scenario: Scenario) -> Scenario:
+def checked(scenario: object) -> Scenario:
     """A scenario, if its name is its own.
 
     Raises
@@ -233,12 +233,14 @@ def checked(scenario: Scenario) -> Scenario:
     InputError
         If the name belongs to another scenario, or cannot be that of a file.
     """
-    name = scenario.name
+    if not isinstance(scenario, Scenario):
+        raise InputError(f"{scenario!r}: is no Scenario")
+    name: object = scenario.name
     if not isinstance(name, str) or not re.fullmatch(r"\w[\w.+-]{0,100}", name, re.ASCII):
         raise InputError(
             f"a scenario has the name {name!r}; it must be of letters, digits and the signs . + -"
         )
-    if SCENARIOS.get(name, scenario) != scenario:
+    if SCENARIOS.get(scenario.name, scenario) != scenario:
         raise InputError(
             f"a scenario has the name '{name}' of another one; give it a name of its own"
         )

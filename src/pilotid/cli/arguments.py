@@ -40,7 +40,7 @@ def names_of(given: Sequence[str] | None, default: Sequence[str], all_: Sequence
 
     Commas within parentheses belong to the settings of a name.
     """
-    names = [name for text in given or () for name in split_list(text)]
+    names = [name for text in given or () for name in split_list(text, names=True)]
     if "all" in names:
         return list(all_)
     return list(dict.fromkeys(names or default))

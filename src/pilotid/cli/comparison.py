@@ -67,7 +67,6 @@ def compare(
     from pilotid.datasets import SCENARIOS
     from pilotid.disk import make_folder
     from pilotid.methods import methods
-    from pilotid.study.fits import OUTSIDE
     from pilotid.study.process import Limits
     from pilotid.study.store import Store
     from pilotid.study.study import PROFILES, Study
@@ -89,9 +88,7 @@ def compare(
     make_folder(out)
     with Store(out, create=True) as store:
         try:
-            if retry_failed:
-                store.forget(outcome.slug for outcome in OUTSIDE)
-            pending = study.enter(store, mix=mix)
+            pending = study.enter(store, mix=mix, retry=retry_failed)
             held = study.size - pending.total
             if held:
                 words = f"{store.path}: holds {held} of {study.size} fits already"

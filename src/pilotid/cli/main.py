@@ -10,7 +10,7 @@ import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
@@ -32,6 +32,7 @@ from pilotid.estimates.method import Method
 from pilotid.estimates.quantities import fit_all
 from pilotid.estimates.sound import one_line
 from pilotid.naming.code import PluginWarning
+from pilotid.naming.settings import labelled
 from pilotid.pilot.catalogue import MODELS, model_named
 from pilotid.recordings.files import load_recording, parse_mapping, save_recording
 from pilotid.recordings.recording import Recording, joined
@@ -89,11 +90,11 @@ def _warnings_as_sentences() -> Iterator[None]:
         warnings.simplefilter("always", PluginWarning)
         usual = warnings.showwarning
 
-        def show(message: Warning | str, category: type[Warning], *where: Any) -> None:
+        def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
             if issubclass(category, PluginWarning):
                 sys.stderr.write(f"pilotid: {one_line(str(message))}\n")
             else:
-                usual(message, category, *where)
+                usual(message, category, *where, **more)
 
         warnings.showwarning = show
         yield
@@ -123,13 +124,11 @@ def list_names() -> None:
 
 
 def _first_line(method: Method) -> str:
-    """What a method is, and its settings where they are not the usual ones."""
+    """What a method is, its settings where they are not the usual ones, and whose it is."""
     line = (inspect.getdoc(type(method)) or "").partition("\n")[0]
-    given: Any = method  # methods of other packages need not be dataclasses
-    settings = fields(given) if is_dataclass(given) else ()
-    values = {f.name: getattr(given, f.name) for f in settings}
-    changed = [f"{f.name}={values[f.name]!r}" for f in settings if values[f.name] != f.default]
-    return f"{line} ({', '.join(changed)})" if changed else line
+    package = type(method).__module__.partition(".")[0]
+    origin = "" if package == "pilotid" else f"[{package}]"
+    return " ".join(part for part in (one_line(line), labelled("", method), origin) if part)
 
 
 @app.command()

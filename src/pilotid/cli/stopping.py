@@ -25,7 +25,7 @@ def heeding_interruptions() -> Iterator[None]:
     """
     usual = signal.getsignal(signal.SIGINT)
     ours = usual is signal.default_int_handler and current_thread() is main_thread()
-    told = []
+    told: list[str] = []
 
     def tell(sentence: str) -> None:
         if not told:

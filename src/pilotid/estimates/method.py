@@ -60,7 +60,12 @@ def identify(
     except BaseException as error:  # code of others may raise anything, SystemExit as well
         estimate = failed(name, model, *_outcome_of(error))
     seconds = float("nan") if begin is None else time.perf_counter() - begin
-    return replace(estimate, message=one_line(estimate.message), seconds=seconds)
+    return replace(
+        estimate,
+        message=one_line(estimate.message),
+        remarks=tuple(one_line(remark) for remark in estimate.remarks),
+        seconds=seconds,
+    )
 
 
 def _outcome_of(error: BaseException) -> tuple[Outcome, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numbers
+from typing import Any
 
 import numpy as np
 
@@ -33,8 +34,6 @@ def fault_of(estimate: object, model: PilotModel) -> str:
     """
     if not isinstance(estimate, Estimate):
         return f"it returned {_a(estimate)} in place of an Estimate"
-    if not isinstance(estimate.outcome, Outcome):
-        return f"its outcome is {_a(estimate.outcome)} in place of an Outcome"
     if estimate.model != model:
         return "it is an estimate of another model"
     return (
@@ -53,10 +52,11 @@ def one_line(text: str) -> str:
 
 
 def _a(thing: object) -> str:
-    return "nothing" if thing is None else f"a {type(thing).__name__}"
+    name = type(thing).__name__
+    return "nothing" if thing is None else f"{'an' if name[0] in 'aeiou' else 'a'} {name}"
 
 
-def _wrong_shapes(estimate: Estimate) -> str:
+def _wrong_shapes(estimate: Any) -> str:
     count = len(estimate.model.parameters)
     shapes = {"values": (count,), "covariance": (count, count), "intervals": (count, 2)}
     for name, shape in shapes.items():
@@ -70,14 +70,17 @@ def _wrong_shapes(estimate: Estimate) -> str:
     return ""
 
 
-def _wrong_parts(estimate: Estimate) -> str:
+def _wrong_parts(estimate: Any) -> str:
+    if not isinstance(estimate.outcome, Outcome):
+        return f"its outcome is {_a(estimate.outcome)} in place of an Outcome"
     if not isinstance(estimate.message, str):
         return f"its message is {_a(estimate.message)} in place of a text"
+    if not all(isinstance(remark, str) for remark in estimate.remarks):
+        return "its remarks are no texts"
     if not isinstance(estimate.vaf, numbers.Real):
         return f"its VAF is {_a(estimate.vaf)} in place of a number"
-    if not isinstance(estimate.iterations, numbers.Integral) or not (
-        0 <= estimate.iterations <= MOST_ITERATIONS
-    ):
+    count = estimate.iterations
+    if not isinstance(count, numbers.Integral) or not 0 <= int(count) <= MOST_ITERATIONS:
         return "its iterations are no count"
     for name, kind in PARTS.items():
         part = getattr(estimate, name)

@@ -14,7 +14,7 @@ import sys
 from importlib.abc import InspectLoader
 from importlib.util import module_from_spec, spec_from_loader
 from pathlib import Path
-from types import CodeType, ModuleType
+from types import CodeType, FunctionType, ModuleType
 from typing import Any
 from zlib import crc32
 
@@ -157,8 +157,8 @@ def _what_there_is(module: ModuleType) -> str:
         name
         for name, thing in vars(module).items()
         if not name.startswith("_")
-        and getattr(thing, "__module__", module.__name__) == module.__name__
         and not isinstance(thing, ModuleType)
+        and (not isinstance(thing, type | FunctionType) or thing.__module__ == module.__name__)
     ]
     return f"it defines {', '.join(own[:20])}" if own else "it defines nothing"
 

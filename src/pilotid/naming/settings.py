@@ -15,7 +15,8 @@ import pickle
 import re
 import sys
 from collections.abc import Mapping
-from typing import Any, TypeVar, get_type_hints
+from functools import partial
+from typing import Any, TypeVar, get_args, get_type_hints
 
 import numpy as np
 
@@ -96,22 +97,30 @@ def _values(kind: type, text: str) -> dict[str, object]:
             raise TextError(f"the setting '{name}' is given twice")
         hint = hints.get(name, Any)
         try:
-            values[name] = convert(read(value), hint, lambda call: _nested(kind, call))
+            values[name] = convert(read(value), hint, partial(_nested, kind, hint))
         except TextError as wrong:
             why = str(wrong) or f"must be {words_of(hint)}, not {value}"
             raise TextError(f"{name} {why}") from None
     return values
 
 
-def _nested(kind: type, call: Call) -> object:
-    """A dataclass within the settings, of a name that the outer class's module knows."""
-    inner = vars(sys.modules[kind.__module__]).get(call.name)
-    if not (isinstance(inner, type) and dataclasses.is_dataclass(inner)):
+def _nested(kind: type, hint: Any, call: Call) -> object:
+    """A dataclass within the settings, of a name known where they or their type are written."""
+    places = [base.__module__ for base in kind.__mro__] + _written_in(hint)
+    known = (vars(sys.modules[place]).get(call.name) for place in places if place in sys.modules)
+    inner = next((k for k in known if isinstance(k, type) and dataclasses.is_dataclass(k)), None)
+    if inner is None:
         raise TextError(f"cannot be {call.name}(...), which is not known there")
     try:
         return inner(**_values(inner, call.settings))
     except Exception as error:
         raise TextError(f"cannot be {call.name}({call.settings}), for {error}") from error
+
+
+def _written_in(hint: Any) -> list[str]:
+    """Modules of the types in a declared type."""
+    inner = [name for part in get_args(hint) for name in _written_in(part)]
+    return [str(getattr(hint, "__module__", "")), *inner]
 
 
 def _settings(kind: type) -> dict[str, dataclasses.Field[Any]]:
@@ -163,6 +172,8 @@ def written(value: object) -> str:
         return text if text.endswith(")") else f"{text}()"
     if isinstance(value, list | tuple):
         return _bracketed([written(entry) for entry in value])
+    if isinstance(value, float | np.floating):
+        return _number(float(value))
     return shown(plain(value))
 
 
@@ -173,8 +184,8 @@ def shown(held: object) -> str:
             return "none"
         case bool():
             return str(held).lower()
-        case float() if held.is_integer() and abs(held) < 1e15:
-            return str(int(held))
+        case float():
+            return _number(held)
         case str():
             bare = re.fullmatch(r"[A-Za-z_][\w.+-]*", held, re.ASCII)
             return held if bare and held.lower() not in ("none", "true", "false") else repr(held)
@@ -185,6 +196,11 @@ def shown(held: object) -> str:
             return f"{held.get('class', '')}({', '.join(inner)})"
         case _:
             return repr(held)
+
+
+def _number(value: float) -> str:
+    """A number with all its digits, and no more."""
+    return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
 
 
 def _bracketed(entries: list[str]) -> str:

@@ -40,15 +40,22 @@ class Call:
 Token = Word | Call | tuple["Token", ...]
 
 
-def split_list(text: str) -> list[str]:
+def split_list(text: str, *, names: bool = False) -> list[str]:
     """The parts of a text between commas that stand outside brackets, empty ones left out.
+
+    Parameters
+    ----------
+    text
+        Settings, values or names.
+    names
+        Whether it is names, where a quote outside brackets is an apostrophe in a path.
 
     Raises
     ------
     InputError
         If a bracket or a quote is not closed.
     """
-    commas = [place for place, sign in _outside(text) if sign == ","]
+    commas = [place for place, sign in _outside(text, names) if sign == ","]
     ends = zip([-1, *commas], [*commas, len(text)], strict=True)
     parts = (text[start + 1 : end].strip() for start, end in ends)
     return [part for part in parts if part]
@@ -57,21 +64,21 @@ def split_list(text: str) -> list[str]:
 def split_call(text: str) -> tuple[str, str | None]:
     """A name, and the settings in the parentheses at its end, None if there are none."""
     text = text.strip()
-    opened = [place for place, sign in _outside(text) if sign == "("]
+    opened = [place for place, sign in _outside(text, True) if sign == "("]
     if not opened or not text.endswith(")"):
         return text, None
     return text[: opened[-1]].rstrip(), text[opened[-1] + 1 : -1]
 
 
-def _outside(text: str) -> Iterator[tuple[int, str]]:
+def _outside(text: str, names: bool) -> Iterator[tuple[int, str]]:
     """The signs outside brackets and quotes, with their places; brackets that open included."""
     waiting: list[str] = []
     quote = before = ""
     for place, sign in enumerate(text):
         if quote:
             quote = "" if sign == quote and before != "\\" else quote
-        elif sign in "\"'" and (waiting or before == "="):
-            quote = sign  # elsewhere it is an apostrophe, in the name of a folder
+        elif sign in "\"'" and (waiting or not names):
+            quote = sign
         elif sign in PAIRS:
             if not waiting or waiting.pop() != PAIRS[sign]:
                 raise InputError(f"{text}: '{sign}' closes nothing; check the brackets")
@@ -154,6 +161,8 @@ def convert(token: Token, hint: Any, build: Callable[[Call], object]) -> object:
         raise TextError
     if hint is Any or hint is object:
         return _natural(token, build)
+    if is_dataclass(hint):
+        raise TextError
     raise TextError(f"cannot be typed as {words_of(hint)}; set it in Python, or leave it out")
 
 
@@ -272,4 +281,5 @@ def words_of(hint: Any) -> str:
         return _NAMES[hint]
     if isinstance(hint, type) and issubclass(hint, Enum):
         return " or ".join(member.name.lower() for member in hint)
-    return f"a {getattr(hint, '__name__', hint)}"
+    name = getattr(hint, "__name__", str(hint))
+    return f"{name}(...)" if is_dataclass(hint) else f"a {name}"

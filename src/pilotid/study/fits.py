@@ -54,9 +54,7 @@ def run_task(task: Task) -> Result:
         return _result(unit, identify(method, recording, model, rng))
     except MemoryError as error:
         return Result(unit, Outcome.OUT_OF_MEMORY.slug, one_line(str(error)))
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:  # a bug, and no reason to lose the other results
+    except BaseException as error:  # an interruption too: the user's go to another process
         return Result(unit, Outcome.CRASHED.slug, one_line(reason(error)))
 
 

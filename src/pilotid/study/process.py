@@ -154,6 +154,8 @@ def _settle(gigabytes: float | None) -> None:
     It is the head of a group, so that what a method starts ends with it.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with suppress(OSError):
+        os.dup2(2, 1)  # what a method prints is no part of a command's output
     if hasattr(os, "setpgrp"):
         os.setpgrp()
     parent = parent_process()

@@ -129,14 +129,14 @@ class Store:
             (e.label, e.position, _json(e.settings), e.code, e.typed),
         )
 
-    def forget(self, outcomes: Iterable[str]) -> None:
-        """Drop the fits that ended so, which are then fitted again."""
+    def forget(self, units: Iterable[Unit]) -> None:
+        """Drop fits, which are then fitted again."""
+        keys = [astuple(unit) for unit in units]
         with self._transaction():
             for table in ("estimates", "fits"):
                 self._base.executemany(
-                    f"DELETE FROM {table} WHERE (scenario, method, replication) IN "
-                    "(SELECT scenario, method, replication FROM fits WHERE outcome = ?)",
-                    [(outcome,) for outcome in outcomes],
+                    f"DELETE FROM {table} WHERE scenario = ? AND method = ? AND replication = ?",
+                    keys,
                 )
 
     def add(self, result: Result) -> None:
@@ -168,12 +168,10 @@ class Store:
         """Facts on the study."""
         return dict(self._base.execute("SELECT key, value FROM about ORDER BY key"))
 
-    def done(self) -> set[Unit]:
-        """The fits that are in the store."""
-        return {
-            Unit(*row)
-            for row in self._base.execute("SELECT scenario, method, replication FROM fits")
-        }
+    def done(self) -> dict[Unit, str]:
+        """The fits that are in the store, and how they ended."""
+        rows = self._base.execute("SELECT scenario, method, replication, outcome FROM fits")
+        return {Unit(*key): outcome for *key, outcome in rows}
 
     def scenarios(self) -> list[ScenarioEntry]:
         """The scenarios, in the order of the catalogue."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
 from statistics import median
-from typing import TypeVar
+from typing import Any
 
 from pilotid.datasets import Scenario, scenarios_named
 from pilotid.datasets.scenarios import SCENARIOS, checked
@@ -20,13 +20,11 @@ from pilotid.naming.code import packed, reason
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.study.entries import MethodEntry, Result, ScenarioEntry, Unit
 from pilotid.study.facts import about_this, method_entry, scenario_entry
-from pilotid.study.fits import Task, given_up, run_task
+from pilotid.study.fits import OUTSIDE, Task, given_up, run_task
 from pilotid.study.process import USUAL_LIMITS, Limits
 from pilotid.study.store import Store
 from pilotid.study.workers import run_tasks
 from pilotid.types import InputError
-
-T = TypeVar("T")
 
 #: Scenarios and replications of each, by name of the profile.
 PROFILES: dict[str, tuple[tuple[str, ...], int]] = {
@@ -93,7 +91,12 @@ class Study:
             for scenario, label in product(self.scenarios, self.labels):
                 yield Unit(scenario.name, label, replication)
 
-    def enter(self, store: Store, *, mix: bool = False) -> Pending:
+    def holds(self, unit: Unit) -> bool:
+        """Whether a fit is one of this study."""
+        known = any(scenario.name == unit.scenario for scenario in self.scenarios)
+        return known and unit.method in self.labels and unit.replication < self.replications
+
+    def enter(self, store: Store, *, mix: bool = False, retry: bool = False) -> Pending:
         """Describe the study in a store; returns the fits that the store lacks.
 
         Parameters
@@ -102,6 +105,8 @@ class Study:
             A new store, or one of the same study that was stopped or was smaller.
         mix
             Whether results of other code or settings may stay beside the new ones.
+        retry
+            Whether fits that crashed, died, or ran out of memory or time are to be fitted again.
 
         Raises
         ------
@@ -139,7 +144,13 @@ class Study:
             store.describe({f"remnant ratio {entry.name}": f"{remnant_ratio(scenario):.4f}"})
         for method in methods:
             store.add_method(method)
-        return Pending(self, frozenset(store.done()))
+        fits = store.done()
+        if retry:
+            lost = {outcome.slug for outcome in OUTSIDE}
+            again = [u for u, end in fits.items() if end in lost and self.holds(u)]
+            store.forget(again)
+            fits = store.done()
+        return Pending(self, frozenset(fits))
 
     def run(
         self,
@@ -196,12 +207,7 @@ class Pending:
         """How many there are of each method."""
         study = self.study
         each = study.replications * len(study.scenarios)
-        scenarios = {scenario.name for scenario in study.scenarios}
-        held = Counter(
-            unit.method
-            for unit in self.done
-            if unit.scenario in scenarios and unit.replication < study.replications
-        )
+        held = Counter(unit.method for unit in self.done if study.holds(unit))
         return {label: each - held[label] for label in study.labels}
 
     @property
@@ -230,7 +236,7 @@ def remaining_seconds(store: Store, counts: Mapping[str, int], workers: int) -> 
     return sum(typical.get(method, 0.0) * count for method, count in counts.items()) / workers
 
 
-def _each(given: Iterable[T | str] | T | str) -> list[T | str]:
+def _each(given: Any) -> list[Any]:
     """Several, or one that the caller did not put into a list."""
     return list(given) if isinstance(given, Iterable) and not isinstance(given, str) else [given]
 
