@@ -36,6 +36,10 @@ class Outcome(enum.Enum):
     UNSTABLE_MODEL = "failed: the first-step model is unusable"
     NOT_APPLICABLE = "not applicable to this recording"
     CRASHED = "failed: an error ended the fit"
+    INVALID = "failed: the method returned no sound estimate"
+    OUT_OF_MEMORY = "failed: it ran out of memory"
+    TIMED_OUT = "failed: it took longer than the time limit"
+    DIED = "failed: its process died"
 
     @property
     def usable(self) -> bool:

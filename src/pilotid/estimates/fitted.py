@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -76,8 +76,11 @@ class Fitted:
 
 
 def fit_all(
-    recording: Recording, model: PilotModel, methods: Sequence[Method], seed: int
+    recording: Recording, model: PilotModel, methods: Mapping[str, Method], seed: int
 ) -> Fitted:
-    """Run methods on a recording, each with its own random generator."""
-    estimates = (identify(m, recording, model, fit_rng(seed, m.name)) for m in methods)
+    """Run methods, by their labels, on a recording, each with its own random generator."""
+    estimates = (
+        replace(identify(method, recording, model, fit_rng(seed, label)), method=label)
+        for label, method in methods.items()
+    )
     return Fitted(recording, model, tuple(estimates), remarks(recording))

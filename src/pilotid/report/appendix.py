@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from shlex import quote
 
+from pilotid.naming.settings import shown
 from pilotid.report import tables as study_tables
-from pilotid.report.chapters import one_recording
 from pilotid.report.content import Block, Bullets, Column, Command, Section, Table, Text, entries
 from pilotid.report.paper import PAPER
-from pilotid.report.scores import setting
 from pilotid.study.comparison import Comparison
 from pilotid.study.store import Store
 
@@ -21,9 +21,12 @@ def command(
     study: Comparison, about: Mapping[str, str], scenarios: Sequence[str], folder: str
 ) -> str:
     """What to type for these scenarios and the methods that were tried on them."""
-    methods = [m for m in study.methods if any(study.at(name, m) for name in scenarios)]
+    methods = [
+        study.typed[m] for m in study.methods if any(study.at(name, m) for name in scenarios)
+    ]
+    names = dict.fromkeys(study.entry(name).typed or name for name in scenarios)
     return (
-        f"pilotid compare --scenario {','.join(scenarios)} --method {','.join(methods)} "
+        f"pilotid compare --scenario {quote(','.join(names))} --method {quote(','.join(methods))} "
         f"--replications {study.replications(scenarios)} --seed {about.get('seed', '?')} "
         f"--out results/{folder}"
     )
@@ -31,7 +34,7 @@ def command(
 
 def posterior(study: Comparison) -> list[Section]:
     """Posterior spread against scatter and bound; nothing if no method has a posterior."""
-    several = [e.name for e in study.scenarios if not one_recording(e)]
+    several = [e.name for e in study.scenarios if not e.one_recording]
     table = study_tables.posterior_table(study, several)
     if table is None:
         return []
@@ -62,9 +65,11 @@ def failures(study: Comparison) -> Section:
 def settings(study: Comparison, store: Store) -> Section:
     """All that defines methods and scenarios."""
     columns = [Column("method", text=True), Column("settings", text=True)]
-    labels = store.methods()
-    rows = [[name, f"`{labels[name]}`"] for name in study.methods]
-    scenarios = [[e.name, e.description, e.model, f"`{e.details}`"] for e in study.scenarios]
+    held = store.methods()
+    rows = [[label, f"`{shown(held[label].settings)}`"] for label in study.methods]
+    scenarios = [
+        [e.name, e.description, e.model, f"`{shown(e.settings)}`"] for e in study.scenarios
+    ]
     heads = [
         Column(t, text=True) for t in ("scenario", "description", "model", "all that defines it")
     ]
@@ -78,7 +83,7 @@ def settings(study: Comparison, store: Store) -> Section:
 def notes_on_inference(study: Comparison) -> Text:
     """What the paper does not state and these scenarios had to assume."""
     entry = next((e for e in study.scenarios if e.name == "nominal"), study.scenarios[0])
-    frequency, damping = setting(entry, "frequency"), setting(entry, "damping")
+    frequency, damping = entry.number("remnant.frequency"), entry.number("remnant.damping")
     given = math.isfinite(frequency) and math.isfinite(damping)
     shape = f" at {frequency:g} rad/s with damping {damping:g}" if given else ""
     return Text(

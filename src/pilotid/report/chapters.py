@@ -11,10 +11,9 @@ from pilotid.report import figures as study_figures
 from pilotid.report import tables as study_tables
 from pilotid.report.content import Block, Bullets, Picture
 from pilotid.report.paper import FIGURE_3, FIGURE_5, KEYS, PAPER, TABLE_3
-from pilotid.report.scores import setting
 from pilotid.report.verdicts import judge, sentence
 from pilotid.study.comparison import Cell, Comparison
-from pilotid.study.store import ScenarioEntry
+from pilotid.study.entries import ScenarioEntry
 
 SHORT = {
     "nominal": "both",
@@ -77,11 +76,6 @@ def paper_of(
     return numbers if tuple(p.parameter for p in entry.parameters) == KEYS else ()
 
 
-def one_recording(entry: ScenarioEntry) -> bool:
-    """Whether all fits of a scenario are of the same recording, so that means say nothing."""
-    return entry.name == "starts" or "one_recording=True" in entry.details
-
-
 def ratio(about: Mapping[str, str], scenario: str) -> float:
     """The remnant's share of the control's power that the study noted, NaN if it did not."""
     return float(about.get(f"remnant ratio {scenario}", "nan"))
@@ -91,8 +85,8 @@ def _present(study: Comparison, *names: str) -> tuple[str, ...]:
     return tuple(name for name in study.names if name in names)
 
 
-def _family(study: Comparison, prefix: str) -> tuple[str, ...]:
-    return tuple(name for name in study.names if name.startswith(prefix))
+def _family(study: Comparison, family: str) -> tuple[str, ...]:
+    return tuple(name for name in study.names if study.entry(name).family == family)
 
 
 def _errors(cells: Sequence[Cell], paper: Sequence[tuple[float, float]] = ()) -> Picture:
@@ -170,7 +164,7 @@ def _starts(study: Comparison, about: Mapping[str, str]) -> Chapter | None:
 
 
 def _remnant(study: Comparison, about: Mapping[str, str]) -> Chapter | None:
-    names = tuple(n for n in _family(study, "remnant-") if _level(study, n) > 0.0)
+    names = tuple(n for n in _family(study, "remnant") if _level(study, n) > 0.0)
     if not names:
         return None
     points = [(name, _level(study, name)) for name in names]
@@ -214,11 +208,7 @@ def _remnant(study: Comparison, about: Mapping[str, str]) -> Chapter | None:
 
 
 def _level(study: Comparison, name: str) -> float:
-    level = setting(study.entry(name), "level")
-    try:
-        return level if math.isfinite(level) else float(name.removeprefix("remnant-"))
-    except ValueError:
-        return math.nan
+    return study.entry(name).number("remnant.level")
 
 
 def _forcing(study: Comparison, about: Mapping[str, str]) -> Chapter | None:
@@ -304,11 +294,11 @@ def _trend(
     study: Comparison, family: str, title: str, text: str, varied: str, label: str
 ) -> Chapter | None:
     """Root mean square error over what a family of scenarios varies."""
-    own = _family(study, f"{family}-")
+    own = _family(study, family)
     if not own:
         return None
     names = (*_present(study, "nominal"), *own)
-    points = sorted(((n, setting(study.entry(n), varied)) for n in names), key=lambda p: p[1])
+    points = sorted(((n, study.entry(n).number(varied)) for n in names), key=lambda p: p[1])
     known = [(name, x) for name, x in points if math.isfinite(x)]
     blocks: list[Block] = []
     if len(known) > 1:

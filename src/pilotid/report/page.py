@@ -11,7 +11,7 @@ from pilotid.numbers import MINUS, NONE, number
 from pilotid.report import appendix
 from pilotid.report import glance as study_glance
 from pilotid.report import tables as study_tables
-from pilotid.report.chapters import Chapter, chapters, one_recording, ratio
+from pilotid.report.chapters import Chapter, chapters, ratio
 from pilotid.report.content import (
     Block,
     Bullets,
@@ -100,7 +100,7 @@ def reference(study: Comparison) -> str:
     """The scenario that the summary is about."""
     if REFERENCE in study.names:
         return REFERENCE
-    several = [entry.name for entry in study.scenarios if not one_recording(entry)]
+    several = [entry.name for entry in study.scenarios if not entry.one_recording]
     return (several or study.names)[0]
 
 
@@ -141,7 +141,7 @@ def _summary(study: Comparison, about: Mapping[str, str], told: Sequence[Chapter
     if "mixed" in about:
         blocks.append(Text(f"**Careful: {appendix.mixed(about['mixed'])}**"))
     intro = f"Scenario `{name}` ({entry.description}{share}), {_recordings(study, name)}."
-    if one_recording(entry):
+    if entry.one_recording:
         intro += " All fits are of one recording: bias and coverage say nothing of others."
     caption = f"`{name}`: all parameters in a row for each method"
     alt = f"Bias and rmse over the bound, and coverage, of each method in scenario {name}"
@@ -158,7 +158,7 @@ def _summary(study: Comparison, about: Mapping[str, str], told: Sequence[Chapter
             "intervals. Bias: linear within ±1, logarithmic beyond; grey: a quarter of the bound.",
         ),
     ]
-    several = {n: c.key for c in told for n in c.tabled if not one_recording(study.entry(n))}
+    several = {n: c.key for c in told for n in c.tabled if not study.entry(n).one_recording}
     if len(several) > 1:
         blocks.append(study_tables.matrix(study, _all_verdicts(study, several), several))
         blocks.append(Text(f"{CODES}."))
@@ -174,7 +174,7 @@ def _chapter(study: Comparison, about: Mapping[str, str], chapter: Chapter) -> S
     full = [
         study_tables.scenario_table(study.of(name), chapter.paper.get(name, ()))
         for name in chapter.tabled
-        if not one_recording(study.entry(name))
+        if not study.entry(name).one_recording
     ]
     counts = _counts(study, chapter.scenarios)
     command = Command(
@@ -187,7 +187,7 @@ def _chapter(study: Comparison, about: Mapping[str, str], chapter: Chapter) -> S
 def _counts(study: Comparison, scenarios: Sequence[str]) -> str:
     """How many recordings there are."""
     counts = sorted({study.replications([name]) for name in scenarios})
-    if len(scenarios) == 1 and one_recording(study.entry(scenarios[0])):
+    if len(scenarios) == 1 and study.entry(scenarios[0]).one_recording:
         return f"{counts[0]} initial guesses."
     if len(scenarios) == 1:
         return f"{_recordings(study, scenarios[0])}."

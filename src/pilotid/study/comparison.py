@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -11,7 +11,8 @@ import numpy as np
 
 from pilotid.estimates.estimate import Outcome
 from pilotid.study import scores
-from pilotid.study.store import ParameterTruth, Result, ScenarioEntry, Store
+from pilotid.study.entries import ParameterTruth, Result, ScenarioEntry
+from pilotid.study.store import Store
 from pilotid.types import BoolArray, FloatArray
 
 
@@ -245,10 +246,18 @@ class Comparison:
     ----------
     cells
         What each method did in each scenario, in the order of the catalogues.
+    typed
+        What to type for each method on the command line, by its label and in the order of
+        tables and figures.
     """
 
     cells: tuple[Cell, ...]
-    methods: tuple[str, ...]
+    typed: Mapping[str, str]
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """The methods' labels, in the order of tables and figures."""
+        return tuple(self.typed)
 
     @cached_property
     def _by_name(self) -> dict[tuple[str, str], Cell]:
@@ -292,5 +301,5 @@ def comparison_of(store: Store) -> Comparison:
     present = {method for _, method in found}
     return Comparison(
         tuple(Cell(scenarios[name], method, tuple(own)) for (name, method), own in found.items()),
-        tuple(method for method in store.methods() if method in present),
+        {label: m.typed or label for label, m in store.methods().items() if label in present},
     )
