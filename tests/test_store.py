@@ -58,7 +58,7 @@ def test_what_goes_in_comes_out_in_the_order_of_the_catalogues(tmp_path: Path) -
         assert store.scenarios() == [entry("early", 1), entry("late", 2)]
         assert store.methods() == {"first": method("first", 0), "second": method("second", 1)}
         assert list(store.methods()) == ["first", "second"]
-        assert store.done() == {r.unit for r in found}
+        assert store.done() == {r.unit: r.outcome for r in found}
 
 
 def test_a_fit_is_kept_once(tmp_path: Path) -> None:
@@ -76,7 +76,7 @@ def test_a_fit_that_cannot_be_kept_whole_is_not_kept(tmp_path: Path) -> None:
     with filled(tmp_path) as store:
         with pytest.raises(sqlite3.IntegrityError):
             store.add(broken)
-        assert store.done() == set()
+        assert store.done() == {}
         store.add(result("early", "first", 0))  # the store goes on
 
 
@@ -84,7 +84,7 @@ def test_what_is_committed_is_there_without_closing(tmp_path: Path) -> None:
     store = filled(tmp_path)
     store.add(result("early", "first", 0))
     with Store(tmp_path) as other:
-        assert other.done() == {Unit("early", "first", 0)}
+        assert other.done() == {Unit("early", "first", 0): "converged"}
     store.close()
 
 
@@ -99,8 +99,8 @@ def test_what_is_forgotten_is_gone_whole_and_can_come_again(tmp_path: Path) -> N
     with filled(tmp_path) as store:
         store.add(result("early", "first", 0))
         store.add(Result(Unit("early", "first", 1), "died", estimates=NUMBERS))
-        store.forget(["died", "timed-out"])
-        assert store.done() == {Unit("early", "first", 0)}
+        store.forget([Unit("early", "first", 1)])
+        assert store.done() == {Unit("early", "first", 0): "converged"}
         store.add(result("early", "first", 1))  # its numbers are not there twice
         assert [len(r.estimates) for r in store.results()] == [2, 2]
 
