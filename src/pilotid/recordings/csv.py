@@ -3,21 +3,41 @@
 from __future__ import annotations
 
 import csv
-import io
 import json
+import os
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from array import array
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 
 from pilotid.recordings.contents import Contents, Notes, common_run
-from pilotid.recordings.names import NAMES, REQUIRED, UNEVENNESS, Place, listed, shown, time_base
+from pilotid.recordings.names import (
+    MOST_VALUES,
+    NAMES,
+    REQUIRED,
+    UNEVENNESS,
+    Place,
+    listed,
+    shown,
+    time_base,
+)
+from pilotid.recordings.paths import file_size, path_shown
 from pilotid.recordings.recording import SIGNALS, Recording
 from pilotid.types import FloatArray, InputError
 
 RUN = "run"  # the column that numbers the runs of a file in long format
+
+LARGEST_FILE = 2**30  # bytes
+LARGEST_SIDECAR = 2**22
+LONGEST_ROW = 2**22  # characters: the length of a row is the memory that it takes
+LONGEST_LABEL = 100  # characters of a run's number or name
+MOST_LABELS = 10_000
+CELLS = 2**18  # that are turned into numbers at once
 
 
 def sidecar_path(path: Path) -> Path:
@@ -35,65 +55,168 @@ def read_csv(path: Path, source: str, places: Mapping[str, Place]) -> Contents:
     OSError
         If the file cannot be read.
     """
-    table = _read_table(path, source)
+    file_size(path, LARGEST_FILE)
     sidecar = sidecar_path(path)
-    notes = _read_sidecar(sidecar) if sidecar.exists() else Notes()
-    columns = {signal: _columns(table, signal, place) for signal, place in places.items()}
-    time = table.numbers(columns["t"][0])
+    notes = _read_sidecar(sidecar) if os.path.exists(sidecar) else Notes()
+    with path.open(encoding="utf-8-sig", newline="") as stream:
+        table = _Table(stream, source)
+        columns = {signal: _columns(table, signal, place) for signal, place in places.items()}
+        for signal, names in columns.items():
+            if RUN in table.header and len(names) > 1:
+                raise InputError(
+                    f"{source}: line 1 has a {RUN} column and also columns {names[0]}, {names[1]} "
+                    f"for {signal}; number the runs in one way only"
+                )
+        needed = list(dict.fromkeys(chain.from_iterable(columns.values())))
+        values = table.read(needed)
+    place_of = {name: i for i, name in enumerate(needed)}
+    time = places["t"].signed(values[:, place_of[columns["t"][0]]])
     signals = {
-        signal: places[signal].signed(np.array([table.numbers(name) for name in names]))
+        signal: places[signal].signed(values[:, [place_of[name] for name in names]].T)
         for signal, names in columns.items()
         if names and signal != "t"
     }
-    if RUN not in table.header:
-        where = table.where(range(len(time)))
-        return Contents(places["t"].signed(time), signals, where, notes)
-    for signal, names in columns.items():
-        if len(names) > 1:
-            raise InputError(
-                f"{source}: line 1 has a {RUN} column and also columns {names[0]}, {names[1]} for "
-                f"{signal}; number the runs in one way only"
-            )
-    return _split_runs(table, places["t"].signed(time), signals, notes)
+    if RUN in table.header:
+        return _split_runs(table, time, signals, notes)
+    return Contents(time, signals, table.where(range(len(time))), notes)
 
 
-@dataclass(frozen=True)
 class _Table:
-    """The cells of a file by column, and the line of each row."""
+    """A file by rows: what is needed of it becomes numbers, the rest is not kept."""
 
-    source: str
-    header: list[str]
-    columns: list[tuple[str, ...]]
-    lines: list[int]
+    def __init__(self, stream: TextIO, source: str) -> None:
+        self.source = source
+        self._stream = stream
+        self._read_lines = 0
+        self._in_row = 0  # characters read since the last row was complete
+        first = self._line()
+        # Spreadsheets in countries with a decimal comma separate the cells by semicolons.
+        separator = ";" if ";" in first and "," not in first else ","
+        self._reader = csv.reader(
+            chain([first] if first else [], iter(self._line, "")),
+            delimiter=separator,
+            skipinitialspace=True,
+            strict=True,
+        )
+        self._rows = self._all_rows()
+        self.header = [name.strip() for name in next(self._rows, (1, []))[1]]
+        if not any(self.header):
+            raise InputError(f"{source}: line 1 must be a header row with the columns t, e, u, x")
+        self._count = Counter(self.header)
+        self.lines = array("Q")  # on which each row starts: a quoted cell may hold line breaks
+        self.labels: dict[str, list[int]] = {}  # rows of each run of the long format
 
-    def cells(self, name: str) -> tuple[str, ...]:
-        if self.header.count(name) > 1:
-            raise InputError(
-                f"{self.source}: line 1 has more than one column {shown(name)}; rename all but one"
-            )
-        return self.columns[self.header.index(name)]
-
-    def where(self, rows: Sequence[int]) -> Callable[[int], str]:
-        """A function that puts the place of the i-th of some rows into words."""
-        return lambda i: f"line {self.lines[rows[i]]}"
-
-    def numbers(self, name: str) -> FloatArray:
-        """A column as finite numbers, shape (rows,)."""
-        cells = self.cells(name)
+    def _line(self) -> str:
         try:
-            values = np.array([float(cell) for cell in cells])
+            line = self._stream.readline(LONGEST_ROW)
+        except UnicodeDecodeError as error:
+            number = self._read_lines + 1 + error.object.count(b"\n", 0, error.start)
+            raise InputError(
+                f"{self.source}: line {number} is not UTF-8 text; save the file as CSV in UTF-8"
+            ) from None
+        self._read_lines += 1
+        self._in_row += len(line)
+        if self._in_row >= LONGEST_ROW:
+            raise InputError(
+                f"{self.source}: line {self._read_lines} is longer than {LONGEST_ROW} characters; "
+                "give every sample a line of its own"
+            )
+        return line
+
+    def _all_rows(self) -> Iterator[tuple[int, list[str]]]:
+        """The rows, and the line on which each starts."""
+        line = 1
+        try:
+            for row in self._reader:
+                yield line, row
+                line = self._reader.line_num + 1
+                self._in_row = 0
+        except csv.Error as error:
+            raise InputError(
+                f"{self.source}: line {line} cannot be read as comma-separated values ({error}); "
+                "correct it"
+            ) from None
+
+    def read(self, names: Sequence[str]) -> FloatArray:
+        """Some columns as finite numbers, shape (rows, columns)."""
+        labelled = RUN in self.header
+        for name in [*names, RUN]:
+            if self._count[name] > 1:
+                raise InputError(
+                    f"{self.source}: line 1 has more than one column {shown(name)}; rename all "
+                    "but one"
+                )
+        index = {name: i for i, name in enumerate(self.header)}
+        places = [index[name] for name in names]
+        run = index.get(RUN, 0)
+        most_rows = MOST_VALUES // len(names)
+        pieces: list[FloatArray] = []
+        cells: list[Sequence[str]] = []
+        blank: tuple[int, list[str]] | None = None  # allowed at the end only
+        for line, row in self._rows:
+            if not any(map(str.strip, row)):
+                blank = blank or (line, row)
+                continue
+            for at, content in [blank, (line, row)] if blank else [(line, row)]:
+                if len(content) != len(self.header):
+                    pieces.append(self._numbers(cells, names))
+                    raise InputError(
+                        f"{self.source}: line {at} has {len(content)} cells but the header has "
+                        f"{len(self.header)}; complete or remove that line"
+                    )
+                self.lines.append(at)
+                cells.append([content[i] for i in places])
+                if labelled:
+                    self._label(content[run].strip())
+            if blank or len(cells) * len(names) >= CELLS:
+                pieces.append(self._numbers(cells, names))
+                cells = []
+            if len(self.lines) > most_rows:
+                raise InputError(
+                    f"{self.source}: holds more than {MOST_VALUES} values, too many for a "
+                    "recording; thin it out in time or leave runs out"
+                )
+        pieces.append(self._numbers(cells, names))
+        return np.concatenate(pieces)
+
+    def _label(self, label: str) -> None:
+        """Note the run of the last row."""
+        if not label or len(label) > LONGEST_LABEL:
+            what = "has a text too long for it" if label else "is empty"
+            raise InputError(
+                f"{self.source}: line {self.lines[-1]}, column {RUN}: the cell {what}; write the "
+                "number of the run"
+            )
+        self.labels.setdefault(label, []).append(len(self.lines) - 1)
+        if len(self.labels) > MOST_LABELS:
+            raise InputError(
+                f"{self.source}: column {RUN} numbers more than {MOST_LABELS} runs; rename it if "
+                "it is no number of the run"
+            )
+
+    def _numbers(self, rows: Sequence[Sequence[str]], names: Sequence[str]) -> FloatArray:
+        """The last rows that were read as finite numbers."""
+        cells = list(chain.from_iterable(rows))
+        try:
+            values = np.array(list(map(float, cells)))
         except ValueError:
             values = np.array([_number_or_nan(cell) for cell in cells])
         bad = ~np.isfinite(values)
         if bad.any():
-            row = int(np.argmax(bad))
-            text = cells[row].strip()
+            first = int(np.argmax(bad))
+            text = cells[first].strip()
+            row, column = divmod(first, len(names))
+            line = self.lines[len(self.lines) - len(rows) + row]
             what = f"{shown(text)} is not a finite number" if text else "the cell is empty"
             remedy = "write a decimal point" if "," in text else "repair or cut the recording there"
             raise InputError(
-                f"{self.source}: line {self.lines[row]}, column {listed([name])}: {what}; {remedy}"
+                f"{self.source}: line {line}, column {listed([names[column]])}: {what}; {remedy}"
             )
-        return values
+        return values.reshape(len(rows), len(names))
+
+    def where(self, rows: Sequence[int]) -> Callable[[int], str]:
+        """A function that puts the place of the i-th of some rows into words."""
+        return lambda i: f"line {self.lines[rows[i]]}"
 
 
 def _number_or_nan(cell: str) -> float:
@@ -101,51 +224,6 @@ def _number_or_nan(cell: str) -> float:
         return float(cell)
     except ValueError:
         return np.nan
-
-
-def _decoded(path: Path, source: str) -> str:
-    try:
-        return path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = error.object.count(b"\n", 0, error.start) + 1
-        raise InputError(
-            f"{source}: line {line} is not UTF-8 text; save the file as CSV in UTF-8"
-        ) from None
-
-
-def _read_table(path: Path, source: str) -> _Table:
-    text = _decoded(path, source)
-    first = text.partition("\n")[0]
-    # Spreadsheets in countries with a decimal comma separate the cells by semicolons.
-    separator = ";" if ";" in first and "," not in first else ","
-    reader = csv.reader(
-        io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True, strict=True
-    )
-    rows: list[list[str]] = []
-    lines = [1]  # on which each row starts: a quoted cell may hold line breaks
-    try:
-        for row in reader:
-            rows.append(row)
-            lines.append(reader.line_num + 1)
-    except csv.Error as error:
-        raise InputError(
-            f"{source}: line {lines[-1]} cannot be read as comma-separated values ({error}); "
-            "correct it"
-        ) from None
-    while rows and not any(cell.strip() for cell in rows[-1]):
-        rows.pop()
-    header = [name.strip() for name in rows[0]] if rows else []
-    if not any(header):
-        raise InputError(f"{source}: line 1 must be a header row with the columns t, e, u, x")
-    for row, line in zip(rows, lines, strict=False):
-        if len(row) != len(header):
-            raise InputError(
-                f"{source}: line {line} has {len(row)} cells but the header has {len(header)}; "
-                "complete or remove that line"
-            )
-    body = rows[1:]
-    columns: list[tuple[str, ...]] = list(zip(*body, strict=True)) or [()] * len(header)
-    return _Table(source, header, columns, lines[1 : len(rows)])
 
 
 def _columns(table: _Table, signal: str, place: Place) -> list[str]:
@@ -187,14 +265,7 @@ def _split_runs(
     table: _Table, t: FloatArray, signals: Mapping[str, FloatArray], notes: Notes
 ) -> Contents:
     """The contents of a file in long format: rows with the same run number are one run."""
-    rows: dict[str, list[int]] = {}
-    for row, label in enumerate(table.cells(RUN)):
-        if not label.strip():
-            raise InputError(
-                f"{table.source}: line {table.lines[row]}, column {RUN}: the cell is empty; "
-                "write the number of the run"
-            )
-        rows.setdefault(label.strip(), []).append(row)
+    rows = table.labels
     labels = list(rows)
     if not labels:
         return Contents(t, signals, table.where([]), notes)
@@ -220,21 +291,37 @@ def _split_runs(
 
 
 def _read_sidecar(path: Path) -> Notes:
-    source = str(path)
+    source = path_shown(path)
+    file_size(path, LARGEST_SIDECAR)
     try:
-        raw = json.loads(_decoded(path, source))
+        raw = json.loads(path.read_bytes().decode("utf-8-sig"), object_pairs_hook=_single)
+    except UnicodeDecodeError as error:
+        line = error.object.count(b"\n", 0, error.start) + 1
+        raise InputError(f"{source}: line {line} is not UTF-8 text; save it in UTF-8") from None
     except json.JSONDecodeError as error:
         raise InputError(
             f"{source}: line {error.lineno} is not valid JSON ({error.msg}); correct it or remove "
             "the file"
         ) from None
-    except InputError:
-        raise
+    except _RepeatedError as error:
+        raise InputError(f"{source}: gives {error} twice; give it once") from None
     except (ValueError, RecursionError):  # a number of thousands of digits; brackets without end
         raise InputError(
             f"{source}: cannot be read as JSON; correct it or remove the file"
         ) from None
     return Notes.parsed(raw, source)
+
+
+class _RepeatedError(Exception):
+    """A key stands twice in one object."""
+
+
+def _single(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    """An object of JSON whose keys differ."""
+    for key, count in Counter(key for key, _ in pairs).items():
+        if count > 1:
+            raise _RepeatedError(shown(key))
+    return dict(pairs)
 
 
 def csv_bytes(recording: Recording, source: str) -> tuple[bytes, bytes]:
