@@ -184,12 +184,23 @@ def test_plain_csv(tmp_path: Path) -> None:
         lambda lines: [" t , e,u ,x ", *lines[1:]],
         lambda lines: ['"t","e","u","x"', *lines[1:]],
         lambda lines: [*lines, "", "  ", ",,,"],
+        lambda lines: [*lines, "\t,\t,\t,\t"],
         lambda lines: [line.replace(",", ";") for line in lines],
         lambda lines: [line.replace(",", " , ") for line in lines],
         lambda lines: ["a," + lines[0] + ",note", *("7," + line + ",text" for line in lines[1:])],
         lambda lines: [",".join(line.split(",")[::-1]) for line in lines],
     ],
-    ids=["mark", "spaces", "quotes", "blank-end", "semicolons", "padded", "extra", "order"],
+    ids=[
+        "mark",
+        "spaces",
+        "quotes",
+        "blank-end",
+        "tabs-end",
+        "semicolons",
+        "padded",
+        "extra",
+        "order",
+    ],
 )
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
 def test_harmless_variants_of_csv(

@@ -187,6 +187,21 @@ def test_a_label_a_row(tmp_path: Path) -> None:
     refused(tmp_path / "F.csv", "line 2, column run: the cell has a text too long for it")
 
 
+def test_blank_lines_without_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pilotid.recordings.csv.MOST_BLANKS", 100)
+    (tmp_path / "F.csv").write_text(csv_text() + ",,,\n" * 100)
+    assert load_recording(tmp_path / "F.csv").samples == SAMPLES
+    (tmp_path / "F.csv").write_text(csv_text() + ",,,\n" * 101)
+    refused(tmp_path / "F.csv", "more than 100 blank lines follow line 242")
+
+
+def test_lines_are_counted_across_blocks_and_quoted_breaks(tmp_path: Path) -> None:
+    body = [f'"{n / 100}\n",1,{n % 7},1' for n in range(100_000)]
+    body[90_000] = "900,1,x,1"
+    (tmp_path / "F.csv").write_text("t,e,u,x\n" + "\n".join(body))
+    refused(tmp_path / "F.csv", "line 180002, column u: 'x' is not a finite number")
+
+
 def test_all_signals_from_one_column(tmp_path: Path) -> None:
     (tmp_path / "F.csv").write_text(csv_text())
     mapping = dict.fromkeys("eux", "t")
@@ -433,7 +448,7 @@ def test_claims_larger_than_the_file(tmp_path: Path) -> None:
         (struct.pack("<II", 77, 8) + bytes(8), (1, 1), "numbers of the unknown kind 77"),
         (struct.pack("<II", 9 | (9 << 16), 0), (1, 1), "a small part claims 9 bytes"),
     ):
-        path = v5(tmp_path / "F.mat", good(tmp_path / "G.mat"), matrix("fd", body, shape=shape))
+        path = v5(tmp_path / "F.mat", matrix("fd", body, shape=shape), good(tmp_path / "G.mat"))
         refused(path, "F.mat", words)
 
 

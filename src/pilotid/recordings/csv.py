@@ -37,6 +37,7 @@ LARGEST_SIDECAR = 2**22
 LONGEST_ROW = 2**22  # characters: the length of a row is the memory that it takes
 LONGEST_LABEL = 100  # characters of a run's number or name
 MOST_LABELS = 10_000
+MOST_BLANKS = 2**20  # lines at the end: as many as a spreadsheet has
 CELLS = 2**18  # that are turned into numbers at once
 
 
@@ -56,6 +57,7 @@ def read_csv(path: Path, source: str, places: Mapping[str, Place]) -> Contents:
         If the file cannot be read.
     """
     file_size(path, LARGEST_FILE)
+    _check_lines(path, source)
     sidecar = sidecar_path(path)
     notes = _read_sidecar(sidecar) if os.path.exists(sidecar) else Notes()
     with path.open(encoding="utf-8-sig", newline="") as stream:
@@ -87,59 +89,61 @@ class _Table:
     def __init__(self, stream: TextIO, source: str) -> None:
         self.source = source
         self._stream = stream
-        self._read_lines = 0
         self._in_row = 0  # characters read since the last row was complete
-        first = self._line()
+        self._reader = csv.reader([""])
+        first = next(self._lines(), "")
         # Spreadsheets in countries with a decimal comma separate the cells by semicolons.
         separator = ";" if ";" in first and "," not in first else ","
         self._reader = csv.reader(
-            chain([first] if first else [], iter(self._line, "")),
-            delimiter=separator,
-            skipinitialspace=True,
-            strict=True,
+            chain([first], self._lines()), delimiter=separator, skipinitialspace=True, strict=True
         )
-        self._rows = self._all_rows()
-        self.header = [name.strip() for name in next(self._rows, (1, []))[1]]
+        _, rows = next(self._blocks(1), ([], [[]]))
+        self.header = [name.strip() for name in rows[0]]
         if not any(self.header):
             raise InputError(f"{source}: line 1 must be a header row with the columns t, e, u, x")
         self._count = Counter(self.header)
         self.lines = array("Q")  # on which each row starts: a quoted cell may hold line breaks
         self.labels: dict[str, list[int]] = {}  # rows of each run of the long format
+        self._blank: tuple[int, list[str]] | None = None  # the first row without content
+        self._blanks = 0
 
-    def _line(self) -> str:
+    def _lines(self) -> Iterator[str]:
         try:
-            line = self._stream.readline(LONGEST_ROW)
+            for line in self._stream:
+                self._in_row += len(line)
+                if self._in_row > LONGEST_ROW:
+                    raise _too_long(self.source, self._reader.line_num + 1)
+                yield line
         except UnicodeDecodeError as error:
-            number = self._read_lines + 1 + error.object.count(b"\n", 0, error.start)
+            number = self._reader.line_num + 1 + error.object.count(b"\n", 0, error.start)
             raise InputError(
                 f"{self.source}: line {number} is not UTF-8 text; save the file as CSV in UTF-8"
             ) from None
-        self._read_lines += 1
-        self._in_row += len(line)
-        if self._in_row >= LONGEST_ROW:
-            raise InputError(
-                f"{self.source}: line {self._read_lines} is longer than {LONGEST_ROW} characters; "
-                "give every sample a line of its own"
-            )
-        return line
 
-    def _all_rows(self) -> Iterator[tuple[int, list[str]]]:
-        """The rows, and the line on which each starts."""
-        line = 1
+    def _blocks(self, size: int) -> Iterator[tuple[list[int], list[list[str]]]]:
+        """The lines on which rows start, and their cells, some rows at once."""
+        line = self._reader.line_num + 1
+        starts: list[int] = []
+        rows: list[list[str]] = []
         try:
             for row in self._reader:
-                yield line, row
+                starts.append(line)
+                rows.append(row)
                 line = self._reader.line_num + 1
                 self._in_row = 0
+                if len(rows) >= size:
+                    yield starts, rows
+                    starts, rows = [], []
         except csv.Error as error:
+            yield starts, rows
             raise InputError(
                 f"{self.source}: line {line} cannot be read as comma-separated values ({error}); "
                 "correct it"
             ) from None
+        yield starts, rows
 
     def read(self, names: Sequence[str]) -> FloatArray:
         """Some columns as finite numbers, shape (rows, columns)."""
-        labelled = RUN in self.header
         for name in [*names, RUN]:
             if self._count[name] > 1:
                 raise InputError(
@@ -148,55 +152,72 @@ class _Table:
                 )
         index = {name: i for i, name in enumerate(self.header)}
         places = [index[name] for name in names]
-        run = index.get(RUN, 0)
-        most_rows = MOST_VALUES // len(names)
         pieces: list[FloatArray] = []
-        cells: list[Sequence[str]] = []
-        blank: tuple[int, list[str]] | None = None  # allowed at the end only
-        for line, row in self._rows:
-            if not any(map(str.strip, row)):
-                blank = blank or (line, row)
-                continue
-            for at, content in [blank, (line, row)] if blank else [(line, row)]:
-                if len(content) != len(self.header):
-                    pieces.append(self._numbers(cells, names))
-                    raise InputError(
-                        f"{self.source}: line {at} has {len(content)} cells but the header has "
-                        f"{len(self.header)}; complete or remove that line"
-                    )
-                self.lines.append(at)
-                cells.append([content[i] for i in places])
-                if labelled:
-                    self._label(content[run].strip())
-            if blank or len(cells) * len(names) >= CELLS:
-                pieces.append(self._numbers(cells, names))
-                cells = []
-            if len(self.lines) > most_rows:
+        for starts, rows in self._blocks(max(1, CELLS // len(self.header))):
+            if self._blank or not self._plain(rows):
+                starts, rows = self._filled(starts, rows, names)
+            self.lines.extend(starts)
+            if len(self.lines) > MOST_VALUES // len(names):
                 raise InputError(
                     f"{self.source}: holds more than {MOST_VALUES} values, too many for a "
                     "recording; thin it out in time or leave runs out"
                 )
-        pieces.append(self._numbers(cells, names))
+            cells = [row[i] for row in rows for i in places]
+            pieces.append(self._numbers(cells, starts, names))
+            if RUN in index:
+                self._label([row[index[RUN]].strip() for row in rows])
         return np.concatenate(pieces)
 
-    def _label(self, label: str) -> None:
-        """Note the run of the last row."""
-        if not label or len(label) > LONGEST_LABEL:
-            what = "has a text too long for it" if label else "is empty"
-            raise InputError(
-                f"{self.source}: line {self.lines[-1]}, column {RUN}: the cell {what}; write the "
-                "number of the run"
-            )
-        self.labels.setdefault(label, []).append(len(self.lines) - 1)
+    def _plain(self, rows: list[list[str]]) -> bool:
+        """Whether rows may all have content: the last one tells, as what follows must be blank."""
+        return not rows or (
+            {*map(len, rows)} == {len(self.header)} and any(map(str.strip, rows[-1]))
+        )
+
+    def _filled(
+        self, starts: list[int], rows: list[list[str]], names: Sequence[str]
+    ) -> tuple[list[int], list[list[str]]]:
+        """The rows with content; those without are allowed at the end only."""
+        kept: list[int] = []
+        for i, row in enumerate(rows):
+            if any(map(str.strip, row)):
+                for line, cells in [self._blank or (starts[i], row), (starts[i], row)]:
+                    if len(cells) != len(self.header):
+                        raise InputError(
+                            f"{self.source}: line {line} has {len(cells)} cells but the header has "
+                            f"{len(self.header)}; complete or remove that line"
+                        )
+                if self._blank:
+                    raise self._not_a_number("", self._blank[0], names[0])
+                kept.append(i)
+                continue
+            self._blank = self._blank or (starts[i], row)
+            self._blanks += 1
+            if self._blanks > MOST_BLANKS:
+                raise InputError(
+                    f"{self.source}: more than {MOST_BLANKS} blank lines follow line "
+                    f"{self._blank[0]}; remove them"
+                )
+        return [starts[i] for i in kept], [rows[i] for i in kept]
+
+    def _label(self, labels: Sequence[str]) -> None:
+        """Note the runs of the last rows."""
+        for row, label in enumerate(labels, start=len(self.lines) - len(labels)):
+            if not label or len(label) > LONGEST_LABEL:
+                what = "has a text too long for it" if label else "is empty"
+                raise InputError(
+                    f"{self.source}: line {self.lines[row]}, column {RUN}: the cell {what}; write "
+                    "the number of the run"
+                )
+            self.labels.setdefault(label, []).append(row)
         if len(self.labels) > MOST_LABELS:
             raise InputError(
                 f"{self.source}: column {RUN} numbers more than {MOST_LABELS} runs; rename it if "
                 "it is no number of the run"
             )
 
-    def _numbers(self, rows: Sequence[Sequence[str]], names: Sequence[str]) -> FloatArray:
-        """The last rows that were read as finite numbers."""
-        cells = list(chain.from_iterable(rows))
+    def _numbers(self, cells: list[str], starts: list[int], names: Sequence[str]) -> FloatArray:
+        """Some rows of cells as finite numbers."""
         try:
             values = np.array(list(map(float, cells)))
         except ValueError:
@@ -204,19 +225,40 @@ class _Table:
         bad = ~np.isfinite(values)
         if bad.any():
             first = int(np.argmax(bad))
-            text = cells[first].strip()
             row, column = divmod(first, len(names))
-            line = self.lines[len(self.lines) - len(rows) + row]
-            what = f"{shown(text)} is not a finite number" if text else "the cell is empty"
-            remedy = "write a decimal point" if "," in text else "repair or cut the recording there"
-            raise InputError(
-                f"{self.source}: line {line}, column {listed([names[column]])}: {what}; {remedy}"
-            )
-        return values.reshape(len(rows), len(names))
+            raise self._not_a_number(cells[first].strip(), starts[row], names[column])
+        return values.reshape(len(starts), len(names))
+
+    def _not_a_number(self, text: str, line: int, name: str) -> InputError:
+        what = f"{shown(text)} is not a finite number" if text else "the cell is empty"
+        remedy = "write a decimal point" if "," in text else "repair or cut the recording there"
+        return InputError(f"{self.source}: line {line}, column {listed([name])}: {what}; {remedy}")
 
     def where(self, rows: Sequence[int]) -> Callable[[int], str]:
         """A function that puts the place of the i-th of some rows into words."""
         return lambda i: f"line {self.lines[rows[i]]}"
+
+
+def _too_long(source: str, line: int) -> InputError:
+    return InputError(
+        f"{source}: line {line} is longer than {LONGEST_ROW} characters; give every sample a line "
+        "of its own"
+    )
+
+
+def _check_lines(path: Path, source: str) -> None:
+    """Refuse a line that would fill the memory before it can be looked at."""
+    ended, line = 0, 1  # bytes before the present line, and its number
+    with path.open("rb") as stream:
+        at = 0
+        while block := stream.read(LONGEST_ROW):
+            last = max(block.rfind(b"\n"), block.rfind(b"\r"))
+            if last < 0 and at + len(block) - ended > LONGEST_ROW:
+                raise _too_long(source, line)
+            if last >= 0:
+                line += block.count(b"\n") or block.count(b"\r")
+                ended = at + last + 1
+            at += len(block)
 
 
 def _number_or_nan(cell: str) -> float:

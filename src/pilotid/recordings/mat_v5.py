@@ -132,7 +132,7 @@ class MatV5:
                 yield from self._array(part, tag.size, f"{own}.{field}", wanted, entered)
         elif not head.is_struct:
             yield own, self._value(part, head) if wanted(own) else None
-        if inside or wanted(own) or entered(own):
+        if inside or wanted(own) or (head.is_struct and entered(own)):
             part.skip_to(end)
             if not inside:
                 part.finish()

@@ -90,7 +90,7 @@ class MatV73:
             name = prefix + key.decode("utf-8", "backslashreplace")
             if not prefix and name.startswith("#"):
                 continue  # what cells and objects refer to
-            if not isinstance(group.get(key, getlink=True), h5py.HardLink):
+            if group.id.links.get_info(key).type != h5py.h5l.TYPE_HARD:
                 if wanted(name):
                     raise DamagedError(f"variable {name} is a link to another place")
                 yield name, None

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pilotid.recordings.names import MOST_VALUES
 from pilotid.types import InputError
 
-MOST_UNPACKED = 2**30  # bytes that compressed variables may hold, in all
+MOST_UNPACKED = 3 * 2**28  # bytes that compressed variables may hold, in all
 MOST_ARRAYS = 10_000  # variables and fields of structs
 DEEPEST = 8  # structs inside structs
 LONGEST_TEXT = 2**16  # characters
