@@ -369,6 +369,7 @@ def replaced(line: int, text: str) -> list[str]:
         (replaced(1, "t,e,u,x,x"), ["line 1 has more than one column 'x'"]),
         (["x," + rows()[0], *("1," + r for r in rows()[1:])], ["more than one column 'x'"]),
         ([""], ["line 1 must be a header row"]),
+        (replaced(1, 't,e,u,""x'), ["line 1 cannot be read as comma-separated values"]),
         (rows(0), ["holds 0 samples"]),
         (rows(1), ["holds 1 samples"]),
         (rows(199), ["lasts 9.95 s"]),

@@ -97,8 +97,8 @@ class _Table:
         self._reader = csv.reader(
             chain([first], self._lines()), delimiter=separator, skipinitialspace=True, strict=True
         )
-        _, rows = next(self._blocks(1), ([], [[]]))
-        self.header = [name.strip() for name in rows[0]]
+        row = next((rows[0] for _, rows in self._blocks(1) if rows), [])
+        self.header = [name.strip() for name in row]
         if not any(self.header):
             raise InputError(f"{source}: line 1 must be a header row with the columns t, e, u, x")
         self._count = Counter(self.header)

@@ -34,6 +34,8 @@ FILE_HEADER = 128  # bytes before the first variable
 NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8"}
 NUMBERS |= {12: "i8", 13: "u8"}
 TEXTS = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
+# Kinds of numbers of the numeric classes; MATLAB stores them as smaller integers where it can.
+CLASS_KINDS = (9, 7, 1, 2, 3, 4, 5, 6, 12, 13)
 STRUCT, TEXT, NUMERIC, OPAQUE = 2, 4, range(6, 16), 17  # classes of arrays
 COMPLEX = 0x800
 
@@ -147,7 +149,11 @@ class MatV5:
         tag = part.tag()
         if tag.kind not in NUMBERS:
             raise DamagedError(f"numbers of the unknown kind {tag.kind}")
-        kind = np.dtype(f"{'<' if part.little else '>'}{NUMBERS[tag.kind]}")
+        own = NUMBERS[CLASS_KINDS[head.array_class - NUMERIC[0]]]
+        stored = NUMBERS[tag.kind]
+        if stored != own and (stored[0] == "f" or int(stored[1]) >= int(own[1])):
+            raise DamagedError(f"numbers of the kind {tag.kind} in an array of another")
+        kind = np.dtype(f"{'<' if part.little else '>'}{stored}")
         if tag.size != count * kind.itemsize:
             raise DamagedError(f"{tag.size} bytes of numbers do not fill {_shown(head.shape)}")
         values = np.frombuffer(part.content(tag, tag.size), kind)
