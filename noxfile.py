@@ -55,6 +55,7 @@ def check(session: nox.Session) -> None:
         "bayes": "bayes_coverage.py",
         "sbc": "sbc.py",
         "samplers": "samplers.py",
+        "nonsense": "nonsense.py",
     }
     names = [name for name in session.posargs[:1] if name in scripts]
     if not names:

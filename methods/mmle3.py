@@ -12,21 +12,28 @@ and the white residual makes it inconsistent for a coloured remnant.  Use `mle`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 import numpy as np
 
-from pilotid.estimates.estimate import Estimate, Outcome, failed, symmetric_intervals
+from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.pilot.factors import Rational
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_of
-from pilotid.time_domain.output_error import simulated_vaf
+from pilotid.time_domain.conclusion import concluded
 from pilotid.time_domain.prepare import prepare
 from pilotid.types import FloatArray
 
 Hold = Literal["zoh", "foh"]
+#: Where the residual shows an offset, which this estimator has no term for.
+OFFSET = (
+    "a signal has an offset, which this method does not model and which biases it: remove the "
+    "offset, or use mle"
+)
+BLOCK = 5.0  # seconds
+LIMIT = 5.0  # standard errors; 60 recordings of `nominal` stay below 2.3
 FINITE_DIFFERENCE = 1e-5  # relative step of the central differences
 
 
@@ -116,16 +123,29 @@ class MMLE3:
         covariance = covariance_of(jacobian @ jacobian.T, float(np.mean(residual**2)))
         if covariance is None:
             return failed(self.name, model, Outcome.SINGULAR)
-        return Estimate(
-            self.name,
-            model,
-            Outcome.CONVERGED,
-            values=values,
-            covariance=covariance,
-            intervals=symmetric_intervals(values, covariance),
-            vaf=simulated_vaf(recording, model, values),
+        estimate = concluded(self.name, recording, model, values, covariance, converged=True)
+        # There are no bounds here, so that none was reached.
+        return replace(
+            estimate,
+            outcome=Outcome.CONVERGED,
+            message="",
             iterations=iteration,
+            remarks=(OFFSET,) if has_offset(residual, recording.dt) else (),
         )
+
+
+def has_offset(residual: FloatArray, dt: float) -> bool:
+    """Whether the mean of a coloured residual, shape (runs, samples), is more than chance.
+
+    A t-test of the means of blocks so long that the remnant forgets itself in between.
+    """
+    length = round(BLOCK / dt)
+    count = residual.shape[1] // length
+    blocks = residual[:, : count * length].reshape(len(residual), count, length).mean(axis=2)
+    if blocks.size < 4:
+        return False
+    error = float(np.std(blocks, ddof=1)) / np.sqrt(blocks.size)
+    return bool(abs(np.mean(blocks)) > LIMIT * error)
 
 
 class _Output:

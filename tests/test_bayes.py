@@ -12,7 +12,6 @@ from pilotid.datasets import SCENARIOS, simulate
 from pilotid.estimates.draws import Draws
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import identify
-from pilotid.estimates.quantities import derived
 from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
@@ -262,7 +261,7 @@ def test_a_white_likelihood_is_as_overconfident_as_that_of_output_error() -> Non
 
 def test_the_product_of_gain_and_lead_time_comes_from_the_draws() -> None:
     estimate = fit(Bayes())
-    (product,) = derived(estimate)
+    (product,) = estimate.derived
     draws = drawn(estimate)
     own = draws.values[:, 0] * draws.values[:, 1]
     assert product.value == pytest.approx(draws.weights @ own)

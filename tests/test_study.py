@@ -17,9 +17,10 @@ import pytest
 
 from pilotid.datasets import scenario_named
 from pilotid.estimates.estimate import Outcome
+from pilotid.study.comparison import comparison_of
 from pilotid.study.store import STORE, Store, Unit
 from pilotid.study.study import Study, _started, entry_of, remaining_seconds, run_unit
-from pilotid.study.summary import groups_of, summaries_of, write_tables
+from pilotid.study.summary import write_tables
 from pilotid.types import InputError
 
 STUDY = Study(("single", "starts"), ("mle-white", "fourier"), 3, 5)
@@ -31,8 +32,7 @@ def run(folder: Path, study: Study = STUDY, workers: int = 2) -> bytes:
     with Store(folder, create=True) as store:
         for _ in study.run(store, study.enter(store), workers):
             pass
-        groups = groups_of(store)
-        write_tables(folder, groups, summaries_of(groups))
+        write_tables(folder, comparison_of(store))
     return (folder / "summary.csv").read_bytes()
 
 
@@ -110,23 +110,20 @@ def test_an_error_in_a_method_is_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not result.usable
 
 
-def test_groups_and_summaries_hold_the_store_s_numbers(finished: Path) -> None:
+def test_a_comparison_holds_the_store_s_numbers(finished: Path) -> None:
     with Store(finished) as store:
-        groups = groups_of(store)
-    assert [(g.scenario.name, g.method) for g in groups] == [
+        cells = comparison_of(store).cells
+    assert [(c.scenario.name, c.method) for c in cells] == [
         ("single", "mle-white"),
         ("single", "fourier"),
         ("starts", "mle-white"),
         ("starts", "fourier"),
     ]
-    group = groups[0]
-    assert group.failures == 0
-    values = group.numbers(2)[:, 0]
-    summary = summaries_of(groups)[2]
-    assert summary.parameter == "tdvis"
-    assert summary.bias == pytest.approx(values.mean() - 0.39)
-    assert summary.crlb == entry_of("single").parameters[2].bound
-    assert np.isnan(summary.posterior_std)
+    score = cells[0].scores[2]
+    assert (score.parameter, score.failures) == ("tdvis", 0)
+    assert score.bias == pytest.approx(cells[0].numbers[2, :, 0].mean() - 0.39)
+    assert score.bound == entry_of("single").parameters[2].bound
+    assert np.isnan(score.posterior)
 
 
 def command(folder: Path, *more: str) -> list[str]:
@@ -225,8 +222,7 @@ def test_dask_with_a_worker_killed_gives_the_same_bytes(cluster: object, tmp_pat
         for number, _ in enumerate(results):
             if number == 10:
                 os.kill(next(iter(workers.values())).pid, signal.SIGKILL)
-        groups = groups_of(store)
-        write_tables(there, groups, summaries_of(groups))
+        write_tables(there, comparison_of(store))
     assert (there / "summary.csv").read_bytes() == (here / "summary.csv").read_bytes()
 
 

@@ -7,8 +7,8 @@ Z95 = 1.959963984540054
 #: The 95 % quantile of chi-squared with one degree of freedom.
 CHI_SQUARED_95 = 3.841458820694124
 
-#: How seldom chance may show an offset or a decay that is not there: once in 18,000 recordings.
-SELDOM = 5.7e-5
+#: How seldom chance may show an offset or a decay that is not there: once in 14,000 recordings.
+SELDOM = 7e-5
 
 
 def chi_squared_limit(freedom: float, chance: float) -> float:

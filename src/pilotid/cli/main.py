@@ -22,15 +22,14 @@ from pilotid.cli.arguments import (
     require_writable,
     started,
 )
-from pilotid.disk import write_file
+from pilotid.disk import strict_json, write_file
+from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.method import Method
-from pilotid.estimates.quantities import fit_all
 from pilotid.pilot.catalogue import MODELS, model_named
 from pilotid.recordings.files import load_recording, parse_mapping, save_recording
 from pilotid.recordings.recording import Recording, joined
 from pilotid.seeds import DEFAULT_SEED, recording_rng
-from pilotid.show.json import fit_json, strict_json
-from pilotid.show.terminal import make_console, print_fits, print_table, with_bar
+from pilotid.terminal import make_console, print_table, with_bar
 from pilotid.types import InputError
 
 if TYPE_CHECKING:
@@ -183,7 +182,7 @@ def fit(
     todo = with_bar(recordings, "fitting", len(recordings))
     fits = [fit_all(recording, chosen, methods, seed) for recording in todo]
 
-    entries = [fit_json(f) for f in fits]
+    entries = [f.to_dict() for f in fits]
     text = strict_json(entries[0] if len(entries) == 1 else entries)
     if json_file is not None:
         write_file(json_file, text.encode())
@@ -194,7 +193,16 @@ def fit(
     if json == "-":
         sys.stdout.write(text)
     else:
-        print_fits(make_console(), fits)
+        _print(fits)
+
+
+def _print(fits: Sequence[Fitted]) -> None:
+    """Print the tables of several fits, an empty line between them."""
+    console = make_console()
+    for number, fit in enumerate(fits):
+        if number:
+            console.print()
+        fit.print(console)
 
 
 def _loaded(files: list[Path], mapping: list[str] | None, joint: bool) -> list[Recording]:
@@ -330,12 +338,12 @@ def report(
 
 def _finish(folder: Path, store: Store) -> None:
     from pilotid.report.page import overview_table, write_report
-    from pilotid.study.summary import groups_of, summaries_of, write_tables
+    from pilotid.study.comparison import comparison_of
+    from pilotid.study.summary import write_tables
 
-    groups = groups_of(store)
-    summaries = summaries_of(groups)
-    write_tables(folder, groups, summaries)
-    path = write_report(folder, store, groups, summaries)
+    study = comparison_of(store)
+    write_tables(folder, study)
+    path = write_report(folder, store, study)
     console = make_console()
-    print_table(console, overview_table(store, groups, summaries))
+    print_table(console, overview_table(study))
     console.print(f"report: {path}", soft_wrap=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
-from pilotid.show.terminal import make_console
 from pilotid.study.store import Result, Unit
+from pilotid.terminal import make_console
 
 
 def with_progress(results: Iterable[Result], pending: Sequence[Unit]) -> Iterator[Result]:

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate, Outcome, failed
+from pilotid.estimates.remarks import remarks_on
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 
@@ -44,4 +45,5 @@ def identify(
         estimate = method.fit(recording, model, rng)
     except (np.linalg.LinAlgError, FloatingPointError) as error:
         estimate = failed(method.name, model, Outcome.SINGULAR, str(error))
-    return replace(estimate, seconds=time.perf_counter() - begin)
+    seconds = time.perf_counter() - begin
+    return replace(estimate, seconds=seconds, remarks=remarks_on(estimate))

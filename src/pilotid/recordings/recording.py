@@ -41,7 +41,7 @@ def _is_text(text: object, longest: int) -> bool:
     return isinstance(text, str) and len(text) <= longest and text.isprintable()
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Recording:
     """One condition of one subject or simulation, in one or more runs.
 
@@ -198,6 +198,37 @@ class Recording:
         """The part of a signal inside the measurement window, shape (runs, samples)."""
         return signal[:, self.run_in :]
 
+    @property
+    def signals(self) -> list[str]:
+        """Names of the signals that it has."""
+        return [name for name in SIGNALS if getattr(self, name) is not None]
+
+    @property
+    def description(self) -> str:
+        """One line: where it came from, how long and how fast."""
+        runs = "1 run" if self.runs == 1 else f"{self.runs} runs"
+        run_in = f" after {self.run_in * self.dt:.4g} s of run-in" if self.run_in else ""
+        rate = f"{1.0 / self.dt:.4g} Hz"
+        return f"{self.source}: {runs} of {self.duration:.4g} s at {rate}{run_in}"
+
+    def __repr__(self) -> str:
+        return f"<Recording {self.description}, signals {' '.join(self.signals)}>"
+
+    def to_dict(self) -> dict[str, object]:
+        """All but the samples as plain objects, as JSON has them."""
+        return {
+            "source": self.source,
+            "runs": self.runs,
+            "samples": self.samples,
+            "dt": self.dt,
+            "duration": self.duration,
+            "run_in": self.run_in * self.dt,
+            "signals": self.signals,
+            "units": dict(self.units),
+            "lines": {name: list(lines) for name, lines in self.lines.items()},
+            "controlled_element": self.controlled_element,
+        }
+
 
 def joined(recordings: Sequence[Recording]) -> Recording:
     """Several recordings of one condition as the runs of one recording.
@@ -205,7 +236,8 @@ def joined(recordings: Sequence[Recording]) -> Recording:
     Raises
     ------
     InputError
-        If the sampling interval, length, run-in or forcing signals present differ.
+        If the sampling interval, length, run-in or forcing signals present differ, or if a run
+        is there twice.
     """
     first = recordings[0]
     for other in recordings[1:]:
@@ -213,7 +245,7 @@ def joined(recordings: Sequence[Recording]) -> Recording:
             ("sampling interval", first.dt, other.dt),
             ("number of samples", first.samples, other.samples),
             ("run-in", first.run_in, other.run_in),
-            ("set of signals", _present(first), _present(other)),
+            ("set of signals", " ".join(first.signals), " ".join(other.signals)),
         ):
             equal = a == b if not isinstance(a, float) else bool(np.isclose(a, float(str(b))))
             if not equal:
@@ -221,6 +253,8 @@ def joined(recordings: Sequence[Recording]) -> Recording:
                     f"{other.source}: the {what} ({b}) differs from that of {first.source} ({a}), "
                     "so the two cannot be runs of one recording"
                 )
+
+    _require_different_runs(recordings)
 
     def stacked(name: str) -> FloatArray | None:
         if getattr(first, name) is None:
@@ -243,5 +277,16 @@ def joined(recordings: Sequence[Recording]) -> Recording:
     )
 
 
-def _present(recording: Recording) -> str:
-    return " ".join(n for n in SIGNALS if getattr(recording, n) is not None)
+def _require_different_runs(recordings: Sequence[Recording]) -> None:
+    """Refuse a run that is there twice: it would count as twice the information."""
+    seen: dict[bytes, str] = {}
+    for recording in recordings:
+        for run, control in enumerate(recording.u):
+            place = f"run {run + 1} of {recording.source}"
+            content = control.tobytes()
+            if content in seen:
+                raise InputError(
+                    f"{place} has the same control as {seen[content]}; name every run once, since "
+                    "a copy would count as new information"
+                )
+            seen[content] = place

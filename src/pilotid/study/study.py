@@ -20,7 +20,6 @@ from pilotid.datasets.scenarios import SCENARIOS, Scenario
 from pilotid.datasets.simulation import remnant_ratio
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import identify
-from pilotid.estimates.quantities import parameters
 from pilotid.methods import method_named, methods
 from pilotid.pilot.model import PilotModel
 from pilotid.seeds import fit_rng, recording_rng, start_rng
@@ -161,7 +160,7 @@ def _result(unit: Unit, estimate: Estimate) -> Result:
         _number(estimate.seconds),
         tuple(
             (q.key, _number(q.value), _number(q.std_error), _number(q.lower), _number(q.upper))
-            for q in parameters(estimate)
+            for q in estimate.parameters
         ),
     )
 

@@ -48,7 +48,7 @@ class LeastSquares(Problem):
         loop it biases the low-frequency parameters, since what is subtracted depends on
         the future of the recording (the same effect biases autoregressive coefficients
         when a mean is removed; Kendall 1954).  A term stays if its squared t-values, all
-        runs together, exceed what chance gives once in 18,000.
+        runs together, exceed what chance gives once in 14,000.
         """
         poles = self.prediction.terms
         if not poles:
