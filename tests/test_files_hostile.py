@@ -519,10 +519,11 @@ def test_a_recording_as_large_as_real_ones_become(tmp_path: Path) -> None:
 def test_v73(tmp_path: Path) -> None:
     for storage in ({}, {"compression": "gzip", "shuffle": True}):
         content: dict[str, Any] = {**variables(3), "note": "text", "empty": {"a": 1.0}}
-        content["pilotid"] = {"units": {"u": "deg"}, "run_in": 1.0, "lines": {"ft": 3.0}}
+        content["pilotid"] = {"units": {"u": "deg", "x": "°"}, "run_in": 1.0, "lines": {"ft": 3.0}}
         loaded = load_recording(save_v73(tmp_path / "F.mat", content, **storage))
         np.testing.assert_array_equal(loaded.u, content["u"].T)
-        assert (loaded.runs, loaded.run_in, loaded.units["u"]) == (3, 20, "deg")
+        assert (loaded.runs, loaded.run_in) == (3, 20)
+        assert loaded.units == {"u": "deg", "x": "°"}
         assert loaded.lines == {"ft": (3,)}
 
 

@@ -28,6 +28,7 @@ from pilotid.types import InputError
 
 FILTERS = {1, 2, 3}  # deflate, shuffle, Fletcher's checksum: others may load foreign code
 MOST_CHUNKS = 2**16
+LONGEST_CLASS = 100  # bytes
 
 
 class MatV73:
@@ -105,8 +106,8 @@ class MatV73:
                 yield name, None
 
     def _value(self, name: str, entry: Any) -> Value:
-        kind = entry.attrs.get("MATLAB_class", b"")
-        is_text = kind in (b"char", "char")
+        kind = self._class(entry)
+        is_text = kind == b"char"
         if "MATLAB_empty" in entry.attrs:
             return "" if is_text else np.zeros(0)
         if entry.dtype.kind not in "fiub" or kind in (b"cell", b"function_handle"):
@@ -117,8 +118,18 @@ class MatV73:
             raise DamagedError(f"a text of {entry.size} characters")
         values: np.ndarray[Any, Any] = entry[()].T
         if is_text:
-            return "".join(map(chr, values.ravel())) if values.shape[0] == 1 else None
+            codes = values.astype("<u2").tobytes()
+            return codes.decode("utf-16-le") if values.shape[0] == 1 else None
         return values.squeeze()
+
+    def _class(self, entry: Any) -> bytes:
+        """What MATLAB calls the kind of a variable."""
+        if "MATLAB_class" not in entry.attrs:
+            return b""
+        if entry.attrs.get_id("MATLAB_class").get_storage_size() > LONGEST_CLASS:
+            raise DamagedError("the kind of a variable is no word")
+        kind = entry.attrs["MATLAB_class"]
+        return kind.encode() if isinstance(kind, str) else bytes(kind)
 
     def _check_storage(self, name: str, entry: Any) -> None:
         """Refuse data that are elsewhere, missing, or stored in a way that MATLAB does not."""
