@@ -347,6 +347,7 @@ def replaced(line: int, text: str) -> list[str]:
     ("lines", "words"),
     [
         (replaced(5, "0.15,abc,0,0"), ["line 5, column e: 'abc' is not a finite number"]),
+        (replaced(5, "0.15,1_0,0,0"), ["line 5, column e: '1_0' is not a finite number"]),
         (replaced(5, "0.15,0,,0"), ["line 5, column u: the cell is empty"]),
         (replaced(5, "0.15,0,0,nan"), ["line 5, column x: 'nan' is not a finite number"]),
         (replaced(5, "0.15,0,0,-inf"), ["line 5, column x: '-inf'"]),

@@ -172,7 +172,7 @@ def test_file_too_large_to_read(tmp_path: Path) -> None:
 
 
 def test_more_values_than_a_recording_has(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pilotid.recordings.csv.MOST_VALUES", 4 * 239)
+    monkeypatch.setattr("pilotid.recordings.csv_table.MOST_VALUES", 4 * 239)
     (tmp_path / "F.csv").write_text(csv_text())
     refused(tmp_path / "F.csv", "more than 956 values")
     (tmp_path / "G.csv").write_text(csv_text(239))
@@ -188,7 +188,7 @@ def test_a_label_a_row(tmp_path: Path) -> None:
 
 
 def test_blank_lines_without_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pilotid.recordings.csv.MOST_BLANKS", 100)
+    monkeypatch.setattr("pilotid.recordings.csv_table.MOST_BLANKS", 100)
     (tmp_path / "F.csv").write_text(csv_text() + ",,,\n" * 100)
     assert load_recording(tmp_path / "F.csv").samples == SAMPLES
     (tmp_path / "F.csv").write_text(csv_text() + ",,,\n" * 101)
