@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pilotid.types import FloatArray, InputError
+from pilotid.types import FloatArray, InputError, printable
 
 #: Signals of a recording: name, and what it is.
 SIGNALS = {
@@ -21,6 +21,24 @@ SIGNALS = {
 }
 SHORTEST = 10.0  # seconds of measurement window that an identification needs
 COARSEST = 0.1  # seconds between samples: half that rate is just above the pilot's band
+LARGEST = 1e100  # of a signal in any unit; squares and their sums must not overflow
+SMALLEST = 1e-100  # of the peak of a signal that is not zero; nor must they vanish
+LONGEST_UNIT = 40  # characters
+LONGEST_ELEMENT = 200
+
+
+def is_unit(text: object) -> bool:
+    """Whether a text can label an axis; a dollar sign would start a formula there."""
+    return _is_text(text, LONGEST_UNIT) and "$" not in str(text)
+
+
+def is_element(text: object) -> bool:
+    """Whether a text can describe a controlled element."""
+    return _is_text(text, LONGEST_ELEMENT)
+
+
+def _is_text(text: object, longest: int) -> bool:
+    return isinstance(text, str) and len(text) <= longest and text.isprintable()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -65,6 +83,7 @@ class Recording:
     controlled_element: str = ""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "source", printable(self.source))
         if not (np.isfinite(self.dt) and self.dt > 0.0):
             raise InputError(f"{self.source}: the sampling interval must be a positive number")
         if self.dt > COARSEST:
@@ -83,6 +102,17 @@ class Recording:
             self, "lines", MappingProxyType({k: tuple(v) for k, v in self.lines.items() if v})
         )
         object.__setattr__(self, "units", MappingProxyType(dict(self.units)))
+        for name, unit in self.units.items():
+            if not is_unit(unit):
+                raise InputError(
+                    f"{self.source}: the unit of {name} must be at most {LONGEST_UNIT} printable "
+                    "characters without $; shorten it or leave it out"
+                )
+        if not is_element(self.controlled_element):
+            raise InputError(
+                f"{self.source}: the description of the controlled element must be at most "
+                f"{LONGEST_ELEMENT} printable characters; shorten it or leave it out"
+            )
         if not 0 <= self.run_in < self.u.shape[1]:
             raise InputError(
                 f"{self.source}: the run-in ({self.run_in} samples) must be shorter than the "
@@ -118,9 +148,27 @@ class Recording:
                 f"{self.source}: signal {name} is not a number at sample {sample + 1} of run "
                 f"{run + 1}; repair or cut the recording there"
             )
+        self._check_scale(name, array)
         array = array.copy()
         array.flags.writeable = False
         return array
+
+    def _check_scale(self, name: str, array: FloatArray) -> None:
+        """Refuse numbers that no unit explains and with which a method cannot reckon."""
+        size = np.abs(array)
+        peaks = size.max(axis=1, initial=0.0)
+        for run in np.flatnonzero((peaks > LARGEST) | ((peaks < SMALLEST) & (peaks > 0.0))):
+            peak, sample = peaks[run], int(np.argmax(size[run]))
+            where = f"{peak:.3g} at sample {sample + 1} of run {run + 1}"
+            if peak > LARGEST:
+                raise InputError(
+                    f"{self.source}: signal {name} is {where}, too large for any unit (more than "
+                    f"{LARGEST:g}); repair or cut the recording there"
+                )
+            raise InputError(
+                f"{self.source}: signal {name} is never larger than {where}, too small for any "
+                f"unit (less than {SMALLEST:g}); give it in another unit, or as 0"
+            )
 
     @property
     def runs(self) -> int:
