@@ -8,6 +8,8 @@ import os
 import re
 import socket
 import struct
+import subprocess
+import sys
 import tempfile
 import time
 import zlib
@@ -511,6 +513,41 @@ def test_a_recording_as_large_as_real_ones_become(tmp_path: Path) -> None:
     content["t"] = np.arange(samples)[:, np.newaxis] / 1000
     savemat(tmp_path / "F.mat", {"data": content})
     np.testing.assert_array_equal(load_recording(tmp_path / "F.mat").u, content["u"].T)
+
+
+LIMITED = """
+import resource, sys
+from pathlib import Path
+from pilotid.recordings.files import load_recording
+from pilotid.types import InputError
+used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+resource.setrlimit(resource.RLIMIT_AS, (used + 2**28, used + 2**28))
+for path in sys.argv[1:]:
+    try:
+        print(load_recording(path).runs)
+    except InputError as error:
+        print(error)
+"""
+
+
+def test_small_and_large_nonsense_in_little_memory(tmp_path: Path) -> None:
+    count = 2**22
+    bomb = compressed(matrix("bomb", doubles(count), shape=(count, 1)))
+    v5(tmp_path / "bombs.mat", bomb * 40, good(tmp_path / "G.mat"))
+    (tmp_path / "commas.csv").write_bytes(b"t,e,u,x\n" + b"," * 50_000_000)
+    (tmp_path / "wide.csv").write_text(wide(40_000))
+    names = ("bombs.mat", "commas.csv", "wide.csv")
+    done = subprocess.run(
+        [sys.executable, "-c", LIMITED, *(str(tmp_path / name) for name in names)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.stderr == ""
+    first, second, third = done.stdout.splitlines()
+    assert first == "1"
+    assert "line 2 is longer than" in second
+    assert "signal e has 1 runs" in third
 
 
 # ------------------------------------------------------------------ MATLAB v7.3
