@@ -554,7 +554,12 @@ def test_small_and_large_nonsense_in_little_memory(tmp_path: Path) -> None:
 
 
 def test_v73(tmp_path: Path) -> None:
-    for storage in ({}, {"compression": "gzip", "shuffle": True}):
+    for storage in (
+        {},
+        {"chunks": (1, 100)},
+        {"chunks": (1, 50), "compression": "gzip"},
+        {"chunks": True, "compression": "gzip", "shuffle": True},
+    ):
         content: dict[str, Any] = {**variables(3), "note": "text", "empty": {"a": 1.0}}
         content["pilotid"] = {"units": {"u": "deg", "x": "°"}, "run_in": 1.0, "lines": {"ft": 3.0}}
         loaded = load_recording(save_v73(tmp_path / "F.mat", content, **storage))
@@ -616,6 +621,7 @@ def without_u() -> dict[str, FloatArray]:
             lambda f: f.create_dataset("u", data=np.ones((1, SAMPLES)), compression="lzf"),
             "variable u is packed in an unusual way",
         ),
+        (lambda f: bomb_in_a_chunk(f), "variable u has another size than it says"),
         (lambda f: f.create_dataset("u", (1, SAMPLES), "f8"), "parts of variable u are missing"),
         (lambda f: f.create_dataset("u", (1, SAMPLES), "c16"), "does not hold real numbers"),
         (lambda f: f.create_dataset(b"\xff\xfe", (1, 2), "f8"), r"only e, t, x, \\xff\\xfe"),
@@ -626,6 +632,11 @@ def without_u() -> dict[str, FloatArray]:
 def test_v73_refused(tmp_path: Path, make: Callable[[Any], None], words: str) -> None:
     save_v73(tmp_path / "other.mat", variables())
     refused(changed(tmp_path / "F.mat", make, without_u()), "F.mat", words)
+
+
+def bomb_in_a_chunk(file: Any) -> None:
+    entry = file.create_dataset("u", (1, SAMPLES), "f8", chunks=(1, SAMPLES), compression="gzip")
+    entry.id.write_direct_chunk((0, 0), zlib.compress(bytes(2**21)))
 
 
 def virtual() -> Any:
