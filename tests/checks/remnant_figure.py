@@ -18,7 +18,8 @@ import numpy as np
 
 from pilotid.datasets import scenario_named
 from pilotid.datasets.experiments import spectra
-from pilotid.study.comparison import Score, comparison_of
+from pilotid.study.comparison import comparison_of
+from pilotid.study.score import Score
 from pilotid.study.store import Store
 from pilotid.study.study import Study
 from pilotid.theory.bounds import white_limit
