@@ -50,8 +50,6 @@ def identify(
     if recording is None or model is None:
         wanted = "identify('mle', recording, 'multi')"
         raise TypeError(f"a recording and a model are needed, as in {wanted}")
-            "identify needs a recording and a model: identify('mle', recording, 'multi')"
-        )
     chosen = method_named(method) if isinstance(method, str) else method
     if not isinstance(rng, np.random.Generator):
         rng = fit_rng(rng, label_of(chosen))
