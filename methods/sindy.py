@@ -107,7 +107,7 @@ class SINDy:
         return None
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
-        library = _Library(self, recording, model)
+        library = Library(self, recording, model)
         structure = library.best_delays()
         if library.count < LEAST_ROWS * structure.parameters:
             return failed(
@@ -127,7 +127,7 @@ class SINDy:
         return second_step(self.name, recording, model, response, rng)
 
     def regress(
-        self, library: _Library, structure: Structure, rng: np.random.Generator
+        self, library: Library, structure: Structure, rng: np.random.Generator
     ) -> BlackBox:
         """The sparse model of one structure, with the covariance of its ensemble."""
         blocks = library.blocks(structure, self.block)
@@ -164,7 +164,7 @@ class SINDy:
         )
 
 
-class _Library:
+class Library:
     """The candidate terms of a recording: signals on the analysis grid, and their lags."""
 
     def __init__(self, settings: SINDy, recording: Recording, model: PilotModel) -> None:

@@ -8,8 +8,9 @@ from functools import cache
 
 import numpy as np
 import pytest
+from helpers import NOMINAL, SINGLE_LOOP
 
-from pilotid.datasets import scenario_named, simulate
+from pilotid.datasets import simulate
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import Method, identify
 from pilotid.methods import METHODS, methods
@@ -17,8 +18,10 @@ from pilotid.pilot.catalogue import MULTI, SINGLE
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import SIGNALS, Recording
 
+pytestmark = pytest.mark.numerical
+
 MODELS = {"single": SINGLE, "multi": MULTI}
-SCENARIOS = {"single": "single", "multi": "nominal"}
+SCENARIOS = {"single": SINGLE_LOOP, "multi": NOMINAL}
 
 every_method = pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
 every_model = pytest.mark.parametrize("model", MODELS)
@@ -26,7 +29,7 @@ every_model = pytest.mark.parametrize("model", MODELS)
 
 @cache
 def recording_of(model: str) -> Recording:
-    return simulate(scenario_named(SCENARIOS[model]), np.random.default_rng(11))
+    return simulate(SCENARIOS[model], np.random.default_rng(11))
 
 
 @cache
@@ -77,14 +80,24 @@ def test_an_estimate_is_sound(method: Method, model: str) -> None:
 @every_method
 @every_model
 def test_values_come_in_the_model_s_order(method: Method, model: str) -> None:
-    # Names are positions here: a permutation would put frequencies among gains.
-    estimate = fitted(method, model)
-    assert estimate.values == pytest.approx(MODELS[model].start, rel=0.7)
+    # Names are positions here.  A pilot with hardly any remnant, no two of whose parameters
+    # are within a third of each other: any two that change places are found.
+    truth = {"single": (0.26, 1.7, 0.4, 10.0, 0.64), "multi": (0.2, 2.6, 0.4, 1.3, 0.15, 9.0, 0.6)}
+    pilot = replace(
+        SCENARIOS[model],
+        truth=truth[model],
+        remnant=replace(SCENARIOS[model].remnant, level=0.02),
+    )
+    recording = simulate(pilot, np.random.default_rng(1))
+    estimate = identify(method, recording, MODELS[model], np.random.default_rng(2))
+    assert estimate.outcome.usable, estimate.sentence
+    assert estimate.values == pytest.approx(pilot.values, rel=0.13)
 
 
 @every_method
 @every_model
 def test_the_same_generator_gives_the_same_answer(method: Method, model: str) -> None:
+    # To the bit: that is promised on one machine, and docs/machines.md says what elsewhere.
     first = fitted(method, model)
     again = identify(method, recording_of(model), MODELS[model], np.random.default_rng(2))
     assert again.outcome is first.outcome
@@ -109,7 +122,8 @@ def control_is_noise(recording: Recording) -> Recording:
 
 
 def tiny(recording: Recording) -> Recording:
-    return replace(recording, **{n: 1e-12 * getattr(recording, n) for n in SIGNALS})
+    """In other units, by a power of two so that no sample is rounded."""
+    return replace(recording, **{n: 2.0**-40 * getattr(recording, n) for n in SIGNALS})
 
 
 def huge_offset(recording: Recording) -> Recording:
@@ -129,15 +143,30 @@ def control_follows_nothing_but_itself(recording: Recording) -> Recording:
 @every_model
 @pytest.mark.parametrize(
     "spoil",
-    [control_is_noise, tiny, huge_offset, bare, control_follows_nothing_but_itself],
+    [control_is_noise, huge_offset, control_follows_nothing_but_itself],
     ids=lambda f: f.__name__,
 )
 def test_a_difficult_recording_gives_an_outcome_and_no_exception(
     method: Method, model: str, spoil: Callable[[Recording], Recording]
 ) -> None:
+    # Which outcome is for the method to say, and may be for rounding; that it is one is not.
     recording = spoil(recording_of(model))
     estimate = identify(method, recording, MODELS[model], np.random.default_rng(2))
     assert_sound(estimate, method, MODELS[model])
+
+
+@every_method
+@every_model
+def test_without_forcing_functions_a_method_objects_or_does_without(
+    method: Method, model: str
+) -> None:
+    recording = bare(recording_of(model))
+    estimate = identify(method, recording, MODELS[model], np.random.default_rng(2))
+    assert_sound(estimate, method, MODELS[model])
+    if method.objection(recording, MODELS[model]):
+        assert estimate.outcome is Outcome.NOT_APPLICABLE
+    else:
+        assert estimate.outcome.usable, estimate.sentence
 
 
 @every_method
@@ -146,4 +175,4 @@ def test_the_scale_of_all_signals_changes_nothing(method: Method, model: str) ->
     estimate = fitted(method, model)
     small = identify(method, tiny(recording_of(model)), MODELS[model], np.random.default_rng(2))
     assert small.outcome is estimate.outcome
-    assert small.values == pytest.approx(estimate.values, rel=1e-3, nan_ok=True)
+    assert small.values == pytest.approx(estimate.values, rel=1e-3)
