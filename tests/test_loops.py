@@ -21,6 +21,8 @@ from pilotid.pilot.loops import margin, margins, open_loops, pilot_on, unstable_
 from pilotid.pilot.model import PilotModel
 from pilotid.types import FloatArray
 
+pytestmark = pytest.mark.numerical
+
 OMEGA = np.geomspace(0.05, 50.0, 50)
 
 

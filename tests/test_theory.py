@@ -27,6 +27,8 @@ from pilotid.time_domain.prepare import decimation
 from pilotid.time_domain.remnant_models import Band, LowPass
 from pilotid.types import FloatArray, InputError
 
+pytestmark = pytest.mark.numerical
+
 NOMINAL = scenario_named("nominal")
 TRUTH = NOMINAL.values
 
