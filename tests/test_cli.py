@@ -88,7 +88,7 @@ def test_simulate_writes_recording_sidecar_and_truth(simulated: Path) -> None:
     assert truth["seed"] == 3
     assert truth["parameters"]["tlead"] == {"value": 2.93, "unit": "s"}
     assert truth["controlled_element"]["numerator"] == [4.0]
-    # FACTS of the seed's pilot at K = 4: crossover and phase margin of both loops.
+    # FACTS of the paper's pilot at K = 4: crossover and phase margin of both loops.
     assert truth["loops"]["target"]["crossover"] == pytest.approx(2.38, abs=0.02)
     assert truth["loops"]["disturbance"]["phase_margin"] == pytest.approx(27.0, abs=1.0)
 

@@ -17,7 +17,7 @@ from pilotid.methods.mle_white import MLEWhite
 from pilotid.pilot.catalogue import MULTI
 from pilotid.solve.intervals import profile_intervals
 from pilotid.solve.least_squares import minimise
-from pilotid.time_domain.output_error import LeastSquares
+from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.remnant_models import Autoregressive, Band, LowPass, NoiseModel
@@ -159,9 +159,9 @@ def test_an_offset_of_the_control_is_noticed_and_taken_out() -> None:
     moves = np.abs(shifted.values - plain.values) / plain.std_error
     assert (moves[:2] < 3.0).all()
     assert (moves[2:] < 1.0).all()
-    problem = LeastSquares(predict(moved, MULTI, 50.0))
+    problem = OutputErrors(predict(moved, MULTI, 50.0))
     assert 0.0 in problem.noticeable_terms(TRUTH)
-    assert problem.noticeable_terms(TRUTH) != LeastSquares(
+    assert problem.noticeable_terms(TRUTH) != OutputErrors(
         predict(recording, MULTI, 50.0), LowPass(2).taps(np.array([[3.5, 0.7]]), BAND)[0][0]
     ).noticeable_terms(TRUTH)
 

@@ -9,7 +9,7 @@ import pytest
 
 from pilotid.datasets import SCENARIOS, Scenario, scenario_named, simulate
 from pilotid.datasets.experiments import spectra
-from pilotid.datasets.forcing import SEED_PERIOD, Steps, seed_disturbance, seed_target
+from pilotid.datasets.forcing import PERIOD, Steps, paper_disturbance, paper_target
 from pilotid.datasets.remnant import Remnant, white
 from pilotid.datasets.simulation import white_level
 from pilotid.estimates.method import identify
@@ -17,10 +17,10 @@ from pilotid.methods.mle_white import MLEWhite
 from pilotid.pilot.catalogue import MULTI
 from pilotid.seeds import fit_rng, recording_rng
 from pilotid.solve.covariance import hessian, sandwich_of, score_products
-from pilotid.study.study import entry_of
+from pilotid.study.facts import scenario_entry
 from pilotid.theory.bounds import bounds, monic, white_limit
 from pilotid.theory.experiment import View
-from pilotid.time_domain.output_error import LeastSquares
+from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.prepare import decimation
@@ -34,7 +34,7 @@ TRUTH = NOMINAL.values
 
 
 def with_remnant(remnant: Remnant, periods: int = 1) -> Scenario:
-    return replace(NOMINAL, remnant=remnant, duration=periods * SEED_PERIOD)
+    return replace(NOMINAL, remnant=remnant, duration=periods * PERIOD)
 
 
 def deviations(covariance: FloatArray) -> FloatArray:
@@ -100,8 +100,8 @@ def test_phases_of_lines_at_different_frequencies_do_not_matter() -> None:
     rng = np.random.default_rng(3)
     other = replace(
         NOMINAL,
-        target=seed_target().with_random_phases(rng),
-        disturbance=seed_disturbance().with_random_phases(rng),
+        target=paper_target().with_random_phases(rng),
+        disturbance=paper_disturbance().with_random_phases(rng),
     )
     assert bounds(spectra(other)).full == pytest.approx(bounds(spectra(NOMINAL)).full, rel=1e-3)
 
@@ -133,13 +133,13 @@ def test_refusals_say_why() -> None:
     with pytest.raises(InputError, match="every bound is zero"):
         spectra(with_remnant(Remnant(level=0.0)))
     with pytest.raises(InputError, match="not implemented"):
-        spectra(replace(scenario_named("target-step"), disturbance=seed_disturbance()))
+        spectra(replace(scenario_named("target-step"), disturbance=paper_disturbance()))
     with pytest.raises(InputError, match="starts before"):
         spectra(replace(scenario_named("target-step"), target=Steps((-2.0,), (1.0,))))
 
 
 def test_the_study_knows_the_bounds_of_its_scenarios() -> None:
-    known = {p.parameter: p for p in entry_of("nominal").parameters}
+    known = {p.parameter: p for p in scenario_entry(scenario_named("nominal")).parameters}
     assert known["tdvis"].truth == 0.32
     assert known["tdvis"].bound == pytest.approx(0.32 * 0.0106, rel=0.01)
 
@@ -188,7 +188,7 @@ def test_a_white_remnant_is_the_oracle() -> None:
     assert deviations(limit.sandwich) == pytest.approx(full, rel=0.02)
 
 
-def test_the_seed_s_biases_have_the_size_and_sign_known() -> None:
+def test_the_paper_s_biases_have_the_size_and_sign_known() -> None:
     experiment = spectra(with_remnant(Remnant(2, 4.0, 0.7, 0.4)))
     limit = white_limit(experiment)
     bias = dict(zip(MULTI.keys, 100.0 * limit.bias / TRUTH, strict=True))
@@ -214,7 +214,7 @@ def test_the_limit_is_stationary_in_recordings_and_its_scores_have_the_covarianc
     shifts = []
     for i in range(replications):
         recording = simulate(scenario, recording_rng(5, scenario.name, i))
-        problem = LeastSquares(replace(predict(recording, MULTI), terms=()))
+        problem = OutputErrors(replace(predict(recording, MULTI), terms=()))
         gram = problem.gram(limit.values[None])[0]
         shifts.append(np.linalg.solve(curvature, gram[:-1, -1]) / problem.residuals)
     scatter = np.sqrt(np.diag(limit.sandwich))

@@ -17,7 +17,7 @@ import numpy as np
 
 from pilotid.datasets import Scenario, scenario_named, simulate
 from pilotid.datasets.experiments import spectra
-from pilotid.datasets.forcing import SEED_PERIOD
+from pilotid.datasets.forcing import PERIOD
 from pilotid.datasets.remnant import Remnant
 from pilotid.estimates.method import identify
 from pilotid.methods.mle_white import MLEWhite
@@ -35,7 +35,7 @@ REMNANTS = {
 def scenarios(periods: int) -> Iterator[Scenario]:
     for name, remnant in REMNANTS.items():
         yield replace(
-            scenario_named("nominal"), name=name, remnant=remnant, duration=periods * SEED_PERIOD
+            scenario_named("nominal"), name=name, remnant=remnant, duration=periods * PERIOD
         )
 
 
