@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from pilotid.datasets import Scenario, scenario_named, simulate
-from pilotid.datasets.experiments import spectra
+from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.forcing import PERIOD
 from pilotid.datasets.remnant import Remnant
 from pilotid.estimates.method import identify
@@ -56,7 +56,7 @@ def estimates(scenario: Scenario, replications: int) -> tuple[FloatArray, FloatA
 
 def compare(scenario: Scenario, replications: int) -> float:
     """Print one remnant's table; returns the largest deviation in standard errors."""
-    limit = white_limit(spectra(scenario))
+    limit = white_limit(experiment_of(scenario))
     values, errors = estimates(scenario, replications)
     scatter = np.std(values, axis=0, ddof=1)
     truth = scenario.values
