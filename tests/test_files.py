@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import sys
 from collections.abc import Callable, Mapping
@@ -684,14 +683,6 @@ def test_mat_version_73_without_reader(tmp_path: Path, monkeypatch: pytest.Monke
 
 
 # ------------------------------------------------------------------ real recordings
-
-
-@pytest.fixture
-def measured() -> Path:
-    folder = os.environ.get("PILOTID_MEASURED")
-    if not folder:
-        pytest.skip("PILOTID_MEASURED does not name the folder with measured recordings")
-    return Path(folder)
 
 
 def test_measured_yaw(measured: Path) -> None:

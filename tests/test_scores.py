@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from pilotid.study import scores
-from pilotid.study.comparison import Score, scored
 from pilotid.study.entries import ParameterTruth
+from pilotid.study.score import Score, scored
 
 VALUES = np.array([1.0, 2.0, 3.0, 6.0])  # mean 3; deviations -2, -1, 0, 3, squares sum to 14
 

@@ -224,10 +224,18 @@ def test_a_comparison_holds_the_store_s_numbers(finished: Path) -> None:
     assert np.isnan(score.posterior)
 
 
+#: As in a shell's foreground: what a background job starts ignores interruptions.
+PROGRAM = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from pilotid.cli.main import main
+main()
+"""
+
+
 def command(folder: Path, *more: str) -> list[str]:
     options = ["--scenario", "single", "--method", "mle-white,fourier", "--replications", "40"]
-    program = "from pilotid.cli.main import main; main()"
-    return [sys.executable, "-c", program, "compare", *options, "--out", str(folder), *more]
+    return [sys.executable, "-c", PROGRAM, "compare", *options, "--out", str(folder), *more]
 
 
 def fits_in(folder: Path) -> int:

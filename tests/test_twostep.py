@@ -20,6 +20,8 @@ from pilotid.show.figures import response_figure
 from pilotid.show.svg import svg
 from pilotid.types import ComplexArray, FloatArray
 
+pytestmark = pytest.mark.numerical
+
 OMEGA = np.geomspace(0.4, 17.0, 20)
 TRUTH = MULTI.start
 

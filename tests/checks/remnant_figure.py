@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pilotid.datasets import scenario_named
-from pilotid.datasets.experiments import spectra
-from pilotid.study.comparison import Score, comparison_of
+from pilotid.datasets.experiments import experiment_of
+from pilotid.study.comparison import comparison_of
+from pilotid.study.score import Score
 from pilotid.study.store import Store
 from pilotid.study.study import Study
 from pilotid.theory.bounds import white_limit
@@ -51,7 +52,7 @@ def scores_of(replications: int, seed: int) -> dict[str, tuple[Score, ...]]:
 
 def table(found: dict[str, tuple[Score, ...]]) -> str:
     scenario = scenario_named(SCENARIO)
-    limit = white_limit(spectra(scenario))
+    limit = white_limit(experiment_of(scenario))
     scatter = np.sqrt(np.diag(limit.sandwich))
     lines = [
         f"| | {HEAD[1]} |" + " mle-white |" * 6 + " mle |" * 4,

@@ -188,7 +188,7 @@ def fit(
     for target in (json_file, report):
         if target is not None:
             require_writable(target, files)
-    recordings = _loaded(files, mapping, joint)
+    recordings, refused = _loaded(files, mapping, joint)
     todo = with_bar(recordings, "fitting", len(recordings))
     fits = [fit_all(recording, chosen, methods, seed) for recording in todo]
 
@@ -204,6 +204,8 @@ def fit(
         sys.stdout.write(text)
     else:
         _print(fits)
+    if refused:
+        raise InputError("; ".join(refused))
 
 
 def _print(fits: Sequence[Fitted]) -> None:
@@ -215,11 +217,26 @@ def _print(fits: Sequence[Fitted]) -> None:
         fit.print(console)
 
 
-def _loaded(files: list[Path], mapping: list[str] | None, joint: bool) -> list[Recording]:
-    """The recordings in files, as one if they are runs of one."""
+def _loaded(
+    files: list[Path], mapping: list[str] | None, joint: bool
+) -> tuple[list[Recording], list[str]]:
+    """The recordings in files, as one if they are runs of one, and why others are refused.
+
+    One bad file of several does not cost the others; where none is good, or all are runs of one
+    recording, there is nothing to go on with.
+    """
     names = parse_mapping(",".join(mapping)) if mapping else None
-    recordings = [load_recording(file, names) for file in files]
-    return [joined(recordings)] if joint and len(recordings) > 1 else recordings
+    recordings, refused = [], []
+    for file in files:
+        try:
+            recordings.append(load_recording(file, names))
+        except InputError as error:
+            if joint or len(files) == 1:
+                raise
+            refused.append(str(error))
+    if not recordings:
+        raise InputError("; ".join(refused))
+    return ([joined(recordings)] if joint and len(files) > 1 else recordings), refused
 
 
 @app.command()
@@ -229,7 +246,7 @@ def posterior(
     ],
     model: ModelOption = "single",
     white: Annotated[
-        bool, typer.Option("--white", help="Take the residual for white, as the seed did.")
+        bool, typer.Option("--white", help="Take the residual for white, as AIAA 2008-7109 does.")
     ] = False,
     mapping: MapOption = None,
     joint: JointOption = False,
@@ -251,7 +268,7 @@ def posterior(
         raise InputError("several files need --joint: they are then runs of one recording")
     plant = element_named(element) if element else None
     chosen = model_named(model)
-    (recording,) = _loaded(files, mapping, joint)
+    ((recording,), _) = _loaded(files, mapping, joint)
     if out is not None:
         make_folder(out)
     infer(recording, chosen, white=white, element=plant, seed=seed, folder=out)

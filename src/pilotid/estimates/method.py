@@ -14,6 +14,7 @@ from pilotid.estimates.remarks import remarks_on
 from pilotid.estimates.sound import fault_of, one_line
 from pilotid.naming.code import reason
 from pilotid.pilot.model import PilotModel
+from pilotid.recordings.checks import motionless
 from pilotid.recordings.recording import Recording
 from pilotid.types import InputError
 
@@ -47,7 +48,7 @@ def identify(
 
     name, begin = method.name, None
     try:
-        objection = method.objection(recording, model)
+        objection = _motionless_input(recording, model) or method.objection(recording, model)
         if objection:
             why = one_line(str(objection))
             return failed(name, model, Outcome.NOT_APPLICABLE, why)
@@ -67,6 +68,15 @@ def identify(
         remarks=tuple(one_line(remark) for remark in remarks_on(estimate)),
         seconds=seconds,
     )
+
+
+def _motionless_input(recording: Recording, model: PilotModel) -> str | None:
+    """Why no method can identify a model: one of its channels has nothing to act on."""
+    for channel in model.channels:
+        name = {"error": "e", "output": "x"}[channel.input]
+        if motionless(recording, name):
+            return f"{name} does not move, so that the {channel.name} channel has no input"
+    return None
 
 
 def _outcome_of(error: BaseException) -> tuple[Outcome, str]:

@@ -34,11 +34,8 @@ def remarks(recording: Recording) -> tuple[str, ...]:
 
 
 def motionless(recording: Recording, name: str) -> bool:
-    """Whether a signal, or None, does not move in the measurement window of any run."""
-    signal = getattr(recording, name)
-    if signal is None:
-        return True
-    window = recording.window(signal)
+    """Whether a signal does not move in the measurement window of any run."""
+    window = recording.window(getattr(recording, name))
     size = max(float(np.max(np.abs(getattr(recording, n)))) for n in ("e", "x") + (name,))
     return bool(np.all(np.std(window, axis=1) <= STILL * size))
 

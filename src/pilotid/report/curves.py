@@ -11,7 +11,8 @@ import numpy as np
 from pilotid.chance import Z95
 from pilotid.report.figures import BOUND, grid, limits
 from pilotid.show.style import INK, colour_of, journal_style, log_ticks, marker_of
-from pilotid.study.comparison import Comparison, Score
+from pilotid.study.comparison import Comparison
+from pilotid.study.score import Score
 from pilotid.types import FloatArray
 
 if TYPE_CHECKING:

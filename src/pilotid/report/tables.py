@@ -12,7 +12,8 @@ from pilotid.estimates.estimate import Outcome
 from pilotid.numbers import NONE, number, plus_minus, printed, share, signed
 from pilotid.report.content import Column, Entry, Table, entries
 from pilotid.report.verdicts import Verdict, extremes
-from pilotid.study.comparison import Cell, Comparison, Score
+from pilotid.study.comparison import Cell, Comparison
+from pilotid.study.score import Score
 
 
 def verdict_table(verdicts: Sequence[Verdict], caption: str) -> Table:

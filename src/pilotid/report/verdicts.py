@@ -8,7 +8,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from pilotid.numbers import signed
-from pilotid.study.comparison import Cell, Score
+from pilotid.study.comparison import Cell
+from pilotid.study.score import Score
 
 #: Fewer fits than this allow no verdict.
 ENOUGH = 10

@@ -19,7 +19,7 @@ from pilotid.estimates.estimate import Estimate
 from pilotid.recordings.recording import Recording
 from pilotid.show.bode import Bode
 from pilotid.show.style import GRID, INK, STYLES, log_ticks, style_of
-from pilotid.time_domain.output_error import LeastSquares
+from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prepare import prepare
 from pilotid.types import ComplexArray, FloatArray, InputError
@@ -227,7 +227,7 @@ def _simulated(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Time of the scored samples, the model's output and what it leaves, (runs, samples) each."""
     prepared = prepare(recording, estimate.model)
-    problem = LeastSquares(predict(recording, estimate.model))
+    problem = OutputErrors(predict(recording, estimate.model))
     left = problem.residual(estimate.values)
     return prepared.time[prepared.first :], problem.prediction.control - left, left
 
