@@ -422,3 +422,62 @@ def test_compare_goes_on_where_it_stopped_and_does_not_mix(run: Run, tmp_path: P
     assert "seed" in (tmp_path / "report.md").read_text(encoding="utf-8")
     both = ("--workers", 1, "--scheduler", "tcp://127.0.0.1:1")
     refused(run(*options, *both), "--workers", "--scheduler")
+
+
+OWN = """
+from dataclasses import replace
+from pilotid.datasets import SCENARIOS
+from pilotid.methods.mle_white import MLEWhite
+
+ONE = replace(SCENARIOS["single"], name="one", duration=30.0)
+TWO = [ONE, replace(ONE, name="two", runs=2)]
+
+class Mine(MLEWhite):
+    "Maximum likelihood of my own."
+    name = "mine"
+"""
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> Path:
+    file = tmp_path / "own.py"
+    file.write_text(OWN)
+    return file
+
+
+def test_methods_and_scenarios_come_from_code_and_with_settings(
+    run: Run, own: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    methods = f"mle-white(candidates=3, refined=1),{own}:Mine(candidates=2)"
+    options = ("--method", methods, "--method", "mle-white", "--replications", 1, "--out", out)
+    assert run("compare", "--scenario", f"{own}:TWO,single(runs=2)", *options).status == 0
+    with (out / "summary.csv").open(newline="") as stream:
+        keys = {(row["scenario"], row["method"]) for row in csv.DictReader(stream)}
+    labels = ("mle-white", "mle-white(candidates=3, refined=1)", "mine(candidates=2)")
+    assert keys == {(s, m) for s in ("one", "two", "single-runs-2") for m in labels}
+    typed = f"--scenario '{own}:TWO,single(runs=2)'"
+    assert typed in (out / "report.md").read_text(encoding="utf-8")
+
+
+def test_fit_and_simulate_take_code_and_settings_too(run: Run, own: Path, tmp_path: Path) -> None:
+    csv_file = tmp_path / "one.csv"
+    assert run("simulate", f"{own}:ONE", "--out", csv_file).status == 0
+    fit = ("fit", csv_file, "--json", "-", "--method")
+    result = strict(run(*fit, f"arx,arx(memory=none),{own}:Mine").out)
+    names = [estimate["method"] for estimate in result["estimates"]]
+    assert names == ["arx", "arx(memory=none)", "mine"]
+    values = [e["parameters"]["tdvis"]["value"] for e in result["estimates"]]
+    assert len(set(values)) == 3
+    refused(run("simulate", f"{own}:TWO", "--out", csv_file), "one, two", "name one of them")
+    refused(run(*fit, "arx(memory=x)"), "memory must be a number or none", "memory=1.5")
+    refused(run(*fit, "arx(memory=1"), "not closed")
+    refused(run(*fit, f"{own}:Yours"), "holds no 'Yours'", "Mine")
+    refused(run(*fit, f"{own}:ONE"), "is no method")
+    refused(run("compare", "--scenario", f"{own}:Mine", "--out", tmp_path), "is no Scenario")
+    refused(run("compare", "--scenario", "single(run=2)", "--out", tmp_path), "'run'", "runs=1")
+
+
+def test_limits_of_fits_are_checked(run: Run, tmp_path: Path) -> None:
+    for option, value in (("--time-limit", -1), ("--time-limit", "nan"), ("--memory", "inf")):
+        refused(run("compare", option, value, "--out", tmp_path), option, "at least 0")
