@@ -64,6 +64,7 @@ PLANTED: dict[str, tuple[Callable[[Recording], Recording], str]] = {
     "20 s of all signals lost": (lambda r: dropped(r, ALL), "keeps one value"),
     "u clipped": (clipped, "clipped"),
     "u drifts": (lambda r: replace(r, u=r.u + 0.01 * r.time), "drifts"),
+    "u has an offset": (lambda r: replace(r, u=r.u + 0.4 * np.std(r.u)), "u has an offset"),
     "sign of e": (lambda r: replace(r, e=-r.e), "e has the wrong sign"),
     "sign of x": (lambda r: replace(r, x=-r.x), "x has the wrong sign"),
     "e and x exchanged": (lambda r: replace(r, e=r.x, x=r.e), "exchanged"),

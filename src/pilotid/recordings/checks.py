@@ -21,6 +21,8 @@ STILL = 1e-9  # standard deviation over the size of the signal: it does not move
 LONGEST_HOLD = {"e": 0.3, "x": 8.0, "u": 10.0}  # seconds; pilots rest on a breakout for 6.5
 AT_EXTREME = 0.15  # share of the samples at the largest or smallest value; pilots reach .044
 DRIFT = 2.5  # of the control over the run, in standard deviations of what is left, at 82 s
+BLOCK = 5.0  # seconds whose mean is one observation of an offset
+OFFSET = 4.0  # standard errors of the mean; simulations stay below 1, pilots below 1.4
 REPEATED = 0.5  # seconds of a signal that recur to the last digit
 VALUES = 20  # different values that such a stretch must have: rest and saturation do recur
 SHOWN = 0.5  # share of the target's fast lines that the error must show
@@ -156,6 +158,23 @@ def _drifting(recording: Recording) -> str | None:
     return None
 
 
+def _offset(recording: Recording) -> str | None:
+    """A t-test of the control's mean, by blocks so long that the remnant forgets itself."""
+    length = round(BLOCK / recording.dt)
+    window = recording.window(recording.u)
+    count = window.shape[1] // length
+    blocks = window[:, : count * length].reshape(recording.runs, count, length).mean(axis=2)
+    if blocks.size < 6:
+        return None
+    mean, error = float(np.mean(blocks)), float(np.std(blocks, ddof=1)) / np.sqrt(blocks.size)
+    if abs(mean) <= OFFSET * error:
+        return None
+    return (
+        f"u has an offset of {mean:.3g}, which mmle3 and arx do not model and which biases them: "
+        "remove it, or use another method"
+    )
+
+
 def _repeated(recording: Recording) -> str | None:
     """Noise does not come twice: a stretch that does was copied."""
     length = round(REPEATED / recording.dt)
@@ -227,5 +246,6 @@ CHECKS: tuple[Callable[[Recording], str | None], ...] = (
     _held,
     _clipped,
     _drifting,
+    _offset,
     _repeated,
 )
