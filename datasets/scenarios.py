@@ -9,11 +9,11 @@ import re
 from dataclasses import dataclass, field, replace
 
 from pilotid.datasets.forcing import (
-    SEED_PERIOD,
+    PERIOD,
     Forcing,
     half_and_half_step,
-    seed_disturbance,
-    seed_target,
+    paper_disturbance,
+    paper_target,
 )
 from pilotid.datasets.remnant import Remnant, white
 from pilotid.naming.code import is_place, taken
@@ -59,10 +59,10 @@ class Scenario:
     model: PilotModel = MULTI
     truth: tuple[float, ...] = tuple(MULTI.start)
     element: ControlledElement = field(default_factory=lambda: double_integrator(4.0))
-    target: Forcing | None = field(default_factory=seed_target)
-    disturbance: Forcing | None = field(default_factory=seed_disturbance)
+    target: Forcing | None = field(default_factory=paper_target)
+    disturbance: Forcing | None = field(default_factory=paper_disturbance)
     remnant: Remnant = field(default_factory=Remnant)
-    duration: float = SEED_PERIOD
+    duration: float = PERIOD
     run_in: float = 8.0
     dt: float = 0.02
     runs: int = 1
@@ -77,9 +77,9 @@ class Scenario:
         return self.model.vector(dict(zip(self.model.keys, self.truth, strict=True)))
 
 
-def _seed_scenarios() -> list[Scenario]:
+def _of_the_paper() -> list[Scenario]:
     nominal = Scenario("nominal", "both forcing functions, remnant gain 0.4 (Fig. 3, Table 3)")
-    # The seed raised the disturbance and the remnant four times in these cases.
+    # The paper raises the disturbance and the remnant four times in these cases.
     louder = replace(nominal.remnant, level=4.0 * nominal.remnant.level)
     step = half_and_half_step(nominal.duration)
     return [
@@ -102,7 +102,7 @@ def _seed_scenarios() -> list[Scenario]:
             name="disturbance-only",
             description="disturbance alone, forcing and remnant four times nominal (Table 3)",
             target=None,
-            disturbance=seed_disturbance().scaled(4.0),
+            disturbance=paper_disturbance().scaled(4.0),
             remnant=louder,
         ),
         replace(
@@ -147,15 +147,15 @@ def _seed_scenarios() -> list[Scenario]:
     ]
 
 
-def _beyond_the_seed() -> list[Scenario]:
+def _beyond_the_paper() -> list[Scenario]:
     nominal = Scenario("nominal", "")
     return [
         *(
             replace(
                 nominal,
-                name=f"length-{periods * SEED_PERIOD:.0f}",
-                description=f"nominal with a window of {periods * SEED_PERIOD:.4g} s",
-                duration=periods * SEED_PERIOD,
+                name=f"length-{periods * PERIOD:.0f}",
+                description=f"nominal with a window of {periods * PERIOD:.4g} s",
+                duration=periods * PERIOD,
                 family="length",
                 varied="duration",
             )
@@ -176,7 +176,7 @@ def _beyond_the_seed() -> list[Scenario]:
 
 
 #: Scenarios by the name that the command line takes.
-SCENARIOS: dict[str, Scenario] = {s.name: s for s in (*_seed_scenarios(), *_beyond_the_seed())}
+SCENARIOS: dict[str, Scenario] = {s.name: s for s in (*_of_the_paper(), *_beyond_the_paper())}
 
 
 def scenarios_named(text: str) -> list[Scenario]:

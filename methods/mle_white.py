@@ -24,7 +24,7 @@ from pilotid.solve.covariance import covariance_of, sandwich
 from pilotid.solve.least_squares import minimise
 from pilotid.solve.search import record, search
 from pilotid.time_domain.conclusion import concluded
-from pilotid.time_domain.output_error import LeastSquares
+from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.settings import SearchSettings
 
@@ -65,11 +65,11 @@ class MLEWhite(SearchSettings):
         rng
             Draws the other starts.
         """
-        coarse = LeastSquares(predict(recording, model, self.search_band))
+        coarse = OutputErrors(predict(recording, model, self.search_band))
         found = search(coarse.gram, model, rng, candidates=self.candidates, refined=self.refined)
         prediction = predict(recording, model, self.band)
-        terms = LeastSquares(prediction).noticeable_terms(found.values[0])
-        problem = LeastSquares(replace(prediction, terms=terms))
+        terms = OutputErrors(prediction).noticeable_terms(found.values[0])
+        problem = OutputErrors(replace(prediction, terms=terms))
         end = minimise(problem.gram, found.values[:1], model, tolerance=1e-6)
         values, gram = end.values[0], end.gram[0]
         variance = gram[-1, -1] / (problem.residuals - len(values))

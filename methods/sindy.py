@@ -118,7 +118,7 @@ class SINDy:
         rng
             Resamples blocks of time, and draws the other starts.
         """
-        library = _Library(self, recording, model)
+        library = Library(self, recording, model)
         structure = library.best_delays()
         if library.count < LEAST_ROWS * structure.parameters:
             return failed(
@@ -137,9 +137,7 @@ class SINDy:
             return failed(self.name, model, Outcome.UNSTABLE_MODEL, reason)
         return second_step(self.name, recording, model, response, rng)
 
-    def regress(
-        self, library: _Library, structure: Structure, rng: np.random.Generator
-    ) -> BlackBox:
+    def regress(self, library: Library, structure: Structure, rng: np.random.Generator) -> BlackBox:
         """The sparse model of one structure, with the covariance of its ensemble."""
         blocks = library.blocks(structure, self.block)
         triangle = _triangle(np.concatenate(blocks))
@@ -169,7 +167,7 @@ class SINDy:
         return channel_response(model, omega, dt, sparse, self.misfit, note)
 
 
-class _Library:
+class Library:
     """The candidate terms of a recording: signals on the analysis grid, and their lags."""
 
     def __init__(self, settings: SINDy, recording: Recording, model: PilotModel) -> None:

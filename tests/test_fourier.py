@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import NOMINAL, part_of, without_remnant
 from scipy.optimize import approx_fprime
 
 from pilotid import load_recording
 from pilotid.datasets import scenario_named, simulate
-from pilotid.datasets.scenarios import Scenario
 from pilotid.estimates.estimate import Outcome
 from pilotid.estimates.method import identify
 from pilotid.frequency.fourier_coefficients import coefficients_of, interpolation
@@ -23,13 +22,7 @@ from pilotid.pilot.model import Channel, PilotModel
 from pilotid.recordings.lines import NotMultisineError, forcing_lines
 from pilotid.recordings.recording import Recording
 
-FOLDER = os.environ.get("PILOTID_MEASURED", "")
-NOMINAL = scenario_named("nominal")
-
-
-def quiet(name: str) -> Scenario:
-    scenario = scenario_named(name)
-    return replace(scenario, remnant=replace(scenario.remnant, level=0.0))
+pytestmark = pytest.mark.numerical
 
 
 @cache
@@ -40,7 +33,7 @@ def noisy(runs: int = 1, name: str = "nominal", seed: int = 4) -> Recording:
 @pytest.mark.parametrize("name", ["nominal", "single", "target-only"])
 @pytest.mark.parametrize("trend", [None, 1])
 def test_noise_free_recordings_give_the_truth(name: str, trend: int | None) -> None:
-    scenario = quiet(name)
+    scenario = without_remnant(scenario_named(name))
     if name == "target-only":  # one channel, from the target's lines
         scenario = replace(scenario, model=SINGLE, truth=tuple(SINGLE.start))
     recording = simulate(scenario, np.random.default_rng(1))
@@ -50,7 +43,7 @@ def test_noise_free_recordings_give_the_truth(name: str, trend: int | None) -> N
 
 
 def test_first_step_matches_the_truth_within_the_reported_error_of_interpolation() -> None:
-    scenario = quiet("nominal")
+    scenario = without_remnant(NOMINAL)
     recording = simulate(scenario, np.random.default_rng(1))
     estimate = identify(Fourier(), recording, MULTI, np.random.default_rng(1))
     found = estimate.frequency_response
@@ -67,7 +60,7 @@ def test_first_step_matches_the_truth_within_the_reported_error_of_interpolation
 
 
 def test_runs_whose_forcing_functions_differ_in_phase_are_averaged_in_phase() -> None:
-    scenario = quiet("nominal")
+    scenario = without_remnant(NOMINAL)
     assert scenario.target is not None
     parts = []
     for seed in (1, 2, 3):
@@ -123,7 +116,7 @@ def test_the_residual_is_that_of_the_lines_less_the_trend_beside_them() -> None:
 
 def test_power_of_the_remnant_is_that_of_its_spectrum() -> None:
     # Above 8 rad/s leakage would exceed it many times.
-    from pilotid.datasets.experiments import spectra
+    from pilotid.datasets.experiments import experiment_of
 
     expected = None
     ratios = []
@@ -133,7 +126,7 @@ def test_power_of_the_remnant_is_that_of_its_spectrum() -> None:
         exact = coefficients.residuals(MULTI.response(coefficients.omega, NOMINAL.values))
         if expected is None:
             omega = coefficients.omega[: coefficients.lines]
-            density = spectra(NOMINAL).circulation(omega)[2]
+            density = experiment_of(NOMINAL).circulation(omega)[2]
             expected = density / (recording.samples)
         ratios.append(coefficients.power(exact) / expected)
     mean = np.mean(ratios, axis=0)
@@ -190,12 +183,8 @@ def test_lines_are_found_where_they_are_not_given() -> None:
 
 def test_a_forcing_function_without_whole_periods_is_no_multisine() -> None:
     recording = replace(noisy(), lines={})
-    cut = replace(
-        recording,
-        **{n: getattr(recording, n)[:, :-300] for n in ("e", "u", "x", "ft", "fd")},
-    )
     with pytest.raises(NotMultisineError, match="ft is no multisine with whole periods"):
-        forcing_lines(cut)
+        forcing_lines(part_of(recording, samples=slice(-300)))
 
 
 def two_on_error() -> PilotModel:
@@ -253,31 +242,28 @@ def test_interpolation_is_linear_and_extends_the_ends() -> None:
     np.testing.assert_allclose(weights.sum(axis=1), 1.0)
 
 
-needs_measured = pytest.mark.skipif(
-    not FOLDER, reason="PILOTID_MEASURED names no folder of recordings"
-)
-
-
-@needs_measured
 @pytest.mark.parametrize("condition", ["C2", "C3"])
 @pytest.mark.parametrize("subject", [1, 3, 4])
-def test_without_motion_the_response_is_the_laboratory_s_own(subject: int, condition: str) -> None:
+def test_without_motion_the_response_is_the_laboratory_s_own(
+    measured: Path, subject: int, condition: str
+) -> None:
     from scipy.io import loadmat
 
-    path = Path(FOLDER) / "yaw" / f"ae2224I_measurement_data_subj{subject}_{condition}.mat"
+    path = measured / "yaw" / f"ae2224I_measurement_data_subj{subject}_{condition}.mat"
     theirs = loadmat(path)
     ours = Fourier(trend=None).first_step(load_recording(path), SINGLE)
     np.testing.assert_allclose(ours.omega, theirs["w_FC"].ravel(), rtol=1e-6)
     np.testing.assert_allclose(ours.value[0], theirs["Hpe_FC"].ravel(), rtol=1e-3)
 
 
-@needs_measured
 @pytest.mark.parametrize("condition", ["C5", "C6"])
 @pytest.mark.parametrize("subject", [1, 3, 4])
-def test_with_motion_the_responses_are_near_the_laboratory_s(subject: int, condition: str) -> None:
+def test_with_motion_the_responses_are_near_the_laboratory_s(
+    measured: Path, subject: int, condition: str
+) -> None:
     from scipy.io import loadmat
 
-    path = Path(FOLDER) / "yaw" / f"ae2224I_measurement_data_subj{subject}_{condition}.mat"
+    path = measured / "yaw" / f"ae2224I_measurement_data_subj{subject}_{condition}.mat"
     theirs = loadmat(path)
     ours = Fourier(trend=None).first_step(load_recording(path), RATE)
     rate = ours.value[1] / (1j * ours.omega)

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import FrozenInstanceError, fields
+from dataclasses import FrozenInstanceError, fields, replace
 from functools import cache
 
 import numpy as np
 import pytest
+from helpers import NOMINAL, SINGLE_LOOP
 
-from pilotid.estimates.estimate import Estimate
+from pilotid.datasets import simulate
+from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import Method, identify
 from pilotid.methods import METHODS, methods
 from pilotid.pilot.catalogue import MULTI, SINGLE
 from pilotid.recordings.recording import SIGNALS, Recording
-from pilotid.testing import DIFFICULT, check_estimate, check_settings, recording_for, tiny
+from pilotid.testing import DIFFICULT, bare, check_estimate, check_settings, recording_for, tiny
+
+pytestmark = pytest.mark.numerical
 
 MODELS = {"single": SINGLE, "multi": MULTI}
+SCENARIOS = {"single": SINGLE_LOOP, "multi": NOMINAL}
 
 every_method = pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
 every_model = pytest.mark.parametrize("model", MODELS)
@@ -53,14 +58,24 @@ def test_an_estimate_is_sound(method: Method, model: str) -> None:
 @every_method
 @every_model
 def test_values_come_in_the_model_s_order(method: Method, model: str) -> None:
-    # Names are positions here: a permutation would put frequencies among gains.
-    estimate = fitted(method, model)
-    assert estimate.values == pytest.approx(MODELS[model].start, rel=0.7)
+    # Names are positions here.  A pilot with hardly any remnant, no two of whose parameters
+    # are within a third of each other: any two that change places are found.
+    truth = {"single": (0.26, 1.7, 0.4, 10.0, 0.64), "multi": (0.2, 2.6, 0.4, 1.3, 0.15, 9.0, 0.6)}
+    pilot = replace(
+        SCENARIOS[model],
+        truth=truth[model],
+        remnant=replace(SCENARIOS[model].remnant, level=0.02),
+    )
+    recording = simulate(pilot, np.random.default_rng(1))
+    estimate = identify(method, recording, MODELS[model], np.random.default_rng(2))
+    assert estimate.outcome.usable, estimate.sentence
+    assert estimate.values == pytest.approx(pilot.values, rel=0.13)
 
 
 @every_method
 @every_model
 def test_the_same_generator_gives_the_same_answer(method: Method, model: str) -> None:
+    # To the bit: that is promised on one machine, and docs/machines.md says what elsewhere.
     first = fitted(method, model)
     again = identify(method, recording_of(model), MODELS[model], np.random.default_rng(2))
     assert again.outcome is first.outcome
@@ -85,9 +100,24 @@ def test_the_recording_stays_as_it_is(method: Method) -> None:
 def test_a_difficult_recording_gives_an_outcome_and_no_exception(
     method: Method, model: str, spoil: Callable[[Recording], Recording]
 ) -> None:
+    # Which outcome is for the method to say, and may be for rounding; that it is one is not.
     recording = spoil(recording_of(model))
     estimate = identify(method, recording, MODELS[model], np.random.default_rng(2))
     check_estimate(estimate, method, MODELS[model])
+
+
+@every_method
+@every_model
+def test_without_forcing_functions_a_method_objects_or_does_without(
+    method: Method, model: str
+) -> None:
+    recording = bare(recording_of(model))
+    estimate = identify(method, recording, MODELS[model], np.random.default_rng(2))
+    check_estimate(estimate, method, MODELS[model])
+    if method.objection(recording, MODELS[model]):
+        assert estimate.outcome is Outcome.NOT_APPLICABLE
+    else:
+        assert estimate.outcome.usable, estimate.sentence
 
 
 @every_method
@@ -96,4 +126,4 @@ def test_the_scale_of_all_signals_changes_nothing(method: Method, model: str) ->
     estimate = fitted(method, model)
     small = identify(method, tiny(recording_of(model)), MODELS[model], np.random.default_rng(2))
     assert small.outcome is estimate.outcome
-    assert small.values == pytest.approx(estimate.values, rel=1e-3, nan_ok=True)
+    assert small.values == pytest.approx(estimate.values, rel=1e-3)

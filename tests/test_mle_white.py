@@ -3,49 +3,36 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 from typing import Literal
 
 import control
 import numpy as np
 import pytest
+from helpers import NOMINAL, fit_of, leading_recording, monte_carlo, recording_of, without_remnant
 from scipy.signal import lsim
 
-from pilotid.datasets import Scenario, scenario_named, simulate
-from pilotid.estimates.estimate import Estimate, Outcome
-from pilotid.estimates.method import Method, identify
+from pilotid.datasets import scenario_named
+from pilotid.estimates.estimate import Outcome
+from pilotid.estimates.method import identify
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.methods.mmle3 import MMLE3, pulse_response
-from pilotid.pilot.catalogue import MULTI
+from pilotid.pilot.catalogue import GAIN_ONLY, MULTI
 from pilotid.pilot.factors import Rational
-from pilotid.seeds import fit_rng, recording_rng
 from pilotid.study import scores
 from pilotid.types import FloatArray
 
+pytestmark = pytest.mark.numerical
+
+WHITE = scenario_named("white-remnant")
 REPLICATIONS = 160
 LIMIT = 3.3  # standard errors: one chance in a thousand for each of seven parameters
-
-
-def fit_of(method: Method, scenario: Scenario, replication: int) -> Estimate:
-    recording = simulate(scenario, recording_rng(1, scenario.name, replication))
-    rng = fit_rng(1, method.name, scenario.name, replication)
-    return identify(method, recording, scenario.model, rng)
-
-
-@cache
-def monte_carlo(method: Method, name: str, replications: int) -> list[Estimate]:
-    return [fit_of(method, scenario_named(name), i) for i in range(replications)]
-
-
-def noise_free(scenario: Scenario) -> Scenario:
-    return replace(scenario, remnant=replace(scenario.remnant, level=0.0, level_is="gain"))
 
 
 # --------------------------------------------------------------------------------- mle-white
 
 
 def test_a_white_remnant_leaves_no_bias() -> None:
-    estimates = monte_carlo(MLEWhite(), "white-remnant", REPLICATIONS)
+    estimates = monte_carlo(MLEWhite(), WHITE, REPLICATIONS)
     assert all(e.outcome.usable for e in estimates)
     values = {key: np.array([e.values[i] for e in estimates]) for i, key in enumerate(MULTI.keys)}
     truth = dict(zip(MULTI.keys, MULTI.start.tolist(), strict=True))
@@ -61,7 +48,7 @@ def test_a_white_remnant_leaves_no_bias() -> None:
 
 
 def test_a_white_remnant_leaves_the_intervals_honest() -> None:
-    estimates = monte_carlo(MLEWhite(), "white-remnant", REPLICATIONS)
+    estimates = monte_carlo(MLEWhite(), WHITE, REPLICATIONS)
     shares = [
         scores.coverage(np.array([e.intervals[i] for e in estimates]), truth)
         for i, truth in enumerate(MULTI.start)
@@ -72,7 +59,7 @@ def test_a_white_remnant_leaves_the_intervals_honest() -> None:
 
 
 def test_standard_errors_are_the_scatter_where_the_remnant_is_white() -> None:
-    estimates = monte_carlo(MLEWhite(), "white-remnant", REPLICATIONS)
+    estimates = monte_carlo(MLEWhite(), WHITE, REPLICATIONS)
     claimed = np.mean([e.std_error for e in estimates], axis=0)
     scatter = np.std([e.values for e in estimates], axis=0, ddof=1)
     # A standard deviation from n samples has a relative error of 1/sqrt(2 n).
@@ -80,31 +67,29 @@ def test_standard_errors_are_the_scatter_where_the_remnant_is_white() -> None:
 
 
 def test_a_recording_without_remnant_gives_the_truth() -> None:
-    scenario = noise_free(scenario_named("nominal"))
-    estimate = fit_of(MLEWhite(), scenario, 0)
+    scenario = without_remnant(NOMINAL)
+    estimate = fit_of(MLEWhite(), scenario)
     assert estimate.values == pytest.approx(scenario.values, rel=2e-3)
     assert estimate.vaf > 99.9
 
 
 def test_runs_are_fitted_jointly() -> None:
     runs = 9
-    scenario = scenario_named("white-remnant")
-    one = monte_carlo(MLEWhite(), scenario.name, REPLICATIONS)
-    all_runs = fit_of(MLEWhite(), replace(scenario, runs=runs), 0)
+    one = monte_carlo(MLEWhite(), WHITE, REPLICATIONS)
+    all_runs = fit_of(MLEWhite(), replace(WHITE, runs=runs))
     typical = np.median([e.std_error for e in one], axis=0)
     assert all_runs.std_error == pytest.approx(typical / np.sqrt(runs), rel=0.25)
 
 
 def test_several_starts_agree() -> None:
-    for estimate in monte_carlo(MLEWhite(), "white-remnant", REPLICATIONS)[:10]:
+    for estimate in monte_carlo(MLEWhite(), WHITE, REPLICATIONS)[:10]:
         assert estimate.starts is not None
         assert len(estimate.starts.cost) == MLEWhite().refined
         assert estimate.starts.agreeing >= 2
 
 
 def test_the_start_does_not_matter() -> None:
-    scenario = scenario_named("nominal")
-    recording = simulate(scenario, recording_rng(1, scenario.name))
+    recording = recording_of(NOMINAL)
     far = MULTI.with_start({k: 0.6 * v for k, v in zip(MULTI.keys, MULTI.start, strict=True)})
     near = identify(MLEWhite(), recording, MULTI, np.random.default_rng(1))
     from_far = identify(MLEWhite(), recording, far, np.random.default_rng(1))
@@ -115,14 +100,14 @@ def test_the_start_does_not_matter() -> None:
 # ------------------------------------------------------------------------------------- mmle3
 
 
-def test_a_coloured_remnant_makes_the_seed_s_estimator_biased_and_overconfident() -> None:
-    fits = monte_carlo(MMLE3(), "nominal", 12)
+def test_a_coloured_remnant_makes_the_paper_s_estimator_biased_and_overconfident() -> None:
+    fits = monte_carlo(MMLE3(), NOMINAL, 12)
     estimates = [e for e in fits if e.outcome.usable]
-    assert len(estimates) >= 10  # a fit that fails was left out by the seed as well
+    assert len(estimates) >= 10  # a fit that fails was left out by the paper as well
     values = np.array([e.values for e in estimates])
     index = MULTI.keys.index("tdvest")
     bias = scores.bias(values[:, index], MULTI.start[index])
-    assert bias > 0.10 * MULTI.start[index]  # the seed found 16 %
+    assert bias > 0.10 * MULTI.start[index]  # the paper finds 16 %
     assert bias > LIMIT * scores.bias_std_error(values[:, index])
     claimed = np.mean([e.std_error for e in estimates], axis=0)
     scatter = np.std(values, axis=0, ddof=1)
@@ -131,22 +116,23 @@ def test_a_coloured_remnant_makes_the_seed_s_estimator_biased_and_overconfident(
 
 @pytest.mark.parametrize(("hold", "bias"), [("zoh", -0.035), ("foh", 0.0)])
 def test_the_zero_order_hold_costs_visual_delay(hold: Literal["zoh", "foh"], bias: float) -> None:
-    scenario = noise_free(scenario_named("nominal"))
-    estimate = fit_of(MMLE3(hold=hold), scenario, 0)
+    scenario = without_remnant(NOMINAL)
+    estimate = fit_of(MMLE3(hold=hold), scenario)
     index = MULTI.keys.index("tdvis")
     relative = estimate.values[index] / scenario.values[index] - 1.0
     assert relative == pytest.approx(bias, abs=0.01)
 
 
 def test_a_delay_driven_negative_is_an_outcome() -> None:
-    scenario = scenario_named("nominal")
-    recording = simulate(scenario, recording_rng(1, scenario.name))
-    model = MULTI.with_start({"tdvis": 0.001})
-    estimate = identify(MMLE3(), recording, model, np.random.default_rng(1))
+    # The first step leads from 0.3 s to -0.27 s.
+    recording = leading_recording()
+    estimate = identify(MMLE3(), recording, GAIN_ONLY, np.random.default_rng(1))
     assert estimate.outcome is Outcome.NEGATIVE_DELAY
     assert not estimate.outcome.usable
     assert np.isnan(estimate.values).all()
-    assert np.isfinite(identify(MLEWhite(), recording, model, np.random.default_rng(1)).vaf)
+    bounded = identify(MLEWhite(), recording, GAIN_ONLY, np.random.default_rng(1))
+    assert bounded.outcome is Outcome.AT_BOUND
+    assert bounded.values[GAIN_ONLY.keys.index("tdvis")] == 0.0
 
 
 @pytest.mark.parametrize("hold", ["zoh", "foh"])

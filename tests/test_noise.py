@@ -11,6 +11,8 @@ from pilotid.time_domain.remnant_choice import NOISE_MODELS, contenders, lagged_
 from pilotid.time_domain.remnant_models import Autoregressive, Band, LowPass, remnant_estimate
 from pilotid.types import FloatArray
 
+pytestmark = pytest.mark.numerical
+
 BAND = Band(0.02, 3)
 FULL = Band(0.06, 1)
 TRUTHS = {1: [5.0], 2: [4.0, 0.6], 3: [6.0, 0.5]}

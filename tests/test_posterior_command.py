@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import csv
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import SINGLE_LOOP, Run, strict
 
-from pilotid.cli.main import main
-from pilotid.datasets import SCENARIOS, simulate
+from pilotid.datasets import simulate
 from pilotid.estimates.draws import spread_of
 from pilotid.methods.bayes import Bayes, Inference
 from pilotid.pilot.catalogue import SINGLE
@@ -25,8 +24,9 @@ from pilotid.time_domain.output_error import simulated_vaf
 from pilotid.time_domain.remnant_models import Autoregressive, LowPass
 from pilotid.types import InputError
 
-SCENARIO = SCENARIOS["single"]
-RECORDING = simulate(SCENARIO, np.random.default_rng(31))
+pytestmark = pytest.mark.numerical
+
+RECORDING = simulate(SINGLE_LOOP, np.random.default_rng(31))
 
 
 @pytest.fixture(scope="module")
@@ -34,15 +34,11 @@ def inference() -> Inference:
     return Bayes().infer(RECORDING, SINGLE, np.random.default_rng(1))
 
 
-def test_the_command_writes_draws_summary_and_figures(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_writes_draws_summary_and_figures(run: Run, tmp_path: Path) -> None:
     file, out = tmp_path / "run.csv", tmp_path / "out"
     save_recording(RECORDING, file)
-    with pytest.raises(SystemExit) as end:
-        main(["posterior", str(file), "--out", str(out), "--seed", "3"])
-    printed = capsys.readouterr()
-    assert not end.value.code, printed.err
+    printed = run("posterior", file, "--out", out, "--seed", 3)
+    assert printed.status == 0, printed.err
     assert "bayes: converged" in printed.out
     assert "disturbance phase margin" in printed.out  # the element comes from the sidecar
     assert "emcee: 4 ensembles of 40 walkers" in printed.out
@@ -54,7 +50,7 @@ def test_the_command_writes_draws_summary_and_figures(
     assert float(rows["fnm"]["mean"]) == pytest.approx(draws["fnm"].mean())
     assert float(rows["fnm"]["std"]) == pytest.approx(draws["fnm"].std())
     assert all(float(rows[key]["effective_size"]) >= 2000.0 for key in SINGLE.keys)
-    assert json.loads((out / "estimate.json").read_text())["outcome"] == "converged"
+    assert strict((out / "estimate.json").read_text())["outcome"] == "converged"
     for name in ("corner", "trace", "autocorrelation", "predictive"):
         text = (out / f"{name}.svg").read_text(encoding="utf-8")
         assert text.startswith("<svg")
@@ -69,13 +65,10 @@ def test_the_command_writes_draws_summary_and_figures(
         (["a.csv", "--element", "four"], "the controlled element 'four' is not one of"),
     ],
 )
-def test_wrong_use_ends_with_a_sentence(
-    arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as end:
-        main(["posterior", *arguments])
-    assert end.value.code == 2
-    assert sentence in capsys.readouterr().err
+def test_wrong_use_ends_with_a_sentence(run: Run, arguments: list[str], sentence: str) -> None:
+    answer = run("posterior", *arguments)
+    assert answer.status == 2
+    assert sentence in answer.err
 
 
 @pytest.mark.parametrize(
@@ -112,9 +105,9 @@ def test_derived_quantities_are_those_of_the_parameters(inference: Inference) ->
     np.testing.assert_allclose(vafs(RECORDING, SINGLE, some), expected, rtol=1e-9)
     element = double_integrator(4.0)
     spreads = {s.key: s for s in derived_spreads(draws, SINGLE, RECORDING, element)}
-    target, disturbance = margins(SINGLE, SCENARIO.values, element)
+    target, disturbance = margins(SINGLE, SINGLE_LOOP.values, element)
     for key, truth in (
-        ("Kvis*tlead", SCENARIO.truth[0] * SCENARIO.truth[1]),
+        ("Kvis*tlead", SINGLE_LOOP.truth[0] * SINGLE_LOOP.truth[1]),
         ("target crossover", target.crossover),
         ("target phase margin", target.phase_margin),
         ("disturbance crossover", disturbance.crossover),
@@ -136,7 +129,7 @@ def test_a_quantity_of_equal_draws_has_no_spread() -> None:
 
 @pytest.mark.parametrize("noise", [LowPass(2), Autoregressive(4)], ids=lambda n: n.name)
 def test_the_predictive_band_holds_what_it_says(noise: LowPass | Autoregressive) -> None:
-    two = simulate(replace(SCENARIO, runs=2), np.random.default_rng(32))
+    two = simulate(replace(SINGLE_LOOP, runs=2), np.random.default_rng(32))
     found = Bayes(noise=noise).infer(two, SINGLE, np.random.default_rng(2))
     assert isinstance(found.likelihood, Likelihood)
     draws = found.estimate.draws

@@ -12,6 +12,8 @@ from pilotid.posterior.ensembles import Run, ensembles
 from pilotid.posterior.importance import StudentT, importance
 from pilotid.types import FloatArray
 
+pytestmark = pytest.mark.numerical
+
 
 def linear_gaussian() -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Regressors, data, and the posterior in closed form: mean and covariance.

@@ -14,6 +14,8 @@ from pilotid.frequency.regression import Regression, discrete_response, lagged_r
 from pilotid.frequency.structures import Criterion, Structure, StructureSearch
 from pilotid.types import FloatArray
 
+pytestmark = pytest.mark.numerical
+
 DT = 0.1
 DENOMINATOR = np.array([1.0, -1.2, 0.5])
 NUMERATORS = (np.array([0.4, 0.3]), np.array([-0.5, 0.2]))

@@ -2,35 +2,34 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pysindy
 import pytest
+from helpers import (
+    NOMINAL,
+    SINGLE_LOOP,
+    fit_of,
+    part_of,
+    recording_of,
+    running_away,
+    without_remnant,
+)
 
-from pilotid.datasets import scenario_named, simulate
+from pilotid.datasets import scenario_named
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import identify
 from pilotid.estimates.response import FrequencyResponse
 from pilotid.frequency.regression import known_dynamics, lagged_rows
-from pilotid.methods.sindy import SINDy, _Library, ensemble_covariance, prune, undetermined
+from pilotid.methods.sindy import Library, SINDy, ensemble_covariance, prune, undetermined
 from pilotid.pilot.catalogue import MULTI, SINGLE
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.seeds import fit_rng, recording_rng
 from pilotid.types import FloatArray
 
-
-@cache
-def recording_of(name: str, replication: int = 0) -> Recording:
-    return simulate(scenario_named(name), recording_rng(3, name, replication))
-
-
-def fit_of(method: SINDy, name: str, replication: int = 0) -> Estimate:
-    model = scenario_named(name).model
-    rng = fit_rng(3, method.name, name, replication)
-    return identify(method, recording_of(name, replication), model, rng)
+pytestmark = pytest.mark.numerical
 
 
 def response_of(estimate: Estimate) -> FrequencyResponse:
@@ -84,12 +83,12 @@ def test_pysindy_prunes(monkeypatch: pytest.MonkeyPatch) -> None:
         return fit(self, x, y)
 
     monkeypatch.setattr(pysindy.STLSQ, "fit", counted)
-    assert fit_of(SINDy(members=5), "single").outcome.usable
+    assert fit_of(SINDy(members=5), SINGLE_LOOP).outcome.usable
     assert len(fitted) == 1 + 5  # the estimate and its ensemble
 
 
 def test_a_triangular_factor_stands_for_its_rows() -> None:
-    library = _Library(SINDy(), recording_of("nominal"), MULTI)
+    library = Library(SINDy(), recording_of(NOMINAL), MULTI)
     structure = library.best_delays()
     blocks = library.blocks(structure, 1.0)
     lags = [(d, 11) for d in structure.delays]
@@ -110,22 +109,20 @@ def test_the_delay_is_found_on_the_grid(samples: int) -> None:
     u = np.fft.irfft(0.5 * np.fft.rfft(e) * np.exp(-1j * bins * delay))
     u += 0.05 * rng.standard_normal(4096)
     recording = Recording(dt=0.02, e=e[None], u=u[None], x=e[None])
-    library = _Library(SINDy(own_lags=0), recording, SINGLE)
+    library = Library(SINDy(own_lags=0), recording, SINGLE)
     assert library.dt == pytest.approx(0.12)
     assert library.best_delays().delays == (samples,)
 
 
 def test_no_row_reaches_across_runs() -> None:
-    scenario = replace(scenario_named("single"), runs=2)
-    both = simulate(scenario, recording_rng(3, "single"))
-    library = _Library(SINDy(), both, SINGLE)
+    both = recording_of(replace(SINGLE_LOOP, runs=2))
+    library = Library(SINDy(), both, SINGLE)
     structure = library.best_delays()
     blocks = library.blocks(structure, 1.0)
     apart = []
     for run in range(2):
-        signals = {n: getattr(both, n)[run : run + 1] for n in ("e", "u", "x")}
-        alone = replace(both, ft=None, fd=None, **signals)
-        apart += _Library(SINDy(), alone, SINGLE).blocks(structure, 1.0)
+        alone = part_of(both, runs=slice(run, run + 1))
+        apart += Library(SINDy(), alone, SINGLE).blocks(structure, 1.0)
     assert len(blocks) == len(apart)
     for one, other in zip(blocks, apart, strict=True):
         assert one.T @ one == pytest.approx(other.T @ other, rel=1e-6, abs=1e-9)
@@ -141,18 +138,10 @@ def test_known_dynamics_are_the_canals() -> None:
 # ------------------------------------------------------------------------------- the estimate
 
 
-def without_remnant(name: str) -> Recording:
-    scenario = scenario_named(name)
-    silent = replace(scenario, remnant=replace(scenario.remnant, level=0.0, level_is="gain"))
-    return simulate(silent, recording_rng(3, name))
-
-
 @pytest.mark.parametrize(("name", "own_lags"), [("nominal", 4), ("single", 2)])
 def test_a_recording_without_remnant_gives_the_truth(name: str, own_lags: int) -> None:
-    scenario = scenario_named(name)
-    method = SINDy(own_lags=own_lags)
-    rng = np.random.default_rng(1)
-    estimate = identify(method, without_remnant(name), scenario.model, rng)
+    scenario = without_remnant(scenario_named(name))
+    estimate = fit_of(SINDy(own_lags=own_lags), scenario)
     assert estimate.outcome is Outcome.CONVERGED
     assert estimate.values == pytest.approx(scenario.values, rel=5e-3)
     response = response_of(estimate)
@@ -162,20 +151,20 @@ def test_a_recording_without_remnant_gives_the_truth(name: str, own_lags: int) -
 
 def test_a_library_of_redundant_lags_is_not_believed() -> None:
     # 24 sines and no remnant leave two of the four lags of the control without information.
-    estimate = identify(SINDy(), without_remnant("single"), SINGLE, np.random.default_rng(1))
+    estimate = fit_of(SINDy(), without_remnant(SINGLE_LOOP))
     assert estimate.outcome is Outcome.UNSTABLE_MODEL
     assert "unstable pole" in estimate.message
 
 
 def test_one_signal_for_two_channels_is_refused() -> None:
-    estimate = fit_of(SINDy(), "disturbance-only")
+    estimate = fit_of(SINDy(), scenario_named("disturbance-only"))
     assert estimate.outcome is Outcome.NOT_APPLICABLE
     assert "without a target" in estimate.message
 
 
 def test_a_control_that_the_acceleration_repeats_is_not_believed() -> None:
     # Without a disturbance the acceleration is a multiple of the control.
-    estimate = fit_of(SINDy(), "target-only")
+    estimate = fit_of(SINDy(), scenario_named("target-only"))
     assert estimate.outcome is Outcome.UNSTABLE_MODEL
 
 
@@ -192,7 +181,7 @@ def test_a_response_that_says_nothing_is_not_believed(model: PilotModel) -> None
 
 def test_the_claimed_spread_of_the_response_is_its_scatter() -> None:
     method = SINDy(misfit=1e-3)  # the ensemble alone
-    responses = [response_of(fit_of(method, "single", i)) for i in range(20)]
+    responses = [response_of(fit_of(method, SINGLE_LOOP, i)) for i in range(20)]
     scatter = np.sqrt(np.var([r.value for r in responses], axis=0, ddof=1))
     claimed = np.median([r.std for r in responses], axis=0)
     ratio = claimed / scatter
@@ -203,7 +192,7 @@ def test_the_claimed_spread_of_the_response_is_its_scatter() -> None:
 def test_resampling_whole_blocks_or_single_rows_says_the_same() -> None:
     # The residual is white, apart from what few lags leave.
     claimed = [
-        response_of(fit_of(SINDy(block=block, misfit=1e-3), "nominal")).std for block in (0.12, 4.0)
+        response_of(fit_of(SINDy(block=block, misfit=1e-3), NOMINAL)).std for block in (0.12, 4.0)
     ]
     assert claimed[1] == pytest.approx(claimed[0], rel=0.3)
 
@@ -220,9 +209,9 @@ def test_an_ensemble_that_scatters_more_raises_the_covariance() -> None:
 
 def test_the_ensemble_comes_from_the_caller_s_generator() -> None:
     np.random.seed(1)  # noqa: NPY002, pysindy's own ensembles would draw from it
-    first = fit_of(SINDy(), "single")
+    first = fit_of(SINDy(), SINGLE_LOOP)
     np.random.seed(2)  # noqa: NPY002
-    again = fit_of(SINDy(), "single")
+    again = fit_of(SINDy(), SINGLE_LOOP)
     assert again.covariance.tobytes() == first.covariance.tobytes()
 
 
@@ -230,25 +219,23 @@ def test_the_ensemble_comes_from_the_caller_s_generator() -> None:
 
 
 def test_a_channel_that_is_pruned_away_is_an_outcome() -> None:
-    estimate = fit_of(SINDy(threshold=0.9), "nominal")
+    estimate = fit_of(SINDy(threshold=0.9), NOMINAL)
     assert estimate.outcome is Outcome.UNSTABLE_MODEL
     assert "channel survives" in estimate.message
     assert np.isnan(estimate.values).all()
 
 
 def test_an_unstable_pole_is_an_outcome() -> None:
-    recording = recording_of("single")
-    growing = np.exp(0.1 * recording.time) * np.sin(2.0 * recording.time)
-    blown = replace(recording, u=growing[None] + 1e-3 * recording.u)
-    estimate = identify(SINDy(), blown, SINGLE, np.random.default_rng(1))
+    recording = running_away(recording_of(SINGLE_LOOP))
+    estimate = identify(SINDy(), recording, SINGLE, np.random.default_rng(1))
     assert estimate.outcome is Outcome.UNSTABLE_MODEL
-    assert "unstable pole" in estimate.message or "survives" in estimate.message
+    (magnitude,) = re.findall(r"unstable pole of magnitude ([\d.]+)", estimate.message)
+    # exp(0.2/s * 0.12 s), were the remnant not there.
+    assert float(magnitude) == pytest.approx(1.024, abs=0.015)
 
 
 def test_a_short_recording_is_refused_in_words() -> None:
-    recording = recording_of("nominal")
-    signals = {n: getattr(recording, n)[:, :500] for n in ("e", "u", "x", "ft", "fd")}
-    short = replace(recording, run_in=0, lines={}, **signals)
+    short = part_of(replace(recording_of(NOMINAL), run_in=0, lines={}), samples=slice(500))
     estimate = identify(SINDy(memory=2.4), short, MULTI, np.random.default_rng(1))
     assert estimate.outcome is Outcome.NOT_APPLICABLE
     assert "too few" in estimate.message

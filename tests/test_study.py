@@ -22,12 +22,13 @@ from pilotid.methods.arx import ARX
 from pilotid.methods.fourier import Fourier
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
+from pilotid.study.comparison import comparison_of
 from pilotid.study.entries import Result, Unit
 from pilotid.study.facts import scenario_entry
 from pilotid.study.fits import Task, run_task, started
 from pilotid.study.store import STORE, Store
 from pilotid.study.study import Study, remaining_seconds
-from pilotid.study.summary import groups_of, summaries_of, write_tables
+from pilotid.study.summary import write_tables
 from pilotid.types import InputError
 
 STUDY = Study(("single", "starts"), ("mle-white", "fourier"), 3, 5)
@@ -39,8 +40,7 @@ def run(folder: Path, study: Study = STUDY, workers: int = 2) -> bytes:
     with Store(folder, create=True) as store:
         for _ in study.run(store, study.enter(store), workers):
             pass
-        groups = groups_of(store)
-        write_tables(folder, groups, summaries_of(groups))
+        write_tables(folder, comparison_of(store))
     return (folder / "summary.csv").read_bytes()
 
 
@@ -208,29 +208,34 @@ def test_what_failed_for_outside_reasons_is_tried_again_if_asked(tmp_path: Path)
         assert len(store.done()) == 3
 
 
-def test_groups_and_summaries_hold_the_store_s_numbers(finished: Path) -> None:
+def test_a_comparison_holds_the_store_s_numbers(finished: Path) -> None:
     with Store(finished) as store:
-        groups = groups_of(store)
-    assert [(g.scenario.name, g.method) for g in groups] == [
+        cells = comparison_of(store).cells
+    assert [(c.scenario.name, c.method) for c in cells] == [
         ("single", "mle-white"),
         ("single", "fourier"),
         ("starts", "mle-white"),
         ("starts", "fourier"),
     ]
-    group = groups[0]
-    assert group.failures == 0
-    values = group.numbers(2)[:, 0]
-    summary = summaries_of(groups)[2]
-    assert summary.parameter == "tdvis"
-    assert summary.bias == pytest.approx(values.mean() - 0.39)
-    assert summary.crlb == scenario_entry(scenario_named("single")).parameters[2].bound
-    assert np.isnan(summary.posterior_std)
+    score = cells[0].scores[2]
+    assert (score.parameter, score.failures) == ("tdvis", 0)
+    assert score.bias == pytest.approx(cells[0].numbers[2, :, 0].mean() - 0.39)
+    assert score.bound == scenario_entry(scenario_named("single"), 0, "single").parameters[2].bound
+    assert np.isnan(score.posterior)
+
+
+#: As in a shell's foreground: what a background job starts ignores interruptions.
+PROGRAM = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from pilotid.cli.main import main
+main()
+"""
 
 
 def command(folder: Path, *more: str) -> list[str]:
     options = ["--scenario", "single", "--method", "mle-white,fourier", "--replications", "40"]
-    program = "from pilotid.cli.main import main; main()"
-    return [sys.executable, "-c", program, "compare", *options, "--out", str(folder), *more]
+    return [sys.executable, "-c", PROGRAM, "compare", *options, "--out", str(folder), *more]
 
 
 def fits_in(folder: Path) -> int:
@@ -325,8 +330,7 @@ def test_dask_with_a_worker_killed_gives_the_same_bytes(cluster: object, tmp_pat
         for number, _ in enumerate(results):
             if number == 10:
                 os.kill(next(iter(workers.values())).pid, signal.SIGKILL)
-        groups = groups_of(store)
-        write_tables(there, groups, summaries_of(groups))
+        write_tables(there, comparison_of(store))
     assert (there / "summary.csv").read_bytes() == (here / "summary.csv").read_bytes()
 
 

@@ -14,15 +14,14 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from pilotid.numbers import decimals, number, plus_minus, printed, share, signed
 from pilotid.report.content import inline_html
 from pilotid.report.page import overview_table, write_report
-from pilotid.report.scores import Cell, Cells, agreeing
 from pilotid.report.verdicts import Grade, judge, sentence
-from pilotid.show.numbers import number, plus_minus, printed, share
-from pilotid.show.terminal import make_console
+from pilotid.study.comparison import Cell, comparison_of
 from pilotid.study.entries import MethodEntry, ParameterTruth, Result, ScenarioEntry, Unit
 from pilotid.study.store import Store
-from pilotid.study.summary import groups_of, summaries_of
+from pilotid.terminal import make_console
 
 KEYS = ("Kvis", "tlead", "tdvis", "Kvest", "tdvest", "fnm", "dnm")
 TRUTH = (0.17, 2.93, 0.32, 1.59, 0.29, 12.0, 0.3)
@@ -122,12 +121,11 @@ def report(folder: Path, fill: Callable[[Store], None], methods: Sequence[str]) 
                 settings = {"class": name, "setting": 1.0}
                 store.add_method(MethodEntry(name, position, settings, typed=TYPED.get(name, "")))
             fill(store)
-        groups = groups_of(store)
-        summaries = summaries_of(groups)
-        page = write_report(folder, store, groups, summaries)
+        study = comparison_of(store)
+        page = write_report(folder, store, study)
         console = make_console()
         with console.capture() as captured:
-            console.print(overview_table(store, groups, summaries))
+            console.print(overview_table(study))
     assert page == folder / "report.html"
     markdown = plain((folder / "report.md").read_text(encoding="utf-8"))
     return Made(folder, page.read_text(encoding="utf-8"), markdown, captured.get())
@@ -146,14 +144,9 @@ def scenarios(
     return fill
 
 
-def cells_of(folder: Path) -> Cells:
-    with Store(folder) as store:
-        groups = groups_of(store)
-        return Cells(groups, summaries_of(groups), store.methods())
-
-
 def cell_of(folder: Path, scenario: str, method: str) -> Cell:
-    cell = cells_of(folder).at(scenario, method)
+    with Store(folder) as store:
+        cell = comparison_of(store).at(scenario, method)
     assert cell is not None
     return cell
 
@@ -180,8 +173,8 @@ def by_hand(tmp_path_factory: pytest.TempPathFactory) -> Made:
 
 def test_scores_are_those_worked_out_by_hand(by_hand: Made) -> None:
     cell = cell_of(by_hand.folder, "nominal", "mle")
-    score = cell.scores[0]
-    assert (score.n, score.tried, score.n_all) == (3, 5, 4)
+    score = cell.percent[0]
+    assert (score.n, score.failures, score.tried, score.n_all) == (3, 2, 5, 4)
     assert score.bias == pytest.approx(20.0)
     assert score.std == pytest.approx(20.0)
     assert score.bias_se == pytest.approx(20.0 / np.sqrt(3.0))
@@ -226,6 +219,9 @@ def test_numbers_have_the_digits_that_their_error_allows() -> None:
         "0", "1.00", "-26.7", "1234", "1.0e+07", "-",
     ]  # fmt: skip
     assert plain(printed(-11.6)) == "-11.6"
+    assert [plain(signed(x)) for x in (-24.2, 3.14, 9.96)] == ["-24", "+3.1", "+10"]
+    assert [decimals(x) for x in (0.0312, 1.2, 150.0, 1e-12)] == [3, 1, 0, 9]
+    assert decimals(-0.5, digits=3, most=2) == 2
     assert plain(share(0.95, (0.9, 0.98))) == "95 (90-98)"
 
 
@@ -385,7 +381,7 @@ def test_starts_that_end_together_are_counted(tmp_path: Path) -> None:
         store.add(Result(Unit("starts", "mle", 5), "diverged"))
 
     made = report(tmp_path, fill, ("mle",))
-    assert agreeing(cell_of(tmp_path, "starts", "mle")) == 4
+    assert cell_of(tmp_path, "starts", "mle").agreeing == 4
     assert "| 4 of 6 | 10.0 |" in made.markdown
 
 

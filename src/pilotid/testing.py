@@ -139,8 +139,8 @@ def control_is_noise(recording: Recording) -> Recording:
 
 
 def tiny(recording: Recording) -> Recording:
-    """Signals in units that are far too large."""
-    return replace(recording, **{n: 1e-12 * getattr(recording, n) for n in SIGNALS})
+    """Signals in units that are far too large, by a power of two so that none is rounded."""
+    return replace(recording, **{n: 2.0**-40 * getattr(recording, n) for n in SIGNALS})
 
 
 def huge_offset(recording: Recording) -> Recording:

@@ -7,7 +7,7 @@ from pilotid.estimates.estimate import Outcome, failed
 from pilotid.solve.covariance import covariance_of
 from pilotid.solve.least_squares import minimise
 from pilotid.time_domain.conclusion import concluded
-from pilotid.time_domain.output_error import LeastSquares
+from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
 
 
@@ -22,7 +22,7 @@ class OneStart:
         return None
 
     def fit(self, recording, model, rng):
-        problem = LeastSquares(predict(recording, model, self.band))
+        problem = OutputErrors(predict(recording, model, self.band))
         end = minimise(problem.gram, model.start[None], model)
         values, gram, converged = end.values[0], end.gram[0], bool(end.converged[0])
         covariance = covariance_of(gram[:-1, :-1], gram[-1, -1] / problem.residuals)

@@ -11,7 +11,7 @@ import typer
 from pilotid.cli.arguments import MethodOption, ScenarioOption, SeedOption, names_of
 from pilotid.cli.stopping import StoppedError
 from pilotid.seeds import DEFAULT_SEED
-from pilotid.show.terminal import make_console, print_table
+from pilotid.terminal import make_console, print_table
 from pilotid.types import InputError
 
 if TYPE_CHECKING:
@@ -132,12 +132,12 @@ def report(
 
 def _finish(folder: Path, store: Store) -> None:
     from pilotid.report.page import overview_table, write_report
-    from pilotid.study.summary import groups_of, summaries_of, write_tables
+    from pilotid.study.comparison import comparison_of
+    from pilotid.study.summary import write_tables
 
-    groups = groups_of(store)
-    summaries = summaries_of(groups)
-    write_tables(folder, groups, summaries)
-    path = write_report(folder, store, groups, summaries)
+    study = comparison_of(store)
+    write_tables(folder, study)
+    path = write_report(folder, store, study)
     console = make_console()
-    print_table(console, overview_table(store, groups, summaries))
+    print_table(console, overview_table(study))
     console.print(f"report: {path}", soft_wrap=True)

@@ -27,9 +27,9 @@ from pilotid.cli.arguments import (
 )
 from pilotid.cli.comparison import compare, report
 from pilotid.cli.stopping import STATUS, heeding_interruptions
-from pilotid.disk import write_file
+from pilotid.disk import strict_json, write_file
+from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.method import Method
-from pilotid.estimates.quantities import fit_all
 from pilotid.estimates.sound import one_line
 from pilotid.naming.code import PluginWarning
 from pilotid.naming.settings import labelled
@@ -37,8 +37,7 @@ from pilotid.pilot.catalogue import MODELS, model_named
 from pilotid.recordings.files import load_recording, parse_mapping, save_recording
 from pilotid.recordings.recording import Recording, joined
 from pilotid.seeds import DEFAULT_SEED, recording_rng
-from pilotid.show.json import fit_json, strict_json
-from pilotid.show.terminal import make_console, print_fits, with_bar
+from pilotid.terminal import make_console, with_bar
 from pilotid.types import InputError
 
 app = typer.Typer(
@@ -189,11 +188,11 @@ def fit(
     for target in (json_file, report):
         if target is not None:
             require_writable(target, files)
-    recordings = _loaded(files, mapping, joint)
+    recordings, refused = _loaded(files, mapping, joint)
     todo = with_bar(recordings, "fitting", len(recordings))
     fits = [fit_all(recording, chosen, methods, seed) for recording in todo]
 
-    entries = [fit_json(f) for f in fits]
+    entries = [f.to_dict() for f in fits]
     text = strict_json(entries[0] if len(entries) == 1 else entries)
     if json_file is not None:
         write_file(json_file, text.encode())
@@ -204,14 +203,40 @@ def fit(
     if json == "-":
         sys.stdout.write(text)
     else:
-        print_fits(make_console(), fits)
+        _print(fits)
+    if refused:
+        raise InputError("; ".join(refused))
 
 
-def _loaded(files: list[Path], mapping: list[str] | None, joint: bool) -> list[Recording]:
-    """The recordings in files, as one if they are runs of one."""
+def _print(fits: Sequence[Fitted]) -> None:
+    """Print the tables of several fits, an empty line between them."""
+    console = make_console()
+    for number, fit in enumerate(fits):
+        if number:
+            console.print()
+        fit.print(console)
+
+
+def _loaded(
+    files: list[Path], mapping: list[str] | None, joint: bool
+) -> tuple[list[Recording], list[str]]:
+    """The recordings in files, as one if they are runs of one, and why others are refused.
+
+    One bad file of several does not cost the others; where none is good, or all are runs of one
+    recording, there is nothing to go on with.
+    """
     names = parse_mapping(",".join(mapping)) if mapping else None
-    recordings = [load_recording(file, names) for file in files]
-    return [joined(recordings)] if joint and len(recordings) > 1 else recordings
+    recordings, refused = [], []
+    for file in files:
+        try:
+            recordings.append(load_recording(file, names))
+        except InputError as error:
+            if joint or len(files) == 1:
+                raise
+            refused.append(str(error))
+    if not recordings:
+        raise InputError("; ".join(refused))
+    return ([joined(recordings)] if joint and len(files) > 1 else recordings), refused
 
 
 @app.command()
@@ -221,7 +246,7 @@ def posterior(
     ],
     model: ModelOption = "single",
     white: Annotated[
-        bool, typer.Option("--white", help="Take the residual for white, as the seed did.")
+        bool, typer.Option("--white", help="Take the residual for white, as AIAA 2008-7109 does.")
     ] = False,
     mapping: MapOption = None,
     joint: JointOption = False,
@@ -243,7 +268,7 @@ def posterior(
         raise InputError("several files need --joint: they are then runs of one recording")
     plant = element_named(element) if element else None
     chosen = model_named(model)
-    (recording,) = _loaded(files, mapping, joint)
+    ((recording,), _) = _loaded(files, mapping, joint)
     if out is not None:
         make_folder(out)
     infer(recording, chosen, white=white, element=plant, seed=seed, folder=out)

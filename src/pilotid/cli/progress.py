@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 
-from pilotid.show.terminal import make_console
 from pilotid.study.entries import Result
+from pilotid.terminal import make_console
 
 
 def with_progress(results: Iterable[Result], counts: Mapping[str, int]) -> Iterator[Result]:

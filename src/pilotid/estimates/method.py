@@ -10,9 +10,11 @@ from typing import Protocol
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate, Outcome, failed
+from pilotid.estimates.remarks import remarks_on
 from pilotid.estimates.sound import fault_of, one_line
 from pilotid.naming.code import reason
 from pilotid.pilot.model import PilotModel
+from pilotid.recordings.checks import motionless
 from pilotid.recordings.recording import Recording
 from pilotid.types import InputError
 
@@ -46,7 +48,7 @@ def identify(
 
     name, begin = method.name, None
     try:
-        objection = method.objection(recording, model)
+        objection = _motionless_input(recording, model) or method.objection(recording, model)
         if objection:
             why = one_line(str(objection))
             return failed(name, model, Outcome.NOT_APPLICABLE, why)
@@ -63,9 +65,18 @@ def identify(
     return replace(
         estimate,
         message=one_line(estimate.message),
-        remarks=tuple(one_line(remark) for remark in estimate.remarks),
+        remarks=tuple(one_line(remark) for remark in remarks_on(estimate)),
         seconds=seconds,
     )
+
+
+def _motionless_input(recording: Recording, model: PilotModel) -> str | None:
+    """Why no method can identify a model: one of its channels has nothing to act on."""
+    for channel in model.channels:
+        name = {"error": "e", "output": "x"}[channel.input]
+        if motionless(recording, name):
+            return f"{name} does not move, so that the {channel.name} channel has no input"
+    return None
 
 
 def _outcome_of(error: BaseException) -> tuple[Outcome, str]:

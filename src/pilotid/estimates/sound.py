@@ -75,6 +75,10 @@ def _wrong_parts(estimate: Any) -> str:
         return f"its outcome is {_a(estimate.outcome)} in place of an Outcome"
     if not isinstance(estimate.message, str):
         return f"its message is {_a(estimate.message)} in place of a text"
+    if not isinstance(estimate.remarks, tuple) or not all(
+        isinstance(remark, str) for remark in estimate.remarks
+    ):
+        return "its remarks are no tuple of texts"
     if not all(isinstance(remark, str) for remark in estimate.remarks):
         return "its remarks are no texts"
     if not isinstance(estimate.vaf, numbers.Real):

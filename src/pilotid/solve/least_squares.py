@@ -113,14 +113,14 @@ class Minima:
     gram: FloatArray
     iterations: int
 
-    def distinct(self, same: float = 3e-3, hopeless: float = 0.1) -> FloatArray:
+    def distinct(self, same: float = 3e-3, far: float = 0.1) -> FloatArray:
         """One end point of each optimum that may be the best one.
 
         Ends are the same optimum where their costs differ by less than the share `same`,
-        and are left out where they exceed the lowest cost by more than `hopeless`.
+        and are left out where they exceed the lowest cost by more than the share `far`.
         """
         steps = np.diff(self.cost, prepend=-np.inf) > same * np.abs(self.cost)
-        return np.asarray(self.values[steps & (self.cost <= (1.0 + hopeless) * self.cost[0])])
+        return np.asarray(self.values[steps & (self.cost <= (1.0 + far) * self.cost[0])])
 
 
 def minimise(

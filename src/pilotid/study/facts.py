@@ -8,7 +8,7 @@ from importlib.metadata import version
 import numpy as np
 
 from pilotid.datasets import Scenario
-from pilotid.datasets.experiments import spectra
+from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.scenarios import SCENARIOS
 from pilotid.estimates.method import Method
 from pilotid.methods import label_of, methods
@@ -76,7 +76,7 @@ def scenario_entry(scenario: Scenario, position: int = 0, typed: str = "") -> Sc
     """
     known = list(SCENARIOS)
     try:
-        deviations = np.sqrt(np.diag(bounds(spectra(scenario)).full))
+        deviations = np.sqrt(np.diag(bounds(experiment_of(scenario)).full))
     except InputError:
         raise
     except Exception as error:  # a scenario of the user's own may be anything

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pilotid.datasets import Scenario, simulate
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import Method, identify
-from pilotid.estimates.quantities import parameters
 from pilotid.estimates.sound import one_line
 from pilotid.naming.code import reason, unpacked
 from pilotid.pilot.model import PilotModel
@@ -85,7 +84,7 @@ def _result(unit: Unit, estimate: Estimate) -> Result:
         number(estimate.seconds),
         tuple(
             (q.key, number(q.value), number(q.std_error), number(q.lower), number(q.upper))
-            for q in parameters(estimate)
+            for q in estimate.parameters
         ),
     )
 

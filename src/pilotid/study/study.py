@@ -10,15 +10,17 @@ from functools import cached_property
 from itertools import product
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pilotid.datasets import Scenario, scenarios_named
 from pilotid.datasets.scenarios import SCENARIOS, checked
 from pilotid.datasets.simulation import remnant_ratio
+from pilotid.disk import make_folder
 from pilotid.estimates.method import Method
 from pilotid.methods import label_of, method_named
 from pilotid.naming.code import packed, reason
 from pilotid.seeds import DEFAULT_SEED
+from pilotid.study.comparison import Comparison, comparison_of
 from pilotid.study.entries import MethodEntry, Result, ScenarioEntry, Unit
 from pilotid.study.facts import about_this, method_entry, scenario_entry
 from pilotid.study.fits import OUTSIDE, Task, given_up, run_task
@@ -26,6 +28,9 @@ from pilotid.study.process import USUAL_LIMITS, Limits
 from pilotid.study.store import Store
 from pilotid.study.workers import run_tasks
 from pilotid.types import InputError
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 #: Scenarios and replications of each, by name of the profile.
 PROFILES: dict[str, tuple[tuple[str, ...], int]] = {
@@ -161,12 +166,33 @@ class Study:
         scheduler: str | None = None,
         limits: Limits = USUAL_LIMITS,
     ) -> Iterator[Result]:
-        """Fitted what is pending; each result is in the store before it comes out."""
+        """Fit what is pending; each result is in the store before it comes out."""
         for result in run_tasks(
             run_task, self.tasks(pending), given_up, workers, scheduler, limits
         ):
             store.add(result)
             yield result
+
+    def run_in(self, folder: Path, workers: int | None = None) -> Comparison:
+        """Fit what a folder's store lacks, and return all that it holds then.
+
+        Parameters
+        ----------
+        folder
+            Where the store is, or is to be.
+        workers
+            Processes; None for one for each processor.
+        """
+        make_folder(folder)
+        with Store(folder, create=True) as store:
+            for _ in self.run(store, self.enter(store), workers):
+                pass
+            return comparison_of(store)
+
+    def to_dataframe(self, folder: Path) -> DataFrame:
+        """All estimates that a folder's store holds, as `Comparison.to_dataframe` has them."""
+        with Store(folder) as store:
+            return comparison_of(store).to_dataframe()
 
     def tasks(self, units: Iterable[Unit]) -> Iterator[Task]:
         """Fits as they cross to other processes.

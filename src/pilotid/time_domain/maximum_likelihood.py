@@ -16,7 +16,7 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Minima, minimise, solve_linear
 from pilotid.solve.search import draw_starts, record, search
-from pilotid.time_domain.output_error import LeastSquares
+from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction, predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.remnant_choice import contenders, criterion, lagged_products
@@ -115,7 +115,7 @@ def _explored(
     candidates, noise = settings.candidates, settings.noise or FIRST
     prediction = predict(recording, model, settings.search_band)
     found = search(
-        LeastSquares(prediction).gram,
+        OutputErrors(prediction).gram,
         model,
         rng,
         candidates=candidates,
@@ -126,21 +126,21 @@ def _explored(
     # chosen only later, after this round with the usual one.
     joint = PredictionErrors(prediction, noise, analysis_band(recording.dt, settings.search_band))
     ends = found.distinct()
-    end = _fitted(joint, ends, LeastSquares(prediction).residual(ends[0]), 1e-3)
+    end = _fitted(joint, ends, OutputErrors(prediction).residual(ends[0]), 1e-3)
     best = end.values[:1, : joint.pilot]
-    whitened = LeastSquares(prediction, joint.whitener(end.values[0]))
+    whitened = OutputErrors(prediction, joint.whitener(end.values[0]))
     terms = whitened.noticeable_terms(best[0])
     if starts.agreeing == len(starts.cost) and model.within_usual(best[0]):
         return best, terms, starts
     narrowed = replace(prediction, terms=terms)
-    whitened = LeastSquares(narrowed, whitened.taps)
+    whitened = OutputErrors(narrowed, whitened.taps)
     again = search(whitened.gram, model, rng, known=best, candidates=candidates)
     usual = np.concatenate([model.start[None], draw_starts(model, rng, candidates)])
     usual, _ = solve_linear(whitened.gram(usual), usual, model.linear, model.lower)
     joint = PredictionErrors(narrowed, noise, joint.band)
-    guesses = [_guess(joint, LeastSquares(narrowed).residual(pilot)) for pilot in usual]
+    guesses = [_guess(joint, OutputErrors(narrowed).residual(pilot)) for pilot in usual]
     least = minimise(joint.gram, np.hstack([usual, guesses]), joint, tolerance=1e-3)
-    others = [again.distinct(hopeless=0.02)[1:], least.values[:1, : joint.pilot]]
+    others = [again.distinct(far=0.02)[1:], least.values[:1, : joint.pilot]]
     return np.concatenate([best, *others]), terms, starts
 
 
@@ -154,7 +154,7 @@ def _estimated(
     ends: list[Minima] = []
     chosen = settings.noise or FIRST
     for _ in range(settings.rounds):
-        residual = LeastSquares(prediction).residual(candidates[0])
+        residual = OutputErrors(prediction).residual(candidates[0])
         models = [settings.noise] if settings.noise else contenders(residual, band)
         joints = [PredictionErrors(prediction, model, band) for model in models]
         fits = [(joint, _fitted(joint, candidates, residual, 1e-5)) for joint in joints]

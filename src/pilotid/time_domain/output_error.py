@@ -12,7 +12,7 @@ from pilotid.time_domain.prediction import Prediction, predict
 from pilotid.types import FloatArray
 
 
-class LeastSquares(Problem):
+class OutputErrors(Problem):
     """Gram matrices of residual and Jacobian, nuisance terms projected out.
 
     Parameters
@@ -85,6 +85,6 @@ def simulated_vaf(
         The full-rate prediction, where the caller has it already.
     """
     prediction = prediction or predict(recording, model)
-    left = float(np.mean(np.var(LeastSquares(prediction).residual(values), axis=1)))
+    left = float(np.mean(np.var(OutputErrors(prediction).residual(values), axis=1)))
     spread = float(np.mean(np.var(prediction.control, axis=1)))
     return max(0.0, 100.0 * (1.0 - left / spread))

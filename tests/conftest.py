@@ -1,0 +1,33 @@
+"""Fixtures that several test files share; plain functions are in `helpers.py` beside this."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from helpers import Answer, Run
+
+from pilotid.cli.main import main
+
+
+@pytest.fixture
+def run(capfd: pytest.CaptureFixture[str]) -> Run:
+    """Run a command line in this process."""
+
+    def command(*arguments: object) -> Answer:
+        with pytest.raises(SystemExit) as end:
+            main([str(a) for a in arguments])
+        captured = capfd.readouterr()
+        return Answer(int(end.value.code or 0), captured.out, captured.err)
+
+    return command
+
+
+@pytest.fixture
+def measured() -> Path:
+    """The folder of recordings of human pilots."""
+    folder = os.environ.get("PILOTID_MEASURED")
+    if not folder:
+        pytest.skip("PILOTID_MEASURED names no folder of recordings")
+    return Path(folder)

@@ -1,0 +1,132 @@
+"""What several test files share: scenarios, recordings and parts of them, fits, strict JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from pilotid.datasets import SCENARIOS, Scenario, simulate
+from pilotid.estimates.estimate import Estimate
+from pilotid.estimates.method import Method, identify
+from pilotid.pilot.catalogue import GAIN_ONLY, LEAD_LAG, RATE
+from pilotid.pilot.element import double_integrator, single_integrator
+from pilotid.recordings.recording import SIGNALS, Recording
+from pilotid.seeds import fit_rng, recording_rng
+
+NOMINAL = SCENARIOS["nominal"]
+SINGLE_LOOP = SCENARIOS["single"]
+
+#: A pilot of each model of the catalogue, in a stable loop, by the model's name.
+PILOTS = {
+    scenario.model.name: scenario
+    for scenario in (
+        SINGLE_LOOP,
+        NOMINAL,
+        replace(
+            NOMINAL,
+            name="gain",
+            model=GAIN_ONLY,
+            truth=(0.8, 0.28, 12.0, 0.3),
+            element=single_integrator(2.0),
+        ),
+        replace(
+            NOMINAL,
+            name="lead-lag",
+            model=LEAD_LAG,
+            truth=(0.6, 1.0, 0.35, 0.28, 13.0, 0.35),
+            element=single_integrator(2.0),
+        ),
+        replace(
+            NOMINAL,
+            name="rate",
+            model=RATE,
+            truth=(0.35, 1.1, 0.27, 0.25, 0.18, 11.0, 0.4),
+            element=double_integrator(4.0),
+        ),
+    )
+}
+
+
+def without_remnant(scenario: Scenario) -> Scenario:
+    """The scenario of a pilot who does what the model says and nothing else."""
+    return replace(scenario, remnant=replace(scenario.remnant, level=0.0, level_is="gain"))
+
+
+@cache
+def recording_of(scenario: Scenario, replication: int = 0, seed: int = 1) -> Recording:
+    """The recording that a study with this random seed makes of a replication."""
+    return simulate(scenario, recording_rng(seed, scenario.name, replication))
+
+
+def fit_of(method: Method, scenario: Scenario, replication: int = 0, seed: int = 1) -> Estimate:
+    """The fit that a study with this random seed makes of a replication."""
+    recording = recording_of(scenario, replication, seed)
+    rng = fit_rng(seed, method.name, scenario.name, replication)
+    return identify(method, recording, scenario.model, rng)
+
+
+@cache
+def monte_carlo(method: Method, scenario: Scenario, replications: int) -> list[Estimate]:
+    return [fit_of(method, scenario, i) for i in range(replications)]
+
+
+def part_of(
+    recording: Recording, runs: slice = slice(None), samples: slice = slice(None)
+) -> Recording:
+    """Some of a recording's runs, and of their samples, run-in included."""
+    signals = {name: getattr(recording, name) for name in SIGNALS}
+    return replace(
+        recording,
+        **{name: s[runs, samples] for name, s in signals.items() if s is not None},
+    )
+
+
+def leading_recording(lead: float = 0.2) -> Recording:
+    """A control that runs ahead of the error, which no delay of a pilot explains.
+
+    The control is half of what the error will be after `lead` [s], in six slow sines and
+    without remnant, so that every estimator is pulled far beyond a delay of zero.
+    """
+    dt, samples, run_in = 0.02, 4096, 400
+    time = (np.arange(samples + run_in) - run_in) * dt
+    lines = np.array([3, 5, 8, 11, 14, 17])
+    omega, phases = 2.0 * np.pi * lines / (samples * dt), np.arange(lines.size) ** 2.0
+    e, ahead = (np.sin(np.outer(t, omega) + phases).sum(axis=1) for t in (time, time + lead))
+    return Recording(dt=dt, e=e[None], u=0.5 * ahead[None], x=-e[None], run_in=run_in)
+
+
+def running_away(recording: Recording) -> Recording:
+    """The recording with a growing oscillation of 3 rad/s in the control.
+
+    It is three times as large as the control, so that a black box must see its pole; what the
+    pilot did is still there, so that the other coefficients are determined as well.
+    """
+    growing = np.exp(0.2 * recording.time) * np.sin(3.0 * recording.time)
+    growing *= 3.0 * np.std(recording.u) / np.std(growing)
+    return replace(recording, u=recording.u + growing)
+
+
+def strict(text: str) -> Any:
+    """JSON without the words for what is not a number, which the standard does not have."""
+
+    def no_constant(word: str) -> None:
+        raise AssertionError(f"{word} is not JSON")
+
+    return json.loads(text, parse_constant=no_constant)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a command left behind."""
+
+    status: int
+    out: str
+    err: str
+
+
+Run = Callable[..., Answer]
