@@ -31,5 +31,5 @@ def _fill(group: Any, content: Mapping[str, Any], storage: Mapping[str, Any]) ->
         if isinstance(value, str):
             value = np.array([[ord(c) for c in value]], dtype=np.uint16)
         array = np.atleast_2d(value).T  # the first index runs fastest in MATLAB
-        entry = group.create_dataset(name, data=array, **(storage if array.size > 1 else {}))
+        entry = group.create_dataset(name, data=array, **(storage if array.size > 99 else {}))
         entry.attrs["MATLAB_class"] = np.bytes_({"float64": "double"}.get(kind, kind))

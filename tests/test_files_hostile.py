@@ -8,6 +8,8 @@ import os
 import re
 import socket
 import struct
+import subprocess
+import sys
 import tempfile
 import time
 import zlib
@@ -513,11 +515,51 @@ def test_a_recording_as_large_as_real_ones_become(tmp_path: Path) -> None:
     np.testing.assert_array_equal(load_recording(tmp_path / "F.mat").u, content["u"].T)
 
 
+LIMITED = """
+import resource, sys
+from pathlib import Path
+from pilotid.recordings.files import load_recording
+from pilotid.types import InputError
+used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+resource.setrlimit(resource.RLIMIT_AS, (used + 2**28, used + 2**28))
+for path in sys.argv[1:]:
+    try:
+        print(load_recording(path).runs)
+    except InputError as error:
+        print(error)
+"""
+
+
+def test_small_and_large_nonsense_in_little_memory(tmp_path: Path) -> None:
+    count = 2**22
+    bomb = compressed(matrix("bomb", doubles(count), shape=(count, 1)))
+    v5(tmp_path / "bombs.mat", bomb * 40, good(tmp_path / "G.mat"))
+    (tmp_path / "commas.csv").write_bytes(b"t,e,u,x\n" + b"," * 50_000_000)
+    (tmp_path / "wide.csv").write_text(wide(40_000))
+    names = ("bombs.mat", "commas.csv", "wide.csv")
+    done = subprocess.run(
+        [sys.executable, "-c", LIMITED, *(str(tmp_path / name) for name in names)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.stderr == ""
+    first, second, third = done.stdout.splitlines()
+    assert first == "1"
+    assert "line 2 is longer than" in second
+    assert "signal e has 1 runs" in third
+
+
 # ------------------------------------------------------------------ MATLAB v7.3
 
 
 def test_v73(tmp_path: Path) -> None:
-    for storage in ({}, {"compression": "gzip", "shuffle": True}):
+    for storage in (
+        {},
+        {"chunks": (1, 100)},
+        {"chunks": (1, 50), "compression": "gzip"},
+        {"chunks": True, "compression": "gzip", "shuffle": True},
+    ):
         content: dict[str, Any] = {**variables(3), "note": "text", "empty": {"a": 1.0}}
         content["pilotid"] = {"units": {"u": "deg", "x": "°"}, "run_in": 1.0, "lines": {"ft": 3.0}}
         loaded = load_recording(save_v73(tmp_path / "F.mat", content, **storage))
@@ -579,6 +621,7 @@ def without_u() -> dict[str, FloatArray]:
             lambda f: f.create_dataset("u", data=np.ones((1, SAMPLES)), compression="lzf"),
             "variable u is packed in an unusual way",
         ),
+        (lambda f: bomb_in_a_chunk(f), "variable u has another size than it says"),
         (lambda f: f.create_dataset("u", (1, SAMPLES), "f8"), "parts of variable u are missing"),
         (lambda f: f.create_dataset("u", (1, SAMPLES), "c16"), "does not hold real numbers"),
         (lambda f: f.create_dataset(b"\xff\xfe", (1, 2), "f8"), r"only e, t, x, \\xff\\xfe"),
@@ -589,6 +632,11 @@ def without_u() -> dict[str, FloatArray]:
 def test_v73_refused(tmp_path: Path, make: Callable[[Any], None], words: str) -> None:
     save_v73(tmp_path / "other.mat", variables())
     refused(changed(tmp_path / "F.mat", make, without_u()), "F.mat", words)
+
+
+def bomb_in_a_chunk(file: Any) -> None:
+    entry = file.create_dataset("u", (1, SAMPLES), "f8", chunks=(1, SAMPLES), compression="gzip")
+    entry.id.write_direct_chunk((0, 0), zlib.compress(bytes(2**21)))
 
 
 def virtual() -> Any:

@@ -82,7 +82,6 @@ class MatV5:
         return [name for name, _ in self._walked(lambda name: False, lambda name: deep)]
 
     def read(self, names: Collection[str], struct: str) -> dict[str, Value]:
-
         wanted, entered = chosen(names, struct)
         return collected(self._walked(wanted, entered), wanted, self._source)
 

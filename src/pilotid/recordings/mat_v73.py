@@ -7,11 +7,13 @@ sets), and gives zeros for what is missing; a recording that MATLAB wrote does n
 from __future__ import annotations
 
 import math
+import zlib
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pilotid.recordings.mat_variables import (
     DEEPEST,
@@ -26,8 +28,9 @@ from pilotid.recordings.mat_variables import (
 from pilotid.recordings.names import MOST_VALUES
 from pilotid.types import InputError
 
-FILTERS = {1, 2, 3}  # deflate, shuffle, Fletcher's checksum: others may load foreign code
+DEFLATE, SHUFFLE = 1, 2  # filters that MATLAB may use; others may load foreign code
 MOST_CHUNKS = 2**16
+Array = NDArray[np.generic]
 LONGEST_CLASS = 100  # bytes
 
 
@@ -116,7 +119,7 @@ class MatV73:
         self._budget.read(entry.size)
         if is_text and entry.size > LONGEST_TEXT:
             raise DamagedError(f"a text of {entry.size} characters")
-        values: np.ndarray[Any, Any] = entry[()].T
+        values: Array = (self._unpacked(name, entry) if entry.chunks else entry[()]).T
         if is_text:
             codes = values.astype("<u2").tobytes()
             return codes.decode("utf-16-le") if values.shape[0] == 1 else None
@@ -133,30 +136,62 @@ class MatV73:
 
     def _check_storage(self, name: str, entry: Any) -> None:
         """Refuse data that are elsewhere, missing, or stored in a way that MATLAB does not."""
-        plist, identifier = entry.id.get_create_plist(), entry.id
-        if entry.is_virtual or plist.get_external_count():
+        identifier = entry.id
+        if entry.is_virtual or identifier.get_create_plist().get_external_count():
             raise DamagedError(f"variable {name} is stored in another file")
         if not self._h5py.h5t.py_create(entry.dtype).equal(identifier.get_type()):
             raise DamagedError(f"variable {name} holds numbers of an unknown kind")
         size = entry.size * entry.dtype.itemsize
         if not entry.size or size > 8 * MOST_VALUES:
             raise DamagedError(f"variable {name} claims {entry.size} values")
-        if entry.chunks is None:
-            if identifier.get_storage_size() != size:
-                raise DamagedError(f"parts of variable {name} are missing")
-            return
-        filters = {plist.get_filter(i)[0] for i in range(plist.get_nfilters())}
-        shape, chunks = entry.shape, entry.chunks
+        if not entry.chunks and identifier.get_storage_size() != size:
+            raise DamagedError(f"parts of variable {name} are missing")
+
+    def _unpacked(self, name: str, entry: Any) -> Array:
+        """A variable in chunks, unpacked here: HDF5 would follow a chunk to any size."""
+        plist = entry.id.get_create_plist()
+        filters = [plist.get_filter(i)[0] for i in range(plist.get_nfilters())]
+        shape, chunks, dtype = entry.shape, entry.chunks, entry.dtype
         count = math.prod(-(-n // m) for n, m in zip(shape, chunks, strict=True))
-        if filters - FILTERS or count > MOST_CHUNKS or math.prod(chunks) > MOST_VALUES:
+        size = math.prod(chunks) * dtype.itemsize
+        usual = filters in ([], [DEFLATE], [SHUFFLE, DEFLATE])
+        if not usual or count > MOST_CHUNKS or size > 8 * MOST_VALUES:
             raise DamagedError(f"variable {name} is packed in an unusual way")
-        found = set()
+        found: dict[tuple[int, ...], int] = {}
 
         def look(chunk: Any) -> None:
-            at = chunk.chunk_offset
+            at = tuple(chunk.chunk_offset)
             if chunk.filter_mask == 0 and all(i < n for i, n in zip(at, shape, strict=True)):
-                found.add(tuple(at))
+                found[at] = chunk.size
 
-        identifier.chunk_iter(look)
+        entry.id.chunk_iter(look)
         if len(found) != count:
             raise DamagedError(f"parts of variable {name} are missing")
+        values = np.empty(shape, dtype)
+        for at, stored in found.items():
+            if stored > 2 * size + 1000:
+                raise DamagedError(f"a part of variable {name} is larger than the whole")
+            content = entry.id.read_direct_chunk(at)[1]
+            if DEFLATE in filters:
+                content = _inflated(content, size)
+            if len(content) != size:
+                raise DamagedError(f"a part of variable {name} has another size than it says")
+            if SHUFFLE in filters:  # the first bytes of all numbers, then the second ones, ...
+                content = np.frombuffer(content, "u1").reshape(dtype.itemsize, -1).T.tobytes()
+            block = np.frombuffer(content, dtype).reshape(chunks)
+            place = tuple(
+                slice(i, min(i + m, n)) for i, m, n in zip(at, chunks, shape, strict=True)
+            )
+            values[place] = block[tuple(slice(0, p.stop - p.start) for p in place)]
+        return values
+
+
+def _inflated(packed: bytes, size: int) -> bytes:
+    """What was packed, or a byte more than its size if it is larger; none if it is damaged."""
+    inflate = zlib.decompressobj()
+    try:
+        content = inflate.decompress(packed, size)
+        content += inflate.decompress(inflate.unconsumed_tail, 1)
+    except zlib.error:
+        return b""
+    return content if inflate.eof else b""
