@@ -30,6 +30,13 @@ def tests(session: nox.Session) -> None:
 
 
 @nox.session
+def portability(session: nox.Session) -> None:
+    """Run the tests as on other processors, with 1 and 2 threads; `-- --quick` for a part."""
+    session.install("-e", ".", *groups("tests"))
+    session.run("python", "tests/checks/portability.py", *session.posargs)
+
+
+@nox.session
 def compare(session: nox.Session) -> None:
     """Compare the methods on simulated recordings; results go to results/compare."""
     session.install("-e", ".")
@@ -56,11 +63,12 @@ def check(session: nox.Session) -> None:
         "sbc": "sbc.py",
         "samplers": "samplers.py",
         "nonsense": "nonsense.py",
+        "machines": "machines.py",
     }
     names = [name for name in session.posargs[:1] if name in scripts]
     if not names:
         session.error(f"name one of {', '.join(scripts)}, then its options")
-    session.install("-e", ".")
+    session.install("-e", ".", "threadpoolctl>=3")
     script = f"tests/checks/{scripts[names[0]]}"
     session.run("python", script, *session.posargs[1:], env={"OMP_NUM_THREADS": "1"})
 

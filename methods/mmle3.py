@@ -12,6 +12,7 @@ and the white residual makes it inconsistent for a coloured remnant.  Use `mle`.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
@@ -27,13 +28,6 @@ from pilotid.time_domain.prepare import prepare
 from pilotid.types import FloatArray
 
 Hold = Literal["zoh", "foh"]
-#: Where the residual shows an offset, which this estimator has no term for.
-OFFSET = (
-    "a signal has an offset, which this method does not model and which biases it: remove the "
-    "offset, or use mle"
-)
-BLOCK = 5.0  # seconds
-LIMIT = 5.0  # standard errors; 60 recordings of `nominal` stay below 2.3
 FINITE_DIFFERENCE = 1e-5  # relative step of the central differences
 
 
@@ -130,22 +124,18 @@ class MMLE3:
             outcome=Outcome.CONVERGED,
             message="",
             iterations=iteration,
-            remarks=(OFFSET,) if has_offset(residual, recording.dt) else (),
+            remarks=tuple(_far_off(model, values)),
         )
 
 
-def has_offset(residual: FloatArray, dt: float) -> bool:
-    """Whether the mean of a coloured residual, shape (runs, samples), is more than chance.
-
-    A t-test of the means of blocks so long that the remnant forgets itself in between.
-    """
-    length = round(BLOCK / dt)
-    count = residual.shape[1] // length
-    blocks = residual[:, : count * length].reshape(len(residual), count, length).mean(axis=2)
-    if blocks.size < 4:
-        return False
-    error = float(np.std(blocks, ddof=1)) / np.sqrt(blocks.size)
-    return bool(abs(np.mean(blocks)) > LIMIT * error)
+def _far_off(model: PilotModel, values: FloatArray) -> Iterator[str]:
+    """A remark on each value that other methods' bounds exclude: this one has none."""
+    for p, value in zip(model.parameters, values.tolist(), strict=True):
+        if not p.lower <= value <= p.upper:
+            yield (
+                f"{p.key} = {value:.3g} lies outside {p.lower:g} to {p.upper:g}, where no pilot "
+                "is: give another --start"
+            )
 
 
 class _Output:

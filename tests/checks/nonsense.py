@@ -52,6 +52,13 @@ def dropped(recording: Recording, names: tuple[str, ...]) -> Recording:
     return replace(recording, **changed)
 
 
+def spoilt(recording: Recording) -> Recording:
+    """One sample holds a code for a missing value."""
+    u = recording.u.copy()
+    u[0, recording.run_in + 777] = -9999.0
+    return replace(recording, u=u)
+
+
 def clipped(recording: Recording) -> Recording:
     """A control that saturates almost always."""
     return replace(recording, u=np.clip(recording.u, *np.quantile(recording.u, (0.45, 0.55))))
@@ -62,8 +69,10 @@ PLANTED: dict[str, tuple[Callable[[Recording], Recording], str]] = {
     "two seconds repeated": (repeated, "comes again"),
     "20 s of u lost": (lambda r: dropped(r, ("u",)), "keeps one value"),
     "20 s of all signals lost": (lambda r: dropped(r, ALL), "keeps one value"),
+    "a missing-value code": (spoilt, "a code for a missing value"),
     "u clipped": (clipped, "clipped"),
     "u drifts": (lambda r: replace(r, u=r.u + 0.01 * r.time), "drifts"),
+    "u has an offset": (lambda r: replace(r, u=r.u + 0.4 * np.std(r.u)), "u has an offset"),
     "sign of e": (lambda r: replace(r, e=-r.e), "e has the wrong sign"),
     "sign of x": (lambda r: replace(r, x=-r.x), "x has the wrong sign"),
     "e and x exchanged": (lambda r: replace(r, e=r.x, x=r.e), "exchanged"),

@@ -47,7 +47,9 @@ def heeding_interruptions() -> Iterator[None]:
         yield
     except (KeyboardInterrupt, StoppedError) as stop:
         tell(str(stop) or "stopped")
+        if ours:  # all that is left is to end
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
         raise SystemExit(STATUS) from None
-    finally:
+    else:
         if ours:
             signal.signal(signal.SIGINT, usual)

@@ -19,8 +19,11 @@ from pilotid.types import BoolArray, FloatArray
 IDENTITY = 0.01  # rms of e - (ft - x) over that of e; recordings reach 3e-6
 STILL = 1e-9  # standard deviation over the size of the signal: it does not move
 LONGEST_HOLD = {"e": 0.3, "x": 8.0, "u": 10.0}  # seconds; pilots rest on a breakout for 6.5
+SPIKE = 100.0  # times the usual size; a control after steps reaches 27, pilots 8
 AT_EXTREME = 0.15  # share of the samples at the largest or smallest value; pilots reach .044
 DRIFT = 2.5  # of the control over the run, in standard deviations of what is left, at 82 s
+BLOCK = 5.0  # seconds whose mean is one observation of an offset
+OFFSET = 4.0  # standard errors of the mean; simulations stay below 1, pilots below 1.4
 REPEATED = 0.5  # seconds of a signal that recur to the last digit
 VALUES = 20  # different values that such a stretch must have: rest and saturation do recur
 SHOWN = 0.5  # share of the target's fast lines that the error must show
@@ -36,8 +39,30 @@ def remarks(recording: Recording) -> tuple[str, ...]:
 def motionless(recording: Recording, name: str) -> bool:
     """Whether a signal does not move in the measurement window of any run."""
     window = recording.window(getattr(recording, name))
-    size = max(float(np.max(np.abs(getattr(recording, n)))) for n in ("e", "x") + (name,))
+    # By what they usually are: one spike would make all else look still.
+    size = max(_usual(recording, n) for n in ("e", "x", name))
     return bool(np.all(np.std(window, axis=1) <= STILL * size))
+
+
+def _usual(recording: Recording, name: str) -> float:
+    """Root mean square of a signal without the largest hundredth of its samples."""
+    square = np.sort(recording.window(getattr(recording, name)) ** 2, axis=None)
+    return float(np.sqrt(np.mean(square[: max(1, round(0.99 * square.size))])))
+
+
+def _spikes(recording: Recording) -> str | None:
+    """A sample far beyond all others is a code for a missing value, or a fault."""
+    for name in ("e", "u", "x"):
+        window = np.abs(recording.window(getattr(recording, name)))
+        usual = _usual(recording, name)
+        run, sample = divmod(int(np.argmax(window)), window.shape[1])
+        if usual > 0.0 and window[run, sample] > SPIKE * usual:
+            return (
+                f"{name} is {window[run, sample]:.3g} at t = {sample * recording.dt:.4g} s of run "
+                f"{run + 1}, {window[run, sample] / usual:.2g} times its usual size: a code for a "
+                "missing value or a fault; repair it or leave that part out"
+            )
+    return None
 
 
 def _still(recording: Recording) -> str | None:
@@ -156,6 +181,23 @@ def _drifting(recording: Recording) -> str | None:
     return None
 
 
+def _offset(recording: Recording) -> str | None:
+    """A t-test of the control's mean, by blocks so long that the remnant forgets itself."""
+    length = round(BLOCK / recording.dt)
+    window = recording.window(recording.u)
+    count = window.shape[1] // length
+    blocks = window[:, : count * length].reshape(recording.runs, count, length).mean(axis=2)
+    if blocks.size < 6:
+        return None
+    mean, error = float(np.mean(blocks)), float(np.std(blocks, ddof=1)) / np.sqrt(blocks.size)
+    if abs(mean) <= OFFSET * error:
+        return None
+    return (
+        f"u has an offset of {mean:.3g}, which mmle3 and arx do not model and which biases them: "
+        "remove it, or use another method"
+    )
+
+
 def _repeated(recording: Recording) -> str | None:
     """Noise does not come twice: a stretch that does was copied."""
     length = round(REPEATED / recording.dt)
@@ -222,10 +264,12 @@ def _centred(signal: FloatArray) -> FloatArray:
 
 #: All checks, the gravest first.
 CHECKS: tuple[Callable[[Recording], str | None], ...] = (
+    _spikes,
     _still,
     _names,
     _held,
     _clipped,
     _drifting,
+    _offset,
     _repeated,
 )

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from multiprocessing import get_context, parent_process
+from multiprocessing import get_context, parent_process, resource_tracker
 from multiprocessing.connection import Connection
 from threading import Thread
 from typing import Any, Generic, TypeVar
@@ -68,7 +68,7 @@ class Worker(Generic[Task, Answer]):
         self.process = context.Process(
             target=_serve, args=(other, function, limits.gigabytes), daemon=True
         )
-        with _one_thread_each():
+        with _one_thread_each(), _interruptions_held_back():
             self.process.start()
         other.close()
 
@@ -127,6 +127,23 @@ def _one_thread_each() -> Iterator[None]:
             os.environ.pop(name)
             if value is not None:
                 os.environ[name] = value
+
+
+@contextmanager
+def _interruptions_held_back() -> Iterator[None]:
+    """A process that starts in here never gets Ctrl-C; this one gets it afterwards.
+
+    One that is interrupted before any code of ours runs would print what it was doing.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()  # when it has to start, it lets interruptions through
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _serve(

@@ -294,12 +294,11 @@ def _changed(
 
 def _content(scenario: Scenario, method: Method, label: str) -> bytes:
     """A scenario and a method for another process, which must understand them."""
+    main = getattr(sys.modules["__main__"], "__file__", None)
     for name, thing in ((scenario.name, scenario), (label, method)):
-        if type(thing).__module__ == "__main__" and not hasattr(
-            sys.modules["__main__"], "__file__"
-        ):
+        if type(thing).__module__ == "__main__" and not (main and Path(main).is_file()):
             raise InputError(
-                f"{name}: another process cannot know a class that was typed in; write it to a file"
+                f"{name}: other processes cannot know a class that was typed in; write it to a file"
             )
         try:
             packed(thing)

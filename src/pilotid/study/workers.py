@@ -105,8 +105,9 @@ def _locally(
                     false_starts += not worker.ready
                     if false_starts >= FALSE_STARTS:
                         raise InputError(
-                            f"processes for the fits end as they start ({how}); give them more "
-                            "memory with --memory, or take fewer with --workers"
+                            f"processes for the fits end as they start ({how}), for the reason "
+                            "that they print; they may need more memory (--memory), or be too "
+                            "many (--workers)"
                         ) from None
                     if had.again:
                         yield given_up(had.task, Loss.DIED, f"twice, with {how}")

@@ -1,0 +1,115 @@
+"""How far estimates differ between machines, measured.
+
+    nox -s check -- machines --replications 5     ten minutes on two cores
+
+Every method fits the same recordings in child processes that compute as different processors
+do, with one thread and with two, see `processors.py`; a second process like the first shows
+what one machine does twice.  Differences are in units of the claimed standard errors.
+`--store` writes what `tests/test_machines.py` compares other machines with.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from processors import NATIVE, Processor, runnable
+
+from pilotid.datasets import SCENARIOS
+from pilotid.estimates.method import identify
+from pilotid.methods import METHODS
+from pilotid.seeds import fit_rng, recording_rng
+
+FAMILIES = ("nominal", "single", "white-remnant", "remnant-0.8", "disturbance-step", "runs-2")
+STORED = ("nominal", "single")
+REFERENCE = Path(__file__).parent.parent / "machines.json"
+
+
+def fits(names: tuple[str, ...], replications: int) -> dict[str, Any]:
+    """Outcome, values and claimed errors of every method on every recording."""
+    from pilotid.datasets import simulate
+
+    found: dict[str, Any] = {}
+    for name in names:
+        scenario = SCENARIOS[name]
+        for replication in range(replications):
+            recording = simulate(scenario, recording_rng(1, name, replication))
+            for method in METHODS:
+                rng = fit_rng(1, method.name, name, replication)
+                estimate = identify(method, recording, scenario.model, rng)
+                usable = estimate.outcome.usable
+                found[f"{method.name} {name} {replication}"] = {
+                    "outcome": estimate.outcome.slug,
+                    "values": estimate.values.tolist() if usable else [],
+                    "std_error": estimate.std_error.tolist() if usable else [],
+                }
+    return found
+
+
+def fits_of(processor: Processor, threads: int, replications: int) -> dict[str, Any]:
+    """The same from a child process that computes as a processor does."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "fits.json"
+        child = (sys.executable, __file__, "--child", str(path))
+        subprocess.run(
+            (*child, "--replications", str(replications)),
+            env=processor.environment(threads),
+            check=True,
+        )
+        found: dict[str, Any] = json.loads(path.read_text())
+        return found
+
+
+def compared(first: dict[str, Any], other: dict[str, Any]) -> str:
+    """A row of the table for each method."""
+    rows = []
+    for method in METHODS:
+        keys = [key for key in first if key.split()[0] == method.name]
+        changed = sum(first[k]["outcome"] != other[k]["outcome"] for k in keys)
+        both = [k for k in keys if first[k]["values"] and other[k]["values"]]
+        apart = [
+            np.max(
+                np.abs(np.subtract(other[k]["values"], first[k]["values"]))
+                / np.array(first[k]["std_error"])
+            )
+            for k in both
+        ]
+        equal = sum(first[k] == other[k] for k in keys)
+        rows.append(
+            f"| {method.name} | {len(keys)} | {changed} | {equal} | {np.median(apart):.0e} | "
+            f"{np.max(apart):.0e} |"
+        )
+    return "\n".join(rows)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--replications", type=int, default=5)
+    parser.add_argument("--store", action="store_true", help="write tests/machines.json")
+    parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
+    settings = parser.parse_args()
+    if settings.child:
+        settings.child.write_text(json.dumps(fits(FAMILIES, settings.replications)))
+        return
+    if settings.store:
+        REFERENCE.write_text(json.dumps(fits(STORED, 1), indent=1) + "\n", encoding="utf-8")
+        return
+    processors, sentences = runnable()
+    print("\n".join(sentences), flush=True)
+    first = fits_of(NATIVE, 1, settings.replications)
+    runs = [(NATIVE, 1), *((p, t) for p in processors for t in (1, 2))]
+    for processor, threads in runs:
+        print(f"\n{processor.name}, threads: {threads}; against native, threads: 1\n")
+        print("| method | fits | other outcome | same bits | median | largest |")
+        print("| --- | --- | --- | --- | --- | --- |")
+        print(compared(first, fits_of(processor, threads, settings.replications)), flush=True)
+
+
+if __name__ == "__main__":
+    main()

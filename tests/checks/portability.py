@@ -1,0 +1,49 @@
+"""The tests as other processors would run them, with one thread and with two.
+
+    nox -s portability                   the whole suite, on every processor that can be had
+    nox -s portability -- --numerical    what computes, on every processor
+    nox -s portability -- --quick        what computes, on two that are not this one
+
+What follows goes to pytest.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import subprocess
+import sys
+
+from processors import Processor, is_native, runnable
+
+THREADS = (1, 2)
+
+
+def quick(processors: list[Processor]) -> list[tuple[Processor, int]]:
+    """Two runs: processors that this is not where there are such, and both thread counts."""
+    others_first = sorted(processors, key=is_native)
+    return list(zip(itertools.cycle(others_first), THREADS, strict=False))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--numerical", action="store_true", help="leave out what does not compute")
+    parser.add_argument("--quick", action="store_true", help="the numerical part, in two runs")
+    settings, more = parser.parse_known_args()
+    processors, sentences = runnable()
+    print("\n".join(sentences), flush=True)
+    every = list(itertools.product(processors, THREADS))
+    part = ("-m", "numerical") if settings.quick or settings.numerical else ()
+    pytest = (sys.executable, "-m", "pytest", "-n", "2", "-q", "--ignore=tests/benchmarks")
+    results = {}
+    for processor, threads in quick(processors) if settings.quick else every:
+        title = f"{processor.name}, {threads} thread{'s' if threads > 1 else ''}"
+        print(f"\n--- {title}", flush=True)
+        done = subprocess.run((*pytest, *part, *more), env=processor.environment(threads))
+        results[title] = "passed" if done.returncode == 0 else f"failed ({done.returncode})"
+    print("\n" + "\n".join(f"{title}: {result}" for title, result in results.items()))
+    sys.exit(int(any(result != "passed" for result in results.values())))
+
+
+if __name__ == "__main__":
+    main()
