@@ -17,16 +17,10 @@ from tempfile import TemporaryDirectory
 from typing import TypeVar
 
 from pilotid.study import tables
-from pilotid.study.tables import FORMAT
+from pilotid.study.tables import BUSY, DAMAGED, FORMAT, FULL, LOCKED, READ_ONLY, code_of
 from pilotid.types import InputError
 
 PATIENCE = 60.0  # seconds to wait for another process
-
-# Primary result codes, which are the low byte of what SQLite says.
-BUSY, LOCKED = 5, 6
-READ_ONLY = (3, 8, 14)  # no permission, read-only, cannot be opened
-DAMAGED = (11, 26)  # malformed, no database
-FULL = 13
 
 EMPTY = "it is empty"
 COLUMNS_BEFORE = 10  # of the table of fits in formats without checksums
@@ -35,17 +29,12 @@ T = TypeVar("T")
 Opened = tuple[sqlite3.Connection, str]
 
 
-def code_of(error: sqlite3.Error) -> int:
-    """SQLite's primary result code, 0 if the error is not SQLite's own."""
-    return int(getattr(error, "sqlite_errorcode", 0)) & 0xFF
-
-
 @contextmanager
 def in_words(path: Path) -> Iterator[None]:
     """Say in a sentence what SQLite cannot do with a file."""
     try:
         yield
-    except (sqlite3.Error, UnicodeError) as error:
+    except (sqlite3.Error, UnicodeError, OSError) as error:
         code = code_of(error) if isinstance(error, sqlite3.Error) else 0
         if code == FULL:
             words = (
@@ -112,7 +101,7 @@ def _read(path: Path) -> Opened:
     memory = _connected_to_memory()
     with memory:
         tables.create(memory)
-        fits = _rescue(base, memory)
+        fits = _rescue(path, base, memory)
     base.close()
     if not fits:
         raise InputError(
@@ -139,7 +128,7 @@ def _mended(path: Path) -> str:
                 copy.execute("BEGIN IMMEDIATE")
                 with copy:
                     tables.create(copy)
-                    fits = _rescue(base, copy)
+                    fits = _rescue(path, base, copy)
             if path.stat().st_ino != before:  # another process was faster
                 return ""
             aside = _set_aside(path)
@@ -183,6 +172,8 @@ def _looked_at(path: Path) -> tuple[sqlite3.Connection, str]:
             raise InputError(f"{path}: is no store of results; name another folder with --out")
         _require_this_format(path, base)
         return base, tables.fault(base)
+    except UnicodeError as error:  # in what SQLite says of it
+        return base, str(error)
     except sqlite3.Error as error:
         if code_of(error) in DAMAGED:
             return base, str(error)
@@ -193,14 +184,21 @@ def _looked_at(path: Path) -> tuple[sqlite3.Connection, str]:
         raise
 
 
-def _rescue(base: sqlite3.Connection, copy: sqlite3.Connection) -> int:
-    """Copy what is whole in a damaged store; returns the number of fits.
+def _rescue(path: Path, base: sqlite3.Connection, copy: sqlite3.Connection) -> int:
+    """Copy what is whole in a damaged store; returns the number of fits."""
+    fits = _copied(base, copy)
+    if not fits:
+        with closing(_connected_to_memory()) as again:
+            again.deserialize(tables.with_page_one(path.read_bytes()))
+            fits = _copied(again, copy)
+    return fits
 
-    Fits count for nothing if it is not known what was fitted with what.
-    """
+
+def _copied(base: sqlite3.Connection, copy: sqlite3.Connection) -> int:
+    """Copy what is whole; fits count for nothing if what was fitted with what is lost."""
     try:
         about, whole = tables.facts(base)
-    except (sqlite3.Error, TypeError):
+    except (sqlite3.Error, TypeError, UnicodeError):
         return 0
     if not whole:
         return 0
@@ -226,7 +224,7 @@ def _require_this_format(path: Path, base: sqlite3.Connection) -> None:
         about, whole = tables.facts(base)
         count = "SELECT count(*) FROM pragma_table_info('fits')"
         (columns,) = base.execute(count).fetchone()
-    except (sqlite3.Error, TypeError):
+    except (sqlite3.Error, TypeError, UnicodeError):
         return  # damaged, and then it is not known
     older = not whole and columns == COLUMNS_BEFORE
     if about.get("format") != str(FORMAT) and (whole or older):
@@ -281,6 +279,8 @@ def _proven(base: sqlite3.Connection) -> sqlite3.Connection:
         if code_of(error) not in DAMAGED:
             base.close()
             raise
+    except UnicodeError:  # in what SQLite says of a damaged file
+        pass
     return base
 
 

@@ -56,7 +56,8 @@ class Store:
                 f"{self.path}: there is no such file; name a folder that `pilotid compare` wrote"
             )
         with in_words(self.path):
-            self._base, self.warning = (open_to_write if create else open_to_read)(self.path)
+            self._base, told = (open_to_write if create else open_to_read)(self.path)
+        self.warning = str(InputError(told)) if told else ""  # printable, as refusals are
 
     def close(self) -> None:
         """Close the file; the write-ahead log is merged into it."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import closing
 from hashlib import blake2b
 from typing import Any, NamedTuple
 
@@ -37,6 +38,8 @@ CREATE TABLE estimates (
     PRIMARY KEY (scenario, method, replication, parameter)) WITHOUT ROWID;
 CREATE TABLE seals (name TEXT PRIMARY KEY, rows INTEGER, checksum INTEGER) WITHOUT ROWID;
 """
+#: Of a new store: one that finds the tables, and one for each of them.
+PAGES_AT_FIRST = 1 + SCHEMA.count(";")
 STATEMENTS = [statement.strip() for statement in SCHEMA.split(";") if statement.strip()]
 NAMES = [statement.split()[2] for statement in STATEMENTS]
 
@@ -51,6 +54,20 @@ PARTS = {"scenarios": "parameters", "fits": "estimates"}
 PART_KEYS = {"parameters": ("scenario", "parameter"), "estimates": (*FIT_KEY, "parameter")}
 #: The row of `about` that holds the checksum of the others.
 CHECKSUM = "checksum"
+
+
+# Primary result codes, which are the low byte of what SQLite says.
+BUSY, LOCKED = 5, 6
+READ_ONLY = (3, 8, 14)  # no permission, read-only, cannot be opened
+DAMAGED = (11, 26)  # malformed, no database
+FULL = 13
+#: What says nothing on the file's content; also no memory, interrupted, input and output.
+PASSING = (BUSY, LOCKED, *READ_ONLY, FULL, 7, 9, 10)
+
+
+def code_of(error: sqlite3.Error) -> int:
+    """SQLite's primary result code, 0 if the error is not SQLite's own."""
+    return int(getattr(error, "sqlite_errorcode", 0)) & 0xFF
 
 
 class Held(NamedTuple):
@@ -150,9 +167,24 @@ def readable_rows(
         try:
             for row in base.execute(f"SELECT * FROM {table} {condition} ORDER BY {order}", values):
                 found[row[: len(keys)]] = row
-        except sqlite3.Error:
+        except (sqlite3.Error, UnicodeError):
             continue
     return sorted(found.values(), key=lambda row: [str(value) for value in row[: len(keys)]])
+
+
+def with_page_one(content: bytes) -> bytes:
+    """A damaged file with a new first page, which is the same in every store but for sizes.
+
+    It holds the file's header and the tables' definitions, without which nothing is found.
+    """
+    with closing(sqlite3.connect(":memory:", isolation_level=None)) as base:
+        create(base)
+        new = bytearray(base.serialize())
+    size = len(new) // PAGES_AT_FIRST
+    head, rest = new[:size], content[size:]
+    rest = rest[: len(rest) // size * size]
+    head[28:32] = (1 + len(rest) // size).to_bytes(4, "big")
+    return bytes(head) + rest
 
 
 def facts(base: sqlite3.Connection) -> tuple[dict[str, str], bool]:
@@ -195,6 +227,10 @@ def fault(base: sqlite3.Connection) -> str:
         finally:
             base.execute("ROLLBACK")
     except sqlite3.Error as error:
+        if code_of(error) in PASSING:
+            raise
+        return str(error)
+    except UnicodeError as error:  # in what SQLite says of it
         return str(error)
 
 
