@@ -28,7 +28,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     rng = np.random.default_rng(options.seed)
-    counts: Counter[str] = Counter()
+    counts: Counter[tuple[bool, str]] = Counter()
     faults: list[str] = []
     slowest = 0.0
     with TemporaryDirectory() as name:
@@ -46,17 +46,17 @@ def main() -> int:
                 (tried / STORE).write_bytes(content)
                 start = time.perf_counter()
                 try:
-                    counts[outcome(tried, whole, create=create)] += 1
+                    counts[create, outcome(tried, whole, create=create)] += 1
                 except Exception as error:  # any at all is what this looks for
                     faults.append(f"store {number}: {type(error).__name__}: {error}")
                 slowest = max(slowest, time.perf_counter() - start)
     for fault in faults:
         print(fault)
-    told = ", ".join(f"{count} {kind}" for kind, count in sorted(counts.items()))
-    print(
-        f"{options.stores} damaged stores, each read and mended: {told}, {len(faults)} faults; "
-        f"the slowest took {slowest:.1f} s"
-    )
+    for create, what in ((False, "read"), (True, "mended")):
+        ends = [(kind, n) for (how, kind), n in sorted(counts.items()) if how is create]
+        print(f"{what}: {', '.join(f'{n} {kind}' for kind, n in ends)}")
+    many = f"{options.stores} damaged stores, {len(faults)} faults"
+    print(f"{many}; the slowest took {slowest:.1f} s")
     return 1 if faults else 0
 
 
