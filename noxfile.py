@@ -64,6 +64,7 @@ def check(session: nox.Session) -> None:
         "samplers": "samplers.py",
         "nonsense": "nonsense.py",
         "machines": "machines.py",
+        "stores": "damaged_stores.py",
     }
     names = [name for name in session.posargs[:1] if name in scripts]
     if not names:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sqlite3
 from pathlib import Path
 
 import numpy as np
@@ -74,7 +73,7 @@ def test_a_fit_that_cannot_be_kept_whole_is_not_kept(tmp_path: Path) -> None:
     twice = (NUMBERS[0], NUMBERS[0])
     broken = Result(Unit("early", "first", 0), "converged", estimates=twice)
     with filled(tmp_path) as store:
-        with pytest.raises(sqlite3.IntegrityError):
+        with pytest.raises(InputError, match="UNIQUE"):
             store.add(broken)
         assert store.done() == {}
         store.add(result("early", "first", 0))  # the store goes on

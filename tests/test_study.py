@@ -8,7 +8,7 @@ import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.study.comparison import comparison_of
 from pilotid.study.entries import Result, Unit
-from pilotid.study.facts import scenario_entry
+from pilotid.study.facts import method_entry, scenario_entry
 from pilotid.study.fits import Task, run_task, started
 from pilotid.study.store import STORE, Store
 from pilotid.study.study import Study, remaining_seconds
@@ -63,7 +63,7 @@ def test_a_study_that_grows_is_the_one_that_was_large_at_once(
 
 
 def test_a_finished_study_has_nothing_left_to_do(finished: Path) -> None:
-    with Store(finished) as store:
+    with Store(finished, create=True) as store:
         pending = STUDY.enter(store)
         assert (list(pending), pending.total) == ([], 0)
         assert remaining_seconds(store, pending.counts, 2) == 0.0
@@ -72,24 +72,26 @@ def test_a_finished_study_has_nothing_left_to_do(finished: Path) -> None:
         assert remaining_seconds(store, {"fourier": 20}, 4) == pytest.approx(one / 2.0)
 
 
+FOURIER = method_entry(Fourier())
+SINGLE = scenario_entry(scenario_named("single"))
+
+
 @pytest.mark.parametrize(
-    ("change", "word"),
-    [("UPDATE about SET value = 'x' WHERE key = 'code'", "code"),
-     ("UPDATE about SET value = '6' WHERE key = 'seed'", "seed"),
-     ("UPDATE methods SET settings = '{}' WHERE label = 'fourier'", "fourier"),
-     ("UPDATE methods SET code = 'x' WHERE label = 'fourier'", "fourier"),
-     ("UPDATE scenarios SET settings = '{}' WHERE name = 'single'", "single")],
-)  # fmt: skip
+    ("before", "word"),
+    [
+        (lambda store: store.describe({"code": "x"}), "code"),
+        (lambda store: store.describe({"seed": "6"}), "seed"),
+        (lambda store: store.add_method(replace(FOURIER, settings={})), "fourier"),
+        (lambda store: store.add_method(replace(FOURIER, code="x")), "fourier"),
+        (lambda store: store.add_scenario(replace(SINGLE, settings={})), "single"),
+    ],
+)
 def test_results_of_other_code_or_settings_are_not_mixed(
-    tmp_path: Path, change: str, word: str
+    tmp_path: Path, before: Callable[[Store], None], word: str
 ) -> None:
     with Store(tmp_path, create=True) as store:
-        STUDY.enter(store)
-    base = sqlite3.connect(tmp_path / STORE)
-    base.execute(change)
-    base.commit()
-    base.close()
-    with Store(tmp_path) as store:
+        before(store)
+    with Store(tmp_path, create=True) as store:
         with pytest.raises(InputError, match=rf"other code or settings \(different: {word}\)"):
             STUDY.enter(store)
         assert STUDY.enter(store, mix=True).total == 12

@@ -27,8 +27,8 @@ def write_file(path: Path, content: bytes) -> None:
             part.unlink(missing_ok=True)
     except OSError as error:
         raise InputError(
-            f"{path}: cannot be written ({error.strerror or error}); check the folder and its "
-            "rights"
+            f"{path}: cannot be written ({error.strerror or error}); check the folder, its "
+            "rights and the room on its disk"
         ) from error
 
 

@@ -87,6 +87,7 @@ def compare(
     )
     make_folder(out)
     with Store(out, create=True) as store:
+        _warn(store)
         try:
             pending = study.enter(store, mix=mix, retry=retry_failed)
             held = study.size - pending.total
@@ -122,12 +123,26 @@ def _foretell(store: Store, pending: Pending, workers: int | None) -> None:
 
 def report(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="What `compare` wrote.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Another folder for the report, if DIR is read-only."),
+    ] = None,
 ) -> None:
     """Make the tables and the report of a comparison again, from its store alone."""
+    from pilotid.disk import make_folder
     from pilotid.study.store import Store
 
     with Store(folder) as store:
-        _finish(folder, store)
+        _warn(store)
+        if out is not None:
+            make_folder(out)
+        _finish(out or folder, store)
+
+
+def _warn(store: Store) -> None:
+    """Say what is damaged."""
+    if store.warning:
+        make_console(errors=True).print(f"pilotid: {store.warning}", soft_wrap=True)
 
 
 def _finish(folder: Path, store: Store) -> None:

@@ -2,45 +2,28 @@
 
 Every fit is one transaction in write-ahead mode: what was committed is there after a
 crash, and what was not is simply fitted again.  The store also keeps all that a report
-needs (truth, bounds, settings, versions), so that it is made from the store alone.
+needs (truth, bounds, settings, versions), so that it is made from the store alone.  What is
+read has a checksum that holds; see `pilotid.study.opening` for files that are damaged.
 """
 
 from __future__ import annotations
 
 import json
-import sqlite3
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
+from pilotid.study import tables
 from pilotid.study.entries import MethodEntry, ParameterTruth, Result, ScenarioEntry, Unit
+from pilotid.study.opening import in_words, open_to_read, open_to_write
+from pilotid.study.tables import FORMAT, Held, Row, real
 from pilotid.types import InputError
 
-STORE = "study.sqlite"
-#: Raised when the tables change, so that an older store is refused and not misread.
-FORMAT = 2
+__all__ = ["FORMAT", "STORE", "Store"]
 
-SCHEMA = """
-CREATE TABLE about (key TEXT PRIMARY KEY, value TEXT NOT NULL);
-CREATE TABLE scenarios (
-    name TEXT PRIMARY KEY, position INTEGER, description TEXT, model TEXT, family TEXT,
-    settings TEXT, code TEXT, typed TEXT);
-CREATE TABLE parameters (
-    scenario TEXT, position INTEGER, parameter TEXT, unit TEXT, truth REAL, bound REAL,
-    PRIMARY KEY (scenario, parameter));
-CREATE TABLE methods (
-    label TEXT PRIMARY KEY, position INTEGER, settings TEXT, code TEXT, typed TEXT);
-CREATE TABLE fits (
-    scenario TEXT, method TEXT, replication INTEGER, outcome TEXT, message TEXT,
-    usable INTEGER, vaf REAL, iterations INTEGER, posterior INTEGER, seconds REAL,
-    PRIMARY KEY (scenario, method, replication)) WITHOUT ROWID;
-CREATE TABLE estimates (
-    scenario TEXT, method TEXT, replication INTEGER, parameter TEXT,
-    value REAL, std_error REAL, lower REAL, upper REAL,
-    PRIMARY KEY (scenario, method, replication, parameter)) WITHOUT ROWID;
-"""
+STORE = "study.sqlite"
 
 
 class Store:
@@ -51,39 +34,30 @@ class Store:
     folder
         The study's folder.
     create
-        Whether to make the store if there is none.
+        Whether to write: the store is made if there is none, and mended if it is damaged.
+        A store that is only read may be on a medium that cannot be written.
+
+    Attributes
+    ----------
+    path
+        The file.
+    warning
+        What the user should know of damage; empty if there is none.
     """
 
     def __init__(self, folder: Path, *, create: bool = False) -> None:
         self.path = folder / STORE
-        if not create and not self.path.exists():
+        try:
+            missing = not create and not self.path.exists()
+        except OSError:  # a folder that may not be looked into, which opening tells
+            missing = False
+        if missing:
             raise InputError(
                 f"{self.path}: there is no such file; name a folder that `pilotid compare` wrote"
             )
-        try:
-            # Autocommit: every transaction below is opened and closed by name.
-            self._base = sqlite3.connect(self.path, isolation_level=None, timeout=60.0)
-            self._base.execute("PRAGMA journal_mode=WAL")
-            self._base.execute("PRAGMA synchronous=NORMAL")
-            self._prepare()
-        except sqlite3.Error as error:
-            raise InputError(
-                f"{self.path}: is no store of results or cannot be written ({error}); "
-                "name another folder with --out"
-            ) from error
-
-    def _prepare(self) -> None:
-        with self._transaction():
-            known = self._base.execute("SELECT name FROM sqlite_master WHERE type='table'")
-            if not known.fetchall():
-                for statement in SCHEMA.split(";"):
-                    self._base.execute(statement)
-                self.describe({"format": str(FORMAT)})
-        if self.about().get("format") != str(FORMAT):
-            raise InputError(
-                f"{self.path}: was written by another version of pilotid, whose tables differ; "
-                "name another folder with --out"
-            )
+        with in_words(self.path):
+            self._base, told = (open_to_write if create else open_to_read)(self.path)
+        self.warning = str(InputError(told)) if told else ""  # printable, as refusals are
 
     def close(self) -> None:
         """Close the file; the write-ahead log is merged into it."""
@@ -97,162 +71,123 @@ class Store:
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
-        self._base.execute("BEGIN IMMEDIATE")
-        with self._base:  # commits, or rolls back if something fails
-            yield
+        with in_words(self.path):
+            self._base.execute("BEGIN IMMEDIATE")
+            with self._base:  # commits, or rolls back if something fails
+                yield
 
     # ----------------------------------------------------------------------------- writing
 
     def describe(self, about: Mapping[str, str]) -> None:
         """Keep facts on the study."""
-        self._base.executemany("INSERT OR REPLACE INTO about VALUES (?, ?)", about.items())
+        with self._transaction():
+            tables.describe(self._base, about)
 
     def add_scenario(self, entry: ScenarioEntry) -> None:
         """Keep what a scenario is; one that is known already stays as it is."""
         e = entry
+        row = (e.name, e.position, e.description, e.model, _json(e.settings))
+        parts = [
+            (e.name, p.parameter, place, p.unit, real(p.truth), real(p.bound))
+            for place, p in enumerate(e.parameters)
+        ]
         with self._transaction():
-            self._base.execute(
-                "INSERT OR IGNORE INTO scenarios VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
-                (e.name, e.position, e.description, e.model, e.family, _json(e.settings))
-                + (e.code, e.typed),
-            )
-            self._base.executemany(
-                "INSERT OR IGNORE INTO parameters VALUES (?, ?, ?, ?, ?, ?)",
-                [(e.name, i, *astuple(p)) for i, p in enumerate(e.parameters)],
-            )
+            tables.put(self._base, "scenarios", (*row, e.family, e.code, e.typed), parts)
 
     def add_method(self, entry: MethodEntry) -> None:
         """Keep what a method is; one that is known already stays as it is."""
         e = entry
-        self._base.execute(
-            "INSERT OR IGNORE INTO methods VALUES (?, ?, ?, ?, ?)",
-            (e.label, e.position, _json(e.settings), e.code, e.typed),
-        )
+        with self._transaction():
+            row = (e.label, e.position, _json(e.settings), e.code, e.typed)
+            tables.put(self._base, "methods", row)
 
     def forget(self, units: Iterable[Unit]) -> None:
         """Drop fits, which are then fitted again."""
-        keys = [astuple(unit) for unit in units]
         with self._transaction():
-            for table in ("estimates", "fits"):
-                self._base.executemany(
-                    f"DELETE FROM {table} WHERE scenario = ? AND method = ? AND replication = ?",
-                    keys,
-                )
+            for unit in units:
+                tables.drop(self._base, "fits", astuple(unit))
 
     def add(self, result: Result) -> None:
         """Keep a fit; one that is known already stays as it is."""
-        unit = astuple(result.unit)
+        r, unit = result, astuple(result.unit)
+        row = (*unit, r.outcome, r.message, int(r.usable), real(r.vaf), int(r.iterations))
+        estimates = [(*unit, name, *map(real, numbers)) for name, *numbers in r.estimates]
         with self._transaction():
-            new = self._base.execute(
-                "INSERT OR IGNORE INTO fits VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-                (
-                    *unit,
-                    result.outcome,
-                    result.message,
-                    result.usable,
-                    result.vaf,
-                    result.iterations,
-                    result.posterior,
-                    result.seconds,
-                ),
-            )
-            if new.rowcount:
-                self._base.executemany(
-                    "INSERT INTO estimates VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
-                    [(*unit, *numbers) for numbers in result.estimates],
-                )
+            tables.put(self._base, "fits", (*row, int(r.posterior), real(r.seconds)), estimates)
 
     # ----------------------------------------------------------------------------- reading
 
     def about(self) -> dict[str, str]:
         """Facts on the study."""
-        return dict(self._base.execute("SELECT key, value FROM about ORDER BY key"))
+        with in_words(self.path):
+            held, whole = tables.facts(self._base)
+        self._require(whole)
+        return held
 
     def done(self) -> dict[Unit, str]:
         """The fits that are in the store, and how they ended."""
-        rows = self._base.execute("SELECT scenario, method, replication, outcome FROM fits")
-        return {Unit(*key): outcome for *key, outcome in rows}
+        return {Unit(*row[:3]): row[3] for row, _ in self._held("fits")}
 
     def scenarios(self) -> list[ScenarioEntry]:
         """The scenarios, in the order of the catalogue."""
-        rows = self._base.execute(
-            "SELECT name, position, description, model, settings, family, code, typed "
-            "FROM scenarios ORDER BY position, name"
-        ).fetchall()
-        return [
-            ScenarioEntry(
-                name, position, words, model, json.loads(settings), self._parameters(name), *others
+        entries = []
+        for (name, position, words, model, settings, *others), parts in self._held("scenarios"):
+            parts = sorted(parts, key=lambda part: part[2])
+            known = tuple(ParameterTruth(key, *numbers) for _, key, _, *numbers in parts)
+            entries.append(
+                ScenarioEntry(name, position, words, model, json.loads(settings), known, *others)
             )
-            for name, position, words, model, settings, *others in rows
-        ]
-
-    def _parameters(self, scenario: str) -> tuple[ParameterTruth, ...]:
-        rows = self._base.execute(
-            "SELECT parameter, unit, truth, bound FROM parameters WHERE scenario = ? "
-            "ORDER BY position",
-            (scenario,),
-        )
-        return tuple(ParameterTruth(*row) for row in rows)
+        return sorted(entries, key=lambda entry: (entry.position, entry.name))
 
     def methods(self) -> dict[str, MethodEntry]:
         """The methods by their labels, in the order of the catalogue."""
-        rows = self._base.execute("SELECT * FROM methods ORDER BY position, label")
-        return {
-            label: MethodEntry(label, position, json.loads(settings), *others)
-            for label, position, settings, *others in rows
-        }
+        entries = [
+            MethodEntry(label, position, json.loads(settings), *others)
+            for (label, position, settings, *others), _ in self._held("methods")
+        ]
+        entries.sort(key=lambda entry: (entry.position, entry.label))
+        return {entry.label: entry for entry in entries}
 
     def results(self) -> Iterator[Result]:
         """All fits, by scenario, method and replication in the order of the catalogues."""
-        order = (
-            "SELECT {} FROM {} JOIN scenarios s ON s.name = t.scenario JOIN methods m "
-            "ON m.label = t.method {} "
-            "ORDER BY s.position, s.name, m.position, m.label, t.replication"
-        )
-        columns = "t.scenario, t.method, t.replication, "
-        numbers = self._base.execute(
-            order.format(
-                columns + "t.parameter, t.value, t.std_error, t.lower, t.upper",
-                "estimates t",
-                "JOIN parameters p ON p.scenario = t.scenario AND p.parameter = t.parameter",
+        scenarios, methods = self.scenarios(), list(self.methods())
+        by_cell: dict[tuple[str, str], list[tuple[Row, list[Row]]]] = {}
+        for row, parts in self._held("fits"):
+            by_cell.setdefault(row[:2], []).append((row, parts))
+        for scenario in scenarios:
+            places = {p.parameter: place for place, p in enumerate(scenario.parameters)}
+            for method in methods:
+                for row, parts in by_cell.get((scenario.name, method), ()):
+                    yield _result(row, [p for p in parts if p[3] in places], places)
+
+    def _held(self, table: str) -> Iterator[tuple[Row, list[Row]]]:
+        """Rows with their parts, in the order of their keys."""
+        with in_words(self.path):
+            found: list[Held] = list(tables.held(self._base, table))
+        self._require(all(each.whole for each in found))
+        return ((each.row, each.parts) for each in found)
+
+    def _require(self, whole: bool) -> None:
+        if not whole:
+            raise InputError(
+                f"{self.path}: was damaged since it was opened (a checksum does not hold); the "
+                "same command keeps what is whole"
             )
-            + ", p.position"
-        )
-        by_unit: dict[tuple[str, str, int], list[tuple[object, ...]]] = {}
-        for scenario, method, replication, *rest in numbers:
-            by_unit.setdefault((scenario, method, replication), []).append(tuple(rest))
-        fits = self._base.execute(
-            order.format(
-                columns
-                + "t.outcome, t.message, t.usable, t.vaf, t.iterations, t.posterior, t.seconds",
-                "fits t",
-                "",
-            )
-        )
-        for (
-            scenario,
-            method,
-            replication,
-            outcome,
-            message,
-            usable,
-            vaf,
-            count,
-            posterior,
-            s,
-        ) in fits:
-            key = (scenario, method, replication)
-            yield Result(
-                Unit(*key),
-                outcome,
-                message,
-                bool(usable),
-                vaf,
-                count,
-                bool(posterior),
-                s,
-                tuple(by_unit.get(key, ())),  # type: ignore[arg-type]
-            )
+
+
+def _result(row: Row, parts: list[Row], places: Mapping[str, int]) -> Result:
+    scenario, method, replication, outcome, message, usable, vaf, count, posterior, seconds = row
+    return Result(
+        Unit(scenario, method, replication),
+        outcome,
+        message,
+        bool(usable),
+        vaf,
+        count,
+        bool(posterior),
+        seconds,
+        tuple(part[3:] for part in sorted(parts, key=lambda part: places[part[3]])),
+    )
 
 
 def _json(settings: Mapping[str, Any]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -185,6 +186,8 @@ class Study:
         """
         make_folder(folder)
         with Store(folder, create=True) as store:
+            if store.warning:
+                warnings.warn(store.warning, stacklevel=2)
             for _ in self.run(store, self.enter(store), workers):
                 pass
             return comparison_of(store)
@@ -192,6 +195,8 @@ class Study:
     def to_dataframe(self, folder: Path) -> DataFrame:
         """All estimates that a folder's store holds, as `Comparison.to_dataframe` has them."""
         with Store(folder) as store:
+            if store.warning:
+                warnings.warn(store.warning, stacklevel=2)
             return comparison_of(store).to_dataframe()
 
     def tasks(self, units: Iterable[Unit]) -> Iterator[Task]:

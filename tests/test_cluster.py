@@ -1,0 +1,119 @@
+"""A study on a Dask cluster: what is wrong with it is a sentence."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("distributed")
+
+#: As in a shell's foreground: what a background job starts ignores interruptions.
+PROGRAM = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from pilotid.cli.main import main
+main()
+"""
+OTHER_CODE = """
+import pilotid.study.facts
+pilotid.study.facts.own_digest = lambda: "0ther"
+"""
+
+Process = subprocess.Popen[str]
+
+
+@pytest.fixture
+def started() -> Iterator[Callable[..., Process]]:
+    """Start a program that ends with the test."""
+    running: list[Process] = []
+
+    def start(*command: object) -> Process:
+        pipe: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+        process = subprocess.Popen([sys.executable, *map(str, command)], text=True, **pipe)
+        running.append(process)
+        return process
+
+    yield start
+    for process in running:
+        process.kill()
+        process.communicate()
+
+
+def scheduler(started: Callable[..., Process], file: Path) -> tuple[Process, str]:
+    process = started(
+        *("-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"),
+        *("--no-dashboard", "--scheduler-file", file),
+    )
+    assert process.stderr is not None
+    for line in process.stderr:
+        if "Scheduler at:" in line:
+            return process, line.split()[-1]
+    raise AssertionError("the scheduler does not start")
+
+
+def worker(started: Callable[..., Process], address: str, *more: object) -> Process:
+    options = ("--no-nanny", "--nthreads", "1", "--no-dashboard", "--host", "127.0.0.1")
+    return started("-m", "distributed.cli.dask_worker", address, *options, *more)
+
+
+def study(started: Callable[..., Process], address: str, folder: Path) -> Process:
+    options = ("--scenario", "single", "--method", "fourier", "--replications", "5000")
+    return started(*("-c", PROGRAM, "compare", *options, "--scheduler", address, "--out", folder))
+
+
+def ended(process: Process) -> tuple[int, list[str]]:
+    """Status and lines on standard error."""
+    _, errors = process.communicate(timeout=60)
+    return process.returncode, errors.splitlines()
+
+
+def test_no_workers_is_told_and_can_be_ended(
+    started: Callable[..., Process], tmp_path: Path
+) -> None:
+    _, address = scheduler(started, tmp_path / "scheduler")
+    process = study(started, address, tmp_path / "out")
+    assert process.stderr is not None
+    assert "has no workers; waiting" in process.stderr.readline()
+    process.send_signal(signal.SIGINT)
+    status, lines = ended(process)
+    assert status == 130
+    assert len(lines) == 1, lines
+    assert lines[0].startswith("pilotid: stopped;")
+
+
+def test_a_worker_of_other_code_is_refused(started: Callable[..., Process], tmp_path: Path) -> None:
+    _, address = scheduler(started, tmp_path / "scheduler")
+    preload = tmp_path / "other_code.py"
+    preload.write_text(OTHER_CODE)
+    worker(started, address, "--preload", preload)
+    status, lines = ended(study(started, address, tmp_path / "out"))
+    assert status == 2
+    assert len(lines) == 1, lines
+    assert "runs other code of pilotid (digest 0ther" in lines[0]
+
+
+def test_a_scheduler_that_dies_is_a_sentence(
+    started: Callable[..., Process], tmp_path: Path
+) -> None:
+    centre, address = scheduler(started, tmp_path / "scheduler")
+    worker(started, address)
+    process = study(started, address, tmp_path / "out")
+    log = tmp_path / "out" / "study.sqlite-wal"
+    for _ in range(600):
+        if log.exists() and log.stat().st_size > 200_000:  # fits come in
+            break
+        time.sleep(0.1)
+    else:
+        raise AssertionError("the study does not get going")
+    centre.kill()
+    status, lines = ended(process)
+    assert status == 2
+    assert len(lines) == 1, lines
+    assert "the scheduler ended or cannot be reached" in lines[0]

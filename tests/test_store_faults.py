@@ -1,0 +1,389 @@
+"""What may happen to a store: changed bytes, a full disk, no rights, deaths, two at once."""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+import sqlite3
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import Answer, Run
+from stores import Content, changed, content_of, finish, outcome
+
+from pilotid.study.entries import Result, Unit
+from pilotid.study.store import STORE, Store
+from pilotid.types import InputError
+
+HERE = str(Path(__file__).parent)
+REPORT = ("estimates.csv", "summary.csv", "report.md", "report.html")
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("finished")
+    finish(folder).close()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def whole(finished: Path) -> Content:
+    with Store(finished) as store:
+        return content_of(store)
+
+
+def copied(finished: Path, folder: Path) -> Path:
+    folder.mkdir(exist_ok=True)
+    shutil.copy(finished / STORE, folder / STORE)
+    return folder
+
+
+def refused(answer: Answer, *words: str) -> None:
+    """One sentence on standard error that has these words, and status 2."""
+    assert answer.status == 2, answer
+    assert len(answer.err.splitlines()) == 1, answer.err
+    for word in words:
+        assert word in answer.err
+
+
+# -------------------------------------------------------------------------- changed bytes
+
+
+def test_no_changed_byte_changes_a_number_in_silence(
+    finished: Path, whole: Content, tmp_path: Path
+) -> None:
+    rng = np.random.default_rng(12)
+    content = (finished / STORE).read_bytes()
+    ends: Counter[str] = Counter()
+    for number in range(100):
+        damaged = changed(content, rng)
+        for create in (False, True):
+            folder = tmp_path / f"{number}{create}"
+            folder.mkdir()
+            (folder / STORE).write_bytes(damaged)
+            ends[outcome(folder, whole, create=create)] += 1
+    assert ends["kept in part"] > 100, ends
+    assert ends["refused"] < 50, ends
+
+
+def test_every_table_is_guarded(finished: Path, tmp_path: Path) -> None:
+    changes = [
+        "UPDATE about SET value = '2' WHERE key = 'seed'",
+        "DELETE FROM about WHERE key = 'seed'",
+        "UPDATE scenarios SET description = 'other' WHERE name = 'first'",
+        "DELETE FROM scenarios WHERE name = 'second'",
+        "UPDATE parameters SET truth = 1.6 WHERE scenario = 'first' AND parameter = 'fnm'",
+        "DELETE FROM parameters WHERE parameter = 'fnm'",
+        "UPDATE methods SET settings = '{}' WHERE label = 'mle'",
+        "DELETE FROM methods WHERE label = 'mle'",
+        "UPDATE fits SET usable = 1 - usable WHERE replication = 3 AND method = 'mle'",
+        "DELETE FROM fits WHERE replication = 3 AND method = 'mle'",
+        "UPDATE estimates SET value = value + 1e-15 WHERE replication = 3",
+        "DELETE FROM estimates WHERE parameter = 'fnm' AND replication = 4",
+        "UPDATE seals SET rows = rows - 1 WHERE name = 'fits'",
+        "DELETE FROM seals",
+        "CREATE TABLE other (name)",
+    ]
+    for number, change in enumerate(changes):
+        folder = copied(finished, tmp_path / str(number))
+        base = sqlite3.connect(folder / STORE)
+        base.execute(change)
+        base.commit()
+        base.close()
+        with Store(folder, create=True) as store:
+            assert "was damaged" in store.warning, change
+
+
+def test_a_study_goes_on_with_what_is_whole(finished: Path, whole: Content, tmp_path: Path) -> None:
+    folder = copied(finished, tmp_path / "study")
+    base = sqlite3.connect(folder / STORE)
+    base.execute("UPDATE estimates SET value = 0 WHERE replication = 3 AND method = 'mle'")
+    base.commit()
+    base.close()
+    damaged = (folder / STORE).read_bytes()
+    (folder / f"{STORE}.damaged").write_bytes(b"an older one")
+    with Store(folder) as store:  # a report is on what is whole, and mends nothing
+        assert "fits that are whole" in store.warning
+        read = content_of(store)
+    assert (folder / STORE).read_bytes() == damaged
+    with Store(folder, create=True) as store:
+        assert f"{len(read.fits)} fits are whole and kept" in store.warning
+        assert f"{STORE}.damaged2" in store.warning
+        assert content_of(store) == read
+        missing = whole.fits.keys() - store.done().keys()
+        assert {(unit.method, unit.replication) for unit in missing} == {("mle", 3)}
+        for unit in missing:
+            store.add(whole.fits[unit])
+        assert content_of(store) == whole
+    assert (folder / f"{STORE}.damaged").read_bytes() == b"an older one"
+    assert (folder / f"{STORE}.damaged2").read_bytes() == damaged
+    with Store(folder, create=True) as store:
+        assert store.warning == ""
+
+
+def test_the_first_page_can_be_made_again(finished: Path, whole: Content, tmp_path: Path) -> None:
+    folder = copied(finished, tmp_path / "study")
+    with (folder / STORE).open("r+b") as stream:
+        stream.write(bytes(4096))
+    with Store(folder, create=True) as store:
+        assert content_of(store) == whole
+
+
+def test_report_on_a_damaged_store_is_a_report_and_a_sentence(
+    finished: Path, tmp_path: Path, run: Run
+) -> None:
+    folder = copied(finished, tmp_path / "study")
+    content = bytearray((folder / STORE).read_bytes())
+    content[-3000:] = bytes(3000)
+    (folder / STORE).write_bytes(content)
+    answer = run("report", folder)
+    assert answer.status == 0, answer.err
+    assert answer.err.startswith("pilotid: ")
+    assert "is damaged" in answer.err
+    assert len(answer.err.splitlines()) == 1
+    assert all((folder / name).exists() for name in REPORT)
+    (folder / STORE).write_bytes(bytes(len(content)))
+    refused(run("report", folder), STORE, "too damaged")
+
+
+# ----------------------------------------------------------------- full disks and deaths
+
+
+def units() -> Iterator[Unit]:
+    return (Unit("first", "mle", number) for number in range(1000, 100_000))
+
+
+#: Adds fits to a store until something is in the way; the argument is the largest file.
+FILLING = """
+import resource, sys
+sys.path.insert(0, {here!r})
+from pathlib import Path
+import numpy as np
+from stores import fit
+from test_store_faults import units
+from pilotid.study.store import Store
+from pilotid.types import InputError
+rng = np.random.default_rng(1)
+with Store(Path(sys.argv[1]), create=True) as store:
+    resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]),) * 2)
+    try:
+        for number, unit in enumerate(units()):
+            store.add(fit(unit, rng))
+    except InputError as error:
+        print(number, error)
+        sys.exit(2)
+"""
+
+
+def test_a_full_disk_is_a_sentence_and_costs_nothing(
+    finished: Path, whole: Content, tmp_path: Path
+) -> None:
+    folder = copied(finished, tmp_path / "study")
+    done = subprocess.run(
+        [sys.executable, "-c", FILLING.format(here=HERE), folder, "300000"],
+        capture_output=True,
+        text=True,
+    )
+    assert (done.returncode, done.stderr) == (2, "")
+    number, sentence = done.stdout.split(" ", 1)
+    assert sentence.startswith(str(folder / STORE))
+    with Store(folder, create=True) as store:
+        assert store.warning == ""
+        assert len(store.done()) == len(whole.fits) + int(number)
+        store.add(Result(Unit("second", "mle", 10**6), "crashed"))  # it goes on
+
+
+def test_reports_on_a_full_disk_are_a_sentence(finished: Path, tmp_path: Path) -> None:
+    folder = copied(finished, tmp_path / "study")
+    done = subprocess.run(
+        [sys.executable, "-c", "from pilotid.cli.main import main; main()", "report", folder],
+        capture_output=True,
+        text=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000)),
+    )
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1, done.stderr
+    assert "cannot be written" in done.stderr
+
+
+#: Makes a store and fills it, and dies in the n-th statement that SQLite traces.
+DYING = """
+import os, sqlite3, sys
+sys.path.insert(0, {here!r})
+from pathlib import Path
+from stores import finish
+left = int(sys.argv[2])
+def trace(statement):
+    global left
+    left -= 1
+    if left < 0:
+        os._exit(9)
+connect = sqlite3.connect
+def connected(*args, **kwargs):
+    base = connect(*args, **kwargs)
+    base.set_trace_callback(trace)
+    return base
+sqlite3.connect = connected
+finish(Path(sys.argv[1]), 3).close()
+"""
+
+
+def test_a_death_at_any_statement_leaves_a_whole_store(tmp_path: Path) -> None:
+    finish(tmp_path, 3).close()
+    with Store(tmp_path) as store:
+        whole = content_of(store)
+    rng = np.random.default_rng(5)
+    for number in [*range(0, 24, 4), *rng.integers(24, 200, 6).tolist()]:
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        program = DYING.format(here=HERE)
+        done = subprocess.run([sys.executable, "-c", program, folder, str(number)])
+        assert done.returncode == 9
+        with Store(folder, create=True) as store:
+            assert store.warning == ""
+            for unit in store.done():
+                assert unit in whole.fits
+        with finish(folder, 3) as store:
+            assert content_of(store).about == whole.about
+            assert store.done().keys() == whole.fits.keys()
+
+
+def test_a_death_while_a_store_is_mended_costs_nothing(
+    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = copied(finished, tmp_path / "study")
+    content = bytearray((folder / STORE).read_bytes())
+    content[-3000:] = bytes(3000)
+    (folder / STORE).write_bytes(content)
+    with Store(folder) as store:
+        kept = content_of(store)
+
+    def dying(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", dying)
+        with pytest.raises(KeyboardInterrupt):
+            Store(folder, create=True)
+    with Store(folder, create=True) as store:
+        assert content_of(store) == kept
+    assert {path.name for path in folder.iterdir() if "new" in path.name} == set()
+
+
+# ------------------------------------------------------------------------ rights, two at once
+
+
+@contextmanager
+def without_rights() -> Iterator[None]:
+    """Be nobody for a while if this is root, whom no rights stop."""
+    root = os.geteuid() == 0
+    if root:
+        os.seteuid(65534)
+    try:
+        yield
+    finally:
+        if root:
+            os.seteuid(0)
+
+
+@pytest.fixture
+def read_only(finished: Path) -> Iterator[Path]:
+    """A folder that can be read and not written, with a finished study."""
+    top = Path(tempfile.mkdtemp())  # nobody may look into those of pytest
+    top.chmod(0o755)
+    folder = copied(finished, top / "a study?#")
+    (folder / STORE).chmod(0o444)
+    folder.chmod(0o555)
+    yield folder
+    folder.chmod(0o755)
+    shutil.rmtree(top)
+
+
+def test_what_cannot_be_written_can_be_reported_on(
+    read_only: Path, whole: Content, run: Run
+) -> None:
+    out = read_only.parent / "out"
+    out.mkdir(mode=0o777)
+    out.chmod(0o777)
+    with without_rights():
+        with Store(read_only) as store:
+            assert content_of(store) == whole
+        elsewhere = run("report", read_only, "--out", out)
+        here = run("report", read_only)
+        with pytest.raises(InputError, match="cannot be written"):
+            Store(read_only, create=True)
+    assert elsewhere.status == 0, elsewhere.err
+    assert all((out / name).exists() for name in REPORT)
+    refused(here, "cannot be written", "its rights")
+    assert [path.name for path in read_only.iterdir()] == [STORE]
+
+
+def test_a_log_that_cannot_be_merged_is_read(read_only: Path, whole: Content) -> None:
+    read_only.chmod(0o755)
+    (read_only / STORE).unlink()
+    program = f"import os, sys; sys.path.insert(0, {HERE!r})\n"
+    program += "from pathlib import Path; from stores import finish\n"
+    program += "finish(Path(sys.argv[1])); os._exit(0)"
+    subprocess.run([sys.executable, "-c", program, read_only], check=True)
+    (read_only / f"{STORE}-shm").unlink()
+    assert (read_only / f"{STORE}-wal").stat().st_size > 0
+    before = {path.name: path.read_bytes() for path in read_only.iterdir()}
+    read_only.chmod(0o555)
+    with without_rights(), Store(read_only) as store:
+        assert content_of(store) == whole
+    assert {path.name: path.read_bytes() for path in read_only.iterdir()} == before
+
+
+#: Opens stores as they are named on standard input, as soon as they are.
+OPENING = """
+import sys
+from pathlib import Path
+from pilotid.study.entries import Result, Unit
+from pilotid.study.store import Store
+print("ready", flush=True)
+for line in sys.stdin:
+    with Store(Path(line.strip()), create=True) as store:
+        store.describe({"seed": "1"})
+        store.add(Result(Unit("first", "mle", int(sys.argv[1])), "crashed"))
+    print("done", flush=True)
+"""
+
+
+def test_two_can_make_one_store(tmp_path: Path) -> None:
+    pair = [
+        subprocess.Popen(
+            [sys.executable, "-c", OPENING, str(number)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            bufsize=1,
+        )
+        for number in range(2)
+    ]
+
+    def heard(word: str) -> None:
+        for process in pair:
+            assert process.stdout is not None
+            assert process.stdout.readline().strip() == word, process.communicate()[1]
+
+    heard("ready")
+    for number in range(50):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        for process in pair:
+            assert process.stdin is not None
+            process.stdin.write(f"{folder}\n")
+        heard("done")
+        with Store(folder) as store:
+            assert {unit.replication for unit in store.done()} == {0, 1}
+    for process in pair:
+        process.communicate()
