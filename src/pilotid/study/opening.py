@@ -17,7 +17,16 @@ from tempfile import TemporaryDirectory
 from typing import TypeVar
 
 from pilotid.study import tables
-from pilotid.study.tables import BUSY, DAMAGED, FORMAT, FULL, LOCKED, READ_ONLY, code_of
+from pilotid.study.tables import (
+    BUSY,
+    DAMAGED,
+    FORMAT,
+    FULL,
+    LOCKED,
+    PASSING,
+    READ_ONLY,
+    code_of,
+)
 from pilotid.types import InputError
 
 PATIENCE = 60.0  # seconds to wait for another process
@@ -141,12 +150,13 @@ def _mended(path: Path) -> str:
                     fits = _rescue(path, base, copy)
             aside = _set_aside(path)
             new.replace(path)
-            lock.unlink(missing_ok=True)
     except OSError as error:
         raise InputError(
             f"{path}: is damaged ({wrong}) and cannot be mended ({error.strerror or error}); "
             "name another folder with --out"
         ) from error
+    finally:
+        lock.unlink(missing_ok=True)
     return (
         f"{path} was damaged ({wrong}): {fits} fits are whole and kept, and this command fits "
         f"the others again; the damaged file is {aside.name}"
@@ -182,7 +192,7 @@ def _looked_at(path: Path) -> tuple[sqlite3.Connection, str]:
     except UnicodeError as error:  # in what SQLite says of it
         return base, str(error)
     except sqlite3.Error as error:
-        if code_of(error) in DAMAGED:
+        if code_of(error) not in PASSING:
             return base, str(error)
         base.close()
         raise
@@ -283,7 +293,7 @@ def _proven(base: sqlite3.Connection) -> sqlite3.Connection:
     try:
         base.execute("SELECT count(*) FROM sqlite_master").fetchone()
     except sqlite3.Error as error:
-        if code_of(error) not in DAMAGED:
+        if code_of(error) in PASSING:
             base.close()
             raise
     except UnicodeError:  # in what SQLite says of a damaged file
