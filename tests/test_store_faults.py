@@ -275,7 +275,8 @@ def test_a_death_while_a_store_is_mended_costs_nothing(
             Store(folder, create=True)
     with Store(folder, create=True) as store:
         assert content_of(store) == kept
-    assert {path.name for path in folder.iterdir() if "new" in path.name} == set()
+    assert {path.name for path in folder.iterdir()} >= {STORE, f"{STORE}.damaged"}
+    assert not (folder / f"{STORE}.new").exists()
 
 
 # ------------------------------------------------------------------------ rights, two at once
@@ -357,10 +358,12 @@ for line in sys.stdin:
 """
 
 
-def test_two_can_make_one_store(tmp_path: Path) -> None:
+def test_two_can_make_or_mend_one_store(finished: Path, tmp_path: Path) -> None:
+    damaged = bytearray((finished / STORE).read_bytes())
+    damaged[-3000:] = bytes(3000)
     pair = [
         subprocess.Popen(
-            [sys.executable, "-c", OPENING, str(number)],
+            [sys.executable, "-c", OPENING, str(1000 + number)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -376,14 +379,19 @@ def test_two_can_make_one_store(tmp_path: Path) -> None:
             assert process.stdout.readline().strip() == word, process.communicate()[1]
 
     heard("ready")
-    for number in range(50):
+    for number in range(65):
         folder = tmp_path / str(number)
         folder.mkdir()
+        if number >= 50:
+            (folder / STORE).write_bytes(damaged)
         for process in pair:
             assert process.stdin is not None
             process.stdin.write(f"{folder}\n")
         heard("done")
         with Store(folder) as store:
-            assert {unit.replication for unit in store.done()} == {0, 1}
+            done = {unit.replication for unit in store.done() if unit.replication >= 1000}
+            assert done == {1000, 1001}
+        if number >= 50:  # once only, and nothing else is left
+            assert {path.name for path in folder.iterdir()} == {STORE, f"{STORE}.damaged"}
     for process in pair:
         process.communicate()

@@ -17,7 +17,16 @@ from tempfile import TemporaryDirectory
 from typing import TypeVar
 
 from pilotid.study import tables
-from pilotid.study.tables import BUSY, DAMAGED, FORMAT, FULL, LOCKED, READ_ONLY, code_of
+from pilotid.study.tables import (
+    BUSY,
+    DAMAGED,
+    FORMAT,
+    FULL,
+    LOCKED,
+    PASSING,
+    READ_ONLY,
+    code_of,
+)
 from pilotid.types import InputError
 
 PATIENCE = 60.0  # seconds to wait for another process
@@ -117,29 +126,37 @@ def _read(path: Path) -> Opened:
 def _mended(path: Path) -> str:
     """Put a new store in the place of a damaged one; says so, or nothing if it is whole."""
     before = path.stat().st_ino
-    new = _beside(path, f".{os.getpid()}.new")
     base, wrong = _looked_at(path)
-    with closing(base):
-        if wrong in ("", EMPTY):  # or another process is making it
-            return ""
-        try:
+    base.close()
+    if wrong in ("", EMPTY):  # or another process is making it
+        return ""
+    new, lock = _beside(path, ".new"), _beside(path, ".lock")
+    try:
+        # A lock that SQLite holds ends with the process, whatever ends that.
+        with closing(_connected(lock, "rwc")) as held:
+            try:
+                held.execute("BEGIN EXCLUSIVE")
+            except sqlite3.Error as error:  # the other has ended and taken the lock's file away
+                if code_of(error) in (BUSY, LOCKED):
+                    raise
+            if path.stat().st_ino != before:  # another process has mended it
+                return ""
+            base, wrong = _looked_at(path)
             new.unlink(missing_ok=True)
             with closing(_connected(new, "rwc")) as copy:
                 copy.execute("BEGIN IMMEDIATE")
-                with copy:
+                with copy, closing(base):
                     tables.create(copy)
                     fits = _rescue(path, base, copy)
-            if path.stat().st_ino != before:  # another process was faster
-                return ""
             aside = _set_aside(path)
             new.replace(path)
-        except OSError as error:
-            raise InputError(
-                f"{path}: is damaged ({wrong}) and cannot be mended ({error.strerror or error}); "
-                "name another folder with --out"
-            ) from error
-        finally:
-            new.unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"{path}: is damaged ({wrong}) and cannot be mended ({error.strerror or error}); "
+            "name another folder with --out"
+        ) from error
+    finally:
+        lock.unlink(missing_ok=True)
     return (
         f"{path} was damaged ({wrong}): {fits} fits are whole and kept, and this command fits "
         f"the others again; the damaged file is {aside.name}"
@@ -175,7 +192,7 @@ def _looked_at(path: Path) -> tuple[sqlite3.Connection, str]:
     except UnicodeError as error:  # in what SQLite says of it
         return base, str(error)
     except sqlite3.Error as error:
-        if code_of(error) in DAMAGED:
+        if code_of(error) not in PASSING:
             return base, str(error)
         base.close()
         raise
@@ -276,7 +293,7 @@ def _proven(base: sqlite3.Connection) -> sqlite3.Connection:
     try:
         base.execute("SELECT count(*) FROM sqlite_master").fetchone()
     except sqlite3.Error as error:
-        if code_of(error) not in DAMAGED:
+        if code_of(error) in PASSING:
             base.close()
             raise
     except UnicodeError:  # in what SQLite says of a damaged file
