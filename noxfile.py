@@ -62,6 +62,7 @@ def check(session: nox.Session) -> None:
         "bayes": "bayes_coverage.py",
         "sbc": "sbc.py",
         "samplers": "samplers.py",
+        "nonsense": "nonsense.py",
         "machines": "machines.py",
     }
     names = [name for name in session.posargs[:1] if name in scripts]
@@ -86,3 +87,12 @@ def types(session: nox.Session) -> None:
     # Only a strict editable install shows mypy the packages that package-dir maps.
     session.install("-e", ".", "--config-settings", "editable_mode=strict", *groups("types"))
     session.run("mypy", "-p", "pilotid", *session.posargs)
+
+
+@nox.session
+def fuzz(session: nox.Session) -> None:
+    """Read changed recordings, 100,000 of each kind; `-- --files N` for fewer (Linux)."""
+    session.install("-e", ".[matlab]")
+    session.run(
+        "python", "tests/checks/fuzz_files.py", *session.posargs, env={"OMP_NUM_THREADS": "1"}
+    )

@@ -14,7 +14,7 @@ from pilotid.theory.experiment import Circulation, Experiment, gradient_of
 from pilotid.types import ComplexArray, FloatArray, InputError
 
 
-def spectra(scenario: Scenario) -> Experiment:
+def experiment_of(scenario: Scenario) -> Experiment:
     """The experiment that a scenario describes.
 
     Raises

@@ -16,7 +16,7 @@ import numpy as np
 from pilotid.types import ComplexArray, FloatArray
 
 Response = Callable[[FloatArray], ComplexArray]
-SEED_PERIOD = 81.92  # measurement window of AIAA 2008-7109 [s]
+PERIOD = 81.92  # measurement window of AIAA 2008-7109 [s]
 
 
 class Forcing(Protocol):
@@ -58,7 +58,7 @@ class Multisine:
     lines: tuple[int, ...]
     amplitudes: tuple[float, ...]
     phases: tuple[float, ...]
-    period: float = SEED_PERIOD
+    period: float = PERIOD
 
     def __post_init__(self) -> None:
         if not len(self.lines) == len(self.amplitudes) == len(self.phases):
@@ -147,7 +147,7 @@ class Steps:
         return replace(self, jumps=tuple(gain * j for j in self.jumps))
 
 
-def seed_target() -> Multisine:
+def paper_target() -> Multisine:
     """The target forcing function of AIAA 2008-7109, Table 2 [deg]."""
     return _sines(
         (6, 9, 13, 19, 29, 47, 61, 83, 107, 139, 179, 213),
@@ -156,7 +156,7 @@ def seed_target() -> Multisine:
     )
 
 
-def seed_disturbance() -> Multisine:
+def paper_disturbance() -> Multisine:
     """The disturbance forcing function of AIAA 2008-7109, Table 2, at the control."""
     return _sines(
         (5, 8, 11, 17, 28, 46, 59, 82, 106, 137, 178, 211),

@@ -10,7 +10,7 @@ import numpy as np
 from pilotid.types import ComplexArray, FloatArray
 
 #: Standard deviation of the sampled white noise at remnant gain 1, calibrated so that
-#: the seed's scale holds with the inferred filter of `SEED_REMNANT`: gain 0.1 gives
+#: the paper's scale holds with the inferred filter of `Remnant`: gain 0.1 gives
 #: var(n)/var(u) = 3 %, gain 0.8 about 32 %.
 UNIT_LEVEL = 1.75
 
@@ -30,7 +30,7 @@ class Remnant:
     level
         The remnant gain, or the power ratio, as `level_is` says.
     level_is
-        ``gain`` on the seed's scale, or ``ratio``: var(n)/var(u) at the control.
+        ``gain`` on the paper's scale, or ``ratio``: var(n)/var(u) at the control.
     enters
         ``control`` (added to u) or ``error`` (added to what the pilot sees, so that
         the visual channel shapes it).

@@ -1,20 +1,24 @@
 """Scenarios: everything that defines a simulated data set, by name.
 
-A new scenario is one entry in `SCENARIOS`.
+A new scenario is one entry in `SCENARIOS`; one of your own is named as ``file.py:NAME``.
 """
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field, replace
 
 from pilotid.datasets.forcing import (
-    SEED_PERIOD,
+    PERIOD,
     Forcing,
     half_and_half_step,
-    seed_disturbance,
-    seed_target,
+    paper_disturbance,
+    paper_target,
 )
 from pilotid.datasets.remnant import Remnant, white
+from pilotid.naming.code import is_place, taken
+from pilotid.naming.settings import configured
+from pilotid.naming.text import split_call
 from pilotid.pilot.catalogue import MULTI, SINGLE
 from pilotid.pilot.element import ControlledElement, double_integrator
 from pilotid.pilot.model import PilotModel
@@ -45,6 +49,9 @@ class Scenario:
         Initial guesses are drawn within this share of the truth; 0 for the model's own.
     one_recording
         Whether all replications fit the same recording.
+    family, varied
+        Scenarios of one family differ in one number alone, such as ``duration`` or
+        ``remnant.level``; reports draw errors over it.
     """
 
     name: str
@@ -52,15 +59,17 @@ class Scenario:
     model: PilotModel = MULTI
     truth: tuple[float, ...] = tuple(MULTI.start)
     element: ControlledElement = field(default_factory=lambda: double_integrator(4.0))
-    target: Forcing | None = field(default_factory=seed_target)
-    disturbance: Forcing | None = field(default_factory=seed_disturbance)
+    target: Forcing | None = field(default_factory=paper_target)
+    disturbance: Forcing | None = field(default_factory=paper_disturbance)
     remnant: Remnant = field(default_factory=Remnant)
-    duration: float = SEED_PERIOD
+    duration: float = PERIOD
     run_in: float = 8.0
     dt: float = 0.02
     runs: int = 1
     start_spread: float = 0.0
     one_recording: bool = False
+    family: str = ""
+    varied: str = ""
 
     @property
     def values(self) -> FloatArray:
@@ -68,9 +77,9 @@ class Scenario:
         return self.model.vector(dict(zip(self.model.keys, self.truth, strict=True)))
 
 
-def _seed_scenarios() -> list[Scenario]:
+def _of_the_paper() -> list[Scenario]:
     nominal = Scenario("nominal", "both forcing functions, remnant gain 0.4 (Fig. 3, Table 3)")
-    # The seed raised the disturbance and the remnant four times in these cases.
+    # The paper raises the disturbance and the remnant four times in these cases.
     louder = replace(nominal.remnant, level=4.0 * nominal.remnant.level)
     step = half_and_half_step(nominal.duration)
     return [
@@ -93,7 +102,7 @@ def _seed_scenarios() -> list[Scenario]:
             name="disturbance-only",
             description="disturbance alone, forcing and remnant four times nominal (Table 3)",
             target=None,
-            disturbance=seed_disturbance().scaled(4.0),
+            disturbance=paper_disturbance().scaled(4.0),
             remnant=louder,
         ),
         replace(
@@ -123,6 +132,8 @@ def _seed_scenarios() -> list[Scenario]:
                 name=f"remnant-{gain:.1f}",
                 description=f"nominal with remnant gain {gain:.1f} (Figs 6 and 7)",
                 remnant=replace(nominal.remnant, level=gain),
+                family="remnant",
+                varied="remnant.level",
             )
             for gain in (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
         ),
@@ -136,15 +147,17 @@ def _seed_scenarios() -> list[Scenario]:
     ]
 
 
-def _beyond_the_seed() -> list[Scenario]:
+def _beyond_the_paper() -> list[Scenario]:
     nominal = Scenario("nominal", "")
     return [
         *(
             replace(
                 nominal,
-                name=f"length-{periods * SEED_PERIOD:.0f}",
-                description=f"nominal with a window of {periods * SEED_PERIOD:.4g} s",
-                duration=periods * SEED_PERIOD,
+                name=f"length-{periods * PERIOD:.0f}",
+                description=f"nominal with a window of {periods * PERIOD:.4g} s",
+                duration=periods * PERIOD,
+                family="length",
+                varied="duration",
             )
             for periods in (0.25, 0.5, 2, 4)
         ),
@@ -154,6 +167,8 @@ def _beyond_the_seed() -> list[Scenario]:
                 name=f"runs-{runs}",
                 description=f"nominal with {runs} runs, fitted jointly",
                 runs=runs,
+                family="runs",
+                varied="runs",
             )
             for runs in (2, 5, 10)
         ),
@@ -161,11 +176,77 @@ def _beyond_the_seed() -> list[Scenario]:
 
 
 #: Scenarios by the name that the command line takes.
-SCENARIOS: dict[str, Scenario] = {s.name: s for s in (*_seed_scenarios(), *_beyond_the_seed())}
+SCENARIOS: dict[str, Scenario] = {s.name: s for s in (*_of_the_paper(), *_beyond_the_paper())}
 
 
-def scenario_named(name: str) -> Scenario:
-    """The scenario of that name; `InputError` lists the names there are."""
+def scenarios_named(text: str) -> list[Scenario]:
+    """The scenarios that a text names.
+
+    Parameters
+    ----------
+    text
+        ``nominal``, ``nominal(runs=3)``, or ``file.py:NAME`` or ``package.module:NAME`` for
+        a scenario or a list of them.
+
+    Raises
+    ------
+    InputError
+        If there is none; the message lists the names there are.
+    """
+    if not is_place(text):
+        return [_from_catalogue(text)]
+    thing = taken(text)
+    own = list(thing) if isinstance(thing, list | tuple) else [thing]
+    if not own or not all(isinstance(scenario, Scenario) for scenario in own):
+        raise InputError(f"{text}: is no Scenario and no list of them")
+    return [checked(scenario) for scenario in own]
+
+
+def scenario_named(text: str) -> Scenario:
+    """The one scenario that a text names, see `scenarios_named`."""
+    first, *others = scenarios_named(text)
+    if others:
+        names = ", ".join(scenario.name for scenario in (first, *others))
+        raise InputError(f"{text}: holds several scenarios ({names}); name one of them")
+    return first
+
+
+def _from_catalogue(text: str) -> Scenario:
+    name, settings = split_call(text)
     if name not in SCENARIOS:
-        raise InputError(f"unknown scenario '{name}': choose from {', '.join(SCENARIOS)}")
-    return SCENARIOS[name]
+        there = ", ".join(SCENARIOS)
+        raise InputError(f"unknown scenario '{name}': choose from {there}, or name file.py:NAME")
+    scenario = SCENARIOS[name]
+    changed = configured(scenario, settings, text)
+    if changed == scenario or changed.name != name:
+        return checked(changed)
+    # Its name goes into files and links.
+    signs = re.sub(r"[^\w.]+", "-", f"{name}({settings})", flags=re.ASCII).strip("-")
+    return checked(replace(changed, name=signs, family="", varied=""))
+
+
+def checked(scenario: object) -> Scenario:
+    """A scenario, if its name is its own.
+
+    Raises
+    ------
+    InputError
+        If the name belongs to another scenario, or cannot be that of a file.
+    """
+    if not isinstance(scenario, Scenario):
+        raise InputError(f"{scenario!r}: is no Scenario")
+    name: object = scenario.name
+    if not isinstance(name, str) or not re.fullmatch(r"\w[\w.+-]{0,100}", name, re.ASCII):
+        raise InputError(
+            f"a scenario has the name {name!r}; it must be of letters, digits and the signs . + -"
+        )
+    if SCENARIOS.get(scenario.name, scenario) != scenario:
+        raise InputError(
+            f"a scenario has the name '{name}' of another one; give it a name of its own"
+        )
+    if len(scenario.truth) != len(scenario.model.keys):
+        raise InputError(
+            f"scenario {name}: its truth must be {len(scenario.model.keys)} numbers, for "
+            f"{', '.join(scenario.model.keys)}"
+        )
+    return scenario

@@ -40,14 +40,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from pilotid.chance import ONE_IN_10000, chi_squared_quantile
+from pilotid.chance import SELDOM, chi_squared_limit
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.response import FrequencyResponse
 from pilotid.frequency.regression import (
     BlackBox,
     Regression,
-    discrete_response,
-    known_dynamics,
+    channel_response,
     signals,
 )
 from pilotid.frequency.second_step import ResponseFit, second_step
@@ -97,20 +96,12 @@ class FirstStep:
         values
             Parameters of the pilot model at which errors are propagated.
         """
-        s = np.asarray(1j * self.omega, dtype=complex)
-        factors = np.array([known_dynamics(c, s) * s**c.derivative for c in self.model.channels])
-        reference = None if values is None else self.model.response(self.omega, values)
-        value, covariance = discrete_response(self.omega, self.dt, self.fit, factors, reference)
-        size = np.abs(value if reference is None else reference).ravel()
-        allowance = np.tile(0.5 * (self.misfit * size) ** 2, 2)
         structure = self.fit.structure
         delays = " and ".join(f"{d * self.dt:.2f} s" for d in structure.delays)
         zeros = " + ".join(str(z) for z in structure.zeros)
-        return FrequencyResponse(
-            self.omega,
-            value,
-            covariance + np.diag(allowance),
-            note=f"ARX of {structure.poles} and {zeros} coefficients, first lags {delays}",
+        note = f"ARX of {structure.poles} and {zeros} coefficients, first lags {delays}"
+        return channel_response(
+            self.model, self.omega, self.dt, self.fit, self.misfit, note, values
         )
 
 
@@ -163,6 +154,7 @@ class ARX:
     name: ClassVar[str] = "arx"
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
+        """Why least squares cannot tell the channels apart: a forcing function is missing."""
         signals_used = {c.input for c in model.channels}
         if len(signals_used) > 1:
             for name, forcing in (
@@ -202,6 +194,17 @@ class ARX:
         return FirstStep(found, regression.fit(best), model, dt, omega, self.misfit)
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
+        """Fit a long ARX model, and the pilot model to its response.
+
+        Parameters
+        ----------
+        recording
+            The recording; the rows of all its runs are stacked.
+        model
+            The pilot model, whose start is one of the starts of the second step.
+        rng
+            Draws the other starts.
+        """
         first = self.first_step(recording, model)
         used = first.fit.structure
         if first.search.samples < LEAST_ROWS * used.parameters:
@@ -271,7 +274,7 @@ def _regression(prediction: Prediction, poles: int, lags: list[tuple[int, int]])
     for terms in range(count):
         smaller = regression(terms)
         left = prediction.runs * (count - terms)
-        limit = chi_squared_quantile(left, ONE_IN_10000)
+        limit = chi_squared_limit(left, SELDOM)
         if smaller.costs([everything])[0] - cost <= limit * variance:
             return smaller
     return full

@@ -24,22 +24,23 @@ Bayesian Inference in Econometrics, 1971.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from pilotid.estimates.estimate import Estimate, Outcome, failed, outcome_of
+from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.pilot.model import PilotModel
 from pilotid.posterior.density import Posterior
-from pilotid.posterior.ensembles import USUAL_RUN, Run
+from pilotid.posterior.ensembles import DEFAULT_RUN, Run
 from pilotid.posterior.likelihood import Likelihood
 from pilotid.posterior.priors import Prior, priors_of
 from pilotid.posterior.sampling import Sampler, sample
 from pilotid.recordings.recording import Recording
-from pilotid.time_domain.maximum_likelihood import maximum
-from pilotid.time_domain.output_error import simulated_vaf
-from pilotid.time_domain.remnant_models import LowPass, NoiseModel
+from pilotid.time_domain.conclusion import concluded
+from pilotid.time_domain.maximum_likelihood import maximise_likelihood
+from pilotid.time_domain.remnant_models import LowPass
+from pilotid.time_domain.settings import LikelihoodSettings
 
 
 class Inference(NamedTuple):
@@ -50,11 +51,13 @@ class Inference(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Bayes:
+class Bayes(LikelihoodSettings):
     """Posterior of pilot and remnant parameters.
 
     Attributes
     ----------
+    search_band, candidates, refined, band, rounds, noise
+        See `pilotid.time_domain.settings.LikelihoodSettings`.
     likelihood
         ``remnant`` whitens by the remnant's spectrum, ``white`` takes the residual for white.
     sampler
@@ -63,14 +66,8 @@ class Bayes:
     priors
         Pairs of a parameter's key and a prior in the place of the default one: any frozen
         distribution of scipy.stats, truncated at the model's bounds.
-    noise
-        The remnant's model, where it is not to be chosen.
     intervals
         ``equal-tailed`` or ``highest-density``, the shortest.
-    band
-        Analysis band [rad/s]; None uses the full sampling rate.
-    search_band, candidates, refined, rounds
-        Of the search for the optimum, see `pilotid.time_domain.maximum_likelihood`.
     draws, wanted
         Draws of the importance sampler, and how many effective ones it must give.
     run
@@ -80,16 +77,10 @@ class Bayes:
     likelihood: Literal["remnant", "white"] = "remnant"
     sampler: Sampler = "auto"
     priors: tuple[tuple[str, Prior], ...] = ()
-    noise: NoiseModel | None = None
     intervals: Literal["equal-tailed", "highest-density"] = "equal-tailed"
-    band: float | None = 50.0
-    search_band: float = 26.0
-    candidates: int = 6
-    refined: int = 2
-    rounds: int = 3
     draws: int = 4000
     wanted: float = 1000.0
-    run: Run = USUAL_RUN
+    run: Run = DEFAULT_RUN
 
     @property
     def name(self) -> str:
@@ -97,11 +88,23 @@ class Bayes:
         return "bayes" if self.likelihood == "remnant" else "bayes-white"
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
+        """None: any recording and any model will do."""
         if self.sampler == "emcee":
             import emcee  # noqa: F401, before the fit is timed
         return None
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
+        """Sample the posterior.
+
+        Parameters
+        ----------
+        recording
+            The recording; all its runs share the pilot.
+        model
+            The pilot model, whose start is one of the starts of the search for the mode.
+        rng
+            Draws the other starts, and the posterior's draws.
+        """
         return self.infer(recording, model, rng).estimate
 
     def infer(
@@ -120,17 +123,9 @@ class Bayes:
         watch
             Is told the share of an emcee run that is done.
         """
-        found = maximum(
-            recording,
-            model,
-            rng,
-            band=self.band,
-            search_band=self.search_band,
-            candidates=self.candidates,
-            refined=self.refined,
-            rounds=self.rounds,
-            noise=LowPass(0) if self.likelihood == "white" else self.noise,
-        )
+        white = self.likelihood == "white"
+        settings = replace(self, noise=LowPass(0)) if white else self
+        found = maximise_likelihood(recording, model, rng, settings)
         joint = found.joint
         likelihood = Likelihood(joint)
         posterior = Posterior(likelihood, priors_of(model, joint.noise, self.priors))
@@ -152,16 +147,20 @@ class Bayes:
         values = draws.centre[:pilot]
         highest = self.intervals == "highest-density"
         intervals = draws.highest_density if highest else draws.equal_tailed
-        outcome, bounds = outcome_of(model, found.end.values[0, :pilot], sampled.converged)
-        estimate = Estimate(
+        estimate = concluded(
             self.name,
+            recording,
             model,
-            outcome,
-            values=values,
-            covariance=draws.covariance[:pilot, :pilot],
+            values,
+            draws.covariance[:pilot, :pilot],
+            converged=sampled.converged,
+            optimum=found.end.values[0, :pilot],
+        )
+        words = (estimate.message, sampled.message)
+        estimate = replace(
+            estimate,
             intervals=intervals[:pilot],
-            vaf=simulated_vaf(recording, model, values),
-            message="; ".join(part for part in (bounds, sampled.message) if part),
+            message="; ".join(part for part in words if part),
             iterations=found.iterations,
             starts=found.starts,
             remnant=found.remnant,

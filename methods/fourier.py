@@ -35,7 +35,7 @@ from pilotid.frequency.second_step import second_step
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.lines import NotMultisineError, forcing_lines
 from pilotid.recordings.recording import Recording
-from pilotid.solve.least_squares import gram_matrices, minimise
+from pilotid.solve.least_squares import Problem, minimise
 from pilotid.solve.search import search
 from pilotid.types import ComplexArray, FloatArray
 
@@ -62,6 +62,7 @@ class Fourier:
     name: ClassVar[str] = "fourier"
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
+        """Why the forcing functions have no lines, or too few, for the model's channels."""
         try:
             lines = forcing_lines(recording)
         except NotMultisineError as error:
@@ -89,6 +90,17 @@ class Fourier:
         return _response(coefficients, model, coefficients.first_residuals())
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
+        """Fit the equations at the lines, their leakage and weights in rounds.
+
+        Parameters
+        ----------
+        recording
+            The recording; the coefficients of all its runs are averaged in phase.
+        model
+            The pilot model, whose start is one of the starts of the search.
+        rng
+            Draws the other starts.
+        """
         coefficients = coefficients_of(recording, model, self.neighbours, self.trend)
         residuals = coefficients.first_residuals()
         problem = Equations(coefficients, model, coefficients.power(residuals))
@@ -149,7 +161,7 @@ def _with_interpolation_error(
     return replace(estimate, frequency_response=replace(response, systematic=error, note=note))
 
 
-class Equations:
+class Equations(Problem):
     """Residuals of U = sum of H I at the lines, less the trend of those at the bins beside.
 
     Parameters
@@ -194,7 +206,3 @@ class Equations:
         rows = sum(everything[:, c] @ inputs.T for c, inputs in enumerate(self._inputs))
         rows[:, -1] = self._control - rows[:, -1]
         return np.concatenate([rows.real, rows.imag], axis=-1)
-
-    def gram(self, values: FloatArray) -> FloatArray:
-        """Inner products of the rows, shape (sets, parameters + 1, parameters + 1)."""
-        return gram_matrices(self.rows, values)

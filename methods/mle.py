@@ -13,86 +13,75 @@ are skewed for short recordings; the profile-likelihood intervals say so.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
-from pilotid.estimates.estimate import Estimate, Outcome, failed, outcome_of, symmetric_intervals
+from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_of
 from pilotid.solve.intervals import profile_intervals
-from pilotid.time_domain.maximum_likelihood import maximum
-from pilotid.time_domain.output_error import simulated_vaf
+from pilotid.time_domain.conclusion import concluded
+from pilotid.time_domain.maximum_likelihood import maximise_likelihood
+from pilotid.time_domain.settings import LikelihoodSettings
 
 
 @dataclass(frozen=True)
-class MLE:
+class MLE(LikelihoodSettings):
     """Remnant-aware maximum likelihood.
 
     Attributes
     ----------
-    band
-        Analysis band [rad/s].
-    search_band
-        Narrower and cheaper band in which the optimum is searched [rad/s].
-    candidates, refined
-        Random starts screened, and starts minimised, see `pilotid.solve.search.search`.
-    rounds
-        How often the remnant's model is chosen anew at most, see
-        `pilotid.time_domain.maximum_likelihood`.
+    search_band, candidates, refined, band, rounds, noise
+        See `pilotid.time_domain.settings.LikelihoodSettings`.
     """
 
-    band: float = 50.0
-    search_band: float = 26.0
-    candidates: int = 6
-    refined: int = 2
-    rounds: int = 3
     name: ClassVar[str] = "mle"
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
+        """None: any recording and any model will do."""
         return None
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
-        found = maximum(
-            recording,
-            model,
-            rng,
-            band=self.band,
-            search_band=self.search_band,
-            candidates=self.candidates,
-            refined=self.refined,
-            rounds=self.rounds,
-        )
+        """Estimate pilot and remnant together; intervals follow the profile likelihood.
+
+        Parameters
+        ----------
+        recording
+            The recording; all its runs are fitted jointly.
+        model
+            The pilot model, whose start is one of the starts of the search.
+        rng
+            Draws the other starts.
+        """
+        found = maximise_likelihood(recording, model, rng, self)
         joint, end = found.joint, found.end
         values, gram = end.values[0], end.gram[0]
-        freedom = joint.samples - len(values)
-        variance = found.variance
-        covariance = covariance_of(gram[:-1, :-1], variance)
-        pilot = values[: joint.pilot]
+        pilot = slice(joint.pilot)
+        covariance = covariance_of(gram[:-1, :-1], found.variance)
+        shapeless = covariance is None
         if covariance is None:
             # A remnant without a shape (next to none, or white) leaves its own parameters
             # open, but not the pilot's.
-            own = covariance_of(gram[: joint.pilot, : joint.pilot], variance)
-            if own is None:
-                return failed(self.name, model, Outcome.SINGULAR)
-            covariance, intervals = own, symmetric_intervals(pilot, own)
-        else:
-            intervals = profile_intervals(
-                joint.gram, joint, end, variance, joint.pilot, estimated=freedom
-            )
-        outcome, message = outcome_of(model, pilot, bool(end.converged[0]))
-        return Estimate(
+            covariance = covariance_of(gram[pilot, pilot], found.variance)
+        if covariance is None:
+            return failed(self.name, model, Outcome.SINGULAR)
+        estimate = concluded(
             self.name,
+            recording,
             model,
-            outcome,
-            values=pilot,
-            covariance=covariance[: joint.pilot, : joint.pilot],
-            intervals=intervals,
-            vaf=simulated_vaf(recording, model, pilot),
-            message=message,
-            iterations=found.iterations,
-            starts=found.starts,
-            remnant=found.remnant,
+            values[pilot],
+            covariance[pilot, pilot],
+            converged=bool(end.converged[0]),
+        )
+        if not shapeless:
+            freedom = joint.residuals - len(values)
+            intervals = profile_intervals(
+                joint.gram, joint, end, found.variance, joint.pilot, estimated=freedom
+            )
+            estimate = replace(estimate, intervals=intervals)
+        return replace(
+            estimate, iterations=found.iterations, starts=found.starts, remnant=found.remnant
         )

@@ -17,68 +17,75 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from pilotid.estimates.estimate import Estimate, Outcome, failed, outcome_of, symmetric_intervals
+from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_of, sandwich
 from pilotid.solve.least_squares import minimise
 from pilotid.solve.search import record, search
-from pilotid.time_domain.output_error import LeastSquares, simulated_vaf
+from pilotid.time_domain.conclusion import concluded
+from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
+from pilotid.time_domain.settings import SearchSettings
 
 
 @dataclass(frozen=True)
-class MLEWhite:
+class MLEWhite(SearchSettings):
     """Maximum likelihood under a white residual.
 
     Attributes
     ----------
+    search_band, candidates, refined
+        See `pilotid.time_domain.settings.SearchSettings`; what the search finds is only
+        polished in the analysis band.
     band
-        Analysis band [rad/s]; None uses the full sampling rate, as the seed did.
-    search_band
-        Band of the search for the optimum, which the full rate then only polishes.
-    candidates, refined
-        Random starts screened, and starts minimised, see `pilotid.solve.search.search`.
+        Analysis band [rad/s]; None uses the full sampling rate, as the paper does.
     covariance
         ``claimed`` follows from the white residual; ``sandwich`` is measured on the
         residual as it is, see `pilotid.solve.covariance`.
     """
 
     band: float | None = None
-    search_band: float = 26.0
-    candidates: int = 6
-    refined: int = 2
     covariance: Literal["claimed", "sandwich"] = "claimed"
     name: ClassVar[str] = "mle-white"
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
+        """None: any recording and any model will do."""
         return None
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
-        coarse = LeastSquares(predict(recording, model, self.search_band))
+        """Minimise the sum of squares of the residual.
+
+        Parameters
+        ----------
+        recording
+            The recording; all its runs are fitted jointly.
+        model
+            The pilot model, whose start is one of the starts of the search.
+        rng
+            Draws the other starts.
+        """
+        coarse = OutputErrors(predict(recording, model, self.search_band))
         found = search(coarse.gram, model, rng, candidates=self.candidates, refined=self.refined)
         prediction = predict(recording, model, self.band)
-        terms = LeastSquares(prediction).noticeable_terms(found.values[0])
-        problem = LeastSquares(replace(prediction, terms=terms))
+        terms = OutputErrors(prediction).noticeable_terms(found.values[0])
+        problem = OutputErrors(replace(prediction, terms=terms))
         end = minimise(problem.gram, found.values[:1], model, tolerance=1e-6)
         values, gram = end.values[0], end.gram[0]
-        variance = gram[-1, -1] / (problem.samples - len(values))
+        variance = gram[-1, -1] / (problem.residuals - len(values))
         covariance = covariance_of(gram[:-1, :-1], variance)
         if self.covariance == "sandwich":
             rows = problem.rows(values[None])[0]
             covariance = sandwich(problem.gram, rows, values, prediction.dt)
         if covariance is None:
             return failed(self.name, model, Outcome.SINGULAR)
-        outcome, message = outcome_of(model, values, bool(end.converged[0]))
-        return Estimate(
+        estimate = concluded(
             self.name,
+            recording,
             model,
-            outcome,
-            values=values,
-            covariance=covariance,
-            intervals=symmetric_intervals(values, covariance),
-            vaf=simulated_vaf(recording, model, values, prediction if self.band is None else None),
-            message=message,
-            iterations=found.iterations + end.iterations,
-            starts=record(found),
+            values,
+            covariance,
+            converged=bool(end.converged[0]),
+            prediction=prediction if self.band is None else None,
         )
+        return replace(estimate, iterations=found.iterations + end.iterations, starts=record(found))

@@ -1,10 +1,10 @@
-"""The seed's estimator: output error by Gauss-Newton on a discrete state space.
+"""The estimator of AIAA 2008-7109: output error by Gauss-Newton on a discrete state space.
 
-Follows AIAA 2008-7109, section III, and Milne's MMLE3 toolbox as it is described
+Follows the paper, section III, and Milne's MMLE3 toolbox as it is described
 there: 5th-order Pade delays, a hold for the inputs, zero initial state, no bounds,
 W = RR^-1 renewed at every iteration, steps -(H + lambda I)^-1 g with a lambda that
 shrinks as the cost falls, and Cramer-Rao bounds [H^-1]_ii^(1/2) as standard errors.
-A fit fails, as the seed's did, when a step drives a time delay negative.
+A fit fails, as the paper's did, when a step drives a time delay negative.
 
 Kept for comparison only: hold, Pade and zero initial state each bias the estimate,
 and the white residual makes it inconsistent for a coloured remnant.  Use `mle`.
@@ -12,17 +12,18 @@ and the white residual makes it inconsistent for a coloured remnant.  Use `mle`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 import numpy as np
 
-from pilotid.estimates.estimate import Estimate, Outcome, failed, symmetric_intervals
+from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.pilot.factors import Rational
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_of
-from pilotid.time_domain.output_error import simulated_vaf
+from pilotid.time_domain.conclusion import concluded
 from pilotid.time_domain.prepare import prepare
 from pilotid.types import FloatArray
 
@@ -56,6 +57,7 @@ class MMLE3:
     name: ClassVar[str] = "mmle3"
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
+        """None: any recording and any model will do."""
         # Imported here, before the fit is timed, since they take longer than the fit.
         import control  # noqa: F401
         import scipy.signal  # noqa: F401
@@ -63,6 +65,17 @@ class MMLE3:
         return None
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
+        """Iterate from the model's start until the cost settles.
+
+        Parameters
+        ----------
+        recording
+            The recording; all its runs are fitted jointly.
+        model
+            The pilot model, whose start is the only one.
+        rng
+            Not used: nothing here is random.
+        """
         output = _Output(self, recording, model)
         values = model.start.copy()
         predicted = output.predict(values)
@@ -104,16 +117,25 @@ class MMLE3:
         covariance = covariance_of(jacobian @ jacobian.T, float(np.mean(residual**2)))
         if covariance is None:
             return failed(self.name, model, Outcome.SINGULAR)
-        return Estimate(
-            self.name,
-            model,
-            Outcome.CONVERGED,
-            values=values,
-            covariance=covariance,
-            intervals=symmetric_intervals(values, covariance),
-            vaf=simulated_vaf(recording, model, values),
+        estimate = concluded(self.name, recording, model, values, covariance, converged=True)
+        # There are no bounds here, so that none was reached.
+        return replace(
+            estimate,
+            outcome=Outcome.CONVERGED,
+            message="",
             iterations=iteration,
+            remarks=tuple(_far_off(model, values)),
         )
+
+
+def _far_off(model: PilotModel, values: FloatArray) -> Iterator[str]:
+    """A remark on each value that other methods' bounds exclude: this one has none."""
+    for p, value in zip(model.parameters, values.tolist(), strict=True):
+        if not p.lower <= value <= p.upper:
+            yield (
+                f"{p.key} = {value:.3g} lies outside {p.lower:g} to {p.upper:g}, where no pilot "
+                "is: give another --start"
+            )
 
 
 class _Output:

@@ -39,8 +39,7 @@ from pilotid.estimates.response import FrequencyResponse
 from pilotid.frequency.regression import (
     BlackBox,
     Regression,
-    discrete_response,
-    known_dynamics,
+    channel_response,
     lagged_rows,
     signals,
 )
@@ -95,6 +94,7 @@ class SINDy:
     name: ClassVar[str] = "sindy"
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
+        """Why no black box can tell the channels apart: error and output are one signal."""
         # Imported here, before the fit is timed, since it takes longer than the fit.
         import pysindy  # noqa: F401
 
@@ -107,6 +107,17 @@ class SINDy:
         return None
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
+        """Find a sparse model, and fit the pilot model to its response.
+
+        Parameters
+        ----------
+        recording
+            The recording; the rows of all its runs are stacked.
+        model
+            The pilot model, whose start is one of the starts of the second step.
+        rng
+            Resamples blocks of time, and draws the other starts.
+        """
         library = Library(self, recording, model)
         structure = library.best_delays()
         if library.count < LEAST_ROWS * structure.parameters:
@@ -126,9 +137,7 @@ class SINDy:
             return failed(self.name, model, Outcome.UNSTABLE_MODEL, reason)
         return second_step(self.name, recording, model, response, rng)
 
-    def regress(
-        self, library: Library, structure: Structure, rng: np.random.Generator
-    ) -> BlackBox:
+    def regress(self, library: Library, structure: Structure, rng: np.random.Generator) -> BlackBox:
         """The sparse model of one structure, with the covariance of its ensemble."""
         blocks = library.blocks(structure, self.block)
         triangle = _triangle(np.concatenate(blocks))
@@ -150,18 +159,12 @@ class SINDy:
         """Frequency response of a sparse model, with the allowance for its misfit."""
         lowest = max(self.lowest, 2.0 * np.pi / recording.duration)
         omega = np.geomspace(lowest, min(self.highest, 0.9 * np.pi / dt), self.points)
-        s = np.asarray(1j * omega, dtype=complex)
-        factors = np.array([known_dynamics(c, s) * s**c.derivative for c in model.channels])
-        value, covariance = discrete_response(omega, dt, sparse, factors)
-        allowance = np.tile(0.5 * (self.misfit * np.abs(value.ravel())) ** 2, 2)
         delays = " and ".join(f"{d * dt:.2f} s" for d in sparse.structure.delays)
-        return FrequencyResponse(
-            omega,
-            value,
-            covariance + np.diag(allowance),
-            note=f"sparse model of {np.count_nonzero(sparse.coefficients)} of "
-            f"{sparse.structure.parameters} terms, first lags {delays}",
+        note = (
+            f"sparse model of {np.count_nonzero(sparse.coefficients)} of "
+            f"{sparse.structure.parameters} terms, first lags {delays}"
         )
+        return channel_response(model, omega, dt, sparse, self.misfit, note)
 
 
 class Library:

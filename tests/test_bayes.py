@@ -12,18 +12,23 @@ from pilotid.datasets import SCENARIOS, simulate
 from pilotid.estimates.draws import Draws
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import identify
-from pilotid.estimates.quantities import derived
 from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.pilot.catalogue import MULTI, SINGLE
 from pilotid.posterior.ensembles import Run
-from pilotid.posterior.likelihood import Likelihood, prediction_error_filters, whitening_filters
+from pilotid.posterior.likelihood import Likelihood
 from pilotid.posterior.priors import HalfCauchy, LogNormal, Normal, default_prior, priors_of
 from pilotid.time_domain.fast_residuals import Residuals
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
-from pilotid.time_domain.remnant_models import Autoregressive, LowPass, NoiseModel, analysis_band
+from pilotid.time_domain.remnant_models import (
+    Autoregressive,
+    LowPass,
+    NoiseModel,
+    analysis_band,
+    prediction_error_filters,
+)
 from pilotid.types import FloatArray, InputError
 
 pytestmark = pytest.mark.numerical
@@ -84,13 +89,13 @@ def test_autoregressive_coefficients_are_integrated_out(offset: float) -> None:
         products = likelihood.lagged_products(own[None])[0]
         spread = np.linalg.inv(products[1:, 1:])
         root = np.linalg.cholesky(spread * (products[0] @ np.array([1.0, *centre]))) / np.sqrt(
-            likelihood.joint.samples
+            likelihood.joint.residuals
         )
         axis = np.linspace(-5.0, 5.0, 21)
         mesh = np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 3)
         taps = np.concatenate([np.ones((len(mesh), 1)), centre + mesh @ root.T], axis=1)
         squares = np.einsum("si,ij,sj->s", taps, products, taps)
-        power = -0.5 * likelihood.joint.samples * np.log(squares)
+        power = -0.5 * likelihood.joint.residuals * np.log(squares)
         logs.append(np.logaddexp.reduce(power) + np.log(np.linalg.det(root)))
     assert found[0] - found[1] == pytest.approx(logs[0] - logs[1], abs=1e-3)
 
@@ -113,7 +118,7 @@ def test_recursion_gives_the_whitening_filters() -> None:
     noise, band = LowPass(2), analysis_band(NOMINAL.dt, 50.0)
     values = np.array([[3.5, 0.7], [10.0, 0.2], [60.0, 1.5]])
     expected = noise.taps(values, band)[0]
-    np.testing.assert_allclose(whitening_filters(noise, values, band), expected, atol=1e-8)
+    np.testing.assert_allclose(noise.filters(values, band), expected, atol=1e-8)
     first_order = 0.8 ** np.arange(6.0)[None]
     expected = np.array([[1.0, -0.8, 0.0, 0.0, 0.0, 0.0]])
     np.testing.assert_allclose(prediction_error_filters(first_order), expected, atol=1e-12)
@@ -259,7 +264,7 @@ def test_a_white_likelihood_is_as_overconfident_as_that_of_output_error() -> Non
 
 def test_the_product_of_gain_and_lead_time_comes_from_the_draws() -> None:
     estimate = fit(Bayes())
-    (product,) = derived(estimate)
+    (product,) = estimate.derived
     draws = drawn(estimate)
     own = draws.values[:, 0] * draws.values[:, 1]
     assert product.value == pytest.approx(draws.weights @ own)

@@ -88,7 +88,7 @@ def test_simulate_writes_recording_sidecar_and_truth(simulated: Path) -> None:
     assert truth["seed"] == 3
     assert truth["parameters"]["tlead"] == {"value": 2.93, "unit": "s"}
     assert truth["controlled_element"]["numerator"] == [4.0]
-    # FACTS of the seed's pilot at K = 4: crossover and phase margin of both loops.
+    # FACTS of the paper's pilot at K = 4: crossover and phase margin of both loops.
     assert truth["loops"]["target"]["crossover"] == pytest.approx(2.38, abs=0.02)
     assert truth["loops"]["disturbance"]["phase_margin"] == pytest.approx(27.0, abs=1.0)
 
@@ -386,3 +386,107 @@ def test_compare_goes_on_where_it_stopped_and_does_not_mix(run: Run, tmp_path: P
     assert "seed" in (tmp_path / "report.md").read_text(encoding="utf-8")
     both = ("--workers", 1, "--scheduler", "tcp://127.0.0.1:1")
     refused(run(*options, *both), "--workers", "--scheduler")
+
+
+OWN = """
+from dataclasses import replace
+from pilotid.datasets import SCENARIOS
+from pilotid.methods.mle_white import MLEWhite
+
+ONE = replace(SCENARIOS["single"], name="one", duration=30.0)
+TWO = [ONE, replace(ONE, name="two", runs=2)]
+
+class Mine(MLEWhite):
+    "Maximum likelihood of my own."
+    name = "mine"
+"""
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> Path:
+    file = tmp_path / "own.py"
+    file.write_text(OWN)
+    return file
+
+
+def test_methods_and_scenarios_come_from_code_and_with_settings(
+    run: Run, own: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    methods = f"mle-white(candidates=3, refined=1),{own}:Mine(candidates=2)"
+    options = ("--method", methods, "--method", "mle-white", "--replications", 1, "--out", out)
+    assert run("compare", "--scenario", f"{own}:TWO,single(runs=2)", *options).status == 0
+    with (out / "summary.csv").open(newline="") as stream:
+        keys = {(row["scenario"], row["method"]) for row in csv.DictReader(stream)}
+    labels = ("mle-white", "mle-white(candidates=3, refined=1)", "mine(candidates=2)")
+    assert keys == {(s, m) for s in ("one", "two", "single-runs-2") for m in labels}
+    typed = f"--scenario '{own}:TWO,single(runs=2)'"
+    assert typed in (out / "report.md").read_text(encoding="utf-8")
+
+
+def test_fit_and_simulate_take_code_and_settings_too(run: Run, own: Path, tmp_path: Path) -> None:
+    csv_file = tmp_path / "one.csv"
+    assert run("simulate", f"{own}:ONE", "--out", csv_file).status == 0
+    fit = ("fit", csv_file, "--json", "-", "--method")
+    result = strict(run(*fit, f"arx,arx(memory=none),{own}:Mine").out)
+    names = [estimate["method"] for estimate in result["estimates"]]
+    assert names == ["arx", "arx(memory=none)", "mine"]
+    values = [e["parameters"]["tdvis"]["value"] for e in result["estimates"]]
+    assert len(set(values)) == 3
+    refused(run("simulate", f"{own}:TWO", "--out", csv_file), "one, two", "name one of them")
+    refused(run(*fit, "arx(memory=x)"), "memory must be a number or none", "memory=1.5")
+    refused(run(*fit, "arx(memory=1"), "not closed")
+    refused(run(*fit, f"{own}:Yours"), "holds no 'Yours'", "Mine")
+    refused(run(*fit, f"{own}:ONE"), "is no method")
+    refused(run("compare", "--scenario", f"{own}:Mine", "--out", tmp_path), "is no Scenario")
+    refused(run("compare", "--scenario", "single(run=2)", "--out", tmp_path), "'run'", "runs=1")
+
+
+def test_limits_of_fits_are_checked(run: Run, tmp_path: Path) -> None:
+    for option, value in (("--time-limit", -1), ("--time-limit", "nan"), ("--memory", "inf")):
+        refused(run("compare", option, value, "--out", tmp_path), option, "at least 0")
+
+
+def test_a_bad_file_does_not_cost_the_others(run: Run, simulated: Path, tmp_path: Path) -> None:
+    missing, out = tmp_path / "missing.csv", tmp_path / "f.json"
+    options = ("--method", "mle-white", "--json", out)
+    answer = run("fit", missing, simulated, *options)
+    assert answer.status == 2
+    assert answer.err == (
+        f"pilotid: {missing}: there is no such file; check the name and the folder\n"
+    )
+    assert strict(out.read_text())["recording"]["source"] == str(simulated)
+    out.unlink()
+    refused(run("fit", missing, simulated, "--joint", *options), "no such file")
+    assert not out.exists()
+
+
+def test_remarks_are_printed_and_written(run: Run, simulated: Path) -> None:
+    options = ("--method", "mle-white", "--model", "multi", "--map", "e=-e")
+    lines = run("fit", simulated, *options).out.splitlines()
+    remark = "e is not ft - x: e has the wrong sign; flip it with --map e=-e"
+    assert f"recording: {remark}" in lines
+    result = strict(run("fit", simulated, *options, "--json", "-").out)
+    assert result["recording"]["remarks"] == [remark]
+    told = [f"mle-white: {text}" for text in result["estimates"][0]["remarks"]]
+    assert [line for line in lines if line in told] == told
+    sound = strict(run("fit", simulated, "--method", "mle-white", "--json", "-").out)
+    assert sound["recording"]["remarks"] == sound["estimates"][0]["remarks"] == []
+
+
+def test_a_warning_is_one_line(run: Run, simulated: Path, tmp_path: Path) -> None:
+    file = tmp_path / "warns.py"
+    file.write_text(
+        "import warnings\n"
+        "from pilotid import MLEWhite\n"
+        "class Warns(MLEWhite):\n"
+        "    name = 'warns'\n"
+        "    def fit(self, *given):\n"
+        "        warnings.warn('mind\\nthe gap', RuntimeWarning)\n"
+        "        return super().fit(*given)\n"
+    )
+    program = "from pilotid.cli.main import main; main()"
+    command = [sys.executable, "-c", program, "fit", str(simulated), "--method", f"{file}:Warns"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0
+    assert done.stderr == "pilotid: RuntimeWarning: mind the gap\n"

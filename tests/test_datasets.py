@@ -19,8 +19,8 @@ from pilotid.datasets.forcing import (
     Steps,
     anti_aliasing,
     half_and_half_step,
-    seed_disturbance,
-    seed_target,
+    paper_disturbance,
+    paper_target,
 )
 from pilotid.datasets.remnant import UNIT_LEVEL, Remnant, white
 from pilotid.datasets.simulation import remnant_ratio, white_level
@@ -55,10 +55,10 @@ def rng(seed: int = 1) -> np.random.Generator:
 
 @pytest.mark.parametrize(
     ("forcing", "lines", "amplitudes"),
-    [(seed_disturbance(), FD_LINES, FD_AMPLITUDES), (seed_target(), FT_LINES, FT_AMPLITUDES)],
+    [(paper_disturbance(), FD_LINES, FD_AMPLITUDES), (paper_target(), FT_LINES, FT_AMPLITUDES)],
     ids=["disturbance", "target"],
 )
-def test_seed_forcing_functions_are_those_of_table_2(
+def test_the_paper_s_forcing_functions_are_those_of_table_2(
     forcing: Multisine, lines: tuple[int, ...], amplitudes: str
 ) -> None:
     assert forcing.lines == lines
@@ -68,7 +68,7 @@ def test_seed_forcing_functions_are_those_of_table_2(
 
 
 def test_lines_of_target_and_disturbance_interleave() -> None:
-    pairs = zip(seed_disturbance().lines, seed_target().lines, strict=True)
+    pairs = zip(paper_disturbance().lines, paper_target().lines, strict=True)
     together = [line for pair in pairs for line in pair]
     assert together == sorted(set(together))
 
@@ -81,17 +81,17 @@ def test_multisine_samples_by_hand() -> None:
     )
 
 
-def test_seed_target_samples_by_hand() -> None:
+def test_the_paper_s_target_samples_by_hand() -> None:
     for time in (-8.0, 0.0, 0.5, 40.96, 77.7):
         by_hand = sum(
             float(f"0.{a}") * math.sin(2.0 * math.pi * k / 81.92 * time)
             for k, a in zip(FT_LINES, FT_AMPLITUDES.split(), strict=True)
         )
-        assert seed_target().at(np.array([time]))[0] == pytest.approx(by_hand, abs=1e-12)
+        assert paper_target().at(np.array([time]))[0] == pytest.approx(by_hand, abs=1e-12)
 
 
 def test_random_phases_keep_the_amplitude_spectrum() -> None:
-    forcing = seed_target()
+    forcing = paper_target()
     variants = [forcing.with_random_phases(rng(seed)) for seed in (1, 1, 2)]
     spectra = [np.fft.rfft(f.at(WINDOW)) * 2.0 / SAMPLES for f in (forcing, *variants)]
     expected = np.zeros(SAMPLES // 2 + 1)
@@ -104,7 +104,7 @@ def test_random_phases_keep_the_amplitude_spectrum() -> None:
 
 
 def test_scaled_multiplies_the_signal() -> None:
-    for forcing in (seed_disturbance(), half_and_half_step(81.92)):
+    for forcing in (paper_disturbance(), half_and_half_step(81.92)):
         np.testing.assert_allclose(
             forcing.scaled(4.0).at(WINDOW), 4.0 * forcing.at(WINDOW), rtol=1e-12, atol=1e-12
         )
@@ -150,7 +150,7 @@ def lagged(omega: FloatArray) -> ComplexArray:
 
 
 def test_multisine_through_a_system_equals_the_sum_of_its_lines() -> None:
-    forcing = seed_disturbance().with_random_phases(rng(3))
+    forcing = paper_disturbance().with_random_phases(rng(3))
     time = np.array([-7.5, -0.01, 0.0, 3.3, 81.0])
     expected = np.zeros(time.size)
     for line, amplitude, phase in zip(
@@ -203,7 +203,7 @@ def test_impossible_remnant_is_refused(changes: dict[str, object], words: str) -
 @pytest.mark.parametrize(
     ("gain", "ratio", "tolerance"), [(0.1, 0.03, 0.002), (0.4, 0.21, 0.01), (0.8, 0.305, 0.015)]
 )
-def test_remnant_gain_has_the_seeds_scale(gain: float, ratio: float, tolerance: float) -> None:
+def test_remnant_gain_has_the_paper_s_scale(gain: float, ratio: float, tolerance: float) -> None:
     assert remnant_ratio(SCENARIOS[f"remnant-{gain}"]) == pytest.approx(ratio, abs=tolerance)
 
 
@@ -281,7 +281,7 @@ def test_target_scenarios_have_no_disturbance_and_the_nominal_remnant(name: str)
     scenario = SCENARIOS[name]
     assert scenario.disturbance is None
     assert scenario.remnant == NOMINAL.remnant
-    expected = seed_target() if name == "target-only" else half_and_half_step(81.92)
+    expected = paper_target() if name == "target-only" else half_and_half_step(81.92)
     assert scenario.target == expected
 
 
@@ -290,7 +290,7 @@ def test_disturbance_scenarios_are_four_times_as_loud(name: str) -> None:
     scenario = SCENARIOS[name]
     assert scenario.target is None
     assert scenario.remnant == replace(NOMINAL.remnant, level=1.6)
-    unit = seed_disturbance() if name == "disturbance-only" else half_and_half_step(81.92)
+    unit = paper_disturbance() if name == "disturbance-only" else half_and_half_step(81.92)
     assert scenario.disturbance == unit.scaled(4.0)
 
 
@@ -298,7 +298,7 @@ def test_nominal_and_single_scenarios_are_those_of_the_paper() -> None:
     for name in ("nominal", "single"):
         scenario = SCENARIOS[name]
         assert scenario.element == double_integrator(4.0)
-        assert (scenario.target, scenario.disturbance) == (seed_target(), seed_disturbance())
+        assert (scenario.target, scenario.disturbance) == (paper_target(), paper_disturbance())
         assert scenario.remnant.level == 0.4
         assert scenario.remnant.order == 2
     assert NOMINAL.truth == (0.17, 2.93, 0.32, 1.59, 0.29, 12.0, 0.3)

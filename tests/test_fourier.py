@@ -116,7 +116,7 @@ def test_the_residual_is_that_of_the_lines_less_the_trend_beside_them() -> None:
 
 def test_power_of_the_remnant_is_that_of_its_spectrum() -> None:
     # Above 8 rad/s leakage would exceed it many times.
-    from pilotid.datasets.experiments import spectra
+    from pilotid.datasets.experiments import experiment_of
 
     expected = None
     ratios = []
@@ -126,7 +126,7 @@ def test_power_of_the_remnant_is_that_of_its_spectrum() -> None:
         exact = coefficients.residuals(MULTI.response(coefficients.omega, NOMINAL.values))
         if expected is None:
             omega = coefficients.omega[: coefficients.lines]
-            density = spectra(NOMINAL).circulation(omega)[2]
+            density = experiment_of(NOMINAL).circulation(omega)[2]
             expected = density / (recording.samples)
         ratios.append(coefficients.power(exact) / expected)
     mean = np.mean(ratios, axis=0)

@@ -30,7 +30,7 @@ def of_control(system: control.TransferFunction, omega: FloatArray) -> FloatArra
     return np.asarray(control.frequency_response(system, omega).complex)
 
 
-# ------------------------------------------------------------------ the loops of the seed
+# ------------------------------------------------------------------ the loops of the paper
 
 
 @pytest.mark.parametrize(
@@ -41,7 +41,7 @@ def of_control(system: control.TransferFunction, omega: FloatArray) -> FloatArra
     ],
     ids=["multi", "single"],
 )
-def test_margins_of_the_seeds_loops(
+def test_margins_of_the_paper_s_loops(
     model: PilotModel, target: tuple[float, float], disturbance: tuple[float, float]
 ) -> None:
     found = margins(model, model.start, double_integrator(4.0))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import FrozenInstanceError, fields, is_dataclass, replace
+from dataclasses import FrozenInstanceError, fields, replace
 from functools import cache
 
 import numpy as np
@@ -15,8 +15,8 @@ from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import Method, identify
 from pilotid.methods import METHODS, methods
 from pilotid.pilot.catalogue import MULTI, SINGLE
-from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import SIGNALS, Recording
+from pilotid.testing import DIFFICULT, bare, check_estimate, check_settings, recording_for, tiny
 
 pytestmark = pytest.mark.numerical
 
@@ -27,9 +27,7 @@ every_method = pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
 every_model = pytest.mark.parametrize("model", MODELS)
 
 
-@cache
-def recording_of(model: str) -> Recording:
-    return simulate(SCENARIOS[model], np.random.default_rng(11))
+recording_of = cache(recording_for)
 
 
 @cache
@@ -37,43 +35,23 @@ def fitted(method: Method, model: str) -> Estimate:
     return identify(method, recording_of(model), MODELS[model], np.random.default_rng(2))
 
 
-def assert_sound(estimate: Estimate, method: Method, model: PilotModel) -> None:
-    """Shapes and the sense of what an estimate claims, whatever its outcome."""
-    count = len(model.parameters)
-    assert estimate.method == method.name
-    assert estimate.model is model
-    assert estimate.values.shape == (count,)
-    assert estimate.covariance.shape == (count, count)
-    assert estimate.intervals.shape == (count, 2)
-    assert estimate.seconds >= 0.0 or estimate.outcome is Outcome.NOT_APPLICABLE
-    if not estimate.outcome.usable:
-        return
-    assert np.isfinite(estimate.values).all()
-    assert np.allclose(estimate.correlation, estimate.correlation.T, rtol=0.0, atol=1e-9)
-    assert (estimate.std_error > 0.0).all()
-    assert np.linalg.eigvalsh(estimate.correlation)[0] > -1e-9
-    assert (estimate.intervals[:, 0] <= estimate.values).all()
-    assert (estimate.values <= estimate.intervals[:, 1]).all()
-    assert 0.0 <= estimate.vaf <= 100.0
-
-
 @every_method
 def test_a_method_is_a_frozen_dataclass_of_settings(method: Method) -> None:
-    assert is_dataclass(method)
+    check_settings(method)
     assert methods()[method.name] is method
     for setting in fields(method):
         assert f"{setting.name}={getattr(method, setting.name)!r}" in repr(method)
         with pytest.raises(FrozenInstanceError):
             setattr(method, setting.name, None)
-    assert hash(method) == hash(replace(method))
-    assert type(method).__doc__
 
 
 @every_method
 @every_model
 def test_an_estimate_is_sound(method: Method, model: str) -> None:
     estimate = fitted(method, model)
-    assert_sound(estimate, method, MODELS[model])
+    check_estimate(estimate, method, MODELS[model])
+    assert 0.0 <= estimate.vaf <= 100.0
+    assert estimate.seconds >= 0.0
     assert estimate.outcome.usable, estimate.sentence
 
 
@@ -116,43 +94,16 @@ def test_the_recording_stays_as_it_is(method: Method) -> None:
         assert not signal.flags.writeable
 
 
-def control_is_noise(recording: Recording) -> Recording:
-    noise = np.random.default_rng(7).standard_normal(recording.u.shape)
-    return replace(recording, u=noise)
-
-
-def tiny(recording: Recording) -> Recording:
-    """In other units, by a power of two so that no sample is rounded."""
-    return replace(recording, **{n: 2.0**-40 * getattr(recording, n) for n in SIGNALS})
-
-
-def huge_offset(recording: Recording) -> Recording:
-    return replace(recording, u=recording.u + 1e6, x=recording.x - 1e6)
-
-
-def bare(recording: Recording) -> Recording:
-    return replace(recording, ft=None, fd=None, run_in=0, lines={})
-
-
-def control_follows_nothing_but_itself(recording: Recording) -> Recording:
-    time = recording.time[None]
-    return replace(recording, u=np.exp(0.02 * time) * np.sin(0.3 * time))
-
-
 @every_method
 @every_model
-@pytest.mark.parametrize(
-    "spoil",
-    [control_is_noise, huge_offset, control_follows_nothing_but_itself],
-    ids=lambda f: f.__name__,
-)
+@pytest.mark.parametrize("spoil", DIFFICULT, ids=lambda f: f.__name__)
 def test_a_difficult_recording_gives_an_outcome_and_no_exception(
     method: Method, model: str, spoil: Callable[[Recording], Recording]
 ) -> None:
     # Which outcome is for the method to say, and may be for rounding; that it is one is not.
     recording = spoil(recording_of(model))
     estimate = identify(method, recording, MODELS[model], np.random.default_rng(2))
-    assert_sound(estimate, method, MODELS[model])
+    check_estimate(estimate, method, MODELS[model])
 
 
 @every_method
@@ -162,7 +113,7 @@ def test_without_forcing_functions_a_method_objects_or_does_without(
 ) -> None:
     recording = bare(recording_of(model))
     estimate = identify(method, recording, MODELS[model], np.random.default_rng(2))
-    assert_sound(estimate, method, MODELS[model])
+    check_estimate(estimate, method, MODELS[model])
     if method.objection(recording, MODELS[model]):
         assert estimate.outcome is Outcome.NOT_APPLICABLE
     else:

@@ -16,7 +16,7 @@ from pilotid.pilot.factors import Parameter
 from pilotid.pilot.model import PilotModel
 from pilotid.solve.least_squares import Gram, Minima, minimise, solve_linear
 from pilotid.solve.search import draw_starts, record, search
-from pilotid.time_domain.output_error import LeastSquares
+from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
 from pilotid.types import BoolArray, FloatArray
 
@@ -28,13 +28,13 @@ Rows = Callable[[FloatArray], FloatArray]
 
 
 @cache
-def pilot_problem(seed: int = 1) -> LeastSquares:
+def pilot_problem(seed: int = 1) -> OutputErrors:
     """The nominal scenario with its remnant, so that the residual is large."""
     recording = simulate(SCENARIOS["nominal"], np.random.default_rng(seed))
-    return LeastSquares(predict(recording, MULTI, 26.0))
+    return OutputErrors(predict(recording, MULTI, 26.0))
 
 
-def flat_rows(problem: LeastSquares) -> Rows:
+def flat_rows(problem: OutputErrors) -> Rows:
     """Jacobian and residual of one parameter set, shape (parameters + 1, samples)."""
     return lambda values: problem.rows(values[None])[0].reshape(values.size + 1, -1)
 
@@ -316,7 +316,7 @@ def test_drawn_starts_are_reproducible() -> None:
 def test_search_finds_the_optimum_next_to_the_truth_from_a_poor_start(name: str) -> None:
     scenario = SCENARIOS[name]
     recording = simulate(scenario, np.random.default_rng(13))
-    problem = LeastSquares(predict(recording, scenario.model, 26.0))
+    problem = OutputErrors(predict(recording, scenario.model, 26.0))
     best = minimise(problem.gram, scenario.values[None], scenario.model)
     poor = scenario.model.with_start({"Kvis": 2.0, "tlead": 0.1, "tdvis": 0.8, "fnm": 30.0})
     found = search(problem.gram, poor, np.random.default_rng(14), refined=4, tolerance=1e-9)
@@ -334,7 +334,7 @@ def test_search_screens_candidates_and_minimises_the_best_besides_the_models_own
     problem = pilot_problem()
     sets: list[FloatArray] = []
 
-    class Watched(LeastSquares):
+    class Watched(OutputErrors):
         def gram(self, values: FloatArray) -> FloatArray:
             sets.append(values)
             return super().gram(values)

@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 from helpers import NOMINAL, fit_of, part_of, without_remnant
 
+from pilotid.chance import CHI_SQUARED_95
 from pilotid.datasets import SCENARIOS, Scenario, simulate
 from pilotid.estimates.estimate import Outcome
 from pilotid.estimates.method import identify
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.pilot.catalogue import MULTI
-from pilotid.solve.intervals import CHI_SQUARED_95, profile_intervals
+from pilotid.solve.intervals import profile_intervals
 from pilotid.solve.least_squares import minimise
-from pilotid.time_domain.output_error import LeastSquares
+from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.remnant_models import Autoregressive, Band, LowPass, NoiseModel
@@ -92,7 +93,7 @@ def test_profile_intervals_end_where_the_profile_likelihood_does() -> None:
     joint = joint_of(NOMINAL, LowPass(2), 3)
     start = np.concatenate([TRUTH, [3.5, 0.7]])[None]
     minimum = minimise(joint.gram, start, joint, tolerance=1e-10)
-    freedom = joint.samples - 9
+    freedom = joint.residuals - 9
     variance = minimum.cost[0] / freedom
     found = profile_intervals(joint.gram, joint, minimum, variance, 7, estimated=freedom)
     for index in (0, 1, 5):
@@ -158,9 +159,9 @@ def test_an_offset_of_the_control_is_noticed_and_taken_out() -> None:
     moves = np.abs(shifted.values - plain.values) / plain.std_error
     assert (moves[:2] < 3.0).all()
     assert (moves[2:] < 1.0).all()
-    problem = LeastSquares(predict(moved, MULTI, 50.0))
+    problem = OutputErrors(predict(moved, MULTI, 50.0))
     assert 0.0 in problem.noticeable_terms(TRUTH)
-    assert problem.noticeable_terms(TRUTH) != LeastSquares(
+    assert problem.noticeable_terms(TRUTH) != OutputErrors(
         predict(recording, MULTI, 50.0), LowPass(2).taps(np.array([[3.5, 0.7]]), BAND)[0][0]
     ).noticeable_terms(TRUTH)
 

@@ -100,14 +100,14 @@ def test_the_start_does_not_matter() -> None:
 # ------------------------------------------------------------------------------------- mmle3
 
 
-def test_a_coloured_remnant_makes_the_seed_s_estimator_biased_and_overconfident() -> None:
+def test_a_coloured_remnant_makes_the_paper_s_estimator_biased_and_overconfident() -> None:
     fits = monte_carlo(MMLE3(), NOMINAL, 12)
     estimates = [e for e in fits if e.outcome.usable]
-    assert len(estimates) >= 10  # a fit that fails was left out by the seed as well
+    assert len(estimates) >= 10  # a fit that fails was left out by the paper as well
     values = np.array([e.values for e in estimates])
     index = MULTI.keys.index("tdvest")
     bias = scores.bias(values[:, index], MULTI.start[index])
-    assert bias > 0.10 * MULTI.start[index]  # the seed found 16 %
+    assert bias > 0.10 * MULTI.start[index]  # the paper finds 16 %
     assert bias > LIMIT * scores.bias_std_error(values[:, index])
     claimed = np.mean([e.std_error for e in estimates], axis=0)
     scatter = np.std(values, axis=0, ddof=1)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from pilotid.datasets import SCENARIOS, simulate
 from pilotid.pilot.catalogue import GAIN_ONLY, LEAD_LAG, MODELS, MULTI, RATE, SINGLE, model_named
 from pilotid.pilot.factors import (
     Canals,
@@ -26,6 +27,8 @@ from pilotid.pilot.factors import (
     pade,
 )
 from pilotid.pilot.model import Channel, PilotModel
+from pilotid.time_domain.fast_residuals import Residuals
+from pilotid.time_domain.prediction import predict
 from pilotid.types import ComplexArray, FloatArray, InputError
 
 pytestmark = pytest.mark.numerical
@@ -250,7 +253,7 @@ def test_conflicting_shared_parameters_are_refused() -> None:
         Channel("motion", "output", -1, (Gain("Km"), Neuromuscular(frequency_start=9.0))),
     )
     with pytest.raises(ValueError, match=r"^model torn: .*share parameter fnm must.*$") as caught:
-        _ = PilotModel("torn", channels).parameters
+        PilotModel("torn", channels)
     assert len(str(caught.value).splitlines()) == 1
 
 
@@ -431,3 +434,71 @@ def test_catalogue_parameters_are_usable_for_a_search(model: PilotModel) -> None
         # Positive parameters move on a logarithmic scale.
         assert not p.positive or p.lower > 0.0
         assert math.isfinite(p.upper)
+
+
+# ------------------------------------------------------- factors and channels of one's own
+
+
+@dataclass(frozen=True)
+class HalfDelay:
+    """A user's own delay, whose parameter is twice the time; with or without the fast form."""
+
+    key: str = "twice"
+    fixed_poles = ()
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        usual = (0.2, 1.0)
+        return (Parameter(self.key, "s", 0.0, 2.0, 0.6, usual, positive=False, delay=True),)
+
+    def response(self, s: ComplexArray, values: Values) -> ComplexArray:
+        return np.exp(-0.5 * values[0] * s)
+
+    def log_derivative(self, s: ComplexArray, values: Values) -> tuple[ComplexArray]:
+        return (-0.5 * s,)
+
+    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
+        return pade(0.5 * float(values[0]), pade_order)
+
+
+class FastHalfDelay(HalfDelay):
+    def seconds(self, values: Values) -> FloatArray:
+        return 0.5 * values[0]
+
+
+@pytest.mark.parametrize("factor", [HalfDelay(), FastHalfDelay()], ids=lambda f: type(f).__name__)
+def test_a_delay_of_one_s_own_is_a_delay(factor: Factor) -> None:
+    channel = Channel("visual", "error", 1, (Gain("Kvis", 0.32), Lead(), factor, Neuromuscular()))
+    model = PilotModel("own", (channel,))
+    assert [model.keys[i] for i in model.delays] == ["twice"]
+    # What samplers evaluate is what everybody else does.
+    prediction = predict(simulate(SCENARIOS["single"], np.random.default_rng(1)), model, 26.0)
+    sets = np.stack([model.start, 1.1 * model.start])
+    fast = Residuals(prediction).spectra(sets)
+    np.testing.assert_allclose(fast, prediction.row_spectra(sets)[:, -1], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize(("sign", "name"), [(2, "error"), (0, "error"), (1, "sight")])
+def test_a_channel_that_makes_no_sense_is_refused_when_it_is_made(sign: int, name: str) -> None:
+    word = "the sign must be 1 or -1" if name == "error" else "one of error, output"
+    with pytest.raises(ValueError, match=word):
+        Channel("visual", name, sign, (Gain("K"),))  # type: ignore[arg-type]
+
+
+def test_a_model_without_channels_is_refused() -> None:
+    with pytest.raises(ValueError, match="has no channel"):
+        PilotModel("empty", ())
+
+
+@pytest.mark.parametrize(
+    ("key", "unit"),
+    [("$K$", ""), ("", ""), ("1K", ""), ("K x", ""), ("K", "$$"), ("K", "\x1b[31m")],
+)
+def test_a_key_or_a_unit_that_no_figure_can_show_is_refused(key: str, unit: str) -> None:
+    with pytest.raises(ValueError, match=r"must be (a letter|at most 40 printable)"):
+        Parameter(key, unit, 0.1, 10.0, 1.0, (0.5, 5.0))
+
+
+def test_a_channel_s_name_that_no_figure_can_show_is_refused() -> None:
+    with pytest.raises(ValueError, match="the name must be letters"):
+        Channel("$x$", "error", 1, (Gain("K"),))

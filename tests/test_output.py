@@ -11,14 +11,13 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from pilotid.disk import strict_json
 from pilotid.estimates.estimate import Estimate, Outcome, Starts, failed, symmetric_intervals
-from pilotid.estimates.quantities import Quantity, derived, parameters
+from pilotid.estimates.quantities import Quantity
 from pilotid.estimates.response import FrequencyResponse
+from pilotid.estimates.tables import quantity_table, side_by_side
 from pilotid.pilot.catalogue import MODELS, SINGLE
-from pilotid.show.json import estimate_json, strict_json
-from pilotid.show.numbers import value_and_interval
-from pilotid.show.terminal import fit_table, print_table, side_by_side
-from pilotid.show.words import verdict
+from pilotid.terminal import print_table
 
 
 def estimate(method: str = "mine", **fields: object) -> Estimate:
@@ -42,7 +41,7 @@ def estimate(method: str = "mine", **fields: object) -> Estimate:
 
 
 def test_product_of_gain_and_lead_by_the_delta_method() -> None:
-    (product,) = derived(estimate())
+    (product,) = estimate().derived
     assert (product.key, product.unit, product.value) == ("Kvis*tlead", "s", 1.0)
     # (2 * .1)^2 + (.5 * .3)^2 + 2 * 2 * .5 * (-.9 * .1 * .3) = .04 + .0225 - .054 = .0085
     assert product.std_error == pytest.approx(math.sqrt(0.0085))
@@ -50,7 +49,7 @@ def test_product_of_gain_and_lead_by_the_delta_method() -> None:
 
 
 def test_a_model_without_lead_has_no_such_product() -> None:
-    assert derived(failed("mine", MODELS["gain"], Outcome.SINGULAR)) == []
+    assert failed("mine", MODELS["gain"], Outcome.SINGULAR).derived == []
 
 
 @pytest.mark.parametrize(
@@ -68,22 +67,22 @@ def test_figures_have_the_digits_that_the_error_allows(
     value: float, error: float, text: str, interval: str
 ) -> None:
     quantity = Quantity("k", "", value, error, value - 1.96 * error, value + 1.96 * error)
-    assert value_and_interval(quantity) == (text, interval)
+    assert quantity.shown() == (text, interval)
 
 
 def test_verdict_tells_outcome_fit_starts_and_time() -> None:
     starts = Starts(np.array([1.0, 1.0, 1.3]), agreeing=2)
     full = estimate(message="barely", starts=starts, seconds=0.0123)
     words = "mine: converged (barely); VAF 80.0 %; 2 of 3 starts agree"
-    assert verdict(full) == f"{words}; 0.012 s"
-    assert verdict(full, timed=False) == words
-    assert verdict(failed("x", SINGLE, Outcome.SINGULAR)) == (
+    assert full.verdict() == f"{words}; 0.012 s"
+    assert full.verdict(timed=False) == words
+    assert failed("x", SINGLE, Outcome.SINGULAR).verdict() == (
         "x: failed: the information matrix is singular"
     )
 
 
 def test_json_of_a_failure_is_null_where_there_is_no_number() -> None:
-    text = strict_json(estimate_json(failed("x", SINGLE, Outcome.NEGATIVE_DELAY)))
+    text = strict_json(failed("x", SINGLE, Outcome.NEGATIVE_DELAY).to_dict())
     entry = json.loads(text)
     assert "NaN" not in text
     assert entry["outcome"] == "negative-delay"
@@ -98,8 +97,8 @@ def test_json_of_a_failure_is_null_where_there_is_no_number() -> None:
 
 
 def test_json_of_an_estimate() -> None:
-    entry = estimate_json(estimate(seconds=0.5))
-    assert list(parameters(estimate())[0].__dict__.values())[:4] == ["Kvis", "", 0.5, 0.1]
+    entry = estimate(seconds=0.5).to_dict()
+    assert list(estimate().parameters[0].__dict__.values())[:4] == ["Kvis", "", 0.5, 0.1]
     assert json.loads(strict_json(entry))["correlation"][0][1] == pytest.approx(-0.9)
     assert "frequency_response" not in entry
 
@@ -113,7 +112,7 @@ def test_json_of_a_two_step_method_holds_its_frequency_response() -> None:
         note="some words",
     )
     found = replace(estimate(), frequency_response=response)
-    assert estimate_json(found)["frequency_response"] == {
+    assert found.to_dict()["frequency_response"] == {
         "omega": [1.0, 2.0],
         "note": "some words",
         "visual": {
@@ -123,18 +122,67 @@ def test_json_of_a_two_step_method_holds_its_frequency_response() -> None:
             "systematic": [0.1, 0.0],
         },
     }
-    assert "some words" in verdict(found)
+    assert "some words" in found.verdict()
 
 
 @pytest.mark.parametrize(("width", "tables"), [(80, 3), (140, 1)])
 def test_tables_stay_within_the_width(width: int, tables: int) -> None:
     several = [estimate(name) for name in ("one", "two", "three")]
-    groups = side_by_side(several, width)
+    groups = side_by_side([(e.method, e.quantities) for e in several], width)
     assert len(groups) == tables
     for group in groups:
         stream = io.StringIO()
-        print_table(Console(file=stream, width=width), fit_table(group))
+        print_table(Console(file=stream, width=width), quantity_table(group))
         lines = stream.getvalue().splitlines()
         assert len(lines) == 2 + len(SINGLE.keys) + 1
         assert max(map(len, lines)) <= width
         assert "…" not in stream.getvalue()
+
+
+# ------------------------------------------------------------------- results that speak
+
+
+def test_an_estimate_gives_its_quantities_by_key() -> None:
+    own = estimate()
+    gain = own["Kvis"]
+    assert (gain.value, gain.std_error, gain.interval) == (0.5, 0.1, (gain.lower, gain.upper))
+    assert own["Kvis*tlead"] == own.derived[0]
+    assert str(own["tlead"]).startswith("tlead = 2.00 ± 0.30 s, 95 % ")
+    with pytest.raises(KeyError, match="Kvest: the estimate has Kvis, tlead"):
+        own["Kvest"]
+
+
+def test_repr_is_one_line_and_summary_what_fit_prints(capsys: pytest.CaptureFixture[str]) -> None:
+    own = estimate("mine", remarks=("mind the gap",))
+    assert repr(own).startswith("<Estimate of model single by mine: Kvis 0.50 ± 0.10, tlead ")
+    assert "\n" not in repr(own)
+    own.summary()
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[0].split() == ["parameter", "unit", "mine", "95", "%", "interval"]
+    assert [line.split()[0] for line in printed[2:8]] == [*SINGLE.keys, "Kvis*tlead"]
+    assert printed[-2] == "mine: converged; VAF 80.0 %"
+    assert printed[-1] == "mind the gap"
+    broken = failed("x", SINGLE, Outcome.SINGULAR)
+    assert repr(broken) == (
+        "<Estimate of model single by x: failed: the information matrix is singular>"
+    )
+    assert str(broken) == "x: failed: the information matrix is singular"
+
+
+def test_a_notebook_shows_a_table_and_nothing_unescaped() -> None:
+    own = estimate("<b>", remarks=("<script>",))
+    page = own._repr_html_()
+    assert page.count("<tr>") == 1 + len(SINGLE.keys) + 1
+    assert "&lt;b&gt;" in page
+    assert "<script>" not in page
+    assert "<table" not in failed("x", SINGLE, Outcome.SINGULAR)._repr_html_()
+
+
+def test_a_data_frame_has_a_row_for_each_quantity() -> None:
+    pytest.importorskip("pandas")
+    frame = estimate().to_dataframe()
+    assert list(frame.columns) == [
+        "parameter", "unit", "value", "std_error", "lower_95", "upper_95",
+    ]  # fmt: skip
+    assert list(frame["parameter"]) == [*SINGLE.keys, "Kvis*tlead"]
+    assert frame["value"][0] == 0.5

@@ -14,7 +14,7 @@ from pilotid.pilot.factors import Canals
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import minimise
-from pilotid.time_domain.output_error import LeastSquares
+from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict, predict_circular
 from pilotid.time_domain.prepare import decimation, prepare
 from pilotid.types import FloatArray
@@ -51,7 +51,7 @@ def apart(values: FloatArray, share: float = 0.3) -> FloatArray:
     return values * np.stack([factor, 2.0 - factor])
 
 
-def worst_error(problem: LeastSquares, scenario: Scenario, share: float = 0.3) -> float:
+def worst_error(problem: OutputErrors, scenario: Scenario, share: float = 0.3) -> float:
     """Largest relative error of any parameter at the end of a minimisation from `apart`."""
     starts = apart(scenario.values, share)
     minima = minimise(problem.gram, starts, scenario.model, tolerance=1e-12)
@@ -66,7 +66,7 @@ def worst_error(problem: LeastSquares, scenario: Scenario, share: float = 0.3) -
 def test_circular_prediction_recovers_every_parameter_to_rounding(name: str) -> None:
     scenario = PILOTS[name]
     prediction = predict_circular(noise_free(scenario), scenario.model)
-    assert worst_error(LeastSquares(prediction), scenario) < 1e-8
+    assert worst_error(OutputErrors(prediction), scenario) < 1e-8
 
 
 @pytest.mark.parametrize("band", BANDS)
@@ -74,7 +74,7 @@ def test_circular_prediction_recovers_every_parameter_to_rounding(name: str) -> 
 def test_prediction_with_run_in_recovers_every_parameter(name: str, band: float | None) -> None:
     scenario = PILOTS[name]
     prediction = predict(noise_free(scenario), scenario.model, band)
-    assert worst_error(LeastSquares(prediction), scenario) < 1e-4
+    assert worst_error(OutputErrors(prediction), scenario) < 1e-4
 
 
 @pytest.mark.parametrize("band", BANDS)
@@ -82,14 +82,14 @@ def test_prediction_with_run_in_recovers_every_parameter(name: str, band: float 
 def test_prediction_without_run_in_recovers_every_parameter(name: str, band: float | None) -> None:
     scenario = PILOTS[name]
     prediction = predict(without_run_in(noise_free(scenario)), scenario.model, band)
-    assert worst_error(LeastSquares(prediction), scenario) < 3e-4
+    assert worst_error(OutputErrors(prediction), scenario) < 3e-4
 
 
 @pytest.mark.parametrize("band", BANDS)
 def test_prediction_of_a_step_disturbance_recovers_every_parameter(band: float | None) -> None:
     # Not so a step target: nothing between two samples tells when the error jumped.
     scenario = SCENARIOS["disturbance-step"]
-    problem = LeastSquares(predict(noise_free(scenario), scenario.model, band))
+    problem = OutputErrors(predict(noise_free(scenario), scenario.model, band))
     # From 30 % off one of the starts ends in a local minimum, where scipy stays as well.
     assert worst_error(problem, scenario, share=0.15) < 2e-3
 
@@ -97,7 +97,7 @@ def test_prediction_of_a_step_disturbance_recovers_every_parameter(band: float |
 @pytest.mark.parametrize("name", PILOTS)
 def test_prediction_with_run_in_leaves_no_residual_at_the_truth(name: str) -> None:
     scenario = PILOTS[name]
-    problem = LeastSquares(predict(noise_free(scenario), scenario.model))
+    problem = OutputErrors(predict(noise_free(scenario), scenario.model))
     share = np.std(problem.residual(scenario.values)) / np.std(problem.prediction.control)
     assert share < 1e-4
 
@@ -134,7 +134,7 @@ def test_rows_are_the_derivatives_of_the_prediction_and_its_residual(
 @pytest.mark.parametrize("taps", [None, TAPS], ids=["white", "whitened"])
 def test_gram_holds_the_inner_products_of_the_rows(taps: FloatArray | None) -> None:
     recording = simulate(replace(NOMINAL, runs=2), np.random.default_rng(3))
-    problem = LeastSquares(predict(recording, MULTI, 26.0), taps)
+    problem = OutputErrors(predict(recording, MULTI, 26.0), taps)
     values = apart(NOMINAL.values)
     gram, rows = problem.gram(values), problem.rows(values)
     assert gram.shape == (2, 8, 8)
@@ -145,9 +145,9 @@ def test_residual_is_the_last_row_without_whitening() -> None:
     recording = simulate(replace(NOMINAL, runs=2), np.random.default_rng(3))
     prediction = predict(recording, MULTI, 26.0)
     values = apart(NOMINAL.values)
-    rows = LeastSquares(prediction).rows(values)
+    rows = OutputErrors(prediction).rows(values)
     for taps in (None, TAPS):
-        residual = LeastSquares(prediction, taps).residual(values[0])
+        residual = OutputErrors(prediction, taps).residual(values[0])
         np.testing.assert_allclose(rows[0, -1], residual, atol=1e-12)
 
 
@@ -191,9 +191,9 @@ def test_a_whitening_filter_leaves_the_space_of_the_nuisance_terms_as_it_is() ->
 def test_gram_of_several_runs_is_the_sum_over_the_runs(band: float | None) -> None:
     recording = simulate(replace(NOMINAL, runs=3), np.random.default_rng(4))
     values = apart(NOMINAL.values)
-    together = LeastSquares(predict(recording, MULTI, band), TAPS)
+    together = OutputErrors(predict(recording, MULTI, band), TAPS)
     alone = [
-        LeastSquares(
+        OutputErrors(
             predict(part_of(recording, runs=slice(run, run + 1)), MULTI, band),
             TAPS,
         )
@@ -202,15 +202,15 @@ def test_gram_of_several_runs_is_the_sum_over_the_runs(band: float | None) -> No
     np.testing.assert_allclose(
         together.gram(values), sum(problem.gram(values) for problem in alone), rtol=1e-9
     )
-    assert together.samples == sum(problem.samples for problem in alone)
+    assert together.residuals == sum(problem.residuals for problem in alone)
 
 
 def test_samples_are_what_nuisance_terms_leave() -> None:
     recording = simulate(replace(NOMINAL, runs=2), np.random.default_rng(4))
     # 4084 scored samples, since a central difference ends 12 before the last; offset and
     # decay of the canals take two in every run.
-    assert LeastSquares(predict(recording, MULTI), TAPS).samples == 2 * (4084 - 2)
-    assert LeastSquares(predict(recording, SINGLE)).samples == 2 * (4096 - 1)
+    assert OutputErrors(predict(recording, MULTI), TAPS).residuals == 2 * (4084 - 2)
+    assert OutputErrors(predict(recording, SINGLE)).residuals == 2 * (4096 - 1)
 
 
 # ------------------------------------------------------------------ nuisance terms
@@ -229,7 +229,7 @@ def test_offset_and_canal_decay_change_neither_gram_nor_residual(
     recording = simulate(NOMINAL, np.random.default_rng(5))
     recording = recording if run_in else without_run_in(recording)
     disturbed = changed_control(recording, 0.7 - 2.0 * np.exp(-recording.time / 6.0))
-    one, two = (LeastSquares(predict(r, MULTI, band), taps) for r in (recording, disturbed))
+    one, two = (OutputErrors(predict(r, MULTI, band), taps) for r in (recording, disturbed))
     values = apart(NOMINAL.values)
     scale = np.sqrt(np.einsum("sii->si", one.gram(values)))
     difference = one.gram(values) - two.gram(values)
@@ -242,10 +242,10 @@ def test_offset_and_canal_decay_change_neither_gram_nor_residual(
 def test_decay_that_is_no_pole_of_the_model_stays_in_the_residual() -> None:
     recording = simulate(NOMINAL, np.random.default_rng(5))
     decaying = changed_control(recording, -2.0 * np.exp(-recording.time / 6.0))
-    one, two = (LeastSquares(predict(r, SINGLE)) for r in (recording, decaying))
+    one, two = (OutputErrors(predict(r, SINGLE)) for r in (recording, decaying))
     assert np.std(one.residual(SINGLE.start) - two.residual(SINGLE.start)) > 0.1
     moving = changed_control(recording, -2.0 * np.exp(-recording.time / 3.0))
-    one, two = (LeastSquares(predict(r, MULTI)) for r in (recording, moving))
+    one, two = (OutputErrors(predict(r, MULTI)) for r in (recording, moving))
     assert np.std(one.residual(MULTI.start) - two.residual(MULTI.start)) > 0.05
 
 
@@ -260,7 +260,7 @@ def test_slow_poles_start_near_their_true_state_without_nuisance_terms(
         (without_run_in(noise_free(scenario)), 0.025),
     ):
         prediction = replace(predict(recording, scenario.model, band), terms=())
-        residual = LeastSquares(prediction).residual(scenario.values)
+        residual = OutputErrors(prediction).residual(scenario.values)
         assert np.std(residual) < limit * np.std(prediction.control)
 
 
@@ -274,7 +274,7 @@ def test_noticeable_terms_are_those_that_the_recording_shows() -> None:
             (-1.5 * decay, (-1.0 / 6.0,)),
             (0.5 - 1.5 * decay, (0.0, -1.0 / 6.0)),
         ):
-            problem = LeastSquares(predict(changed_control(recording, change), MULTI))
+            problem = OutputErrors(predict(changed_control(recording, change), MULTI))
             assert problem.noticeable_terms(NOMINAL.values) == terms
 
 
@@ -287,7 +287,7 @@ def test_offsets_of_the_inputs_do_no_harm(run_in: bool, name: str, band: float |
     recording = recording if run_in else without_run_in(recording)
     # More than ten times what the signals vary by.
     shifted = replace(recording, e=recording.e + 2.0, x=recording.x - 2.0)
-    problem = LeastSquares(predict(shifted, scenario.model, band))
+    problem = OutputErrors(predict(shifted, scenario.model, band))
     assert worst_error(problem, scenario) < 3e-4
 
 

@@ -30,7 +30,7 @@ def test_examples_run(number: int) -> None:
         timeout=60,
     )
     assert done.returncode == 0, done.stderr
-    assert ("converged", "('Kvis', 'tlag', 'tdvis', 'fnm', 'dnm')")[number] in done.stdout
+    assert ("mle: converged", "('Kvis', 'tlag', 'tdvis', 'fnm', 'dnm')")[number] in done.stdout
 
 
 def rows(title: str) -> list[list[str]]:

@@ -227,3 +227,18 @@ def test_recordings_that_differ_are_not_joined(second: Recording, what: str) -> 
 
 def test_sampling_intervals_that_differ_by_rounding_are_joined() -> None:
     assert joined([make(), other(dt=DT * (1.0 + 1e-9))]).runs == 3
+
+
+def test_a_run_counts_once() -> None:
+    rng = np.random.default_rng(1)
+    one, two = (
+        Recording(
+            dt=0.02, source=name, **dict(zip("eux", rng.standard_normal((3, 1, 1500)), strict=True))
+        )
+        for name in ("one.csv", "two.csv")
+    )
+    assert joined([one, two]).runs == 2
+    with pytest.raises(
+        InputError, match=r"run 1 of one.csv has the same control as run 1 of one.csv"
+    ):
+        joined([one, two, one])

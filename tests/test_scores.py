@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from pilotid.study import scores
+from pilotid.study.entries import ParameterTruth
+from pilotid.study.score import Score, scored
 
 VALUES = np.array([1.0, 2.0, 3.0, 6.0])  # mean 3; deviations -2, -1, 0, 3, squares sum to 14
 
@@ -93,3 +95,37 @@ def test_held_counts_the_intervals_that_hold_the_truth_and_no_others() -> None:
     intervals = np.array([[0.0, 1.0], [1.0, 2.0], [1.1, 2.0], [math.nan, 3.0], [-1.0, 5.0]])
     assert scores.held(intervals, 1.0) == 3
     assert scores.held(np.zeros((0, 2)), 1.0) == 0
+
+
+def score_of(truth: float, bound: float | None = 0.2) -> Score:
+    """Scores of `VALUES` times a truth over its size, the last of which failed."""
+    sign = math.copysign(1.0, truth)
+    ends = np.stack([VALUES - 1.5, VALUES + 1.5], axis=1) * sign
+    numbers = np.column_stack([sign * VALUES, np.full(4, 0.5), np.sort(ends, axis=1)])
+    counted = np.array([True, True, True, False])
+    return scored(ParameterTruth("k", "s", truth, bound), numbers, counted, 4)
+
+
+def test_scores_of_a_parameter_count_failures_apart() -> None:
+    score = score_of(4.0)
+    assert (score.n, score.failures, score.tried, score.n_all) == (3, 1, 4, 4)
+    assert (score.bias, score.bias_all) == (-2.0, -1.0)
+    assert score.std == 1.0
+    # errors -3, -2, -1: squares sum to 14
+    assert score.ratio == pytest.approx(math.sqrt(14.0 / 3.0) / 0.2)
+    # 1.5 to 4.5 holds 4; a failure is a miss of all tried
+    assert (score.coverage, score.coverage_all) == (pytest.approx(1 / 3), 0.25)
+    assert math.isnan(score.posterior)
+
+
+def test_percentages_are_of_the_truth_whatever_its_sign() -> None:
+    score, mirrored = score_of(4.0).percent, score_of(-4.0).percent
+    assert (score.bias, score.bias_all, score.std) == (-50.0, -25.0, 25.0)
+    assert (score.bound, score.claimed) == (5.0, 12.5)
+    assert score.ratio == pytest.approx(score_of(4.0).ratio)
+    assert (mirrored.bias, mirrored.bias_all, mirrored.std) == (-50.0, -25.0, 25.0)
+    assert math.isnan(score_of(0.0).percent.bias)
+
+
+def test_without_a_bound_there_is_no_ratio() -> None:
+    assert math.isnan(score_of(4.0, None).ratio)

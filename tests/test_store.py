@@ -5,9 +5,11 @@ from __future__ import annotations
 import sqlite3
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from pilotid.study.store import STORE, ParameterTruth, Result, ScenarioEntry, Store, Unit
+from pilotid.study.entries import MethodEntry, ParameterTruth, Result, ScenarioEntry, Unit
+from pilotid.study.store import FORMAT, STORE, Store
 from pilotid.types import InputError
 
 NUMBERS = (("Kvis", 0.2, 0.1, 0.0, 0.4), ("tlead", 3.0, None, None, None))
@@ -15,7 +17,12 @@ NUMBERS = (("Kvis", 0.2, 0.1, 0.0, 0.4), ("tlead", 3.0, None, None, None))
 
 def entry(name: str, position: int) -> ScenarioEntry:
     known = (ParameterTruth("Kvis", "", 0.17, 0.04), ParameterTruth("tlead", "s", 2.93, None))
-    return ScenarioEntry(name, position, "a scenario", "gain", "details", known)
+    settings = {"class": "Scenario", "truth": [0.1, 1e-300], "remnant": {"level": 0.4}}
+    return ScenarioEntry(name, position, "a scenario", "gain", settings, known, "kin", "c0de", "s")
+
+
+def method(label: str, position: int) -> MethodEntry:
+    return MethodEntry(label, position, {"class": "Mine", "memory": None}, "", f"f.py:{label}")
 
 
 def filled(folder: Path) -> Store:
@@ -23,7 +30,7 @@ def filled(folder: Path) -> Store:
     for name, position in (("late", 2), ("early", 1)):
         store.add_scenario(entry(name, position))
     for name, position in (("second", 1), ("first", 0)):
-        store.add_method(name, position, f"{name}()")
+        store.add_method(method(name, position))
     return store
 
 
@@ -49,8 +56,9 @@ def test_what_goes_in_comes_out_in_the_order_of_the_catalogues(tmp_path: Path) -
         assert found[0] == Result(Unit("early", "first", 0), "crashed", "why")
         assert found[1:] == [result(*key) for key in reversed(keys)]
         assert store.scenarios() == [entry("early", 1), entry("late", 2)]
-        assert store.methods() == {"first": "first()", "second": "second()"}
-        assert store.done() == {r.unit for r in found}
+        assert store.methods() == {"first": method("first", 0), "second": method("second", 1)}
+        assert list(store.methods()) == ["first", "second"]
+        assert store.done() == {r.unit: r.outcome for r in found}
 
 
 def test_a_fit_is_kept_once(tmp_path: Path) -> None:
@@ -68,7 +76,7 @@ def test_a_fit_that_cannot_be_kept_whole_is_not_kept(tmp_path: Path) -> None:
     with filled(tmp_path) as store:
         with pytest.raises(sqlite3.IntegrityError):
             store.add(broken)
-        assert store.done() == set()
+        assert store.done() == {}
         store.add(result("early", "first", 0))  # the store goes on
 
 
@@ -76,7 +84,7 @@ def test_what_is_committed_is_there_without_closing(tmp_path: Path) -> None:
     store = filled(tmp_path)
     store.add(result("early", "first", 0))
     with Store(tmp_path) as other:
-        assert other.done() == {Unit("early", "first", 0)}
+        assert other.done() == {Unit("early", "first", 0): "converged"}
     store.close()
 
 
@@ -84,7 +92,24 @@ def test_facts_are_kept(tmp_path: Path) -> None:
     with filled(tmp_path) as store:
         store.describe({"seed": "1"})
         store.describe({"seed": "2", "code": "x"})
-        assert store.about() == {"format": "1", "seed": "2", "code": "x"}
+        assert store.about() == {"format": str(FORMAT), "seed": "2", "code": "x"}
+
+
+def test_what_is_forgotten_is_gone_whole_and_can_come_again(tmp_path: Path) -> None:
+    with filled(tmp_path) as store:
+        store.add(result("early", "first", 0))
+        store.add(Result(Unit("early", "first", 1), "died", estimates=NUMBERS))
+        store.forget([Unit("early", "first", 1)])
+        assert store.done() == {Unit("early", "first", 0): "converged"}
+        store.add(result("early", "first", 1))  # its numbers are not there twice
+        assert [len(r.estimates) for r in store.results()] == [2, 2]
+
+
+def test_numbers_are_found_among_the_settings() -> None:
+    scenario = entry("early", 0)
+    assert scenario.number("remnant.level") == 0.4
+    for path in ("level", "remnant", "truth", "remnant.level.more", "class"):
+        assert np.isnan(scenario.number(path))
 
 
 def test_files_that_are_no_store_are_refused_in_a_sentence(tmp_path: Path) -> None:

@@ -11,15 +11,24 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from pilotid.datasets import scenario_named
 from pilotid.estimates.estimate import Outcome
-from pilotid.study.store import STORE, Store, Unit
-from pilotid.study.study import Study, _started, entry_of, remaining_seconds, run_unit
-from pilotid.study.summary import groups_of, summaries_of, write_tables
+from pilotid.methods.arx import ARX
+from pilotid.methods.fourier import Fourier
+from pilotid.methods.mle import MLE
+from pilotid.methods.mle_white import MLEWhite
+from pilotid.study.comparison import comparison_of
+from pilotid.study.entries import Result, Unit
+from pilotid.study.facts import scenario_entry
+from pilotid.study.fits import Task, run_task, started
+from pilotid.study.store import STORE, Store
+from pilotid.study.study import Study, remaining_seconds
+from pilotid.study.summary import write_tables
 from pilotid.types import InputError
 
 STUDY = Study(("single", "starts"), ("mle-white", "fourier"), 3, 5)
@@ -31,8 +40,7 @@ def run(folder: Path, study: Study = STUDY, workers: int = 2) -> bytes:
     with Store(folder, create=True) as store:
         for _ in study.run(store, study.enter(store), workers):
             pass
-        groups = groups_of(store)
-        write_tables(folder, groups, summaries_of(groups))
+        write_tables(folder, comparison_of(store))
     return (folder / "summary.csv").read_bytes()
 
 
@@ -56,20 +64,21 @@ def test_a_study_that_grows_is_the_one_that_was_large_at_once(
 
 def test_a_finished_study_has_nothing_left_to_do(finished: Path) -> None:
     with Store(finished) as store:
-        assert STUDY.enter(store) == []
-        assert remaining_seconds(store, [], 2) == 0.0
-        units = [Unit("single", "fourier", 9)] * 10
-        one = remaining_seconds(store, units, 1)
+        pending = STUDY.enter(store)
+        assert (list(pending), pending.total) == ([], 0)
+        assert remaining_seconds(store, pending.counts, 2) == 0.0
+        one = remaining_seconds(store, {"fourier": 10, "arx": 3}, 1)
         assert one > 0.0
-        assert remaining_seconds(store, units, 2) == pytest.approx(one / 2.0)
+        assert remaining_seconds(store, {"fourier": 20}, 4) == pytest.approx(one / 2.0)
 
 
 @pytest.mark.parametrize(
     ("change", "word"),
     [("UPDATE about SET value = 'x' WHERE key = 'code'", "code"),
      ("UPDATE about SET value = '6' WHERE key = 'seed'", "seed"),
-     ("UPDATE methods SET label = 'Fourier(neighbours=3)' WHERE name = 'fourier'", "fourier"),
-     ("UPDATE scenarios SET details = 'x' WHERE name = 'single'", "single")],
+     ("UPDATE methods SET settings = '{}' WHERE label = 'fourier'", "fourier"),
+     ("UPDATE methods SET code = 'x' WHERE label = 'fourier'", "fourier"),
+     ("UPDATE scenarios SET settings = '{}' WHERE name = 'single'", "single")],
 )  # fmt: skip
 def test_results_of_other_code_or_settings_are_not_mixed(
     tmp_path: Path, change: str, word: str
@@ -83,50 +92,136 @@ def test_results_of_other_code_or_settings_are_not_mixed(
     with Store(tmp_path) as store:
         with pytest.raises(InputError, match=rf"other code or settings \(different: {word}\)"):
             STUDY.enter(store)
-        assert len(STUDY.enter(store, mix=True)) == 12
+        assert STUDY.enter(store, mix=True).total == 12
         assert word in store.about()["mixed"]
 
 
 def test_a_replication_has_its_own_recording_and_start_and_every_method_the_same() -> None:
     nominal, starts = scenario_named("single"), scenario_named("starts")
-    assert _started(nominal, 1, 4) is nominal.model
-    first, same, other = (_started(starts, 1, r).start for r in (0, 0, 1))
+    assert started(nominal, 1, 4) is nominal.model
+    first, same, other = (started(starts, 1, r).start for r in (0, 0, 1))
     np.testing.assert_array_equal(first, same)
     assert np.all(first != other)
     assert np.all(np.abs(first / starts.values - 1.0) <= 0.4)
     # All replications of `starts` are of one recording, whose optimum every start reaches.
-    ends = [run_unit(1, Unit("starts", "mle", r)).estimates for r in range(3)]
+    tasks = Study("starts", "mle", 3, 1)
+    ends = [run_task(task).estimates for task in tasks.tasks(tasks.units())]
     assert ends[1][2][1] == pytest.approx(ends[0][2][1], rel=1e-3)
     assert ends[2][2][1] == pytest.approx(ends[0][2][1], rel=1e-3)
 
 
-def test_an_error_in_a_method_is_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(name: str) -> object:
-        raise RuntimeError(f"no {name}")
-
-    monkeypatch.setattr("pilotid.study.study.method_named", broken)
-    result = run_unit(1, Unit("single", "mle-white", 0))
-    assert (result.outcome, result.message) == (Outcome.CRASHED.slug, "RuntimeError: no mle-white")
+def test_an_error_outside_the_method_is_a_row() -> None:
+    result = run_task(Task(Unit("single", "mle-white", 0), 1, b"nonsense"))
+    assert result.outcome == Outcome.CRASHED.slug
+    assert result.message.startswith("UnpicklingError")
     assert not result.usable
 
 
-def test_groups_and_summaries_hold_the_store_s_numbers(finished: Path) -> None:
+# ------------------------------------------------------------------------ objects, not names
+
+
+def test_objects_and_names_make_the_same_study(finished: Path, tmp_path: Path) -> None:
+    scenarios = [scenario_named("single"), "starts"]
+    study = Study(scenarios, [MLEWhite(), Fourier()], 3, 5)
+    assert study == STUDY
+    assert run(tmp_path, study) == (finished / "summary.csv").read_bytes()
+
+
+def test_a_study_of_objects_tells_their_settings(tmp_path: Path) -> None:
+    short = replace(scenario_named("single"), name="short", duration=41.0, family="", varied="")
+    methods = (MLEWhite(), MLEWhite(candidates=3), MLEWhite(covariance="sandwich"))
+    study = Study([short], methods, 2)
+    assert study.labels == (
+        "mle-white",
+        "mle-white(candidates=3)",
+        "mle-white(covariance=sandwich)",
+    )
+    text = run(tmp_path, study).decode()
+    assert "short,mle-white(covariance=sandwich),Kvis,2," in text
+    with Store(tmp_path) as store:
+        assert list(store.methods()) == list(study.labels)
+        assert store.methods()["mle-white(candidates=3)"].settings["candidates"] == 3
+        (entry,) = store.scenarios()
+        assert (entry.name, entry.number("duration")) == ("short", 41.0)
+        errors = {r.unit.method: r.estimates[0][2] for r in store.results()}
+    assert errors["mle-white"] != errors["mle-white(covariance=sandwich)"]
+
+
+@pytest.mark.parametrize(
+    ("scenarios", "methods", "words"),
+    [
+        ("single", ["mle", MLE()], "two of the methods are called 'mle'"),
+        ("single", ["arx(memory=2)", ARX(memory=2.0)], "called 'arx(memory=2)'"),
+        (["single", "single"], "mle", "two of the scenarios are called 'single'"),
+        (replace(scenario_named("single"), runs=2), "mle", "the name 'single' of another one"),
+        (replace(scenario_named("single"), name="a b"), "mle", "must be of letters"),
+        (replace(scenario_named("single"), name="own", truth=(1.0,)), "mle", "must be 5 numbers"),
+        (3, "mle", "is no Scenario"),
+        ("single", 3, "is no method"),
+        ("single", "mle(band=x)", "band must be a number"),
+    ],
+)
+def test_what_cannot_be_compared_is_a_sentence(scenarios: Any, methods: Any, words: str) -> None:
+    with pytest.raises(InputError) as refusal:
+        Study(scenarios, methods)
+    assert words in str(refusal.value)
+
+
+def test_a_scenario_without_bounds_is_a_sentence(tmp_path: Path) -> None:
+    wild = replace(scenario_named("single"), name="wild", truth=(50.0, 2.0, 0.4, 12.0, 0.3))
+    with Store(tmp_path, create=True) as store, pytest.raises(InputError, match="wild"):
+        Study(wild, "mle").enter(store)
+
+
+def test_what_cannot_cross_to_another_process_is_a_sentence() -> None:
+    class Local(MLEWhite):
+        """Nobody else can find it."""
+
+        name = "local"
+
+    study = Study("single", Local())
+    with pytest.raises(InputError, match="local: cannot be handed to another process"):
+        next(study.tasks(study.units()))
+
+
+def test_a_study_may_be_larger_than_any_list(tmp_path: Path) -> None:
+    study = Study(["single", "starts"], ["mle", "arx"], 10**30)
+    with Store(tmp_path, create=True) as store:
+        study.enter(store)
+        store.add(Result(Unit("starts", "arx", 10**9), "converged"))
+        pending = study.enter(store)
+    assert study.size == 4 * 10**30
+    assert pending.counts == {"mle": 2 * 10**30, "arx": 2 * 10**30 - 1}
+    assert next(iter(pending)) == Unit("single", "mle", 0)
+
+
+def test_what_failed_for_outside_reasons_is_tried_again_if_asked(tmp_path: Path) -> None:
+    ends = ["converged", "died", "timed-out", "out-of-memory", "crashed", "singular", "died"]
+    study = Study("single", "mle", 6)
+    with Store(tmp_path, create=True) as store:
+        study.enter(store)
+        for replication, end in enumerate(ends):  # the last is not of this study
+            store.add(Result(Unit("single", "mle", replication), end))
+        assert study.enter(store).total == 0
+        pending = study.enter(store, retry=True)
+        assert [unit.replication for unit in pending] == [1, 2, 3, 4]
+        assert len(store.done()) == 3
+
+
+def test_a_comparison_holds_the_store_s_numbers(finished: Path) -> None:
     with Store(finished) as store:
-        groups = groups_of(store)
-    assert [(g.scenario.name, g.method) for g in groups] == [
+        cells = comparison_of(store).cells
+    assert [(c.scenario.name, c.method) for c in cells] == [
         ("single", "mle-white"),
         ("single", "fourier"),
         ("starts", "mle-white"),
         ("starts", "fourier"),
     ]
-    group = groups[0]
-    assert group.failures == 0
-    values = group.numbers(2)[:, 0]
-    summary = summaries_of(groups)[2]
-    assert summary.parameter == "tdvis"
-    assert summary.bias == pytest.approx(values.mean() - 0.39)
-    assert summary.crlb == entry_of("single").parameters[2].bound
-    assert np.isnan(summary.posterior_std)
+    score = cells[0].scores[2]
+    assert (score.parameter, score.failures) == ("tdvis", 0)
+    assert score.bias == pytest.approx(cells[0].numbers[2, :, 0].mean() - 0.39)
+    assert score.bound == scenario_entry(scenario_named("single"), 0, "single").parameters[2].bound
+    assert np.isnan(score.posterior)
 
 
 #: As in a shell's foreground: what a background job starts ignores interruptions.
@@ -201,11 +296,13 @@ def test_an_interruption_is_a_sentence(tmp_path: Path) -> None:
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        # In a job in the background interruptions are ignored, and that is passed on.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     wait_for(tmp_path, 3)
     os.killpg(process.pid, signal.SIGINT)  # as Ctrl-C does: the workers get it too
     _, errors = process.communicate(timeout=60)
-    assert process.returncode == 2
+    assert process.returncode == 130
     assert errors.startswith("pilotid: stopped;")
     assert len(errors.splitlines()) == 1, errors
 
@@ -233,8 +330,7 @@ def test_dask_with_a_worker_killed_gives_the_same_bytes(cluster: object, tmp_pat
         for number, _ in enumerate(results):
             if number == 10:
                 os.kill(next(iter(workers.values())).pid, signal.SIGKILL)
-        groups = groups_of(store)
-        write_tables(there, groups, summaries_of(groups))
+        write_tables(there, comparison_of(store))
     assert (there / "summary.csv").read_bytes() == (here / "summary.csv").read_bytes()
 
 

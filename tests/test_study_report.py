@@ -14,14 +14,14 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from pilotid.numbers import decimals, number, plus_minus, printed, share, signed
 from pilotid.report.content import inline_html
 from pilotid.report.page import overview_table, write_report
-from pilotid.report.scores import Cell, Cells, agreeing, setting
 from pilotid.report.verdicts import Grade, judge, sentence
-from pilotid.show.numbers import number, plus_minus, printed, share
-from pilotid.show.terminal import make_console
-from pilotid.study.store import ParameterTruth, Result, ScenarioEntry, Store, Unit
-from pilotid.study.summary import groups_of, summaries_of
+from pilotid.study.comparison import Cell, comparison_of
+from pilotid.study.entries import MethodEntry, ParameterTruth, Result, ScenarioEntry, Unit
+from pilotid.study.store import Store
+from pilotid.terminal import make_console
 
 KEYS = ("Kvis", "tlead", "tdvis", "Kvest", "tdvest", "fnm", "dnm")
 TRUTH = (0.17, 2.93, 0.32, 1.59, 0.29, 12.0, 0.3)
@@ -48,6 +48,9 @@ ALL = (
 )
 
 
+TYPED = {"someone-else": "their file.py:Own"}
+
+
 @dataclass(frozen=True)
 class Made:
     """A store and its report."""
@@ -69,13 +72,19 @@ def entry(
     length = float(name[7:]) if name.startswith("length-") else 81.92
     runs = int(name[5:]) if name.startswith("runs-") else 1
     level = float(name[8:]) if name.startswith("remnant-") else 0.4
-    details = (
-        f"Scenario(name='{name}', remnant=Remnant(order=2, frequency=3.5, damping=0.7, "
-        f"level={level}), duration={length}, runs={runs}, one_recording={name == 'starts'})"
-    )
+    settings = {
+        "class": "Scenario",
+        "name": name,
+        "remnant": {"class": "Remnant", "frequency": 3.5, "damping": 0.7, "level": level},
+        "duration": length,
+        "runs": runs,
+        "one_recording": name == "starts",
+    }
+    family = name.partition("-")[0]
+    family = family if family in ("length", "runs", "remnant") else ""
     model = "single" if name == "single" else "multi"
     own = (*parameters[:3], *parameters[5:]) if name == "single" else tuple(parameters)
-    return ScenarioEntry(name, position, f"case {name}", model, details, own)
+    return ScenarioEntry(name, position, f"case {name}", model, settings, own, family)
 
 
 def fit(
@@ -109,14 +118,14 @@ def report(folder: Path, fill: Callable[[Store], None], methods: Sequence[str]) 
         if not store.about().get("seed"):
             store.describe({"seed": "7", "code": "abc123", "numpy": "2.0"})
             for position, name in enumerate(methods):
-                store.add_method(name, position, f"{name}(setting=1)")
+                settings = {"class": name, "setting": 1.0}
+                store.add_method(MethodEntry(name, position, settings, typed=TYPED.get(name, "")))
             fill(store)
-        groups = groups_of(store)
-        summaries = summaries_of(groups)
-        page = write_report(folder, store, groups, summaries)
+        study = comparison_of(store)
+        page = write_report(folder, store, study)
         console = make_console()
         with console.capture() as captured:
-            console.print(overview_table(store, groups, summaries))
+            console.print(overview_table(study))
     assert page == folder / "report.html"
     markdown = plain((folder / "report.md").read_text(encoding="utf-8"))
     return Made(folder, page.read_text(encoding="utf-8"), markdown, captured.get())
@@ -135,14 +144,9 @@ def scenarios(
     return fill
 
 
-def cells_of(folder: Path) -> Cells:
-    with Store(folder) as store:
-        groups = groups_of(store)
-        return Cells(groups, summaries_of(groups), list(store.methods()))
-
-
 def cell_of(folder: Path, scenario: str, method: str) -> Cell:
-    cell = cells_of(folder).at(scenario, method)
+    with Store(folder) as store:
+        cell = comparison_of(store).at(scenario, method)
     assert cell is not None
     return cell
 
@@ -169,8 +173,8 @@ def by_hand(tmp_path_factory: pytest.TempPathFactory) -> Made:
 
 def test_scores_are_those_worked_out_by_hand(by_hand: Made) -> None:
     cell = cell_of(by_hand.folder, "nominal", "mle")
-    score = cell.scores[0]
-    assert (score.n, score.tried, score.n_all) == (3, 5, 4)
+    score = cell.percent[0]
+    assert (score.n, score.failures, score.tried, score.n_all) == (3, 2, 5, 4)
     assert score.bias == pytest.approx(20.0)
     assert score.std == pytest.approx(20.0)
     assert score.bias_se == pytest.approx(20.0 / np.sqrt(3.0))
@@ -215,6 +219,9 @@ def test_numbers_have_the_digits_that_their_error_allows() -> None:
         "0", "1.00", "-26.7", "1234", "1.0e+07", "-",
     ]  # fmt: skip
     assert plain(printed(-11.6)) == "-11.6"
+    assert [plain(signed(x)) for x in (-24.2, 3.14, 9.96)] == ["-24", "+3.1", "+10"]
+    assert [decimals(x) for x in (0.0312, 1.2, 150.0, 1e-12)] == [3, 1, 0, 9]
+    assert decimals(-0.5, digits=3, most=2) == 2
     assert plain(share(0.95, (0.9, 0.98))) == "95 (90-98)"
 
 
@@ -235,7 +242,7 @@ def judged(tmp_path: Path, change: Callable[[np.ndarray, np.ndarray], None]) -> 
     change(values, errors)
 
     with Store(tmp_path, create=True) as store:
-        store.add_method("mle", 0, "mle()")
+        store.add_method(MethodEntry("mle", 0, {}))
         store.add_scenario(entry("nominal"))
         for r in range(40):
             store.add(fit(Unit("nominal", "mle", r), values[r].tolist(), errors[r].tolist()))
@@ -276,7 +283,7 @@ def test_too_small_claims_are_not_to_be_believed(tmp_path: Path) -> None:
 
 def test_a_method_that_mostly_fails_is_poor(tmp_path: Path) -> None:
     with Store(tmp_path, create=True) as store:
-        store.add_method("mle", 0, "mle()")
+        store.add_method(MethodEntry("mle", 0, {}))
         store.add_scenario(entry("nominal"))
         for r in range(20):
             store.add(Result(Unit("nominal", "mle", r), "diverged"))
@@ -324,7 +331,7 @@ def test_every_scenario_has_its_numbers_and_how_to_get_them(full: Made) -> None:
         "nominal belongs to the lengths"
     )
     assert (
-        "pilotid compare --scenario starts --method mmle3,mle,bayes,someone-else "
+        "pilotid compare --scenario starts --method 'mmle3,mle,bayes,their file.py:Own' "
         "--replications 12 --seed 7 --out results/starts"
     ) in full.markdown
     assert "mixes results of different code or settings (code)" in full.markdown
@@ -374,14 +381,8 @@ def test_starts_that_end_together_are_counted(tmp_path: Path) -> None:
         store.add(Result(Unit("starts", "mle", 5), "diverged"))
 
     made = report(tmp_path, fill, ("mle",))
-    assert agreeing(cell_of(tmp_path, "starts", "mle")) == 4
+    assert cell_of(tmp_path, "starts", "mle").agreeing == 4
     assert "| 4 of 6 | 10.0 |" in made.markdown
-
-
-def test_settings_are_read_from_what_defines_a_scenario() -> None:
-    assert setting(entry("length-164"), "duration") == 164.0
-    assert setting(entry("remnant-0.8"), "level") == 0.8
-    assert np.isnan(setting(entry("nominal"), "no_such"))
 
 
 # --------------------------------------------------------------------------------- the page

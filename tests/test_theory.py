@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from pilotid.datasets import SCENARIOS, Scenario, scenario_named, simulate
-from pilotid.datasets.experiments import spectra
-from pilotid.datasets.forcing import SEED_PERIOD, Steps, seed_disturbance, seed_target
+from pilotid.datasets.experiments import experiment_of
+from pilotid.datasets.forcing import PERIOD, Steps, paper_disturbance, paper_target
 from pilotid.datasets.remnant import Remnant, white
 from pilotid.datasets.simulation import white_level
 from pilotid.estimates.method import identify
@@ -17,10 +17,10 @@ from pilotid.methods.mle_white import MLEWhite
 from pilotid.pilot.catalogue import MULTI
 from pilotid.seeds import fit_rng, recording_rng
 from pilotid.solve.covariance import hessian, sandwich_of, score_products
-from pilotid.study.study import entry_of
+from pilotid.study.facts import scenario_entry
 from pilotid.theory.bounds import bounds, monic, white_limit
 from pilotid.theory.experiment import View
-from pilotid.time_domain.output_error import LeastSquares
+from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.prepare import decimation
@@ -34,7 +34,7 @@ TRUTH = NOMINAL.values
 
 
 def with_remnant(remnant: Remnant, periods: int = 1) -> Scenario:
-    return replace(NOMINAL, remnant=remnant, duration=periods * SEED_PERIOD)
+    return replace(NOMINAL, remnant=remnant, duration=periods * PERIOD)
 
 
 def deviations(covariance: FloatArray) -> FloatArray:
@@ -64,7 +64,7 @@ def deviations(covariance: FloatArray) -> FloatArray:
 def test_bounds_are_the_figures_that_a_prototype_gave(
     remnant: Remnant, full: tuple[float, ...], lines: tuple[float, ...]
 ) -> None:
-    found = bounds(spectra(with_remnant(remnant)))
+    found = bounds(experiment_of(with_remnant(remnant)))
     assert deviations(found.full) == pytest.approx(full, abs=0.06)
     # The last figure of the coloured case is 8.13 here and in the prototype; it was noted as 8.2.
     assert deviations(found.forcing) == pytest.approx(lines, rel=0.009, abs=0.06)
@@ -72,22 +72,22 @@ def test_bounds_are_the_figures_that_a_prototype_gave(
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_less_knowledge_means_a_higher_bound(name: str) -> None:
-    found = bounds(spectra(scenario_named(name)))
+    found = bounds(experiment_of(scenario_named(name)))
     full = np.diag(found.full)
     for covariance in (found.forcing, found.low_pass, found.autoregressive):
         assert np.all(np.diag(covariance) >= full * (1.0 - 1e-9))
-    banded = bounds(spectra(scenario_named(name)), band=26.0)
+    banded = bounds(experiment_of(scenario_named(name)), band=26.0)
     assert np.all(np.diag(banded.full) >= full * (1.0 - 1e-9))
 
 
 def test_a_band_of_26_rad_per_s_loses_next_to_nothing() -> None:
-    experiment = spectra(with_remnant(Remnant(2, 6.0, 0.5, 0.15, "ratio")))
+    experiment = experiment_of(with_remnant(Remnant(2, 6.0, 0.5, 0.15, "ratio")))
     full = deviations(bounds(experiment).full)
     assert deviations(bounds(experiment, band=26.0).full) == pytest.approx(full, rel=0.01)
 
 
 def test_runs_multiply_the_information() -> None:
-    one, four = spectra(NOMINAL), spectra(replace(NOMINAL, runs=4))
+    one, four = experiment_of(NOMINAL), experiment_of(replace(NOMINAL, runs=4))
     for first, second in (
         (bounds(one).full, bounds(four).full),
         (bounds(one).autoregressive, bounds(four).autoregressive),
@@ -100,10 +100,12 @@ def test_phases_of_lines_at_different_frequencies_do_not_matter() -> None:
     rng = np.random.default_rng(3)
     other = replace(
         NOMINAL,
-        target=seed_target().with_random_phases(rng),
-        disturbance=seed_disturbance().with_random_phases(rng),
+        target=paper_target().with_random_phases(rng),
+        disturbance=paper_disturbance().with_random_phases(rng),
     )
-    assert bounds(spectra(other)).full == pytest.approx(bounds(spectra(NOMINAL)).full, rel=1e-3)
+    assert bounds(experiment_of(other)).full == pytest.approx(
+        bounds(experiment_of(NOMINAL)).full, rel=1e-3
+    )
 
 
 def test_the_minimum_phase_factor_of_an_autoregressive_spectrum() -> None:
@@ -118,7 +120,7 @@ def test_the_minimum_phase_factor_of_an_autoregressive_spectrum() -> None:
 def test_a_step_is_whitened_in_time() -> None:
     # With a white remnant the information is the plain sum of squares of the gradient.
     scenario = replace(scenario_named("target-step"), remnant=white(0.15))
-    experiment = spectra(scenario)
+    experiment = experiment_of(scenario)
     transient = experiment.transient
     assert transient is not None
     expected = transient @ transient.T / white_level(scenario) ** 2
@@ -129,17 +131,17 @@ def test_a_step_is_whitened_in_time() -> None:
 
 def test_refusals_say_why() -> None:
     with pytest.raises(InputError, match="periodic"):
-        white_limit(spectra(scenario_named("target-step")))
+        white_limit(experiment_of(scenario_named("target-step")))
     with pytest.raises(InputError, match="every bound is zero"):
-        spectra(with_remnant(Remnant(level=0.0)))
+        experiment_of(with_remnant(Remnant(level=0.0)))
     with pytest.raises(InputError, match="not implemented"):
-        spectra(replace(scenario_named("target-step"), disturbance=seed_disturbance()))
+        experiment_of(replace(scenario_named("target-step"), disturbance=paper_disturbance()))
     with pytest.raises(InputError, match="starts before"):
-        spectra(replace(scenario_named("target-step"), target=Steps((-2.0,), (1.0,))))
+        experiment_of(replace(scenario_named("target-step"), target=Steps((-2.0,), (1.0,))))
 
 
 def test_the_study_knows_the_bounds_of_its_scenarios() -> None:
-    known = {p.parameter: p for p in entry_of("nominal").parameters}
+    known = {p.parameter: p for p in scenario_entry(scenario_named("nominal")).parameters}
     assert known["tdvis"].truth == 0.32
     assert known["tdvis"].bound == pytest.approx(0.32 * 0.0106, rel=0.01)
 
@@ -161,10 +163,10 @@ def test_information_is_what_whitened_recordings_hold() -> None:
         joint = PredictionErrors(prediction, LowPass(2), band)
         gram = joint.gram(values)[0]
         # Scaled to the full length: without run-in a part of the record is not scored.
-        grams.append(gram[:-1, :-1] / (gram[-1, -1] / joint.samples))
+        grams.append(gram[:-1, :-1] / (gram[-1, -1] / joint.residuals))
         grams[-1] *= scenario.duration / (prediction.scored * prediction.dt)
     information = np.array(grams)
-    found = bounds(spectra(scenario), band=np.pi / band.dt)
+    found = bounds(experiment_of(scenario), band=np.pi / band.dt)
     scale = np.sqrt(np.diag(np.linalg.inv(found.full)))
     pilot = information[:, :7, :7] / np.outer(scale, scale)
     error = np.std(pilot, axis=0, ddof=1) / np.sqrt(len(pilot))
@@ -178,7 +180,7 @@ def test_information_is_what_whitened_recordings_hold() -> None:
 
 
 def test_a_white_remnant_is_the_oracle() -> None:
-    experiment = spectra(scenario_named("white-remnant"))
+    experiment = experiment_of(scenario_named("white-remnant"))
     limit = white_limit(experiment)
     full = deviations(bounds(experiment).full)
     # Band-limited sampling is not quite causal for a delay of a fraction of a sample, and
@@ -188,8 +190,8 @@ def test_a_white_remnant_is_the_oracle() -> None:
     assert deviations(limit.sandwich) == pytest.approx(full, rel=0.02)
 
 
-def test_the_seed_s_biases_have_the_size_and_sign_known() -> None:
-    experiment = spectra(with_remnant(Remnant(2, 4.0, 0.7, 0.4)))
+def test_the_paper_s_biases_have_the_size_and_sign_known() -> None:
+    experiment = experiment_of(with_remnant(Remnant(2, 4.0, 0.7, 0.4)))
     limit = white_limit(experiment)
     bias = dict(zip(MULTI.keys, 100.0 * limit.bias / TRUTH, strict=True))
     assert bias["tdvis"] == pytest.approx(-4.0, abs=1.0)
@@ -208,15 +210,15 @@ def test_the_limit_is_stationary_in_recordings_and_its_scores_have_the_covarianc
     """
     periods, replications = 16, 60
     scenario = with_remnant(Remnant(2, 3.5, 0.7, 0.15, "ratio"), periods)
-    limit = white_limit(spectra(scenario))
-    view = View(spectra(scenario), None)
+    limit = white_limit(experiment_of(scenario))
+    view = View(experiment_of(scenario), None)
     curvature = hessian(lambda sets: np.array([view.mean_products(v) for v in sets]), limit.values)
     shifts = []
     for i in range(replications):
         recording = simulate(scenario, recording_rng(5, scenario.name, i))
-        problem = LeastSquares(replace(predict(recording, MULTI), terms=()))
+        problem = OutputErrors(replace(predict(recording, MULTI), terms=()))
         gram = problem.gram(limit.values[None])[0]
-        shifts.append(np.linalg.solve(curvature, gram[:-1, -1]) / problem.samples)
+        shifts.append(np.linalg.solve(curvature, gram[:-1, -1]) / problem.residuals)
     scatter = np.sqrt(np.diag(limit.sandwich))
     relative = np.array(shifts) / scatter
     assert np.all(np.abs(relative.mean(axis=0)) < 3.3 / np.sqrt(replications))
@@ -229,7 +231,7 @@ def test_estimates_scatter_around_the_limit_as_the_sandwich_says() -> None:
     """A remnant whose limit a recording of 8 periods is close to; see checks for others."""
     replications = 40
     scenario = with_remnant(Remnant(2, 12.7, 0.26, 0.15, "ratio"), 8)
-    limit = white_limit(spectra(scenario))
+    limit = white_limit(experiment_of(scenario))
     values = np.array(
         [
             identify(

@@ -16,7 +16,7 @@ from pilotid.frequency.second_step import ResponseFit, second_step
 from pilotid.pilot.catalogue import MULTI, SINGLE
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.show.figures import bode
+from pilotid.show.figures import response_figure
 from pilotid.show.svg import svg
 from pilotid.types import ComplexArray, FloatArray
 
@@ -144,7 +144,7 @@ def test_the_bode_plot_shows_points_models_and_truth_and_never_changes() -> None
     size = np.abs(MULTI.response(OMEGA, TRUTH)).ravel()
     response = with_errors(MULTI, some_covariance(size, 0.0), 0.05 * size * (1 + 1j))
     estimate = second_step("fourier", recording(), MULTI, response, np.random.default_rng(1))
-    figure = bode([estimate], TRUTH)
+    figure = response_figure([estimate], TRUTH)
     magnitude = figure.axes[0]
     curves = {str(line.get_label()): line for line in magnitude.get_lines()}
     drawn = np.asarray(curves["truth"].get_ydata())
@@ -153,7 +153,7 @@ def test_the_bode_plot_shows_points_models_and_truth_and_never_changes() -> None
     points = magnitude.containers[0].get_children()[0]
     np.testing.assert_allclose(points.get_ydata(), np.abs(response.value[0]))
     assert len(figure.axes) == 4
-    assert svg(figure) == svg(bode([estimate], TRUTH))
+    assert svg(figure, "a", "b") == svg(response_figure([estimate], TRUTH), "a", "b")
     # A fit that failed still shows its first step.
     failed = replace(estimate, values=np.full(7, np.nan))
-    assert len(bode([failed]).axes[0].containers) == 1
+    assert len(response_figure([failed]).axes[0].containers) == 1

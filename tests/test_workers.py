@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
+import time
 from pathlib import Path
 
+import pytest
+
+from pilotid.study.process import Limits, Loss
 from pilotid.study.workers import run_tasks
 
 
@@ -29,17 +34,28 @@ def deadly_once(task: tuple[int, str]) -> int:
     return 2 * number
 
 
+def slow_or_large(task: int) -> int:
+    """Task 3 takes for ever; task 5 wants more than there is."""
+    if task == 3:
+        time.sleep(600.0)
+    return len(bytearray(10**10)) if task == 5 else 2 * task
+
+
+def broken(task: int) -> int:
+    raise LookupError(str(task))
+
+
 def threads(_: int) -> str | None:
     return os.environ.get("OMP_NUM_THREADS")
 
 
-def given_up(task: int, why: str) -> int:
-    assert "died" in why
+def given_up(task: int, loss: Loss, why: str) -> int:
+    assert (loss, why) == (Loss.DIED, "twice, with signal SIGKILL")
     return -task
 
 
-def never(task: object, why: str) -> int:
-    raise AssertionError((task, why))
+def never(task: object, loss: Loss, why: str) -> int:
+    raise AssertionError((task, loss, why))
 
 
 def test_all_tasks_are_answered_by_any_number_of_processes() -> None:
@@ -56,6 +72,27 @@ def test_a_task_that_kills_its_process_is_given_up_and_the_others_are_done() -> 
 def test_a_task_whose_process_died_by_chance_is_done_again(tmp_path: Path) -> None:
     tasks = [(i, str(tmp_path / "mark")) for i in range(12)]
     assert sorted(run_tasks(deadly_once, tasks, never, 2)) == [2 * i for i in range(12)]
+
+
+def test_a_task_that_takes_too_long_is_given_up_alone() -> None:
+    def late(task: int, loss: Loss, why: str) -> int:
+        assert (loss, why) == (Loss.TIMED_OUT, "1.5 s")
+        return -task
+
+    tasks = [0, 1, 2, 3, 4, 6, 7]
+    answers = list(run_tasks(slow_or_large, tasks, late, 2, limits=Limits(seconds=1.5)))
+    assert sorted(answers) == [-3, 0, 2, 4, 8, 12, 14]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="address space has a limit on Linux")
+def test_a_task_gets_no_more_memory_than_its_process_may_have() -> None:
+    with pytest.raises(MemoryError):
+        list(run_tasks(slow_or_large, [5], never, 1, limits=Limits(gigabytes=2.0)))
+
+
+def test_an_error_of_a_task_comes_out() -> None:
+    with pytest.raises(LookupError, match="7"):
+        list(run_tasks(broken, [7], never, 1))
 
 
 def test_processes_have_one_thread_each_and_the_environment_is_left_as_it_was() -> None:

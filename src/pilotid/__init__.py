@@ -1,41 +1,65 @@
 """Identification of human-pilot models from tracking recordings.
 
-Load a recording, choose a model and a method, and identify::
+Load a recording, identify, and look::
 
-    import numpy as np
     import pilotid
-    from pilotid.methods import method_named
 
     recording = pilotid.load_recording("run.csv")
-    estimate = pilotid.identify(
-        method_named("mle-white"), recording, pilotid.MODELS["single"], np.random.default_rng(1)
-    )
+    estimate = pilotid.identify("mle", recording, "multi")
+    estimate.summary()
+    print(estimate["tdvis"].interval)
+    pilotid.plot.describing_function(estimate)
 
-Methods live in `pilotid.methods`, simulated data sets in `pilotid.datasets`.
+Methods live in `pilotid.methods`, simulated data sets in `pilotid.datasets`; a study of
+methods on scenarios is a `Study`.
 """
 
+from pilotid.api import compare, identify, simulate
+from pilotid.datasets.scenarios import SCENARIOS, Scenario
 from pilotid.estimates.estimate import Estimate, Outcome
-from pilotid.estimates.method import Method, identify
+from pilotid.estimates.method import Method
+from pilotid.methods.arx import ARX
+from pilotid.methods.bayes import Bayes
+from pilotid.methods.fourier import Fourier
+from pilotid.methods.mle import MLE
+from pilotid.methods.mle_white import MLEWhite
+from pilotid.methods.mmle3 import MMLE3
+from pilotid.methods.sindy import SINDy
 from pilotid.pilot.catalogue import MODELS, model_named
 from pilotid.pilot.model import Channel, PilotModel
 from pilotid.recordings.files import load_recording, save_recording
 from pilotid.recordings.recording import Recording, joined
+from pilotid.show import plots as plot
+from pilotid.study.study import Study
 from pilotid.types import InputError
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "ARX",
+    "MLE",
+    "MMLE3",
     "MODELS",
+    "SCENARIOS",
+    "Bayes",
     "Channel",
     "Estimate",
+    "Fourier",
     "InputError",
+    "MLEWhite",
     "Method",
     "Outcome",
     "PilotModel",
     "Recording",
+    "SINDy",
+    "Scenario",
+    "Study",
+    "compare",
     "identify",
     "joined",
     "load_recording",
     "model_named",
+    "plot",
     "save_recording",
+    "simulate",
 ]

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 #: Standard deviations on either side of the mean that hold 95 % of a normal distribution.
 Z95 = 1.959963984540054
-#: Normal quantiles of one in 1000 and one in 10,000.
-ONE_IN_1000, ONE_IN_10000 = 3.09, 3.719
+#: The 95 % quantile of chi-squared with one degree of freedom.
+CHI_SQUARED_95 = 3.841458820694124
+
+#: How seldom chance may show an offset or a decay that is not there: once in 14,000 recordings.
+SELDOM = 7e-5
 
 
-def chi_squared_quantile(freedom: float, normal: float) -> float:
-    """Quantile of chi-squared (Wilson and Hilferty's approximation).
+def chi_squared_limit(freedom: float, chance: float) -> float:
+    """What a chi-squared variable exceeds with a small probability.
 
     Parameters
     ----------
     freedom
         Degrees of freedom.
-    normal
-        The same quantile of the standard normal distribution.
+    chance
+        The probability, for example 0.001.
     """
-    share = 2.0 / (9.0 * freedom)
-    return float(freedom * (1.0 - share + normal * share**0.5) ** 3)
+    from scipy.special import chdtri
+
+    return float(chdtri(freedom, chance))

@@ -1,7 +1,9 @@
-"""Files and folders that are written: complete or not there."""
+"""Files and folders that are written: complete or not there; JSON."""
 
 from __future__ import annotations
 
+import json
+import math
 import os
 from pathlib import Path
 
@@ -38,3 +40,16 @@ def make_folder(folder: Path) -> None:
         raise InputError(
             f"{folder}: cannot be made ({error.strerror}); name another folder with --out"
         ) from error
+
+
+def strict_json(value: object) -> str:
+    """JSON text; what is not finite becomes null, since JSON has no word for it."""
+    return json.dumps(_finite(value), indent=2, allow_nan=False) + "\n"
+
+
+def _finite(value: object) -> object:
+    if isinstance(value, dict):
+        return {key: _finite(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -11,8 +11,23 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.intp]
 
 
+def printable(text: str) -> str:
+    """A text with escapes for what would act on a terminal or cannot be written.
+
+    These are control characters, line breaks, marks of direction and lone surrogates: a file's
+    name may hold them all.
+    """
+    return "".join(
+        c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text
+    )
+
+
 class InputError(ValueError):
     """The user's input cannot be used; the message says what, where and what to do.
 
-    The command line prints it as one sentence and leaves with exit status 2.
+    The command line prints it as one sentence and leaves with exit status 2.  The message is made
+    printable here, so that whoever writes it need not care.
     """
+
+    def __init__(self, sentence: str) -> None:
+        super().__init__(printable(sentence))

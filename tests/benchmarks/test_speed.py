@@ -36,7 +36,7 @@ def recording() -> Recording:
 
 @cache
 def coloured() -> Recording:
-    """One run of 4096 samples whose remnant is coloured, as in the seed's simulations."""
+    """One run of 4096 samples whose remnant is coloured, as in the paper's simulations."""
     return simulate(scenario_named("nominal"), np.random.default_rng(1))
 
 

@@ -28,7 +28,7 @@ from multiprocessing import get_context
 import numpy as np
 
 from pilotid.datasets import SCENARIOS, Scenario, simulate
-from pilotid.datasets.experiments import spectra
+from pilotid.datasets.experiments import experiment_of
 from pilotid.estimates.method import identify
 from pilotid.methods import methods
 from pilotid.posterior.priors import default_prior
@@ -112,7 +112,7 @@ def judge(name: str, results: list[Result], runs: int) -> bool:
     """Print one method's table; returns whether `bayes` keeps its promises."""
     truth = scenario(runs)
     true, keys = truth.values, truth.model.keys
-    bound = np.sqrt(np.diag(bounds(spectra(truth)).full))
+    bound = np.sqrt(np.diag(bounds(experiment_of(truth)).full))
     used = [r for r in results if r.usable]
     values = np.array([r.values for r in used])
     means = np.array([r.means for r in used])

@@ -19,7 +19,7 @@ from multiprocessing import get_context
 import numpy as np
 
 from pilotid.datasets import SCENARIOS, Scenario, simulate
-from pilotid.datasets.experiments import spectra
+from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.remnant import Remnant
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.method import identify
@@ -55,7 +55,7 @@ def judge(name: str, estimates: list[list[Estimate]]) -> bool:
     """Print one remnant's table; returns whether all promises hold."""
     scenario = scenarios()[name]
     truth, keys = scenario.values, scenario.model.keys
-    bound = np.sqrt(np.diag(bounds(spectra(scenario)).full))
+    bound = np.sqrt(np.diag(bounds(experiment_of(scenario)).full))
     white = np.array([pair[0].values for pair in estimates if pair[0].outcome.usable])
     aware = [pair[1] for pair in estimates if pair[1].outcome.usable]
     failures = len(estimates) - len(aware)

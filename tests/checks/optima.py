@@ -65,7 +65,9 @@ def deviance(name: str, replication: int) -> tuple[str, float]:
         return float(minimise(joint.gram, start, joint, tolerance=1e-7).cost[0])
 
     reached, from_truth = cost(estimate.values), cost(scenario.values)
-    return estimate.outcome.value, joint.samples * float(np.log(reached / min(reached, from_truth)))
+    return estimate.outcome.value, joint.residuals * float(
+        np.log(reached / min(reached, from_truth))
+    )
 
 
 def main() -> None:

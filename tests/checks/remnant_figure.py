@@ -17,10 +17,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pilotid.datasets import scenario_named
-from pilotid.datasets.experiments import spectra
+from pilotid.datasets.experiments import experiment_of
+from pilotid.study.comparison import comparison_of
+from pilotid.study.score import Score
 from pilotid.study.store import Store
 from pilotid.study.study import Study
-from pilotid.study.summary import Summary, groups_of, summaries_of
 from pilotid.theory.bounds import white_limit
 
 if TYPE_CHECKING:
@@ -39,19 +40,19 @@ HEAD = ("parameter", "bound", "bias", "bias, long record", "claimed std", "true 
 WHITE, MLE, BOUND = "#D55E00", "#0072B2", "#9A9A9A"  # Okabe and Ito, colour-blind safe
 
 
-def summaries(replications: int, seed: int) -> dict[str, list[Summary]]:
+def scores_of(replications: int, seed: int) -> dict[str, tuple[Score, ...]]:
     """Scores of both methods, parameter by parameter."""
     study = Study((SCENARIO,), ("mle-white", "mle"), replications, seed)
     with TemporaryDirectory() as folder, Store(Path(folder), create=True) as store:
         for _ in study.run(store, study.enter(store)):
             pass
-        found = summaries_of(groups_of(store))
-    return {name: [s for s in found if s.method == name] for name in ("mle-white", "mle")}
+        found = comparison_of(store)
+    return {cell.method: cell.scores for cell in found.cells}
 
 
-def table(found: dict[str, list[Summary]]) -> str:
+def table(found: dict[str, tuple[Score, ...]]) -> str:
     scenario = scenario_named(SCENARIO)
-    limit = white_limit(spectra(scenario))
+    limit = white_limit(experiment_of(scenario))
     scatter = np.sqrt(np.diag(limit.sandwich))
     lines = [
         f"| | {HEAD[1]} |" + " mle-white |" * 6 + " mle |" * 4,
@@ -63,33 +64,31 @@ def table(found: dict[str, list[Summary]]) -> str:
     ):
         truth = white.truth
         numbers = (
-            f"{100.0 * white.crlb / truth:.1f}",
+            f"{100.0 * white.bound / truth:.1f}",
             f"{white.bias_percent:+.1f} ± {100.0 * white.bias_se / truth:.1f}",
             f"{100.0 * bias / truth:+.1f}",
-            f"{100.0 * white.mean_std_error / truth:.1f}",
+            f"{100.0 * white.claimed / truth:.1f}",
             f"{100.0 * white.std / truth:.1f}",
             f"{100.0 * deviation / truth:.1f}",
-            f"{white.coverage_95:.2f}",
+            f"{white.coverage:.2f}",
             f"{mle.bias_percent:+.1f} ± {100.0 * mle.bias_se / truth:.1f}",
-            f"{100.0 * mle.mean_std_error / truth:.1f}",
+            f"{100.0 * mle.claimed / truth:.1f}",
             f"{100.0 * mle.std / truth:.1f}",
-            f"{mle.coverage_95:.2f}",
+            f"{mle.coverage:.2f}",
         )
         lines.append(f"| {white.parameter} | {' | '.join(numbers)} |")
     counts = ", ".join(f"{name} {s[0].n} of {s[0].n + s[0].failures}" for name, s in found.items())
     return "\n".join([*lines, "", f"Fits used: {counts}."]).replace("| -0.0 ", "| 0.0 ")
 
 
-def draw(axes: Axes, white: Summary, mle: Summary) -> None:
+def draw(axes: Axes, white: Score, mle: Score) -> None:
     """One parameter: what each method claims, over what it does, over the bound."""
     scale = 100.0 / white.truth
-    bound = scale * white.crlb
+    bound = scale * white.bound
     axes.axhspan(-bound, bound, color=BOUND, alpha=0.35, linewidth=0)
     axes.axhline(0.0, color="#444444", linewidth=0.8)
-    for place, summary, colour, marker in ((0, white, WHITE, "o"), (1, mle, MLE, "s")):
-        centre, true, claimed = (
-            scale * value for value in (summary.bias, summary.std, summary.mean_std_error)
-        )
+    for place, score, colour, marker in ((0, white, WHITE, "o"), (1, mle, MLE, "s")):
+        centre, true, claimed = (scale * value for value in (score.bias, score.std, score.claimed))
         axes.errorbar(place, centre, yerr=true, color=colour, linewidth=1.4, capsize=4)
         axes.plot([place] * 2, [centre - claimed, centre + claimed], color=colour, linewidth=7,
                   alpha=0.55, solid_capstyle="butt")  # fmt: skip
@@ -105,7 +104,7 @@ def draw(axes: Axes, white: Summary, mle: Summary) -> None:
         axes.spines[side].set_visible(False)
 
 
-def figure(found: dict[str, list[Summary]], files: Sequence[Path]) -> None:
+def figure(found: dict[str, tuple[Score, ...]], files: Sequence[Path]) -> None:
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -147,7 +146,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--png", type=Path, help="also write the figure as PNG")
     given = parser.parse_args()
-    found = summaries(given.replications, given.seed)
+    found = scores_of(given.replications, given.seed)
     figure(found, [DOCS / "remnant.svg", *([given.png] if given.png else [])])
     text = table(found)
     print(text)

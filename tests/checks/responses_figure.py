@@ -12,7 +12,7 @@ from pilotid.datasets import scenario_named, simulate
 from pilotid.estimates.method import identify
 from pilotid.methods import methods
 from pilotid.seeds import fit_rng, recording_rng
-from pilotid.show.figures import bode
+from pilotid.show.figures import response_figure
 from pilotid.show.svg import svg
 
 SCENARIO = "nominal"
@@ -32,7 +32,8 @@ def main() -> None:
     shown = [e for e in estimates if e.frequency_response is not None]
     for estimate in shown:
         print(f"{estimate.method}: {estimate.sentence}")
-    text = svg(bode(shown, scenario.values))
+    alt = "Describing functions by the two-step methods, and the truth"
+    text = svg(response_figure(shown, scenario.values), "responses", alt)
     FILE.write_text('<?xml version="1.0" encoding="utf-8"?>\n' + text, encoding="utf-8")
     print(FILE)
 

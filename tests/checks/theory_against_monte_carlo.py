@@ -16,8 +16,8 @@ from dataclasses import replace
 import numpy as np
 
 from pilotid.datasets import Scenario, scenario_named, simulate
-from pilotid.datasets.experiments import spectra
-from pilotid.datasets.forcing import SEED_PERIOD
+from pilotid.datasets.experiments import experiment_of
+from pilotid.datasets.forcing import PERIOD
 from pilotid.datasets.remnant import Remnant
 from pilotid.estimates.method import identify
 from pilotid.methods.mle_white import MLEWhite
@@ -35,7 +35,7 @@ REMNANTS = {
 def scenarios(periods: int) -> Iterator[Scenario]:
     for name, remnant in REMNANTS.items():
         yield replace(
-            scenario_named("nominal"), name=name, remnant=remnant, duration=periods * SEED_PERIOD
+            scenario_named("nominal"), name=name, remnant=remnant, duration=periods * PERIOD
         )
 
 
@@ -56,7 +56,7 @@ def estimates(scenario: Scenario, replications: int) -> tuple[FloatArray, FloatA
 
 def compare(scenario: Scenario, replications: int) -> float:
     """Print one remnant's table; returns the largest deviation in standard errors."""
-    limit = white_limit(spectra(scenario))
+    limit = white_limit(experiment_of(scenario))
     values, errors = estimates(scenario, replications)
     scatter = np.std(values, axis=0, ddof=1)
     truth = scenario.values

@@ -5,25 +5,55 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from pilotid.estimates.method import Method
-from pilotid.methods import method_named, methods
+from pilotid.methods import label_of, method_named, methods
+from pilotid.naming.text import split_list
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.csv import sidecar_path
+from pilotid.recordings.paths import file_size
 from pilotid.types import FloatArray, InputError
+
+SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of all random numbers.")]
+MethodOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--method",
+        metavar="NAME",
+        help="Method: arx, 'arx(memory=none)', file.py:CLASS; repeat, use commas, or say all.",
+    ),
+]
+ScenarioOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--scenario",
+        metavar="NAME",
+        help="Scenario: nominal, 'nominal(runs=3)', file.py:NAME; repeat, use commas, or say all.",
+    ),
+]
+
+
+LARGEST_TRUTH = 2**22  # bytes of a file that names true parameters
 
 
 def names_of(given: Sequence[str] | None, default: Sequence[str], all_: Sequence[str]) -> list[str]:
-    """The names in options that may be repeated, hold several with commas, or say ``all``."""
-    names = [name.strip() for text in given or () for name in text.split(",") if name.strip()]
+    """The names in options that may be repeated, hold several with commas, or say ``all``.
+
+    Commas within parentheses belong to the settings of a name.
+    """
+    names = [name for text in given or () for name in split_list(text, names=True)]
     if "all" in names:
         return list(all_)
     return list(dict.fromkeys(names or default))
 
 
-def methods_of(given: Sequence[str] | None, default: Sequence[str]) -> list[Method]:
-    """The methods that options name."""
-    return [method_named(name) for name in names_of(given, default, list(methods()))]
+def methods_of(given: Sequence[str] | None, default: Sequence[str]) -> dict[str, Method]:
+    """The methods that options name, by their labels."""
+    named = [method_named(name) for name in names_of(given, default, list(methods()))]
+    return {label_of(method): method for method in named}
 
 
 def default_method() -> str:
@@ -59,12 +89,13 @@ def read_truth(path: Path, model: PilotModel) -> FloatArray:
     InputError
         If the file cannot be read or lacks a parameter of the model.
     """
+    file_size(path, LARGEST_TRUTH)
     try:
         held = json.loads(path.read_text(encoding="utf-8"))["parameters"]
         return model.vector({key: float(entry["value"]) for key, entry in held.items()})
     except InputError as error:
         raise InputError(f"{path}: {error}; give the truth of a recording of that model") from None
-    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         raise InputError(
             f"{path}: cannot be read as the truth of a simulation; name the F.truth.json that "
             "`pilotid simulate` wrote"

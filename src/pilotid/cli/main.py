@@ -7,34 +7,38 @@ from __future__ import annotations
 
 import inspect
 import sys
-from collections.abc import Sequence
-from dataclasses import fields, is_dataclass, replace
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 
 from pilotid.cli.arguments import (
+    MethodOption,
+    SeedOption,
     default_method,
     methods_of,
-    names_of,
     read_truth,
     require_writable,
     started,
 )
-from pilotid.disk import write_file
+from pilotid.cli.comparison import compare, report
+from pilotid.cli.stopping import STATUS, heeding_interruptions
+from pilotid.disk import strict_json, write_file
+from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.method import Method
-from pilotid.estimates.quantities import fit_all
+from pilotid.estimates.sound import one_line
+from pilotid.naming.code import PluginWarning
+from pilotid.naming.settings import labelled
 from pilotid.pilot.catalogue import MODELS, model_named
 from pilotid.recordings.files import load_recording, parse_mapping, save_recording
 from pilotid.recordings.recording import Recording, joined
 from pilotid.seeds import DEFAULT_SEED, recording_rng
-from pilotid.show.json import fit_json, strict_json
-from pilotid.show.terminal import make_console, print_fits, print_table, with_bar
+from pilotid.terminal import make_console, with_bar
 from pilotid.types import InputError
-
-if TYPE_CHECKING:
-    from pilotid.study.store import Store, Unit
 
 app = typer.Typer(
     help="Identify pilot models from tracking recordings with every standard method.",
@@ -42,19 +46,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of all random numbers.")]
-MethodOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--method", metavar="NAME", help="Method; repeat, separate by commas, or say all."
-    ),
-]
-ScenarioOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--scenario", metavar="NAME", help="Scenario; repeat, separate by commas, or say all."
-    ),
-]
 ModelOption = Annotated[
     str, typer.Option(metavar="NAME", help="Pilot model; multi needs motion of the pilot.")
 ]
@@ -77,15 +68,32 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         # A terminal that lacks a sign is no reason to stop.
         getattr(stream, "reconfigure", lambda **_: None)(errors="replace")
     given = list(sys.argv[1:] if arguments is None else arguments)
-    try:
-        status = app(given or ["--help"], prog_name="pilotid", standalone_mode=False)
-    except InputError as error:
-        _refuse(str(error))
-    except typer.TyperException as error:  # a wrong option or value
-        context = getattr(error, "ctx", None)
-        command = context.command_path if context else "pilotid"
-        _refuse(f"{error.format_message().rstrip('.')}; see {command} --help")
+    with heeding_interruptions(), _warnings_as_sentences():
+        try:
+            status = app(given or ["--help"], prog_name="pilotid", standalone_mode=False)
+        except InputError as error:
+            _refuse(str(error))
+        except typer.TyperException as error:  # a wrong option or value
+            context = getattr(error, "ctx", None)
+            command = context.command_path if context else "pilotid"
+            _refuse(f"{error.format_message().rstrip('.')}; see {command} --help")
+        if status == STATUS:  # that is what typer makes of Ctrl-C
+            raise KeyboardInterrupt
     raise SystemExit(status or 0)
+
+
+@contextmanager
+def _warnings_as_sentences() -> Iterator[None]:
+    """Let a warning cost a line and nothing else: that of a plug-in that is left out, too."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", PluginWarning)
+
+        def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+            kind = "" if issubclass(category, PluginWarning) else f"{category.__name__}: "
+            sys.stderr.write(f"pilotid: {kind}{one_line(str(message))}\n")
+
+        warnings.showwarning = show
+        yield
 
 
 def _refuse(sentence: str) -> NoReturn:
@@ -102,7 +110,7 @@ def list_names() -> None:
     console = make_console()
     summaries = {
         "models": {m.name: f"{m.description}: {', '.join(m.keys)}" for m in MODELS.values()},
-        "methods": {m.name: _first_line(m) for m in methods().values()},
+        "methods": {name: _first_line(m) for name, m in methods().items()},
         "scenarios": {s.name: s.description for s in SCENARIOS.values()},
     }
     for title, entries in summaries.items():
@@ -112,13 +120,11 @@ def list_names() -> None:
 
 
 def _first_line(method: Method) -> str:
-    """What a method is, and its settings where they are not the usual ones."""
+    """What a method is, its settings where they are not the usual ones, and whose it is."""
     line = (inspect.getdoc(type(method)) or "").partition("\n")[0]
-    given: Any = method  # methods of other packages need not be dataclasses
-    settings = fields(given) if is_dataclass(given) else ()
-    values = {f.name: getattr(given, f.name) for f in settings}
-    changed = [f"{f.name}={values[f.name]!r}" for f in settings if values[f.name] != f.default]
-    return f"{line} ({', '.join(changed)})" if changed else line
+    package = type(method).__module__.partition(".")[0]
+    origin = "" if package == "pilotid" else f"[{package}]"
+    return " ".join(part for part in (one_line(line), labelled("", method), origin) if part)
 
 
 @app.command()
@@ -179,11 +185,11 @@ def fit(
     for target in (json_file, report):
         if target is not None:
             require_writable(target, files)
-    recordings = _loaded(files, mapping, joint)
+    recordings, refused = _loaded(files, mapping, joint)
     todo = with_bar(recordings, "fitting", len(recordings))
     fits = [fit_all(recording, chosen, methods, seed) for recording in todo]
 
-    entries = [fit_json(f) for f in fits]
+    entries = [f.to_dict() for f in fits]
     text = strict_json(entries[0] if len(entries) == 1 else entries)
     if json_file is not None:
         write_file(json_file, text.encode())
@@ -194,14 +200,40 @@ def fit(
     if json == "-":
         sys.stdout.write(text)
     else:
-        print_fits(make_console(), fits)
+        _print(fits)
+    if refused:
+        raise InputError("; ".join(refused))
 
 
-def _loaded(files: list[Path], mapping: list[str] | None, joint: bool) -> list[Recording]:
-    """The recordings in files, as one if they are runs of one."""
+def _print(fits: Sequence[Fitted]) -> None:
+    """Print the tables of several fits, an empty line between them."""
+    console = make_console()
+    for number, fit in enumerate(fits):
+        if number:
+            console.print()
+        fit.print(console)
+
+
+def _loaded(
+    files: list[Path], mapping: list[str] | None, joint: bool
+) -> tuple[list[Recording], list[str]]:
+    """The recordings in files, as one if they are runs of one, and why others are refused.
+
+    One bad file of several does not cost the others; where none is good, or all are runs of one
+    recording, there is nothing to go on with.
+    """
     names = parse_mapping(",".join(mapping)) if mapping else None
-    recordings = [load_recording(file, names) for file in files]
-    return [joined(recordings)] if joint and len(recordings) > 1 else recordings
+    recordings, refused = [], []
+    for file in files:
+        try:
+            recordings.append(load_recording(file, names))
+        except InputError as error:
+            if joint or len(files) == 1:
+                raise
+            refused.append(str(error))
+    if not recordings:
+        raise InputError("; ".join(refused))
+    return ([joined(recordings)] if joint and len(files) > 1 else recordings), refused
 
 
 @app.command()
@@ -211,7 +243,7 @@ def posterior(
     ],
     model: ModelOption = "single",
     white: Annotated[
-        bool, typer.Option("--white", help="Take the residual for white, as the seed did.")
+        bool, typer.Option("--white", help="Take the residual for white, as AIAA 2008-7109 does.")
     ] = False,
     mapping: MapOption = None,
     joint: JointOption = False,
@@ -233,109 +265,11 @@ def posterior(
         raise InputError("several files need --joint: they are then runs of one recording")
     plant = element_named(element) if element else None
     chosen = model_named(model)
-    (recording,) = _loaded(files, mapping, joint)
+    ((recording,), _) = _loaded(files, mapping, joint)
     if out is not None:
         make_folder(out)
     infer(recording, chosen, white=white, element=plant, seed=seed, folder=out)
 
 
-@app.command()
-def compare(
-    profile: Annotated[
-        str,
-        typer.Option(
-            metavar="quick|full",
-            help="quick: some recordings of the nominal scenario; full: 500 of every scenario.",
-        ),
-    ] = "quick",
-    scenario: ScenarioOption = None,
-    method: MethodOption = None,
-    replications: Annotated[
-        int | None, typer.Option(min=1, help="Recordings of each scenario.")
-    ] = None,
-    seed: SeedOption = DEFAULT_SEED,
-    workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes; default: one for each processor.")
-    ] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(metavar="ADDRESS", help="Use the workers of this Dask scheduler instead."),
-    ] = None,
-    mix: Annotated[
-        bool, typer.Option("--mix", help="Add to results of other code or settings in DIR.")
-    ] = False,
-    out: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder of the results; goes on where it stopped.")
-    ] = Path("results/compare"),
-) -> None:
-    """Compare methods on simulated recordings whose truth is known."""
-    from pilotid.cli.progress import with_progress
-    from pilotid.datasets import SCENARIOS, scenario_named
-    from pilotid.disk import make_folder
-    from pilotid.methods import methods
-    from pilotid.study.store import Store
-    from pilotid.study.study import PROFILES, Study
-
-    if profile not in PROFILES:
-        raise InputError(f"unknown profile '{profile}': choose from {', '.join(PROFILES)}")
-    if workers is not None and scheduler is not None:
-        raise InputError("--workers and --scheduler exclude each other; leave one out")
-    default, count = PROFILES[profile]
-    scenarios = [scenario_named(n).name for n in names_of(scenario, default, list(SCENARIOS))]
-    chosen = [m.name for m in methods_of(method, list(methods()))]
-    study = Study(tuple(scenarios), tuple(chosen), replications or count, seed)
-    make_folder(out)
-    with Store(out, create=True) as store:
-        pending = study.enter(store, mix=mix)
-        console = make_console()
-        total = len(study.units())
-        if len(pending) < total:
-            held = total - len(pending)
-            console.print(f"{store.path}: holds {held} of {total} fits already", soft_wrap=True)
-        results = with_progress(study.run(store, pending, workers, scheduler), pending)
-        try:
-            for number, _ in enumerate(results, start=1):
-                if number == len(chosen):  # one fit by each method tells how long all will take
-                    _foretell(store, pending, workers)
-        except KeyboardInterrupt:
-            raise InputError(
-                f"stopped; {store.path} keeps what is done, and the same command goes on from there"
-            ) from None
-        _finish(out, store)
-
-
-def _foretell(store: Store, pending: list[Unit], workers: int | None) -> None:
-    """Say about how long a long study will take."""
-    from pilotid.study.study import remaining_seconds
-    from pilotid.study.workers import processors
-
-    processes = workers or processors()
-    minutes = remaining_seconds(store, pending, processes) / 60.0
-    if minutes > 1.0:
-        make_console(errors=True).print(
-            f"{len(pending)} fits, about {minutes:.0f} min on {processes} processes", soft_wrap=True
-        )
-
-
-@app.command()
-def report(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="What `compare` wrote.")],
-) -> None:
-    """Make the tables and the report of a comparison again, from its store alone."""
-    from pilotid.study.store import Store
-
-    with Store(folder) as store:
-        _finish(folder, store)
-
-
-def _finish(folder: Path, store: Store) -> None:
-    from pilotid.report.page import overview_table, write_report
-    from pilotid.study.summary import groups_of, summaries_of, write_tables
-
-    groups = groups_of(store)
-    summaries = summaries_of(groups)
-    write_tables(folder, groups, summaries)
-    path = write_report(folder, store, groups, summaries)
-    console = make_console()
-    print_table(console, overview_table(store, groups, summaries))
-    console.print(f"report: {path}", soft_wrap=True)
+app.command()(compare)
+app.command()(report)

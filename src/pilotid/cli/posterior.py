@@ -6,7 +6,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from pilotid.estimates.quantities import Fitted
+from pilotid.estimates.fitted import Fitted
 from pilotid.methods.bayes import Bayes
 from pilotid.pilot.element import ControlledElement, parsed_element
 from pilotid.pilot.model import PilotModel

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 
-from pilotid.show.terminal import make_console
-from pilotid.study.store import Result, Unit
+from pilotid.study.entries import Result
+from pilotid.terminal import make_console
 
 
-def with_progress(results: Iterable[Result], pending: Sequence[Unit]) -> Iterator[Result]:
+def with_progress(results: Iterable[Result], counts: Mapping[str, int]) -> Iterator[Result]:
     """The results, with a bar for each method and the time left while they come.
+
+    Parameters
+    ----------
+    results
+        The fits as they come.
+    counts
+        How many there will be of each method.
 
     The bars go to standard error, and only if that is a terminal.
     """
@@ -23,7 +30,8 @@ def with_progress(results: Iterable[Result], pending: Sequence[Unit]) -> Iterato
     )
 
     console = make_console(errors=True)
-    if not console.is_terminal or len(pending) < 2:
+    total = sum(counts.values())
+    if not console.is_terminal or total < 2:
         yield from results
         return
     bars = Progress(
@@ -35,11 +43,10 @@ def with_progress(results: Iterable[Result], pending: Sequence[Unit]) -> Iterato
         console=console,
         transient=True,
     )
-    counts = Counter(unit.method for unit in pending)
     failed: Counter[str] = Counter()
     with bars:
-        tasks = {name: bars.add_task(name, total=n, failed="") for name, n in counts.items()}
-        whole = bars.add_task("all", total=len(pending), failed="")
+        tasks = {name: bars.add_task(name, total=n, failed="") for name, n in counts.items() if n}
+        whole = bars.add_task("all", total=total, failed="")
         for result in results:
             method = result.unit.method
             failed[method] += not result.usable

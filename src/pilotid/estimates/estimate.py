@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+import html
+import math
+from dataclasses import astuple, dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pilotid.chance import Z95
 from pilotid.estimates.draws import Draws
+from pilotid.estimates.quantities import Quantity, product_spreads, products_by_delta
 from pilotid.estimates.remnant import RemnantEstimate
 from pilotid.estimates.response import FrequencyResponse
+from pilotid.estimates.tables import quantity_html, quantity_table
 from pilotid.pilot.model import PilotModel
+from pilotid.terminal import plain
 from pilotid.types import FloatArray
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 
 class Outcome(enum.Enum):
@@ -27,6 +36,10 @@ class Outcome(enum.Enum):
     UNSTABLE_MODEL = "failed: the first-step model is unusable"
     NOT_APPLICABLE = "not applicable to this recording"
     CRASHED = "failed: an error ended the fit"
+    INVALID = "failed: the method returned no sound estimate"
+    OUT_OF_MEMORY = "failed: it ran out of memory"
+    TIMED_OUT = "failed: it took longer than the time limit"
+    DIED = "failed: its process died"
 
     @property
     def usable(self) -> bool:
@@ -55,7 +68,7 @@ class Starts:
     agreeing: int
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Estimate:
     """The result of one method on one recording.
 
@@ -85,6 +98,8 @@ class Estimate:
         The first step of a two-step method.
     draws
         Draws of the posterior, where the method has one.
+    remarks
+        What a user must know before believing it, a sentence each; empty if all is well.
     seconds
         Wall-clock time of the fit.
     """
@@ -102,6 +117,7 @@ class Estimate:
     remnant: RemnantEstimate | None = None
     frequency_response: FrequencyResponse | None = None
     draws: Draws | None = None
+    remarks: tuple[str, ...] = ()
     seconds: float = float("nan")
 
     @property
@@ -119,6 +135,117 @@ class Estimate:
     def sentence(self) -> str:
         """The outcome in words, with the details."""
         return f"{self.outcome.value} ({self.message})" if self.message else self.outcome.value
+
+    @property
+    def parameters(self) -> list[Quantity]:
+        """The model's parameters, in model order."""
+        return [
+            Quantity(p.key, p.unit, float(value), float(error), float(low), float(high))
+            for p, value, error, (low, high) in zip(
+                self.model.parameters, self.values, self.std_error, self.intervals, strict=True
+            )
+        ]
+
+    @property
+    def derived(self) -> list[Quantity]:
+        """Products of parameters, by the posterior where there is one, else to first order."""
+        if self.draws is None:
+            return products_by_delta(self.model.keys, self.values, self.covariance)
+        return [
+            Quantity(s.key, s.unit, s.mean, s.deviation, *s.equal_tailed.tolist())
+            for s in product_spreads(self.draws)
+        ]
+
+    @property
+    def quantities(self) -> list[Quantity]:
+        """Parameters, and products of them."""
+        return [*self.parameters, *self.derived]
+
+    def __getitem__(self, key: str) -> Quantity:
+        """A parameter or product by its key: value, standard error, interval and unit."""
+        found = {quantity.key: quantity for quantity in self.quantities}
+        if key not in found:
+            raise KeyError(f"{key}: the estimate has {', '.join(found)}")
+        return found[key]
+
+    def verdict(self, *, timed: bool = True) -> str:
+        """One line that says how the fit ended, and how well the model describes the control.
+
+        Parameters
+        ----------
+        timed
+            Whether to tell the time it took, which differs from run to run.
+        """
+        parts = [self.sentence]
+        if math.isfinite(self.vaf):
+            parts.append(f"VAF {self.vaf:.1f} %")
+        if self.starts:
+            parts.append(f"{self.starts.agreeing} of {len(self.starts.cost)} starts agree")
+        if self.remnant:
+            parts.append(self.remnant.words)
+        if self.frequency_response is not None and self.frequency_response.note:
+            parts.append(self.frequency_response.note)
+        if timed and math.isfinite(self.seconds):
+            parts.append(f"{self.seconds:.2g} s")
+        return f"{self.method}: {'; '.join(parts)}"
+
+    def __repr__(self) -> str:
+        numbers = ", ".join(f"{q.key} {q.shown()[0]}" for q in self.parameters)
+        told = numbers if self.outcome.usable else self.outcome.value
+        return f"<Estimate of model {self.model.name} by {self.method}: {told}>"
+
+    def __str__(self) -> str:
+        """All quantities, verdict and remarks, as `pilotid fit` prints them."""
+        lines = []
+        if np.isfinite(self.values).any():
+            lines += [plain(quantity_table([(self.method, self.quantities)])), ""]
+        return "\n".join([*lines, self.verdict(), *self.remarks])
+
+    def summary(self) -> None:
+        """Print all quantities, the verdict and the remarks."""
+        print(self)
+
+    def _repr_html_(self) -> str:
+        lines = "".join(f"<p>{html.escape(line)}</p>" for line in (self.verdict(), *self.remarks))
+        if not np.isfinite(self.values).any():
+            return lines
+        return quantity_html([(self.method, self.quantities)]) + lines
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain objects, in the form that `pilotid fit --json` writes; NaN where there is none."""
+        starts = self.starts
+        result: dict[str, object] = {
+            "method": self.method,
+            "outcome": self.outcome.slug,
+            "message": self.sentence,
+            "parameters": {q.key: q.to_dict() for q in self.parameters},
+            "derived": {q.key: q.to_dict() for q in self.derived},
+            "correlation": self.correlation.tolist(),
+            "vaf": self.vaf,
+            "iterations": self.iterations,
+            "starts": starts and {"total": len(starts.cost), "agreeing": starts.agreeing},
+            "seconds": self.seconds,
+            "remarks": list(self.remarks),
+        }
+        if self.remnant is not None:
+            result["remnant"] = self.remnant.to_dict()
+        if self.frequency_response is not None:
+            names = [channel.name for channel in self.model.channels]
+            result["frequency_response"] = self.frequency_response.to_dict(names)
+        return result
+
+    def to_dataframe(self) -> DataFrame:
+        """A row for each quantity: key, unit, value, standard error and 95 % interval.
+
+        Raises
+        ------
+        ImportError
+            Without pandas, which ``pip install 'pilotid[tables]'`` brings.
+        """
+        from pandas import DataFrame
+
+        columns = ["parameter", "unit", "value", "std_error", "lower_95", "upper_95"]
+        return DataFrame([astuple(q) for q in self.quantities], columns=columns)
 
 
 def failed(method: str, model: PilotModel, outcome: Outcome, message: str = "") -> Estimate:

@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
+import os
+import re
 import time
+import traceback
 from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate, Outcome, failed
+from pilotid.estimates.remarks import remarks_on
+from pilotid.estimates.sound import fault_of, one_line
+from pilotid.naming.code import reason
 from pilotid.pilot.model import PilotModel
+from pilotid.recordings.checks import motionless
 from pilotid.recordings.recording import Recording
+from pilotid.types import InputError
+
+#: The environment variable that asks for tracebacks of methods that raise.
+TRACEBACK = "PILOTID_TRACEBACK"
 
 
 class Method(Protocol):
-    """An estimator: a frozen dataclass of settings, whose repr labels it in reports."""
+    """An estimator: a frozen dataclass of settings, whose label names it in reports."""
 
     @property
     def name(self) -> str:
@@ -33,15 +44,68 @@ class Method(Protocol):
 def identify(
     method: Method, recording: Recording, model: PilotModel, rng: np.random.Generator
 ) -> Estimate:
-    """Run a method on a recording, with its objection heeded and its time taken."""
+    """Run a method on a recording, with its objection heeded and its time taken.
+
+    Whatever the method does, the answer is an estimate: what it raises, and what it returns
+    that makes no sense, are outcomes.  Only an interruption by the user passes through.
+    """
     import scipy.fft  # noqa: F401, before the fit is timed
 
-    objection = method.objection(recording, model)
-    if objection:
-        return failed(method.name, model, Outcome.NOT_APPLICABLE, objection)
-    begin = time.perf_counter()
+    name, begin = method.name, None
     try:
+        objection = _motionless_input(recording, model) or method.objection(recording, model)
+        if objection:
+            why = one_line(str(objection))
+            return failed(name, model, Outcome.NOT_APPLICABLE, why)
+        begin = time.perf_counter()
         estimate = method.fit(recording, model, rng)
-    except (np.linalg.LinAlgError, FloatingPointError) as error:
-        estimate = failed(method.name, model, Outcome.SINGULAR, str(error))
-    return replace(estimate, seconds=time.perf_counter() - begin)
+        fault = fault_of(estimate, model)
+        if fault:
+            estimate = failed(name, model, Outcome.INVALID, fault)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # code of others may raise anything, SystemExit as well
+        if os.environ.get(TRACEBACK):
+            traceback.print_exc()
+        estimate = failed(name, model, *_outcome_of(error))
+    seconds = float("nan") if begin is None else time.perf_counter() - begin
+    return replace(
+        estimate,
+        message=one_line(estimate.message),
+        remarks=tuple(one_line(remark) for remark in remarks_on(estimate)),
+        seconds=seconds,
+    )
+
+
+def _motionless_input(recording: Recording, model: PilotModel) -> str | None:
+    """Why no method can identify a model: one of its channels has nothing to act on."""
+    for channel in model.channels:
+        name = {"error": "e", "output": "x"}[channel.input]
+        if motionless(recording, name):
+            return f"{name} does not move, so that the {channel.name} channel has no input"
+    return None
+
+
+def _outcome_of(error: BaseException) -> tuple[Outcome, str]:
+    """How a fit ended that raised an exception, and why."""
+    match error:
+        case np.linalg.LinAlgError() | FloatingPointError():
+            return Outcome.SINGULAR, str(error)
+        case MemoryError():
+            return Outcome.OUT_OF_MEMORY, str(error)
+        case InputError():  # a sentence already
+            return Outcome.CRASHED, str(error)
+        case _:
+            return Outcome.CRASHED, reason(error)
+
+
+def method_fault(thing: object) -> str:
+    """Why a thing taken from code is no method, empty if it is one."""
+    try:
+        name = getattr(thing, "name", None)
+    except Exception as error:
+        return f"its name cannot be read ({reason(error)})"
+    if not isinstance(name, str) or not re.fullmatch(r"\w[\w.+-]{0,60}", name, re.ASCII):
+        return "a method needs a `name` of letters, digits and the signs . + -"
+    lacking = [word for word in ("fit", "objection") if not callable(getattr(thing, word, None))]
+    return f"a method needs a function `{lacking[0]}`" if lacking else ""

@@ -1,28 +1,16 @@
-"""What `fit` hands to tables, JSON and reports: estimates, quantity by quantity."""
+"""Quantities with errors and intervals: parameters, and products of them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from pilotid.chance import Z95
-from pilotid.estimates.draws import spread_of
-from pilotid.estimates.estimate import Estimate
-from pilotid.estimates.method import Method, identify
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
-from pilotid.seeds import fit_rng
-
-
-@dataclass(frozen=True, eq=False)
-class Fitted:
-    """All estimates of one model from one recording."""
-
-    recording: Recording
-    model: PilotModel
-    estimates: tuple[Estimate, ...]
+from pilotid.estimates.draws import Draws, Spread, spread_of
+from pilotid.numbers import decimals
+from pilotid.types import FloatArray
 
 
 @dataclass(frozen=True)
@@ -36,50 +24,99 @@ class Quantity:
     lower: float
     upper: float
 
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Lower and upper end of the 95 % interval."""
+        return self.lower, self.upper
 
-def fit_all(
-    recording: Recording, model: PilotModel, methods: Sequence[Method], seed: int
-) -> Fitted:
-    """Run methods on a recording, each with its own random generator."""
-    return Fitted(
-        recording,
-        model,
-        tuple(identify(m, recording, model, fit_rng(seed, m.name)) for m in methods),
-    )
+    def shown(self, plus_minus: str = "±") -> tuple[str, str]:
+        """Value with standard error, and interval, to the digits that the error allows."""
+        if not math.isfinite(self.value):
+            return "-", ""
+        error = self.std_error
+        if not (math.isfinite(error) and error > 0.0):
+            return f"{self.value:.4g}", ""
+        digits = decimals(error)
+        value = f"{self.value:.{digits}f} {plus_minus} {error:.{digits}f}"
+        return value, f"{self.lower:.{digits}f} .. {self.upper:.{digits}f}"
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain objects, as JSON has them."""
+        return {
+            "value": self.value,
+            "std_error": self.std_error,
+            "interval_95": [self.lower, self.upper],
+            "unit": self.unit,
+        }
+
+    def __str__(self) -> str:
+        value, interval = self.shown()
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{self.key} = {value}{unit}" + (f", 95 % {interval}" if interval else "")
 
 
-def parameters(estimate: Estimate) -> list[Quantity]:
-    """The model's parameters, in model order."""
+@dataclass(frozen=True)
+class Product:
+    """A product of parameters that is better known than the parameters themselves."""
+
+    factors: tuple[str, ...]
+    unit: str
+
+    @property
+    def key(self) -> str:
+        """Its name in tables and files."""
+        return "*".join(self.factors)
+
+    def of(self, values: FloatArray, keys: tuple[str, ...]) -> FloatArray:
+        """The product for parameter sets in the order of the keys, shape (...,)."""
+        return np.asarray(np.prod([values[..., keys.index(f)] for f in self.factors], axis=0))
+
+    def gradient(self, values: FloatArray, keys: tuple[str, ...]) -> FloatArray:
+        """Its derivative by each parameter of one set, shape (parameters,)."""
+        slope = np.zeros(len(keys))
+        for factor in self.factors:
+            others = Product(tuple(f for f in self.factors if f != factor), "")
+            slope[keys.index(factor)] = others.of(values, keys)
+        return slope
+
+
+#: Gain and lead time of the visual channel are correlated at about -0.99; their product, the
+#: gain on the error's rate, is known several times more accurately than either.
+PRODUCTS = (Product(("Kvis", "tlead"), "s"),)
+
+
+def products_of(keys: tuple[str, ...]) -> list[Product]:
+    """The products whose factors are among the parameters."""
+    return [product for product in PRODUCTS if set(product.factors) <= set(keys)]
+
+
+def product_spreads(draws: Draws) -> list[Spread]:
+    """Posteriors of the products."""
     return [
-        Quantity(p.key, p.unit, float(value), float(error), float(low), float(high))
-        for p, value, error, (low, high) in zip(
-            estimate.model.parameters,
-            estimate.values,
-            estimate.std_error,
-            estimate.intervals,
-            strict=True,
-        )
+        spread_of(p.key, p.unit, p.of(draws.values, draws.keys), draws.weights)
+        for p in products_of(draws.keys)
     ]
 
 
-def derived(estimate: Estimate) -> list[Quantity]:
-    """Functions of the parameters that are better known than the parameters themselves.
+def products_by_delta(
+    keys: tuple[str, ...], values: FloatArray, covariance: FloatArray
+) -> list[Quantity]:
+    """Products of parameters, with errors to first order.
 
-    Gain and lead time of the visual channel are correlated at about -0.99; their product,
-    the gain on the error's rate, is known several times more accurately than either.
+    Parameters
+    ----------
+    keys
+        The parameters' keys.
+    values, covariance
+        The estimate, shapes (parameters,) and (parameters, parameters).
     """
-    keys = estimate.model.keys
-    if not {"Kvis", "tlead"} <= set(keys):
-        return []
-    gain, lead = keys.index("Kvis"), keys.index("tlead")
-    draws = estimate.draws
-    if draws is not None:
-        product = draws.values[:, gain] * draws.values[:, lead]
-        known = spread_of("Kvis*tlead", "s", product, draws.weights)
-        low, high = known.equal_tailed.tolist()
-        return [Quantity(known.key, known.unit, known.mean, known.deviation, low, high)]
-    slope = np.zeros(len(keys))
-    slope[gain], slope[lead] = estimate.values[lead], estimate.values[gain]
-    value = float(estimate.values[gain] * estimate.values[lead])
-    error = float(np.sqrt(slope @ estimate.covariance @ slope))
-    return [Quantity("Kvis*tlead", "s", value, error, value - Z95 * error, value + Z95 * error)]
+    result = []
+    for product in products_of(keys):
+        value = float(product.of(values, keys))
+        slope = product.gradient(values, keys)
+        error = float(np.sqrt(slope @ covariance @ slope))
+        reach = Z95 * error
+        result.append(
+            Quantity(product.key, product.unit, value, error, value - reach, value + reach)
+        )
+    return result

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,6 +49,22 @@ class FrequencyResponse:
         """Root mean square of the random error |value - true value|, shape (channels, n)."""
         real, imaginary = np.diag(self.covariance).reshape(2, *self.value.shape)
         return np.asarray(np.sqrt(real + imaginary))
+
+    def to_dict(self, names: Sequence[str]) -> dict[str, object]:
+        """Plain objects, as JSON has them, with the channels by these names."""
+        result: dict[str, object] = {"omega": self.omega.tolist()}
+        if self.note:
+            result["note"] = self.note
+        for c, name in enumerate(names):
+            entry = {
+                "real": self.value[c].real.tolist(),
+                "imag": self.value[c].imag.tolist(),
+                "std": self.std[c].tolist(),
+            }
+            if self.systematic is not None:
+                entry["systematic"] = self.systematic[c].tolist()
+            result[name] = entry
+        return result
 
 
 def real_parts(value: ComplexArray) -> FloatArray:

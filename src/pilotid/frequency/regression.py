@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pilotid.estimates.response import real_parts
+from pilotid.estimates.response import FrequencyResponse, real_parts
 from pilotid.frequency.structures import Structure, StructureSearch
-from pilotid.pilot.model import Channel
+from pilotid.pilot.model import Channel, PilotModel
 from pilotid.time_domain.prediction import Prediction
 from pilotid.types import ComplexArray, FloatArray, IntArray
 
@@ -266,3 +266,42 @@ def discrete_response(
     slopes[: structure.poles] = -at * (powers / bottom)[:, None]
     jacobian = real_parts(slopes)
     return value, jacobian.T @ fit.covariance @ jacobian
+
+
+def channel_response(
+    model: PilotModel,
+    omega: FloatArray,
+    dt: float,
+    fit: BlackBox,
+    misfit: float,
+    note: str,
+    values: FloatArray | None = None,
+) -> FrequencyResponse:
+    """The responses of a pilot's channels by a black-box model of them.
+
+    Parameters
+    ----------
+    model
+        The pilot model, whose channels are the inputs.
+    omega
+        Frequencies [rad/s], shape (n,).
+    dt
+        Sampling interval of the black-box model [s].
+    fit
+        The black-box model.
+    misfit
+        Error of the black-box model as a share of the response, independent at every
+        frequency; it adds to the covariance.
+    note
+        What a reader should know of the black-box model.
+    values
+        Parameters of the pilot model at which errors are propagated; None for the estimated
+        response.
+    """
+    s = np.asarray(1j * omega, dtype=complex)
+    factors = np.array([known_dynamics(c, s) * s**c.derivative for c in model.channels])
+    reference = None if values is None else model.response(omega, values)
+    value, covariance = discrete_response(omega, dt, fit, factors, reference)
+    size = np.abs(value if reference is None else reference).ravel()
+    allowance = np.tile(0.5 * (misfit * size) ** 2, 2)
+    return FrequencyResponse(omega, value, covariance + np.diag(allowance), note=note)

@@ -9,20 +9,20 @@ weight.
 
 from __future__ import annotations
 
-from typing import Protocol
+from dataclasses import replace
 
 import numpy as np
 
-from pilotid.chance import ONE_IN_1000, chi_squared_quantile
-from pilotid.estimates.estimate import Estimate, Outcome, failed, outcome_of
+from pilotid.chance import chi_squared_limit
+from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.response import FrequencyResponse, real_parts
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_of
 from pilotid.solve.intervals import profile_intervals
-from pilotid.solve.least_squares import gram_matrices, minimise
+from pilotid.solve.least_squares import Problem, minimise
 from pilotid.solve.search import record, search
-from pilotid.time_domain.output_error import simulated_vaf
+from pilotid.time_domain.conclusion import concluded
 from pilotid.types import FloatArray
 
 #: Combinations of responses whose variance is this far below the largest one are taken for
@@ -30,20 +30,7 @@ from pilotid.types import FloatArray
 NEGLIGIBLE = 1e-10
 
 
-class Problem(Protocol):
-    """Standardised residuals, of variance 1 each, of a model with these parameters."""
-
-    @property
-    def residuals(self) -> int:
-        """Number of independent residuals."""
-        ...
-
-    def gram(self, values: FloatArray) -> FloatArray:
-        """Inner products of Jacobian and residual, as `pilotid.solve` takes them."""
-        ...
-
-
-class ResponseFit:
+class ResponseFit(Problem):
     """Standardised residuals of a frequency response.
 
     Parameters
@@ -80,10 +67,6 @@ class ResponseFit:
         slopes = real_parts(jacobian.swapaxes(1, 2))
         residual = real_parts(self.response.value - found)
         return np.concatenate([slopes, residual[:, None]], axis=1) @ self.whitener.T
-
-    def gram(self, values: FloatArray) -> FloatArray:
-        """Inner products of the rows, shape (sets, parameters + 1, parameters + 1)."""
-        return gram_matrices(self.rows, values)
 
 
 def _whitener(response: FrequencyResponse) -> FloatArray:
@@ -150,16 +133,12 @@ def second_step(
     covariance = covariance_of(end.gram[0, :-1, :-1], variance)
     if covariance is None:
         return failed(name, model, Outcome.SINGULAR)
-    outcome, message = outcome_of(model, values, bool(end.converged[0]))
-    return Estimate(
-        name,
-        model,
-        outcome,
-        values=values,
-        covariance=covariance,
+    estimate = concluded(
+        name, recording, model, values, covariance, converged=bool(end.converged[0])
+    )
+    return replace(
+        estimate,
         intervals=profile_intervals(problem.gram, model, end, variance, len(values)),
-        vaf=simulated_vaf(recording, model, values),
-        message=message,
         iterations=found.iterations + end.iterations,
         starts=record(found),
         frequency_response=response,
@@ -170,4 +149,4 @@ def _excess(cost: float, freedom: int) -> float:
     """Variance of the standardised residuals where it is clearly above 1, else 1."""
     if freedom == 0:
         return 1.0
-    return cost / freedom if cost > chi_squared_quantile(freedom, ONE_IN_1000) else 1.0
+    return cost / freedom if cost > chi_squared_limit(freedom, 1e-3) else 1.0

@@ -4,14 +4,16 @@ A channel of a pilot model is a signed product of factors.  A factor knows its
 parameters, its frequency response and its *log-derivative* (the derivative of
 the logarithm of the response) by each parameter: responses multiply and
 log-derivatives add, so that the Jacobian of any product follows by itself.
-A user's own factor is any object with the members of `Factor`.
+A user's own factor is any object with the members of `Factor`; it may offer those of
+`TimeDelay`, `Derivative` or `OnAxis` as well.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -49,6 +51,10 @@ class Parameter:
     linear
         The response is proportional to this parameter, which lets a search
         solve for it instead of guessing it.
+    delay
+        It is a time delay, which a pilot cannot have negative.
+    last
+        It stands behind the others in tables and files, as neuromuscular parameters do.
     """
 
     key: str
@@ -59,8 +65,20 @@ class Parameter:
     usual: tuple[float, float]
     positive: bool = True
     linear: bool = False
+    delay: bool = False
+    last: bool = False
 
     def __post_init__(self) -> None:
+        if not re.fullmatch(r"[^\W\d_]\w{0,39}", self.key):
+            raise ValueError(
+                f"parameter {self.key!r}: the key must be a letter, followed by letters, digits "
+                "and underscores"
+            )
+        if not (self.unit.isprintable() and len(self.unit) <= 40 and "$" not in self.unit):
+            raise ValueError(
+                f"parameter {self.key}: the unit {self.unit!r} must be at most 40 printable "
+                "characters without $"
+            )
         if not self.lower < self.start < self.upper:
             raise ValueError(
                 f"parameter {self.key}: the start {self.start:g} must lie strictly inside "
@@ -97,6 +115,34 @@ class Factor(Protocol):
 
     def rational(self, values: Sequence[float], pade_order: int) -> Rational:
         """Polynomials of the transfer function; a delay becomes a Pade approximant."""
+        ...
+
+
+@runtime_checkable
+class TimeDelay(Protocol):
+    """A factor that is e^{-T s}, which is evaluated faster if T is known."""
+
+    def seconds(self, values: Values) -> FloatArray:
+        """The delay T [s]."""
+        ...
+
+
+@runtime_checkable
+class Derivative(Protocol):
+    """A factor s^n: the channel acts on the n-th derivative of its input."""
+
+    @property
+    def derivative(self) -> int:
+        """The order n."""
+        ...
+
+
+@runtime_checkable
+class OnAxis(Protocol):
+    """A factor that is evaluated faster where s = i omega."""
+
+    def response_on_axis(self, omega: FloatArray, values: Values) -> ComplexArray:
+        """Frequency response at `omega` [rad/s]."""
         ...
 
 
@@ -185,7 +231,14 @@ class Delay:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter(self.key, "s", *self.bounds, self.start, self.usual, positive=False),)
+        return (
+            Parameter(
+                self.key, "s", *self.bounds, self.start, self.usual, positive=False, delay=True
+            ),
+        )
+
+    def seconds(self, values: Values) -> FloatArray:
+        return values[0]
 
     def response(self, s: ComplexArray, values: Values) -> ComplexArray:
         return np.exp(-values[0] * s)
@@ -204,6 +257,10 @@ class Differentiator:
     order: int = 1
     parameters = ()
     fixed_poles = ()
+
+    @property
+    def derivative(self) -> int:
+        return self.order
 
     def response(self, s: ComplexArray, values: Values) -> ComplexArray:
         return np.asarray(s**self.order)
@@ -263,6 +320,7 @@ class Neuromuscular:
                 *self.frequency_bounds,
                 self.frequency_start,
                 self.frequency_usual,
+                last=True,
             ),
             Parameter(
                 self.damping_key,
@@ -270,12 +328,25 @@ class Neuromuscular:
                 *self.damping_bounds,
                 self.damping_start,
                 self.damping_usual,
+                last=True,
             ),
         )
 
     def response(self, s: ComplexArray, values: Values) -> ComplexArray:
         f, d = values
         return f * f / (f * f + s * (s + 2.0 * d * f))
+
+    def response_on_axis(self, omega: FloatArray, values: Values) -> ComplexArray:
+        frequency, damping = values
+        # Without complex division, which takes most of the time.
+        ratio = omega / frequency
+        real = 1.0 - ratio * ratio
+        imaginary = (2.0 * damping) * ratio
+        power = real * real + imaginary * imaginary
+        result = np.empty(ratio.shape, dtype=complex)
+        np.divide(real, power, out=result.real)
+        np.divide(imaginary, power, out=result.imag)
+        return np.conjugate(result, out=result)
 
     def log_derivative(self, s: ComplexArray, values: Values) -> tuple[ComplexArray, ComplexArray]:
         f, d = values

@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
-from pilotid.pilot.factors import (
-    Delay,
-    Differentiator,
-    Factor,
-    Neuromuscular,
-    Parameter,
-    Rational,
-    Response,
-)
+from pilotid.pilot.factors import Derivative, Factor, Parameter, Rational, Response
 from pilotid.types import BoolArray, ComplexArray, FloatArray, InputError
 
 if TYPE_CHECKING:
@@ -37,7 +30,7 @@ class Channel:
     input
         ``error`` (e) or ``output`` (x).
     sign
-        +1 or -1: the motion channels of the seed act against the output.
+        +1 or -1: motion channels act against the output.
     factors
         Their product is the channel's response (without the sign).
     """
@@ -47,15 +40,32 @@ class Channel:
     sign: int
     factors: tuple[Factor, ...]
 
+    def __post_init__(self) -> None:
+        if not re.fullmatch(r"[\w .+-]{1,40}", self.name):
+            raise ValueError(
+                f"channel {self.name!r}: the name must be letters, digits, blanks and . + -, 40 at "
+                "most"
+            )
+        if self.input not in get_args(Input):
+            raise ValueError(
+                f"channel {self.name}: the input must be one of {', '.join(get_args(Input))}, "
+                f"not {self.input!r}"
+            )
+        if self.sign not in (1, -1):
+            raise ValueError(
+                f"channel {self.name}: the sign must be 1 or -1, not {self.sign!r}; "
+                "its size belongs to a gain"
+            )
+
     @property
     def derivative(self) -> int:
         """Order of the input's derivative that the channel acts on."""
-        return sum(f.order for f in self.factors if isinstance(f, Differentiator))
+        return sum(f.derivative for f in self.factors if isinstance(f, Derivative))
 
     @property
     def dynamics(self) -> tuple[Factor, ...]:
         """The factors apart from the differentiators."""
-        return tuple(f for f in self.factors if not isinstance(f, Differentiator))
+        return tuple(f for f in self.factors if not isinstance(f, Derivative))
 
 
 #: Response of a channel without its differentiators and without its sign, and
@@ -87,13 +97,16 @@ class PilotModel:
     description: str = ""
     overrides: tuple[Parameter, ...] = ()
 
+    def __post_init__(self) -> None:
+        if not self.channels:
+            raise ValueError(f"model {self.name} has no channel; give it one at least")
+        _ = self.parameters  # refuses what does not fit together, here and not in the first fit
+
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """Free parameters, in order of appearance, neuromuscular ones last."""
         found: dict[str, Parameter] = {}
-        factors = [f for c in self.channels for f in c.factors]
-        factors.sort(key=lambda f: isinstance(f, Neuromuscular))
-        for parameter in (p for f in factors for p in f.parameters):
+        for parameter in (p for c in self.channels for f in c.factors for p in f.parameters):
             if found.setdefault(parameter.key, parameter) != parameter:
                 raise ValueError(
                     f"model {self.name}: the two factors that share parameter {parameter.key} "
@@ -103,7 +116,7 @@ class PilotModel:
             if parameter.key not in found:
                 raise ValueError(f"model {self.name} has no parameter {parameter.key} to override")
             found[parameter.key] = parameter
-        return tuple(found.values())
+        return tuple(sorted(found.values(), key=lambda p: p.last))
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -130,7 +143,7 @@ class PilotModel:
         """Which parameters are searched on a logarithmic scale, shape (parameters,)."""
         return np.array([p.positive for p in self.parameters])
 
-    def is_usual(self, values: FloatArray) -> bool:
+    def within_usual(self, values: FloatArray) -> bool:
         """Whether all parameters lie in the ranges of published values."""
         low, high = np.array([p.usual for p in self.parameters]).T
         return bool(np.all((low <= values) & (values <= high)))
@@ -138,9 +151,7 @@ class PilotModel:
     @property
     def delays(self) -> tuple[int, ...]:
         """Indices of the parameters that are time delays."""
-        factors = (f for c in self.channels for f in c.factors)
-        keys = {f.key for f in factors if isinstance(f, Delay)}
-        return tuple(i for i, key in enumerate(self.keys) if key in keys)
+        return tuple(i for i, p in enumerate(self.parameters) if p.delay)
 
     @property
     def linear(self) -> tuple[int, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from pilotid.posterior.likelihood import Likelihood
 from pilotid.posterior.priors import Prior
-from pilotid.solve.least_squares import Inner
+from pilotid.solve.scale import Scale
 from pilotid.time_domain.maximum_likelihood import Maximum
 from pilotid.types import FloatArray
 
@@ -32,21 +32,19 @@ class Posterior:
 
     def __init__(self, likelihood: Likelihood, priors: tuple[Prior, ...]) -> None:
         self.likelihood, self.priors = likelihood, priors
-        self._positive = likelihood.positive
+        self._scale = Scale(likelihood.positive)
         self._lower, self._upper = likelihood.lower, likelihood.upper
 
     def values(self, points: FloatArray) -> FloatArray:
         """Parameters at points of the inner scale, shape (sets, parameters)."""
-        positive = self._positive
-        return np.where(positive, np.exp(np.where(positive, points, 0.0)), points)
+        return self._scale.leave(points)
 
     def points(self, values: FloatArray) -> FloatArray:
         """Points of the inner scale, shape (sets, parameters)."""
-        positive = self._positive
-        return np.where(positive, np.log(np.where(positive, values, 1.0)), values)
+        return self._scale.enter(values)
 
     def log_prior(self, values: FloatArray) -> FloatArray:
-        """Of parameters inside the bounds, shape (sets,)."""
+        """Logarithm of the prior density at parameters inside the bounds, shape (sets,)."""
         columns = zip(self.priors, values.T, strict=True)
         return np.asarray(np.sum([prior.logpdf(column) for prior, column in columns], axis=0))
 
@@ -59,7 +57,7 @@ class Posterior:
         if inside.any():
             own = values[inside]
             # d value / d log(value) = value
-            slope = np.sum(points[inside][:, self._positive], axis=1)
+            slope = np.sum(points[inside][:, self._scale.positive], axis=1)
             result[inside] = self.likelihood.log(own) + self.log_prior(own) + slope
         return np.where(np.isfinite(result), result, -np.inf)
 
@@ -72,12 +70,11 @@ class Posterior:
             The likelihood's maximum, all of the remnant's parameters included.
         """
         joint, end = maximum.joint, maximum.end
-        inner = Inner(joint.gram, joint)
+        scale = Scale(joint.positive)
         values = end.values[:1]
-        slope = inner.slope(values)[0]
-        variance = max(float(end.cost[0]), np.finfo(float).tiny) / joint.samples
-        information = (end.gram[0] * slope[:, None] * slope)[:-1, :-1] / variance
+        variance = max(float(end.cost[0]), np.finfo(float).tiny) / joint.residuals
+        information = scale.inner(end.gram[:1], values)[0, :-1, :-1] / variance
         broad = np.where(joint.positive, BROAD_LOG, BROAD_LINEAR) ** -2.0
         covariance = np.linalg.inv(information + np.diag(broad))
         count = self.likelihood.count
-        return inner.enter(values)[0, :count], covariance[:count, :count]
+        return scale.enter(values)[0, :count], np.asarray(covariance[:count, :count])

@@ -6,11 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pilotid.estimates.draws import (
-    Draws,
-    Spread,
-    spread_of,
-)
+from pilotid.estimates.draws import Draws, Spread, spread_of
+from pilotid.estimates.quantities import product_spreads
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.loops import margin, open_loops
 from pilotid.pilot.model import PilotModel
@@ -46,11 +43,7 @@ def derived_spreads(
     element: ControlledElement | None,
 ) -> list[Spread]:
     """The product of gain and lead time, the VAF, and loop margins if the element is known."""
-    result = []
-    keys = draws.keys
-    if {"Kvis", "tlead"} <= set(keys):
-        product = draws.values[:, keys.index("Kvis")] * draws.values[:, keys.index("tlead")]
-        result.append(spread_of("Kvis*tlead", "s", product, draws.weights))
+    result = product_spreads(draws)
     some = draws.equally_weighted(COUNT)[:, : len(model.parameters)]
     result.append(spread_of("VAF", "%", vafs(recording, model, some)))
     if element is not None:

@@ -24,7 +24,8 @@ from pilotid.types import FloatArray
 OVERDISPERSED = 1.5  # start of the walkers: standard deviations over those expected
 JUMPS = 0.1  # share of the differential moves that go from one summit to another
 AGREEMENT = 1.01  # R-hat that ensembles must come below
-HOPELESS = 1.5  # a run that would need so many times the most steps ends at once
+#: A run that is forecast to need this many times the steps it may take ends at once.
+GIVE_UP = 1.5
 SETTLED = 5.0  # autocorrelation times that are thrown away at the start
 
 
@@ -54,7 +55,7 @@ class Run:
     independent: float = 0.5
 
 
-USUAL_RUN = Run()
+DEFAULT_RUN = Run()
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +152,7 @@ def ensembles(
         if chains.converged or done >= run.most:
             return chains
         needed = _longer(chains, done, run)
-        if needed > HOPELESS * run.most:
+        if needed > GIVE_UP * run.most:
             return chains
         target = min(run.most, needed)
 

@@ -109,8 +109,8 @@ def importance(
     count
         Number of draws of the first two distributions; each further one gives as many.
     wanted
-        Effective number of draws; more are made, from other distributions, until it is reached
-        or hopeless.
+        Effective number of draws; more are made, from other distributions, until there are
+        that many or the last distribution was tried.
     """
     scouts = max(1, round(SCOUTS * count))
     proposals = [StudentT(centre, covariance)]

@@ -23,11 +23,9 @@ import numpy as np
 
 from pilotid.time_domain.fast_residuals import Residuals
 from pilotid.time_domain.prediction_errors import PredictionErrors
-from pilotid.time_domain.remnant_models import Autoregressive, Band, LowPass, NoiseModel
 from pilotid.types import BoolArray, FloatArray
 
 BLOCK = 16  # parameter sets evaluated at once: about what the processor's cache holds
-SPECTRA = 64  # remnant spectra evaluated at once, for the same reason
 
 
 class Likelihood:
@@ -42,9 +40,8 @@ class Likelihood:
     def __init__(self, joint: PredictionErrors) -> None:
         self.joint = joint
         self.residuals = Residuals(joint.prediction)
-        integrated = isinstance(joint.noise, Autoregressive)
         #: Number of the remnant's parameters that are integrated out.
-        self.integrated = len(joint.noise.keys) if integrated else 0
+        self.integrated = len(joint.noise.keys) if joint.noise.regressive else 0
         #: Number of parameters that stay.
         self.count = joint.lower.size - self.integrated
 
@@ -77,7 +74,7 @@ class Likelihood:
         values
             Parameter sets inside the bounds, shape (sets, parameters).
         """
-        samples = self.joint.samples
+        samples = self.joint.residuals
         # What overflows is no number, which is no likelihood either.
         with np.errstate(all="ignore"):
             if not self.integrated:
@@ -95,7 +92,7 @@ class Likelihood:
             Sets of pilot and, in any case, remnant parameters.
         """
         joint, prediction = self.joint, self.joint.prediction
-        taps = whitening_filters(joint.noise, values[:, joint.pilot :], joint.band)
+        taps = joint.noise.filters(values[:, joint.pilot :], joint.band)
         sums = np.empty(len(values))
         for block in _blocks(len(values), BLOCK):
             spectra = self.residuals.spectra(values[block, : joint.pilot])
@@ -166,39 +163,6 @@ class Likelihood:
         products = self.lagged_products(values)
         solved = np.linalg.solve(products[:, 1:, 1:], products[:, 1:, :1])
         return np.asarray(-solved[..., 0])
-
-
-def whitening_filters(noise: NoiseModel, values: FloatArray, band: Band) -> FloatArray:
-    """Whitening filters of many parameter sets, shape (sets, taps)."""
-    if not isinstance(noise, LowPass) or noise.order == 0:
-        one = noise.taps(values[:1], band)[0] if not noise.keys else noise.taps(values, band)[0]
-        return np.asarray(np.broadcast_to(one, (len(values), one.shape[1])))
-    filters = []
-    for block in _blocks(len(values), SPECTRA):
-        folded = [noise.power(omega, values[block])[0] * weight for omega, weight in band.folds]
-        power = np.sum(folded, axis=0)
-        filters.append(prediction_error_filters(power @ band.cosines))
-    return np.concatenate(filters)
-
-
-def prediction_error_filters(autocovariance: FloatArray) -> FloatArray:
-    """Prediction-error filters by Levinson's and Durbin's recursion, shape (sets, lags).
-
-    Parameters
-    ----------
-    autocovariance
-        Lags from 0, shape (sets, lags).
-    """
-    sets, lags = autocovariance.shape
-    taps = np.zeros((sets, lags))
-    taps[:, 0] = 1.0
-    power = autocovariance[:, 0].copy()
-    for order in range(1, lags):
-        across = np.einsum("sk,sk->s", taps[:, :order], autocovariance[:, order:0:-1])
-        reflection = -across / power
-        taps[:, 1 : order + 1] += reflection[:, None] * taps[:, order - 1 :: -1][:, :order]
-        power = power * (1.0 - reflection * reflection)
-    return taps
 
 
 def _blocks(count: int, size: int) -> Iterator[slice]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pilotid.estimates.draws import SHARE, Draws
-from pilotid.posterior.likelihood import Likelihood, whitening_filters
+from pilotid.posterior.likelihood import Likelihood
 from pilotid.types import FloatArray
 
 COUNT = 400  # simulated recordings
@@ -64,9 +64,9 @@ def predictive_band(
     if likelihood.integrated:
         shapes = likelihood.coefficients(values)
         values = np.concatenate([values, shapes], axis=1)
-    taps = whitening_filters(joint.noise, values[:, pilot:], joint.band)
+    taps = joint.noise.filters(values[:, pilot:], joint.band)
     squares = likelihood.sums_of_squares(values)
-    deviations = np.sqrt(squares / rng.chisquare(joint.samples, len(squares)))
+    deviations = np.sqrt(squares / rng.chisquare(joint.residuals, len(squares)))
     control = prediction.control
     shape = (len(values), *control.shape)
     answers, remnants = np.empty(shape), np.empty(shape)

@@ -18,7 +18,7 @@ import numpy as np
 
 from pilotid.pilot.factors import Parameter
 from pilotid.pilot.model import PilotModel
-from pilotid.time_domain.remnant_models import LowPass, NoiseModel
+from pilotid.time_domain.remnant_models import NoiseModel
 from pilotid.types import FloatArray, InputError
 
 #: Standard deviations from the middle of a normal distribution that hold four fifths of it.
@@ -127,7 +127,7 @@ REMNANT: dict[str, Prior] = {
 def priors_of(
     model: PilotModel, noise: NoiseModel, replaced: Replacements = ()
 ) -> tuple[Prior, ...]:
-    """The priors of a model's parameters and, after them, of a low-pass remnant's.
+    """The priors of a model's parameters and, after them, of the remnant's where they are sampled.
 
     Parameters
     ----------
@@ -152,5 +152,5 @@ def priors_of(
             f"choose from {', '.join((*model.keys, *REMNANT))}"
         )
     pilot = [given.get(p.key) or default_prior(p) for p in model.parameters]
-    keys = noise.keys if isinstance(noise, LowPass) else ()
+    keys = () if noise.regressive else noise.keys
     return (*pilot, *(given.get(key) or REMNANT[key] for key in keys))

@@ -11,7 +11,14 @@ from dataclasses import dataclass, field
 from typing import TypeVar
 
 from pilotid.recordings.names import SNAP, UNEVENNESS, shown, time_base
-from pilotid.recordings.recording import SIGNALS, Recording
+from pilotid.recordings.recording import (
+    LONGEST_ELEMENT,
+    LONGEST_UNIT,
+    SIGNALS,
+    Recording,
+    is_element,
+    is_unit,
+)
 from pilotid.types import FloatArray, InputError
 
 T = TypeVar("T")
@@ -71,10 +78,17 @@ class Notes:
             runs=value("runs", _count, "a whole number of at least 1"),
             run_in=value("run_in", _seconds, "a number of seconds, 0 or more"),
             dt=value("dt", lambda v: _seconds(v) or None, "a positive number of seconds"),
-            units=value("units", _units, f"an object of strings, keys among {', '.join(SIGNALS)}"),
+            units=value(
+                "units",
+                _units,
+                f"an object of strings (at most {LONGEST_UNIT} printable characters without $), "
+                f"keys among {', '.join(SIGNALS)}",
+            ),
             lines=value("lines", _lines, "an object {'ft': [...], 'fd': [...]} of whole numbers"),
             controlled_element=value(
-                "controlled_element", lambda v: v if isinstance(v, str) else None, "a string"
+                "controlled_element",
+                lambda v: v if isinstance(v, str) and is_element(v) else None,
+                f"a string of at most {LONGEST_ELEMENT} printable characters",
             ),
         )
 
@@ -127,7 +141,7 @@ def _count(value: object) -> int | None:
 def _units(value: object) -> dict[str, str] | None:
     if not isinstance(value, dict) or not value.keys() <= SIGNALS.keys():
         return None
-    return value if all(isinstance(unit, str) for unit in value.values()) else None
+    return value if all(is_unit(unit) for unit in value.values()) else None
 
 
 def _lines(value: object) -> dict[str, tuple[int, ...]] | None:

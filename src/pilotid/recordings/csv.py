@@ -2,22 +2,33 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
+import os
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Mapping
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
 from pilotid.recordings.contents import Contents, Notes, common_run
-from pilotid.recordings.names import NAMES, REQUIRED, UNEVENNESS, Place, listed, shown, time_base
+from pilotid.recordings.csv_table import RUN, Table, check_lines, number_or_nan
+from pilotid.recordings.names import (
+    NAMES,
+    REQUIRED,
+    UNEVENNESS,
+    Place,
+    listed,
+    shown,
+    time_base,
+)
+from pilotid.recordings.paths import file_size, path_shown
 from pilotid.recordings.recording import SIGNALS, Recording
 from pilotid.types import FloatArray, InputError
 
-RUN = "run"  # the column that numbers the runs of a file in long format
+LARGEST_FILE = 2**30  # bytes
+LARGEST_SIDECAR = 2**22
 
 
 def sidecar_path(path: Path) -> Path:
@@ -35,120 +46,34 @@ def read_csv(path: Path, source: str, places: Mapping[str, Place]) -> Contents:
     OSError
         If the file cannot be read.
     """
-    table = _read_table(path, source)
+    file_size(path, LARGEST_FILE)
+    check_lines(path, source)
     sidecar = sidecar_path(path)
-    notes = _read_sidecar(sidecar) if sidecar.exists() else Notes()
-    columns = {signal: _columns(table, signal, place) for signal, place in places.items()}
-    time = table.numbers(columns["t"][0])
+    notes = _read_sidecar(sidecar) if os.path.exists(sidecar) else Notes()
+    with path.open(encoding="utf-8-sig", newline="") as stream:
+        table = Table(stream, source)
+        columns = {signal: _columns(table, signal, place) for signal, place in places.items()}
+        for signal, names in columns.items():
+            if RUN in table.header and len(names) > 1:
+                raise InputError(
+                    f"{source}: line 1 has a {RUN} column and also columns {names[0]}, {names[1]} "
+                    f"for {signal}; number the runs in one way only"
+                )
+        needed = list(dict.fromkeys(chain.from_iterable(columns.values())))
+        values = table.read(needed)
+    place_of = {name: i for i, name in enumerate(needed)}
+    time = places["t"].signed(values[:, place_of[columns["t"][0]]])
     signals = {
-        signal: places[signal].signed(np.array([table.numbers(name) for name in names]))
+        signal: places[signal].signed(values[:, [place_of[name] for name in names]].T)
         for signal, names in columns.items()
         if names and signal != "t"
     }
-    if RUN not in table.header:
-        where = table.where(range(len(time)))
-        return Contents(places["t"].signed(time), signals, where, notes)
-    for signal, names in columns.items():
-        if len(names) > 1:
-            raise InputError(
-                f"{source}: line 1 has a {RUN} column and also columns {names[0]}, {names[1]} for "
-                f"{signal}; number the runs in one way only"
-            )
-    return _split_runs(table, places["t"].signed(time), signals, notes)
+    if RUN in table.header:
+        return _split_runs(table, time, signals, notes)
+    return Contents(time, signals, table.where(range(len(time))), notes)
 
 
-@dataclass(frozen=True)
-class _Table:
-    """The cells of a file by column, and the line of each row."""
-
-    source: str
-    header: list[str]
-    columns: list[tuple[str, ...]]
-    lines: list[int]
-
-    def cells(self, name: str) -> tuple[str, ...]:
-        if self.header.count(name) > 1:
-            raise InputError(
-                f"{self.source}: line 1 has more than one column {shown(name)}; rename all but one"
-            )
-        return self.columns[self.header.index(name)]
-
-    def where(self, rows: Sequence[int]) -> Callable[[int], str]:
-        """A function that puts the place of the i-th of some rows into words."""
-        return lambda i: f"line {self.lines[rows[i]]}"
-
-    def numbers(self, name: str) -> FloatArray:
-        """A column as finite numbers, shape (rows,)."""
-        cells = self.cells(name)
-        try:
-            values = np.array([float(cell) for cell in cells])
-        except ValueError:
-            values = np.array([_number_or_nan(cell) for cell in cells])
-        bad = ~np.isfinite(values)
-        if bad.any():
-            row = int(np.argmax(bad))
-            text = cells[row].strip()
-            what = f"{shown(text)} is not a finite number" if text else "the cell is empty"
-            remedy = "write a decimal point" if "," in text else "repair or cut the recording there"
-            raise InputError(
-                f"{self.source}: line {self.lines[row]}, column {listed([name])}: {what}; {remedy}"
-            )
-        return values
-
-
-def _number_or_nan(cell: str) -> float:
-    try:
-        return float(cell)
-    except ValueError:
-        return np.nan
-
-
-def _decoded(path: Path, source: str) -> str:
-    try:
-        return path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = error.object.count(b"\n", 0, error.start) + 1
-        raise InputError(
-            f"{source}: line {line} is not UTF-8 text; save the file as CSV in UTF-8"
-        ) from None
-
-
-def _read_table(path: Path, source: str) -> _Table:
-    text = _decoded(path, source)
-    first = text.partition("\n")[0]
-    # Spreadsheets in countries with a decimal comma separate the cells by semicolons.
-    separator = ";" if ";" in first and "," not in first else ","
-    reader = csv.reader(
-        io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True, strict=True
-    )
-    rows: list[list[str]] = []
-    lines = [1]  # on which each row starts: a quoted cell may hold line breaks
-    try:
-        for row in reader:
-            rows.append(row)
-            lines.append(reader.line_num + 1)
-    except csv.Error as error:
-        raise InputError(
-            f"{source}: line {lines[-1]} cannot be read as comma-separated values ({error}); "
-            "correct it"
-        ) from None
-    while rows and not any(cell.strip() for cell in rows[-1]):
-        rows.pop()
-    header = [name.strip() for name in rows[0]] if rows else []
-    if not any(header):
-        raise InputError(f"{source}: line 1 must be a header row with the columns t, e, u, x")
-    for row, line in zip(rows, lines, strict=False):
-        if len(row) != len(header):
-            raise InputError(
-                f"{source}: line {line} has {len(row)} cells but the header has {len(header)}; "
-                "complete or remove that line"
-            )
-    body = rows[1:]
-    columns: list[tuple[str, ...]] = list(zip(*body, strict=True)) or [()] * len(header)
-    return _Table(source, header, columns, lines[1 : len(rows)])
-
-
-def _columns(table: _Table, signal: str, place: Place) -> list[str]:
+def _columns(table: Table, signal: str, place: Place) -> list[str]:
     """The columns of a signal: one, or one a run, or none for an absent optional signal."""
     name, numbered = place.name, dict[int, str]()
     for column in table.header if signal != "t" else ():
@@ -171,8 +96,8 @@ def _columns(table: _Table, signal: str, place: Place) -> list[str]:
     return [numbered[run] for run in sorted(numbered)]
 
 
-def _missing(table: _Table, signal: str, name: str) -> InputError:
-    if all(np.isfinite(_number_or_nan(cell)) for cell in table.header):
+def _missing(table: Table, signal: str, name: str) -> InputError:
+    if all(np.isfinite(number_or_nan(cell)) for cell in table.header):
         return InputError(
             f"{table.source}: line 1 holds numbers but must be a header row that names the "
             "columns t, e, u, x"
@@ -184,17 +109,10 @@ def _missing(table: _Table, signal: str, name: str) -> InputError:
 
 
 def _split_runs(
-    table: _Table, t: FloatArray, signals: Mapping[str, FloatArray], notes: Notes
+    table: Table, t: FloatArray, signals: Mapping[str, FloatArray], notes: Notes
 ) -> Contents:
     """The contents of a file in long format: rows with the same run number are one run."""
-    rows: dict[str, list[int]] = {}
-    for row, label in enumerate(table.cells(RUN)):
-        if not label.strip():
-            raise InputError(
-                f"{table.source}: line {table.lines[row]}, column {RUN}: the cell is empty; "
-                "write the number of the run"
-            )
-        rows.setdefault(label.strip(), []).append(row)
+    rows = table.labels
     labels = list(rows)
     if not labels:
         return Contents(t, signals, table.where([]), notes)
@@ -220,21 +138,37 @@ def _split_runs(
 
 
 def _read_sidecar(path: Path) -> Notes:
-    source = str(path)
+    source = path_shown(path)
+    file_size(path, LARGEST_SIDECAR)
     try:
-        raw = json.loads(_decoded(path, source))
+        raw = json.loads(path.read_bytes().decode("utf-8-sig"), object_pairs_hook=_single)
+    except UnicodeDecodeError as error:
+        line = error.object.count(b"\n", 0, error.start) + 1
+        raise InputError(f"{source}: line {line} is not UTF-8 text; save it in UTF-8") from None
     except json.JSONDecodeError as error:
         raise InputError(
             f"{source}: line {error.lineno} is not valid JSON ({error.msg}); correct it or remove "
             "the file"
         ) from None
-    except InputError:
-        raise
+    except _RepeatedError as error:
+        raise InputError(f"{source}: gives {error} twice; give it once") from None
     except (ValueError, RecursionError):  # a number of thousands of digits; brackets without end
         raise InputError(
             f"{source}: cannot be read as JSON; correct it or remove the file"
         ) from None
     return Notes.parsed(raw, source)
+
+
+class _RepeatedError(Exception):
+    """A key stands twice in one object."""
+
+
+def _single(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    """An object of JSON whose keys differ."""
+    for key, count in Counter(key for key, _ in pairs).items():
+        if count > 1:
+            raise _RepeatedError(shown(key))
+    return dict(pairs)
 
 
 def csv_bytes(recording: Recording, source: str) -> tuple[bytes, bytes]:

@@ -11,6 +11,7 @@ from pilotid.recordings.contents import assembled
 from pilotid.recordings.csv import csv_bytes, read_csv, sidecar_path
 from pilotid.recordings.mat import mat_bytes, read_mat
 from pilotid.recordings.names import shown, signal_places
+from pilotid.recordings.paths import path_shown
 from pilotid.recordings.recording import Recording
 from pilotid.types import InputError
 
@@ -64,18 +65,16 @@ def load_recording(
     InputError
         If the file cannot be used; the message says where it goes wrong.
     """
-    source = str(path)
+    source = path_shown(path)
     file = Path(path)
     reader = READERS[_suffix(file, source)]
     places = signal_places(mapping)
-    if not file.exists():
-        raise InputError(f"{source}: there is no such file; check the name and the folder")
     try:
         contents = reader(file, source, places)
     except OSError as error:
         raise InputError(
-            f"{error.filename or source}: cannot be read ({error.strerror or error}); check the "
-            "file and its rights"
+            f"{path_shown(error.filename or source)}: cannot be read ({error.strerror or error}); "
+            "check the file and its rights"
         ) from error
     return assembled(contents, source)
 
@@ -96,7 +95,7 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     InputError
         If the format is unknown or the file cannot be written.
     """
-    source = str(path)
+    source = path_shown(path)
     file = Path(path)
     files = {}
     if _suffix(file, source) == ".csv":

@@ -1,26 +1,29 @@
-"""Recordings as MATLAB v5 files."""
+"""Recordings as MATLAB files."""
 
 from __future__ import annotations
 
-import importlib
 import io
-import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from types import ModuleType
+from typing import Any
 
 import numpy as np
 
 from pilotid.recordings.contents import Contents, Notes, common_run
+from pilotid.recordings.mat_v5 import MatV5
+from pilotid.recordings.mat_v73 import MatV73
+from pilotid.recordings.mat_variables import Value, Variables
 from pilotid.recordings.names import NAMES, REQUIRED, Place, listed, shown
+from pilotid.recordings.paths import file_size
 from pilotid.recordings.recording import SIGNALS, Recording
 from pilotid.types import FloatArray, InputError
 
+LARGEST_FILE = 2**32  # bytes; what is not needed is skipped
 NOTES = "pilotid"  # the struct variable that holds what a CSV's sidecar holds
 
 
 def read_mat(path: Path, source: str, places: Mapping[str, Place]) -> Contents:
-    """Read a MATLAB v5 file, or a v7.3 one where mat73 is installed.
+    """Read a MATLAB v5 file, or a v7.3 one where h5py is installed.
 
     Raises
     ------
@@ -29,19 +32,20 @@ def read_mat(path: Path, source: str, places: Mapping[str, Place]) -> Contents:
     OSError
         If the file cannot be read.
     """
-    content = _loaded(path, source)
-    notes = Notes()
-    if NOTES in content:
-        notes = Notes.parsed(_plain_notes(content.pop(NOTES)), f"{source}, variable {NOTES}")
-    variables = dict(_flattened(content))
+    file_size(path, LARGEST_FILE)
+    variables = _opened(path, source)
     names = _resolved(variables, places, source)
-    t = _real(variables[names["t"]], names["t"], source)
+    values = variables.read(tuple(names.values()), NOTES)
+    notes = Notes()
+    if any(name.partition(".")[0] == NOTES for name in values):
+        notes = Notes.parsed(_plain_notes(values), f"{source}, variable {NOTES}")
+    t = _real(values[names["t"]], names["t"], source)
     if t.ndim != 1:
         raise InputError(
             f"{source}: variable {names['t']} (time) is {_size(t)}; give one row or one column"
         )
     signals = {
-        signal: places[signal].signed(_runs(variables[name], name, t.size, source))
+        signal: places[signal].signed(_runs(values[name], name, t.size, source))
         for signal, name in names.items()
         if signal != "t"
     }
@@ -50,80 +54,55 @@ def read_mat(path: Path, source: str, places: Mapping[str, Place]) -> Contents:
     )
 
 
-def _loaded(path: Path, source: str) -> dict[str, object]:
-    """The variables of a file: arrays with unit dimensions removed, structs as dictionaries."""
+def _opened(path: Path, source: str) -> Variables:
+    """The variables of a file of either version."""
     with path.open("rb") as stream:
         head = stream.read(520)
+    hdf = b"\x89HDF\r\n\x1a\n"
+    if head.startswith(hdf) or head[512:520] == hdf:
+        return MatV73(path, source)
     # The last two of the 128 bytes of a header tell the byte order, the two before the version.
     order = {b"IM": "little", b"MI": "big"}.get(head[126:128])
     version = head[125:126] if order == "little" else head[124:125]
-    hdf = b"\x89HDF\r\n\x1a\n"
-    try:
-        if head.startswith(hdf) or head[512:520] == hdf:
-            content = dict(_mat73(source).loadmat(str(path)))
-        elif order is None or version != b"\x01":
-            raise InputError(
-                f"{source}: is not a MATLAB v5 file (v4 and text files are not read); save it "
-                "again with save -v7"
-            )
-        else:
-            from scipy.io import loadmat  # heavy, and CSV does not need it
-
-            with warnings.catch_warnings():
-                # A variable that we do not need may be unreadable; one that we need is checked.
-                warnings.simplefilter("ignore")
-                content = dict(loadmat(str(path), simplify_cells=True))
-    except InputError:
-        raise
-    except Exception as error:  # a damaged file makes the readers fail in any way whatsoever
+    if order is None or version != b"\x01":
         raise InputError(
-            f"{source}: the MATLAB file is damaged or cut short ({type(error).__name__} while "
-            "reading it); save it again with save -v7"
-        ) from error
-    return {name: value for name, value in content.items() if not name.startswith("__")}
+            f"{source}: is not a MATLAB v5 file (v4 and text files are not read); save it "
+            "again with save -v7"
+        )
+    return MatV5(path, source)
 
 
-def _mat73(source: str) -> ModuleType:
-    try:
-        return importlib.import_module("mat73")
-    except ImportError:
-        raise InputError(
-            f"{source}: is a MATLAB v7.3 file; save it with save -v7, or install pilotid[matlab]"
-        ) from None
-
-
-def _flattened(content: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
-    """All variables, those inside structs by their dotted names."""
-    for name, value in content.items():
-        if isinstance(value, dict):
-            yield from _flattened(value, f"{prefix}{name}.")
-        else:
-            yield f"{prefix}{name}", value
-
-
-def _resolved(
-    variables: Mapping[str, object], places: Mapping[str, Place], source: str
-) -> dict[str, str]:
+def _resolved(variables: Variables, places: Mapping[str, Place], source: str) -> dict[str, str]:
     """The variable of each signal: at the top level, or else in the one struct with the rest."""
     wanted = {signal: place.name for signal, place in places.items()}
-    absent = {s: wanted[s] for s in REQUIRED if wanted[s] not in variables}
-    structs = dict.fromkeys(name.partition(".")[0] for name in variables if "." in name)
+    needed = [s for s, place in places.items() if s in REQUIRED or place.chosen]
+    present = variables.names(deep=False)
+    if any(wanted[signal] not in present for signal in needed):
+        present = variables.names(deep=True)
+    top = [name for name in present if name.partition(".")[0] != NOTES]
+    known = set(top)
+    absent = {s: wanted[s] for s in REQUIRED if wanted[s] not in known}
+    structs: dict[str, list[str]] = {}
+    for name in top:
+        if "." in name:
+            structs.setdefault(name.partition(".")[0], []).append(name)
     holding = [
         struct
-        for struct in structs
-        if absent and all(_inside(variables, struct, name) for name in absent.values())
+        for struct, inside in structs.items()
+        if absent and all(_ending(inside, name) for name in absent.values())
     ]
     if len(holding) > 1:
-        picks = ",".join(f"{s}={_inside(variables, holding[0], n)[0]}" for s, n in absent.items())
+        first = structs[holding[0]]
+        picks = ",".join(f"{s}={_ending(first, n)[0]}" for s, n in absent.items())
         raise InputError(
             f"{source}: the structs {listed(holding)} all hold {listed(absent.values())}; pick "
             f"one, as in --map {picks}"
         )
     names: dict[str, str] = {}
     for signal, name in wanted.items():
-        found = [name] if name in variables else []
+        found = [name] if name in known else []
         if not found and holding:
-            found = _inside(variables, holding[0], name)
+            found = _ending(structs[holding[0]], name)
         if len(found) > 1:
             raise InputError(
                 f"{source}: {signal} may be any of {listed(found)}; pick one, as in --map "
@@ -131,16 +110,16 @@ def _resolved(
             )
         if found:
             names[signal] = found[0]
-        elif signal in REQUIRED or places[signal].chosen:
+        elif signal in needed:
             raise InputError(
                 f"{source}: has no variable {shown(name)} for {signal} ({NAMES[signal]}), only "
-                f"{listed(variables)}; name the right one with --map {signal}=VARIABLE"
+                f"{listed(top)}; name the right one with --map {signal}=VARIABLE"
             )
     return names
 
 
-def _inside(variables: Mapping[str, object], struct: str, name: str) -> list[str]:
-    return [v for v in variables if v.startswith(f"{struct}.") and v.endswith(f".{name}")]
+def _ending(names: list[str], name: str) -> list[str]:
+    return [v for v in names if v.endswith(f".{name}")]
 
 
 def _real(value: object, name: str, source: str) -> FloatArray:
@@ -181,20 +160,26 @@ def _runs(value: object, name: str, samples: int, source: str) -> FloatArray:
     )
 
 
-def _plain_notes(value: object) -> object:
-    """The notes struct in the form of a sidecar: no arrays, lines always lists."""
-    plain = _plain(value)
-    if isinstance(plain, dict) and isinstance(plain.get("lines"), dict):
-        plain["lines"] = {k: v if isinstance(v, list) else [v] for k, v in plain["lines"].items()}
+def _plain_notes(values: Mapping[str, Value]) -> object:
+    """The notes struct in the form of a sidecar, lines always lists; None if it is in disorder."""
+    plain: dict[str, Any] = {}
+    for name, value in values.items():
+        root, *path = name.split(".")
+        if root != NOTES:
+            continue
+        entry = value.tolist() if isinstance(value, np.ndarray) else value
+        if not path:
+            return entry
+        if path[0] == "lines" and len(path) > 1 and not isinstance(entry, list):
+            entry = [entry]
+        place = plain
+        for key in path[:-1]:
+            place = place.setdefault(key, {})
+            if not isinstance(place, dict):
+                return None
+        if place.setdefault(path[-1], entry) is not entry:
+            return None
     return plain
-
-
-def _plain(value: object) -> object:
-    if isinstance(value, dict):
-        return {name: _plain(entry) for name, entry in value.items()}
-    if isinstance(value, np.ndarray) and value.dtype.kind == "U" and value.size == 0:
-        return ""  # how an empty text comes back
-    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
 def mat_bytes(recording: Recording, source: str) -> bytes:

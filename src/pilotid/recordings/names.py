@@ -15,6 +15,9 @@ NAMES = {"t": "time", **SIGNALS}
 UNEVENNESS = 0.1  # of a sampling interval: time stamps rounded to milliseconds pass at 100 Hz
 SNAP = 1e-4  # relative: a rate this close to a whole number of hertz is that number
 SLOWEST = 1.0  # seconds; such an interval means a time in milliseconds, not a pilot
+FASTEST = 1e-6  # seconds; ten seconds of such samples could not be held
+MOST_VALUES = 2**25  # of all signals; ten minutes at 1 kHz in ten runs are 31 million
+LATEST = 1e12  # seconds; such a time is counted in a smaller unit
 
 
 @dataclass(frozen=True)
@@ -84,6 +87,11 @@ def time_base(t: FloatArray, source: str, where: Callable[[int], str]) -> TimeBa
     """
     if t.size < 2:
         raise InputError(f"{source}: holds {t.size} samples; at least 10 s are needed")
+    if np.abs(t).max() > LATEST:
+        late = int(np.argmax(np.abs(t)))
+        raise InputError(
+            f"{source}: the time is {t[late]:.4g} s at {where(late)}; give the time in seconds"
+        )
     steps = np.diff(t)
     if steps.min() <= 0.0:
         raise InputError(
@@ -91,7 +99,7 @@ def time_base(t: FloatArray, source: str, where: Callable[[int], str]) -> TimeBa
             "remove repeated rows, and give repeated runs a column or a run number each"
         )
     dt = float(t[-1] - t[0]) / (t.size - 1)
-    if dt >= SLOWEST:
+    if not FASTEST <= dt < SLOWEST:
         raise InputError(
             f"{source}: the sampling interval is {dt:.4g} s; give the time in seconds and at least "
             "a few samples a second"

@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pilotid.types import FloatArray, InputError
+from pilotid.types import FloatArray, InputError, printable
 
 #: Signals of a recording: name, and what it is.
 SIGNALS = {
@@ -21,9 +21,27 @@ SIGNALS = {
 }
 SHORTEST = 10.0  # seconds of measurement window that an identification needs
 COARSEST = 0.1  # seconds between samples: half that rate is just above the pilot's band
+LARGEST = 1e100  # of a signal in any unit; squares and their sums must not overflow
+SMALLEST = 1e-100  # of the peak of a signal that is not zero; nor must they vanish
+LONGEST_UNIT = 40  # characters
+LONGEST_ELEMENT = 200
 
 
-@dataclass(frozen=True, eq=False)
+def is_unit(text: object) -> bool:
+    """Whether a text can label an axis; a dollar sign would start a formula there."""
+    return _is_text(text, LONGEST_UNIT) and "$" not in str(text)
+
+
+def is_element(text: object) -> bool:
+    """Whether a text can describe a controlled element."""
+    return _is_text(text, LONGEST_ELEMENT)
+
+
+def _is_text(text: object, longest: int) -> bool:
+    return isinstance(text, str) and len(text) <= longest and text.isprintable()
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Recording:
     """One condition of one subject or simulation, in one or more runs.
 
@@ -65,6 +83,7 @@ class Recording:
     controlled_element: str = ""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "source", printable(self.source))
         if not (np.isfinite(self.dt) and self.dt > 0.0):
             raise InputError(f"{self.source}: the sampling interval must be a positive number")
         if self.dt > COARSEST:
@@ -83,6 +102,17 @@ class Recording:
             self, "lines", MappingProxyType({k: tuple(v) for k, v in self.lines.items() if v})
         )
         object.__setattr__(self, "units", MappingProxyType(dict(self.units)))
+        for name, unit in self.units.items():
+            if not is_unit(unit):
+                raise InputError(
+                    f"{self.source}: the unit of {name} must be at most {LONGEST_UNIT} printable "
+                    "characters without $; shorten it or leave it out"
+                )
+        if not is_element(self.controlled_element):
+            raise InputError(
+                f"{self.source}: the description of the controlled element must be at most "
+                f"{LONGEST_ELEMENT} printable characters; shorten it or leave it out"
+            )
         if not 0 <= self.run_in < self.u.shape[1]:
             raise InputError(
                 f"{self.source}: the run-in ({self.run_in} samples) must be shorter than the "
@@ -118,9 +148,27 @@ class Recording:
                 f"{self.source}: signal {name} is not a number at sample {sample + 1} of run "
                 f"{run + 1}; repair or cut the recording there"
             )
+        self._check_scale(name, array)
         array = array.copy()
         array.flags.writeable = False
         return array
+
+    def _check_scale(self, name: str, array: FloatArray) -> None:
+        """Refuse numbers that no unit explains and with which a method cannot reckon."""
+        size = np.abs(array)
+        peaks = size.max(axis=1, initial=0.0)
+        for run in np.flatnonzero((peaks > LARGEST) | ((peaks < SMALLEST) & (peaks > 0.0))):
+            peak, sample = peaks[run], int(np.argmax(size[run]))
+            where = f"{peak:.3g} at sample {sample + 1} of run {run + 1}"
+            if peak > LARGEST:
+                raise InputError(
+                    f"{self.source}: signal {name} is {where}, too large for any unit (more than "
+                    f"{LARGEST:g}); repair or cut the recording there"
+                )
+            raise InputError(
+                f"{self.source}: signal {name} is never larger than {where}, too small for any "
+                f"unit (less than {SMALLEST:g}); give it in another unit, or as 0"
+            )
 
     @property
     def runs(self) -> int:
@@ -150,6 +198,37 @@ class Recording:
         """The part of a signal inside the measurement window, shape (runs, samples)."""
         return signal[:, self.run_in :]
 
+    @property
+    def signals(self) -> list[str]:
+        """Names of the signals that it has."""
+        return [name for name in SIGNALS if getattr(self, name) is not None]
+
+    @property
+    def description(self) -> str:
+        """One line: where it came from, how long and how fast."""
+        runs = "1 run" if self.runs == 1 else f"{self.runs} runs"
+        run_in = f" after {self.run_in * self.dt:.4g} s of run-in" if self.run_in else ""
+        rate = f"{1.0 / self.dt:.4g} Hz"
+        return f"{self.source}: {runs} of {self.duration:.4g} s at {rate}{run_in}"
+
+    def __repr__(self) -> str:
+        return f"<Recording {self.description}, signals {' '.join(self.signals)}>"
+
+    def to_dict(self) -> dict[str, object]:
+        """All but the samples as plain objects, as JSON has them."""
+        return {
+            "source": self.source,
+            "runs": self.runs,
+            "samples": self.samples,
+            "dt": self.dt,
+            "duration": self.duration,
+            "run_in": self.run_in * self.dt,
+            "signals": self.signals,
+            "units": dict(self.units),
+            "lines": {name: list(lines) for name, lines in self.lines.items()},
+            "controlled_element": self.controlled_element,
+        }
+
 
 def joined(recordings: Sequence[Recording]) -> Recording:
     """Several recordings of one condition as the runs of one recording.
@@ -157,7 +236,8 @@ def joined(recordings: Sequence[Recording]) -> Recording:
     Raises
     ------
     InputError
-        If the sampling interval, length, run-in or forcing signals present differ.
+        If the sampling interval, length, run-in or forcing signals present differ, or if a run
+        is there twice.
     """
     first = recordings[0]
     for other in recordings[1:]:
@@ -165,7 +245,7 @@ def joined(recordings: Sequence[Recording]) -> Recording:
             ("sampling interval", first.dt, other.dt),
             ("number of samples", first.samples, other.samples),
             ("run-in", first.run_in, other.run_in),
-            ("set of signals", _present(first), _present(other)),
+            ("set of signals", " ".join(first.signals), " ".join(other.signals)),
         ):
             equal = a == b if not isinstance(a, float) else bool(np.isclose(a, float(str(b))))
             if not equal:
@@ -173,6 +253,8 @@ def joined(recordings: Sequence[Recording]) -> Recording:
                     f"{other.source}: the {what} ({b}) differs from that of {first.source} ({a}), "
                     "so the two cannot be runs of one recording"
                 )
+
+    _require_different_runs(recordings)
 
     def stacked(name: str) -> FloatArray | None:
         if getattr(first, name) is None:
@@ -195,5 +277,16 @@ def joined(recordings: Sequence[Recording]) -> Recording:
     )
 
 
-def _present(recording: Recording) -> str:
-    return " ".join(n for n in SIGNALS if getattr(recording, n) is not None)
+def _require_different_runs(recordings: Sequence[Recording]) -> None:
+    """Refuse a run that is there twice: it would count as twice the information."""
+    seen: dict[bytes, str] = {}
+    for recording in recordings:
+        for run, control in enumerate(recording.u):
+            place = f"run {run + 1} of {recording.source}"
+            content = control.tobytes()
+            if content in seen:
+                raise InputError(
+                    f"{place} has the same control as {seen[content]}; name every run once, since "
+                    "a copy would count as new information"
+                )
+            seen[content] = place

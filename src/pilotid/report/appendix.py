@@ -4,31 +4,37 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from shlex import quote
 
+from pilotid.naming.settings import shown
 from pilotid.report import tables as study_tables
-from pilotid.report.chapters import one_recording
 from pilotid.report.content import Block, Bullets, Column, Command, Section, Table, Text, entries
 from pilotid.report.paper import PAPER
-from pilotid.report.scores import Cells, setting
+from pilotid.study.comparison import Comparison
 from pilotid.study.store import Store
 
 #: Facts on a study that are no versions.
 OWN_FACTS = ("format", "seed", "mixed", "code")
 
 
-def command(study: Cells, about: Mapping[str, str], scenarios: Sequence[str], folder: str) -> str:
+def command(
+    study: Comparison, about: Mapping[str, str], scenarios: Sequence[str], folder: str
+) -> str:
     """What to type for these scenarios and the methods that were tried on them."""
-    methods = [m for m in study.methods if any(study.at(name, m) for name in scenarios)]
+    methods = [
+        study.typed[m] for m in study.methods if any(study.at(name, m) for name in scenarios)
+    ]
+    names = dict.fromkeys(study.entry(name).typed or name for name in scenarios)
     return (
-        f"pilotid compare --scenario {','.join(scenarios)} --method {','.join(methods)} "
+        f"pilotid compare --scenario {quote(','.join(names))} --method {quote(','.join(methods))} "
         f"--replications {study.replications(scenarios)} --seed {about.get('seed', '?')} "
         f"--out results/{folder}"
     )
 
 
-def posterior(study: Cells) -> list[Section]:
+def posterior(study: Comparison) -> list[Section]:
     """Posterior spread against scatter and bound; nothing if no method has a posterior."""
-    several = [e.name for e in study.scenarios if not one_recording(e)]
+    several = [e.name for e in study.scenarios if not e.one_recording]
     table = study_tables.posterior_table(study, several)
     if table is None:
         return []
@@ -39,7 +45,7 @@ def posterior(study: Cells) -> list[Section]:
     return [Section("posterior", "Posterior spread, scatter and bound", [text, table])]
 
 
-def failures(study: Cells) -> Section:
+def failures(study: Comparison) -> Section:
     """Which fits failed, and why."""
     table = study_tables.failure_table(study)
     text = (
@@ -56,12 +62,14 @@ def failures(study: Cells) -> Section:
     return Section("failures", "Failures and their reasons", blocks)
 
 
-def settings(study: Cells, store: Store) -> Section:
+def settings(study: Comparison, store: Store) -> Section:
     """All that defines methods and scenarios."""
     columns = [Column("method", text=True), Column("settings", text=True)]
-    labels = store.methods()
-    rows = [[name, f"`{labels[name]}`"] for name in study.methods]
-    scenarios = [[e.name, e.description, e.model, f"`{e.details}`"] for e in study.scenarios]
+    held = store.methods()
+    rows = [[label, f"`{shown(held[label].settings)}`"] for label in study.methods]
+    scenarios = [
+        [e.name, e.description, e.model, f"`{shown(e.settings)}`"] for e in study.scenarios
+    ]
     heads = [
         Column(t, text=True) for t in ("scenario", "description", "model", "all that defines it")
     ]
@@ -72,10 +80,10 @@ def settings(study: Cells, store: Store) -> Section:
     return Section("settings", "Methods and scenarios", [*tables, notes_on_inference(study)])
 
 
-def notes_on_inference(study: Cells) -> Text:
+def notes_on_inference(study: Comparison) -> Text:
     """What the paper does not state and these scenarios had to assume."""
     entry = next((e for e in study.scenarios if e.name == "nominal"), study.scenarios[0])
-    frequency, damping = setting(entry, "frequency"), setting(entry, "damping")
+    frequency, damping = entry.number("remnant.frequency"), entry.number("remnant.damping")
     given = math.isfinite(frequency) and math.isfinite(damping)
     shape = f" at {frequency:g} rad/s with damping {damping:g}" if given else ""
     return Text(
@@ -87,7 +95,7 @@ def notes_on_inference(study: Cells) -> Text:
     )
 
 
-def origin(study: Cells, about: Mapping[str, str]) -> Section:
+def origin(study: Comparison, about: Mapping[str, str]) -> Section:
     """Seed, versions, and how to make the numbers again."""
     facts = [["seed", about.get("seed", "?")], ["code digest", about.get("code", "?")]]
     skipped = (*OWN_FACTS, *(key for key in about if key.startswith("remnant ratio")))

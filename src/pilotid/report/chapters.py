@@ -11,10 +11,9 @@ from pilotid.report import figures as study_figures
 from pilotid.report import tables as study_tables
 from pilotid.report.content import Block, Bullets, Picture
 from pilotid.report.paper import FIGURE_3, FIGURE_5, KEYS, PAPER, TABLE_3
-from pilotid.report.scores import Cell, Cells, setting
 from pilotid.report.verdicts import judge, sentence
-from pilotid.show.svg import compact
-from pilotid.study.store import ScenarioEntry
+from pilotid.study.comparison import Cell, Comparison
+from pilotid.study.entries import ScenarioEntry
 
 SHORT = {
     "nominal": "both",
@@ -53,9 +52,9 @@ class Chapter:
     paper: Mapping[str, Sequence[tuple[float, float]]] = field(default_factory=dict)
 
 
-def chapters(study: Cells, about: Mapping[str, str]) -> list[Chapter]:
+def chapters(study: Comparison, about: Mapping[str, str]) -> list[Chapter]:
     """The experiments whose scenarios are in the store; every scenario is in one of them."""
-    parts: list[Callable[[Cells, Mapping[str, str]], Chapter | None]] = [
+    parts: list[Callable[[Comparison, Mapping[str, str]], Chapter | None]] = [
         _nominal,
         _starts,
         _remnant,
@@ -77,31 +76,26 @@ def paper_of(
     return numbers if tuple(p.parameter for p in entry.parameters) == KEYS else ()
 
 
-def one_recording(entry: ScenarioEntry) -> bool:
-    """Whether all fits of a scenario are of the same recording, so that means say nothing."""
-    return entry.name == "starts" or "one_recording=True" in entry.details
-
-
 def ratio(about: Mapping[str, str], scenario: str) -> float:
     """The remnant's share of the control's power that the study noted, NaN if it did not."""
     return float(about.get(f"remnant ratio {scenario}", "nan"))
 
 
-def _present(study: Cells, *names: str) -> tuple[str, ...]:
+def _present(study: Comparison, *names: str) -> tuple[str, ...]:
     return tuple(name for name in study.names if name in names)
 
 
-def _family(study: Cells, prefix: str) -> tuple[str, ...]:
-    return tuple(name for name in study.names if name.startswith(prefix))
+def _family(study: Comparison, family: str) -> tuple[str, ...]:
+    return tuple(name for name in study.names if study.entry(name).family == family)
 
 
 def _errors(cells: Sequence[Cell], paper: Sequence[tuple[float, float]] = ()) -> Picture:
     name = cells[0].scenario.name
     beside = f"; the crosses are {PAPER}, Fig. 3 (10 runs, ± standard deviation)" if paper else ""
     alt = f"Mean error and scatter of each parameter by each method in scenario {name}"
-    return Picture(
+    return Picture.of(
+        study_figures.errors(cells, paper, PAPER),
         f"errors-{name}",
-        compact(study_figures.errors(cells, paper, PAPER), f"errors-{name}", alt),
         alt,
         f"Scenario {name}: mean error, standard deviation and claimed standard error beside the "
         f"Cramér-Rao bound{beside}. Each panel has its own scale; a triangle marks a method whose "
@@ -109,7 +103,7 @@ def _errors(cells: Sequence[Cell], paper: Sequence[tuple[float, float]] = ()) ->
     )
 
 
-def _nominal(study: Cells, about: Mapping[str, str]) -> Chapter | None:
+def _nominal(study: Comparison, about: Mapping[str, str]) -> Chapter | None:
     if not (names := _present(study, "nominal")):
         return None
     cells = study.of("nominal")
@@ -125,9 +119,9 @@ def _nominal(study: Cells, about: Mapping[str, str]) -> Chapter | None:
         names,
         [
             _errors(cells, paper),
-            Picture(
+            Picture.of(
+                study_figures.scatter(cells),
                 "scatter-nominal",
-                compact(study_figures.scatter(cells), "scatter-nominal", alt),
                 alt,
                 "Scenario nominal: what the estimates scatter by, what the methods claim, and the "
                 f"least that an unbiased estimate can scatter by. {MONTE_CARLO} A claim to the "
@@ -139,7 +133,7 @@ def _nominal(study: Cells, about: Mapping[str, str]) -> Chapter | None:
     )
 
 
-def _starts(study: Cells, about: Mapping[str, str]) -> Chapter | None:
+def _starts(study: Comparison, about: Mapping[str, str]) -> Chapter | None:
     if not (names := _present(study, "starts")):
         return None
     entry, cells = study.entry("starts"), study.of("starts")
@@ -156,9 +150,9 @@ def _starts(study: Cells, about: Mapping[str, str]) -> Chapter | None:
         "lies within a tenth of the bound of the median end; a failed fit does not reach it.",
         names,
         [
-            Picture(
+            Picture.of(
+                study_figures.starts(cells, paper),
                 "starts",
-                compact(study_figures.starts(cells, paper), "starts", alt),
                 alt,
                 "Ends of the search, a dot for each start; behind the method's name the starts "
                 f"that reach the common end. Dotted: {PAPER}, Fig. 5.",
@@ -169,8 +163,8 @@ def _starts(study: Cells, about: Mapping[str, str]) -> Chapter | None:
     )
 
 
-def _remnant(study: Cells, about: Mapping[str, str]) -> Chapter | None:
-    names = tuple(n for n in _family(study, "remnant-") if _level(study, n) > 0.0)
+def _remnant(study: Comparison, about: Mapping[str, str]) -> Chapter | None:
+    names = tuple(n for n in _family(study, "remnant") if _level(study, n) > 0.0)
     if not names:
         return None
     points = [(name, _level(study, name)) for name in names]
@@ -190,15 +184,13 @@ def _remnant(study: Cells, about: Mapping[str, str]) -> Chapter | None:
             tick=tick,
         )  # fmt: skip
         caption = f"Bias over the remnant (Fig. 6). {MONTE_CARLO} Triangles lie outside the scale."
-        pictures.append(
-            Picture("remnant-bias", compact(figure, "remnant-bias", bias), bias, caption)
-        )
+        pictures.append(Picture.of(figure, "remnant-bias", bias, caption))
         figure = study_curves.sweep(
             study, points, lambda s: (s.std, s.std_se), (label, "standard deviation [%]"),
             log=True, line=lambda s: s.bound, line_label="bound", tick=tick,
         )  # fmt: skip
         caption = f"Standard deviation over the remnant (Fig. 7). {MONTE_CARLO}"
-        pictures.append(Picture("remnant-std", compact(figure, "remnant-std", std), std, caption))
+        pictures.append(Picture.of(figure, "remnant-std", std, caption))
     paper = {"remnant-0.4": [b for b, _ in FIGURE_3]}
     told = [(n, n) for n in names if n in (names[0], "remnant-0.4", names[-1])]
     table = study_tables.bias_table(study, told, paper, "Bias by remnant gain")
@@ -215,15 +207,11 @@ def _remnant(study: Cells, about: Mapping[str, str]) -> Chapter | None:
     )
 
 
-def _level(study: Cells, name: str) -> float:
-    level = setting(study.entry(name), "level")
-    try:
-        return level if math.isfinite(level) else float(name.removeprefix("remnant-"))
-    except ValueError:
-        return math.nan
+def _level(study: Comparison, name: str) -> float:
+    return study.entry(name).number("remnant.level")
 
 
-def _forcing(study: Cells, about: Mapping[str, str]) -> Chapter | None:
+def _forcing(study: Comparison, about: Mapping[str, str]) -> Chapter | None:
     own = _present(study, *(name for name in TABLE_3 if name != "nominal"))
     if not own:
         return None
@@ -239,9 +227,9 @@ def _forcing(study: Cells, about: Mapping[str, str]) -> Chapter | None:
         "four times nominal. The paper's numbers are means of 10 runs, or of 100: it says both.",
         tuple(names),
         [
-            Picture(
+            Picture.of(
+                figure,
                 "forcing",
-                compact(figure, "forcing", alt),
                 alt,
                 f"Bias by forcing function. {MONTE_CARLO} The axis is linear within "
                 f"±{study_curves.LINEAR:.0f} % (grey) and logarithmic beyond.",
@@ -252,7 +240,7 @@ def _forcing(study: Cells, about: Mapping[str, str]) -> Chapter | None:
     )
 
 
-def _single(study: Cells, about: Mapping[str, str]) -> Chapter | None:
+def _single(study: Comparison, about: Mapping[str, str]) -> Chapter | None:
     text = (
         "The visual channel alone. The paper says that its biases are smaller than those of two "
         "channels, and prints no numbers of simulations."
@@ -260,7 +248,7 @@ def _single(study: Cells, about: Mapping[str, str]) -> Chapter | None:
     return _plain(study, "single", "Single channel", text)
 
 
-def _white(study: Cells, about: Mapping[str, str]) -> Chapter | None:
+def _white(study: Comparison, about: Mapping[str, str]) -> Chapter | None:
     text = (
         "Not in the paper: the nominal case with a white remnant of 15 % of the control's power. "
         "A white residual is then the right assumption, so that every method based on it should be "
@@ -269,13 +257,13 @@ def _white(study: Cells, about: Mapping[str, str]) -> Chapter | None:
     return _plain(study, "white-remnant", "Control experiment: a white remnant", text)
 
 
-def _other(study: Cells, name: str) -> Chapter:
+def _other(study: Comparison, name: str) -> Chapter:
     return _plain(study, name, f"Scenario {name}", study.entry(name).description + ".") or Chapter(
         name, name, "", (name,), (), (name,)
     )
 
 
-def _plain(study: Cells, name: str, title: str, text: str) -> Chapter | None:
+def _plain(study: Comparison, name: str, title: str, text: str) -> Chapter | None:
     """A scenario by itself: what the rules say, and the errors."""
     if name not in study.names:
         return None
@@ -285,7 +273,7 @@ def _plain(study: Cells, name: str, title: str, text: str) -> Chapter | None:
     return Chapter(key, title, text, (name,), blocks, (name,))
 
 
-def _length(study: Cells, about: Mapping[str, str]) -> Chapter | None:
+def _length(study: Comparison, about: Mapping[str, str]) -> Chapter | None:
     text = (
         "Not in the paper: the nominal case over shorter and longer windows. The error of a "
         "consistent method falls with the bound, as 1/√T; that of an inconsistent one "
@@ -294,7 +282,7 @@ def _length(study: Cells, about: Mapping[str, str]) -> Chapter | None:
     return _trend(study, "length", "Length of the recording", text, "duration", "window T [s]")
 
 
-def _runs(study: Cells, about: Mapping[str, str]) -> Chapter | None:
+def _runs(study: Comparison, about: Mapping[str, str]) -> Chapter | None:
     text = (
         "Not in the paper: several runs with the same forcing functions and independent remnants, "
         "fitted jointly."
@@ -303,24 +291,24 @@ def _runs(study: Cells, about: Mapping[str, str]) -> Chapter | None:
 
 
 def _trend(
-    study: Cells, family: str, title: str, text: str, varied: str, label: str
+    study: Comparison, family: str, title: str, text: str, varied: str, label: str
 ) -> Chapter | None:
     """Root mean square error over what a family of scenarios varies."""
-    own = _family(study, f"{family}-")
+    own = _family(study, family)
     if not own:
         return None
     names = (*_present(study, "nominal"), *own)
-    points = sorted(((n, setting(study.entry(n), varied)) for n in names), key=lambda p: p[1])
+    points = sorted(((n, study.entry(n).number(varied)) for n in names), key=lambda p: p[1])
     known = [(name, x) for name, x in points if math.isfinite(x)]
     blocks: list[Block] = []
     if len(known) > 1:
         alt = f"Root mean square error by parameter and method over the {title.lower()}"
         figure = study_curves.sweep(
-            study, known, lambda s: (s.rmse, s.ratio_se * s.bound),
+            study, known, lambda s: (s.rmse, s.rmse_se),
             (label, "rmse [% of true value]"),
             log=True, line=lambda s: s.bound, line_label="bound",
         )  # fmt: skip
         caption = f"Root mean square error and Cramér-Rao bound. {MONTE_CARLO}"
-        blocks.append(Picture(family, compact(figure, family, alt), alt, caption))
+        blocks.append(Picture.of(figure, family, alt, caption))
     blocks.append(study_tables.ratio_table(study, [name for name, _ in points]))
     return Chapter(family, title, text, names, blocks, own)

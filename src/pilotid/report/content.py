@@ -9,6 +9,12 @@ import html
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from pilotid.show.svg import svg
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
@@ -86,6 +92,11 @@ class Picture:
     alt: str
     caption: str
     kind: str = field(default="picture", init=False)
+
+    @classmethod
+    def of(cls, figure: Figure, name: str, alt: str, caption: str) -> Picture:
+        """A picture of a figure."""
+        return cls(name, svg(figure, name, alt), alt, caption)
 
 
 @dataclass(frozen=True)

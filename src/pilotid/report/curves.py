@@ -10,8 +10,9 @@ import numpy as np
 
 from pilotid.chance import Z95
 from pilotid.report.figures import BOUND, grid, limits
-from pilotid.report.scores import Cells, Score
 from pilotid.show.style import INK, colour_of, journal_style, log_ticks, marker_of
+from pilotid.study.comparison import Comparison
+from pilotid.study.score import Score
 from pilotid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ LINEAR = 10.0  # percent up to which the axis of `cases` is linear
 
 
 def sweep(
-    study: Cells,
+    study: Comparison,
     points: Sequence[tuple[str, float]],
     value: Value,
     labels: tuple[str, str],
@@ -96,14 +97,14 @@ def _ticks(
 
 
 def _curve(
-    study: Cells, points: Sequence[tuple[str, float]], method: str, index: int, value: Value
+    study: Comparison, points: Sequence[tuple[str, float]], method: str, index: int, value: Value
 ) -> FloatArray:
     """Abscissa, value and Monte Carlo standard error, shape (points, 3)."""
     rows = []
     for scenario, x in points:
         cell = study.at(scenario, method)
         if cell is not None and cell.usable:
-            rows.append((x, *value(cell.scores[index])))
+            rows.append((x, *value(cell.percent[index])))
     return np.array(rows, dtype=float).reshape(-1, 3)
 
 
@@ -148,19 +149,19 @@ def _frame(
 
 def _reference(
     axes: Axes,
-    study: Cells,
+    study: Comparison,
     points: Sequence[tuple[str, float]],
     index: int,
     line: Callable[[Score], float],
 ) -> None:
     """The reference curve, from any method that has the scenario."""
-    found = [(x, line(study.of(name)[0].scores[index])) for name, x in points]
+    found = [(x, line(study.of(name)[0].percent[index])) for name, x in points]
     at, values = zip(*sorted(found), strict=True)
     axes.plot(at, values, color=INK, linestyle="--", linewidth=0.8, zorder=0)
 
 
 def cases(
-    study: Cells,
+    study: Comparison,
     scenarios: Sequence[tuple[str, str]],
     paper: Mapping[str, Sequence[float]],
     label: str,
@@ -198,7 +199,7 @@ def cases(
                     cell = study.at(name, method)
                     if cell is None or not cell.usable:
                         continue
-                    score = cell.scores[index]
+                    score = cell.percent[index]
                     axes.errorbar(place + offset, score.bias,
                                   Z95 * np.nan_to_num(score.bias_se), color=colour_of(method),
                                   marker=marker_of(method), markersize=3.4, linewidth=0.0,

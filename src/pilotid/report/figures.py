@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pilotid.chance import Z95
-from pilotid.report.scores import Cell, agreeing, ends
 from pilotid.show.style import INK, WIDTH, colour_of, journal_style, log_ticks, marker_of
+from pilotid.study.comparison import Cell
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -109,7 +109,7 @@ def errors(
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    scores = cells[0].scores
+    scores = cells[0].percent
     labels = [c.method for c in cells] + ([label] if paper else [])
     with journal_style():
         figure, panels, spare = grid(len(scores), _height(len(labels)))
@@ -118,7 +118,7 @@ def errors(
             if math.isfinite(bound):
                 axes.axvspan(-bound, bound, color=BOUND, linewidth=0)
             axes.axvline(0.0, color=INK, linewidth=0.6)
-            own = [c.scores[index] for c in cells]
+            own = [c.percent[index] for c in cells]
             ranges = [_reach(s.bias, s.std, s.claimed) for s in own]
             axes.set_xlim(
                 *limits([*ranges, *(_reach(*p) for p in paper[index : index + 1])], bound)
@@ -161,14 +161,14 @@ def scatter(cells: Sequence[Cell]) -> Figure:
     """Standard deviation, claimed standard error and posterior spread beside the bound."""
     from matplotlib.lines import Line2D
 
-    scores = cells[0].scores
+    scores = cells[0].percent
     with journal_style():
         figure, panels, spare = grid(len(scores), _height(len(cells)))
         for index, axes in enumerate(panels):
             axes.axvline(scores[index].bound, color=INK, linewidth=0.8, linestyle="--")
             axes.set_xscale("log")
             for row, cell in enumerate(cells):
-                score, colour = cell.scores[index], colour_of(cell.method)
+                score, colour = cell.percent[index], colour_of(cell.method)
                 low = min(Z95 * np.nan_to_num(score.std_se), 0.8 * score.std)
                 axes.errorbar(score.std, row, xerr=[[low], [Z95 * np.nan_to_num(score.std_se)]],
                               color=colour, marker=marker_of(cell.method), markersize=4.0,
@@ -186,7 +186,7 @@ def scatter(cells: Sequence[Cell]) -> Figure:
             Line2D([], [], color=INK, marker="|", markersize=6, linewidth=0, markeredgewidth=1.2,
                    label="claimed standard\nerror (mean)"),
         ]  # fmt: skip
-        if any(math.isfinite(s.posterior) for c in cells for s in c.scores):
+        if any(math.isfinite(s.posterior) for c in cells for s in c.percent):
             handles.append(Line2D([], [], color=INK, marker="D", markersize=6, linewidth=0,
                                   markerfacecolor="none", label="posterior spread"))  # fmt: skip
         handles.append(
@@ -200,11 +200,11 @@ def starts(cells: Sequence[Cell], paper: Sequence[float] = ()) -> Figure:
     """Where fits of one recording end, a dot for each start."""
     from matplotlib.lines import Line2D
 
-    scores = cells[0].scores
-    labels = [f"{c.method} {agreeing(c)}/{c.tried}" for c in cells]
+    scores = cells[0].percent
+    labels = [f"{c.method} {c.agreeing}/{c.tried}" for c in cells]
     with journal_style():
         figure, panels, spare = grid(len(scores), _height(len(labels)))
-        found = [ends(c) for c in cells]
+        found = [c.errors for c in cells]
         for index, axes in enumerate(panels):
             bound = scores[index].bound
             if math.isfinite(bound):

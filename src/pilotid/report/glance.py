@@ -10,8 +10,8 @@ import numpy as np
 
 from pilotid.chance import Z95
 from pilotid.report.figures import BOUND, name_rows
-from pilotid.report.scores import Cell
 from pilotid.show.style import INK, WIDTH, colour_of, journal_style, log_ticks, marker_of
+from pilotid.study.comparison import Cell
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,8 +58,8 @@ def _glance_row(axes: tuple[Axes, Axes, Axes], row: int, cell: Cell) -> None:
         "elinewidth": 0.7,
         "linewidth": 0.0,
     }
-    offsets = np.linspace(-0.36, 0.36, len(cell.scores))
-    for place, score in zip(row + offsets, cell.scores, strict=True):
+    offsets = np.linspace(-0.36, 0.36, len(cell.percent))
+    for place, score in zip(row + offsets, cell.percent, strict=True):
         axes[0].errorbar(score.bias / score.bound, place,
                          xerr=Z95 * score.bias_se / score.bound, **style)  # fmt: skip
         low = min(Z95 * score.ratio_se, 0.9 * score.ratio)

@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pilotid.disk import write_file
+from pilotid.numbers import MINUS, NONE, number
 from pilotid.report import appendix
 from pilotid.report import glance as study_glance
 from pilotid.report import tables as study_tables
-from pilotid.report.chapters import Chapter, chapters, one_recording, ratio
+from pilotid.report.chapters import Chapter, chapters, ratio
 from pilotid.report.content import (
     Block,
     Bullets,
@@ -21,13 +22,10 @@ from pilotid.report.content import (
     inline_html,
     markdown,
 )
-from pilotid.report.scores import Cells
 from pilotid.report.verdicts import CODES, RULES, Verdict, in_short, judge, sentence
-from pilotid.show.numbers import MINUS, NONE, number
 from pilotid.show.page import templates_of
-from pilotid.show.svg import compact
+from pilotid.study.comparison import Comparison
 from pilotid.study.store import Store
-from pilotid.study.summary import Group, Summary
 from pilotid.types import InputError
 
 if TYPE_CHECKING:
@@ -37,9 +35,7 @@ TITLE = "Pilot-model identification: methods compared"
 REFERENCE = "nominal"
 
 
-def write_report(
-    folder: Path, store: Store, groups: Sequence[Group], summaries: Sequence[Summary]
-) -> Path:
+def write_report(folder: Path, store: Store, study: Comparison) -> Path:
     """Write report.html, report.md and the figures; equal stores give equal bytes.
 
     Parameters
@@ -48,15 +44,14 @@ def write_report(
         Where to write.
     store
         The study's store.
-    groups, summaries
-        Its fits and their scores.
+    study
+        What the store holds.
 
     Returns
     -------
     Path
         The page.
     """
-    study = Cells(groups, summaries, list(store.methods()))
     sections = _sections(study, store)
     pictures = folder / "figures"
     try:
@@ -72,13 +67,10 @@ def write_report(
     return page
 
 
-def overview_table(
-    store: Store, groups: Sequence[Group], summaries: Sequence[Summary]
-) -> RichTable:
+def overview_table(study: Comparison) -> RichTable:
     """The summary as a table for the terminal."""
-    from pilotid.show.terminal import make_table
+    from pilotid.terminal import make_table
 
-    study = Cells(groups, summaries, list(store.methods()))
     table = make_table()
     for title in ("method", "verdict", "largest bias"):
         table.add_column(title)
@@ -104,26 +96,26 @@ def overview_table(
     return table
 
 
-def reference(study: Cells) -> str:
+def reference(study: Comparison) -> str:
     """The scenario that the summary is about."""
     if REFERENCE in study.names:
         return REFERENCE
-    several = [entry.name for entry in study.scenarios if not one_recording(entry)]
+    several = [entry.name for entry in study.scenarios if not entry.one_recording]
     return (several or study.names)[0]
 
 
-def _overview_title(study: Cells, name: str) -> str:
+def _overview_title(study: Comparison, name: str) -> str:
     return (
         f"{name}, {_recordings(study, name)}; bias as a multiple of the bound; rmse: median, worst"
     )
 
 
-def _recordings(study: Cells, name: str) -> str:
+def _recordings(study: Comparison, name: str) -> str:
     count = study.replications([name])
     return "1 recording" if count == 1 else f"{count} recordings"
 
 
-def _sections(study: Cells, store: Store) -> list[Section]:
+def _sections(study: Comparison, store: Store) -> list[Section]:
     about = store.about()
     if not study.scenarios:
         return [Section("summary", "Summary", [Text("The study holds no fits yet.")])]
@@ -139,7 +131,7 @@ def _sections(study: Cells, store: Store) -> list[Section]:
     ]
 
 
-def _summary(study: Cells, about: Mapping[str, str], told: Sequence[Chapter]) -> Section:
+def _summary(study: Comparison, about: Mapping[str, str], told: Sequence[Chapter]) -> Section:
     name = reference(study)
     entry, cells = study.entry(name), study.of(name)
     power = ratio(about, name)
@@ -149,7 +141,7 @@ def _summary(study: Cells, about: Mapping[str, str], told: Sequence[Chapter]) ->
     if "mixed" in about:
         blocks.append(Text(f"**Careful: {appendix.mixed(about['mixed'])}**"))
     intro = f"Scenario `{name}` ({entry.description}{share}), {_recordings(study, name)}."
-    if one_recording(entry):
+    if entry.one_recording:
         intro += " All fits are of one recording: bias and coverage say nothing of others."
     caption = f"`{name}`: all parameters in a row for each method"
     alt = f"Bias and rmse over the bound, and coverage, of each method in scenario {name}"
@@ -157,16 +149,16 @@ def _summary(study: Cells, about: Mapping[str, str], told: Sequence[Chapter]) ->
         Text(f"**{in_short(verdicts)}** {intro}"),
         study_tables.verdict_table(verdicts, caption),
         Bullets([sentence(v) for v in verdicts]),
-        Picture(
+        Picture.of(
+            study_glance.glance(cells),
             "glance",
-            compact(study_glance.glance(cells), "glance", alt),
             alt,
             f"Scenario {name}, one point for each parameter, from the top down "
             f"{', '.join(p.parameter for p in entry.parameters)}. Bars: 95 % Monte Carlo "
             "intervals. Bias: linear within ±1, logarithmic beyond; grey: a quarter of the bound.",
         ),
     ]
-    several = {n: c.key for c in told for n in c.tabled if not one_recording(study.entry(n))}
+    several = {n: c.key for c in told for n in c.tabled if not study.entry(n).one_recording}
     if len(several) > 1:
         blocks.append(study_tables.matrix(study, _all_verdicts(study, several), several))
         blocks.append(Text(f"{CODES}."))
@@ -174,15 +166,15 @@ def _summary(study: Cells, about: Mapping[str, str], told: Sequence[Chapter]) ->
     return Section("summary", "Summary", blocks)
 
 
-def _all_verdicts(study: Cells, names: Mapping[str, str]) -> dict[tuple[str, str], Verdict]:
+def _all_verdicts(study: Comparison, names: Mapping[str, str]) -> dict[tuple[str, str], Verdict]:
     return {(name, cell.method): judge(cell) for name in names for cell in study.of(name)}
 
 
-def _chapter(study: Cells, about: Mapping[str, str], chapter: Chapter) -> Section:
+def _chapter(study: Comparison, about: Mapping[str, str], chapter: Chapter) -> Section:
     full = [
         study_tables.scenario_table(study.of(name), chapter.paper.get(name, ()))
         for name in chapter.tabled
-        if not one_recording(study.entry(name))
+        if not study.entry(name).one_recording
     ]
     counts = _counts(study, chapter.scenarios)
     command = Command(
@@ -192,10 +184,10 @@ def _chapter(study: Cells, about: Mapping[str, str], chapter: Chapter) -> Sectio
     return Section(chapter.key, chapter.title, blocks)
 
 
-def _counts(study: Cells, scenarios: Sequence[str]) -> str:
+def _counts(study: Comparison, scenarios: Sequence[str]) -> str:
     """How many recordings there are."""
     counts = sorted({study.replications([name]) for name in scenarios})
-    if len(scenarios) == 1 and one_recording(study.entry(scenarios[0])):
+    if len(scenarios) == 1 and study.entry(scenarios[0]).one_recording:
         return f"{counts[0]} initial guesses."
     if len(scenarios) == 1:
         return f"{_recordings(study, scenarios[0])}."

@@ -9,10 +9,11 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from pilotid.estimates.estimate import Outcome
+from pilotid.numbers import NONE, number, plus_minus, printed, share, signed
 from pilotid.report.content import Column, Entry, Table, entries
-from pilotid.report.scores import Cell, Cells, Score, agreeing, ends
-from pilotid.report.verdicts import Verdict, extremes, signed
-from pilotid.show.numbers import NONE, number, plus_minus, printed, share
+from pilotid.report.verdicts import Verdict, extremes
+from pilotid.study.comparison import Cell, Comparison
+from pilotid.study.score import Score
 
 
 def verdict_table(verdicts: Sequence[Verdict], caption: str) -> Table:
@@ -50,7 +51,7 @@ def _verdict_row(verdict: Verdict, *, missed: bool) -> list[str | Entry]:
 
 def largest_bias(cell: Cell) -> str:
     """The largest bias in multiples of the bound, in % and of which parameter."""
-    _, worst = extremes(cell.scores, lambda s: abs(s.bias) / s.bound)
+    _, worst = extremes(cell.percent, lambda s: abs(s.bias) / s.bound)
     if worst is None:
         return NONE
     return f"{number(abs(worst.bias) / worst.bound, 2)} ({worst.parameter} {signed(worst.bias)} %)"
@@ -58,7 +59,7 @@ def largest_bias(cell: Cell) -> str:
 
 def worst_rmse(cell: Cell) -> str:
     """Median and largest ratio of rmse to bound."""
-    _, worst = extremes(cell.scores, lambda s: s.ratio)
+    _, worst = extremes(cell.percent, lambda s: s.ratio)
     if worst is None:
         return NONE
     return f"{number(_median(cell, lambda s: s.ratio))}, {number(worst.ratio)} {worst.parameter}"
@@ -66,17 +67,17 @@ def worst_rmse(cell: Cell) -> str:
 
 def span(cell: Cell, value: Callable[[Score], float]) -> str:
     """Lowest and highest value over the parameters."""
-    low, high = extremes(cell.scores, value)
+    low, high = extremes(cell.percent, value)
     return NONE if low is None or high is None else f"{value(low):.0f}{NONE}{value(high):.0f}"
 
 
 def _median(cell: Cell, value: Callable[[Score], float]) -> float:
-    values = [value(s) for s in cell.scores if math.isfinite(value(s))]
+    values = [value(s) for s in cell.percent if math.isfinite(value(s))]
     return float(np.median(values)) if values else math.nan
 
 
 def matrix(
-    study: Cells, verdicts: Mapping[tuple[str, str], Verdict], links: Mapping[str, str]
+    study: Comparison, verdicts: Mapping[tuple[str, str], Verdict], links: Mapping[str, str]
 ) -> Table:
     """The verdict on each method in each scenario."""
     rows: list[list[str | Entry]] = []
@@ -92,8 +93,8 @@ def matrix(
 
 def scenario_table(cells: Sequence[Cell], paper: Sequence[tuple[float, float]] = ()) -> Table:
     """All numbers of a scenario: a row for each parameter and method."""
-    failed = any(s.n_all != s.n or s.tried != s.n for c in cells for s in c.scores if s.tried)
-    sampled = any(math.isfinite(s.posterior) for c in cells for s in c.scores)
+    failed = any(s.n_all != s.n or s.tried != s.n for c in cells for s in c.percent if s.tried)
+    sampled = any(math.isfinite(s.posterior) for c in cells for s in c.percent)
     columns = [
         Column("parameter", text=True),
         Column("method", text=True),
@@ -117,10 +118,10 @@ def scenario_table(cells: Sequence[Cell], paper: Sequence[tuple[float, float]] =
             Column("all: coverage %", hint="over all fits tried, a failed one being a miss"),
         ]
     rows = []
-    for index in range(len(cells[0].scores)):
+    for index in range(len(cells[0].percent)):
         given = paper[index] if paper else None
         for cell in cells:
-            score = cell.scores[index]
+            score = cell.percent[index]
             rows.append(_row(score, cell.method, given, sampled=sampled, failed=failed))
     name = cells[0].scenario.name
     return Table(f"`{name}`: all numbers", columns, entries(rows), heads=2, folded=True)
@@ -154,7 +155,7 @@ def _row(
 
 
 def bias_table(
-    study: Cells,
+    study: Comparison,
     scenarios: Sequence[tuple[str, str]],
     paper: Mapping[str, Sequence[float]],
     caption: str,
@@ -191,14 +192,14 @@ def bias_table(
             ]
             for method in study.methods:
                 cell = study.at(name, method)
-                score = cell.scores[index] if cell else None
+                score = cell.percent[index] if cell else None
                 row.append(plus_minus(score.bias, score.bias_se) if score else NONE)
             rows.append(row)
         rows.append([short, "fits", NONE, *_fits(study, name)])
     return Table(caption, columns, entries(rows), heads=2)
 
 
-def _fits(study: Cells, scenario: str) -> list[str]:
+def _fits(study: Comparison, scenario: str) -> list[str]:
     cells = [study.at(scenario, method) for method in study.methods]
     return [f"{c.usable} of {c.tried}" if c and c.tried else NONE for c in cells]
 
@@ -219,16 +220,16 @@ def starts_table(cells: Sequence[Cell], paper: Sequence[float]) -> Table:
     rows = []
     for index, known in enumerate(cells[0].scenario.parameters):
         for cell in cells:
-            found, score = ends(cell)[:, index], cell.scores[index]
+            found, score = cell.errors[:, index], cell.percent[index]
             middle = float(np.median(found)) if found.size else math.nan
             row = [known.parameter, cell.method, str(score.n), str(score.tried - score.n)]
-            row += [f"{agreeing(cell)} of {cell.tried}", number(middle)]
+            row += [f"{cell.agreeing} of {cell.tried}", number(middle)]
             row += [signed(paper[index])] if paper else []
             rows.append([*row, number(score.std), number(score.bound)])
     return Table(f"`{cells[0].scenario.name}`: ends of the search", columns, entries(rows), heads=2)
 
 
-def posterior_table(study: Cells, scenarios: Sequence[str]) -> Table | None:
+def posterior_table(study: Comparison, scenarios: Sequence[str]) -> Table | None:
     """Posterior spread against scatter and bound, None if no method has a posterior."""
     rows = []
     for name in scenarios:
@@ -238,7 +239,7 @@ def posterior_table(study: Cells, scenarios: Sequence[str]) -> Table | None:
                  plus_minus(s.std, s.std_se).lstrip("+"), number(s.bound),
                  number(s.posterior / s.std if s.std > 0.0 else math.nan),
                  share(s.coverage, s.coverage_interval)]
-                for s in cell.scores if math.isfinite(s.posterior)
+                for s in cell.percent if math.isfinite(s.posterior)
             ]  # fmt: skip
     titles = ("posterior %", "std %", "bound %", "posterior / std", "coverage %")
     words = [Column(t, text=True) for t in ("scenario", "parameter", "method")]
@@ -248,7 +249,7 @@ def posterior_table(study: Cells, scenarios: Sequence[str]) -> Table | None:
     return Table("Posterior spread against scatter and bound", columns, entries(rows), heads=3)
 
 
-def failure_table(study: Cells) -> Table:
+def failure_table(study: Comparison) -> Table:
     """Every outcome but plain convergence, with its details and how often it came."""
     columns = [Column("scenario", text=True), Column("method", text=True), Column("fits"),
                Column("of"), Column("counts as", text=True), Column("outcome", text=True),
@@ -256,9 +257,9 @@ def failure_table(study: Cells) -> Table:
     rows = []
     for name in study.names:
         for cell in study.of(name):
-            counted = Counter(r.outcome for r in cell.group.results)
+            counted = Counter(r.outcome for r in cell.results)
             counted.pop(Outcome.CONVERGED.slug, None)
-            total = str(len(cell.group.results))
+            total = str(len(cell.results))
             rows += [
                 [name, cell.method, str(count), total, *_outcome(cell, outcome)]
                 for outcome, count in sorted(counted.items())
@@ -268,9 +269,9 @@ def failure_table(study: Cells) -> Table:
 
 def _outcome(cell: Cell, outcome: str) -> list[str]:
     known = {o.slug: o for o in Outcome}.get(outcome)
-    usable = any(r.usable for r in cell.group.results if r.outcome == outcome)
+    usable = any(r.usable for r in cell.results if r.outcome == outcome)
     treated = "result" if usable else "no try" if known is Outcome.NOT_APPLICABLE else "failure"
-    told = (" ".join(r.message.split()) for r in cell.group.results if r.outcome == outcome)
+    told = (" ".join(r.message.split()) for r in cell.results if r.outcome == outcome)
     messages = Counter(message for message in told if message)
     ranked = sorted(messages.items(), key=lambda item: (-item[1], item[0]))
     words = [f"{text} ({count})" if len(ranked) > 1 else text for text, count in ranked[:3]]
@@ -279,17 +280,17 @@ def _outcome(cell: Cell, outcome: str) -> list[str]:
     return [treated, known.value if known else outcome, "; ".join(words)]
 
 
-def ratio_table(study: Cells, scenarios: Sequence[str]) -> Table:
+def ratio_table(study: Comparison, scenarios: Sequence[str]) -> Table:
     """Root mean square error over the bound in a few scenarios, a column for each method."""
     words = [Column(t, text=True) for t in ("scenario", "parameter")]
     columns = [*words, Column("bound %"), *(Column(m) for m in study.methods)]
     rows: list[list[str]] = []
     for name in scenarios:
         for index, known in enumerate(study.entry(name).parameters):
-            row = [name, known.parameter, number(study.of(name)[0].scores[index].bound)]
+            row = [name, known.parameter, number(study.of(name)[0].percent[index].bound)]
             for method in study.methods:
                 cell = study.at(name, method)
-                score = cell.scores[index] if cell else None
+                score = cell.percent[index] if cell else None
                 row.append(plus_minus(score.ratio, score.ratio_se).lstrip("+") if score else NONE)
             rows.append(row)
         rows.append([name, "fits", NONE, *_fits(study, name)])

@@ -7,7 +7,9 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from pilotid.report.scores import Cell, Score
+from pilotid.numbers import signed
+from pilotid.study.comparison import Cell
+from pilotid.study.score import Score
 
 #: Fewer fits than this allow no verdict.
 ENOUGH = 10
@@ -94,7 +96,7 @@ class Verdict:
     @property
     def few_biased(self) -> bool:
         """Whether the bias counts in at most a third of the parameters."""
-        return 3 * len(self.biased) <= len(self.cell.scores)
+        return 3 * len(self.biased) <= len(self.cell.percent)
 
     @property
     def words(self) -> str:
@@ -104,7 +106,7 @@ class Verdict:
         fails = [f"fails {_percent(self.failures / self.cell.tried)}"] if self.fails else []
         if not self.judged:
             return ", ".join([*fails, f"{self.cell.usable} fits"])
-        count = len(self.cell.scores)
+        count = len(self.cell.percent)
         biased = [f"biased {len(self.biased)}/{count}"] if self.biased else []
         narrow = [f"narrow {len(self.narrow)}/{count}"] if self.narrow else []
         return ", ".join([*biased, *narrow, *fails]) or "good"
@@ -126,8 +128,8 @@ def judge(cell: Cell) -> Verdict:
     """Apply the rules."""
     return Verdict(
         cell,
-        tuple(s for s in cell.scores if counts(s)),
-        tuple(s for s in cell.scores if too_narrow(s)),
+        tuple(s for s in cell.percent if counts(s)),
+        tuple(s for s in cell.percent if too_narrow(s)),
     )
 
 
@@ -159,7 +161,7 @@ def sentence(verdict: Verdict) -> str:
     cell = verdict.cell
     name = f"**`{cell.method}`**"
     if not cell.tried:
-        return f"{name}: not applicable here ({cell.group.results[0].message})."
+        return f"{name}: not applicable here ({cell.results[0].message})."
     if verdict.grade is Grade.NONE:
         return f"{name}: {cell.usable} of {cell.tried} fits count: too few for a verdict."
     if not verdict.judged:
@@ -171,7 +173,7 @@ def sentence(verdict: Verdict) -> str:
 
 def _advice(verdict: Verdict) -> str:
     if verdict.grade is Grade.GOOD:
-        _, worst = extremes(verdict.cell.scores, lambda s: s.ratio)
+        _, worst = extremes(verdict.cell.percent, lambda s: s.ratio)
         wasteful = worst is not None and worst.ratio > WASTE
         return "use it, though it is not efficient" if wasteful else "use it"
     parts = []
@@ -179,7 +181,7 @@ def _advice(verdict: Verdict) -> str:
         mind = f"mind its bias in {_names(verdict.biased)}"
         parts.append(mind if verdict.few_biased else "do not rely on its values")
     if verdict.narrow:
-        few = 3 * len(verdict.narrow) <= len(verdict.cell.scores)
+        few = 3 * len(verdict.narrow) <= len(verdict.cell.percent)
         narrow = f" of {_names(verdict.narrow)}" if few else ""
         values = "" if verdict.biased else "use its values, but "
         parts.append(f"{values}do not believe its intervals{narrow}")
@@ -198,14 +200,14 @@ def _bias_words(verdict: Verdict) -> str:
 
 
 def _scatter_words(cell: Cell) -> str:
-    low, high = extremes(cell.scores, lambda s: s.ratio)
+    low, high = extremes(cell.percent, lambda s: s.ratio)
     if low is None or high is None:
         return ""
     return f"rmse {low.ratio:.2g} to {high.ratio:.2g} times the bound"
 
 
 def _interval_words(verdict: Verdict) -> str:
-    low, high = extremes(verdict.cell.scores, lambda s: s.coverage)
+    low, high = extremes(verdict.cell.percent, lambda s: s.coverage)
     if low is None or high is None:
         return "no intervals"
     shares = f"{100 * low.coverage:.0f} to {_percent(high.coverage)}"
@@ -222,11 +224,6 @@ def _percent(share: float) -> str:
 
 def _capital(text: str) -> str:
     return text[:1].upper() + text[1:]
-
-
-def signed(value: float) -> str:
-    """A percentage with its sign, a decimal where that matters and a true minus."""
-    return f"{value:+.{0 if abs(value) >= 9.95 else 1}f}".replace("-", "\N{MINUS SIGN}")
 
 
 def in_short(verdicts: Sequence[Verdict]) -> str:

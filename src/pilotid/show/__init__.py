@@ -1,5 +1,5 @@
-"""How estimates and recordings are shown: words, numbers, tables, JSON, figures, pages.
+"""How recordings and estimates are drawn: plots for notebooks, figures, pages.
 
-Imports all that it shows, and no study.  Start at `words` and `terminal`; `style` has the
-colours that every figure shares.
+Imports all that it shows, and no study.  Start at `plots`; `style` has the colours that every
+figure shares.
 """

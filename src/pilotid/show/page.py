@@ -1,18 +1,17 @@
-"""A self-contained HTML report of fits: tables, signals and frequency responses."""
+"""A self-contained HTML report of fits: tables, and figures of signals, responses and remnant."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pilotid.estimates.quantities import Fitted, derived, parameters
-from pilotid.show.figures import bode, signals
-from pilotid.show.numbers import value_and_interval
+from pilotid.estimates.estimate import Estimate
+from pilotid.estimates.fitted import Fitted
+from pilotid.show.figures import remnant_figure, response_figure, time_figure
 from pilotid.show.svg import svg
-from pilotid.show.words import heading, verdict
 from pilotid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -21,14 +20,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Section:
-    """One recording in the report, as its template needs it."""
+    """One recording in the report, as its template needs it: figures are SVG with captions."""
 
     heading: str
     methods: list[str]
     rows: list[tuple[str, str, list[tuple[str, str]]]]
     verdicts: list[str]
-    signals: str
-    responses: str
+    remarks: list[str]
+    figures: list[tuple[str, str]]
 
 
 def html_report(fits: Sequence[Fitted], truth: FloatArray | None = None) -> str:
@@ -41,7 +40,7 @@ def html_report(fits: Sequence[Fitted], truth: FloatArray | None = None) -> str:
     truth
         True parameters of a simulation, to be drawn beside the frequency responses.
     """
-    sections = [_section(fit, truth) for fit in fits]
+    sections = [_section(fit, truth, number) for number, fit in enumerate(fits)]
     template = templates_of("pilotid.show").get_template("fit.html")
     return template.render(sections=sections)
 
@@ -59,18 +58,46 @@ def templates_of(package: str) -> Environment:
     )
 
 
-def _section(fit: Fitted, truth: FloatArray | None) -> Section:
+def _section(fit: Fitted, truth: FloatArray | None, number: int) -> Section:
     shown = [e for e in fit.estimates if np.isfinite(e.values).all()]
-    two_step = [e for e in fit.estimates if e.frequency_response is not None]
-    columns = [[*parameters(e), *derived(e)] for e in shown]
+    columns = [e.quantities for e in shown]
     return Section(
-        heading=heading(fit),
+        heading=fit.heading,
         methods=[e.method for e in shown],
         rows=[
-            (row[0].key, row[0].unit, [value_and_interval(quantity) for quantity in row])
+            (row[0].key, row[0].unit, [quantity.shown() for quantity in row])
             for row in zip(*columns, strict=True)
         ],
-        verdicts=[verdict(e, timed=False) for e in fit.estimates],
-        signals=svg(signals(fit.recording, shown)) if shown else "",
-        responses=svg(bode(two_step, truth)) if two_step else "",
+        verdicts=[e.verdict(timed=False) for e in fit.estimates],
+        remarks=fit.warnings,
+        figures=list(_figures(fit, shown, truth, number)),
     )
+
+
+def _figures(
+    fit: Fitted, shown: Sequence[Estimate], truth: FloatArray | None, number: int
+) -> Iterator[tuple[str, str]]:
+    """The figures that a recording's estimates allow, with captions."""
+    first_steps = [e for e in fit.estimates if e.frequency_response is not None]
+    if shown:
+        caption = (
+            "First run: the control, the models' responses to the recorded inputs, and what they "
+            "leave."
+        )
+        figure = time_figure(fit.recording, shown)
+        yield svg(figure, f"signals-{number}", caption), caption
+    if shown or first_steps:
+        caption = "Describing functions of the fitted models, with their 95 % bands"
+        if first_steps:
+            names = ", ".join(e.method for e in first_steps)
+            caption += f"; points: the first step of {names}, with bars that hold 95 %"
+        drawn = [e for e in fit.estimates if e in shown or e in first_steps]
+        yield svg(response_figure(drawn, truth), f"responses-{number}", caption), f"{caption}."
+    modelled = [e for e in shown if e.remnant is not None]
+    if modelled:
+        caption = (
+            "Power density of the remnant as the methods model it (lines), and that of what their "
+            "models of the pilot leave of the control (points; smoothed periodogram)."
+        )
+        figure = remnant_figure(fit.recording, modelled)
+        yield svg(figure, f"remnant-{number}", caption), caption

@@ -12,15 +12,13 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from pilotid.disk import write_file
+from pilotid.disk import strict_json, write_file
 from pilotid.estimates.draws import Draws, Spread
 from pilotid.estimates.estimate import Estimate
-from pilotid.estimates.quantities import Fitted
+from pilotid.estimates.fitted import Fitted
+from pilotid.numbers import decimals
 from pilotid.posterior.predictive import PredictiveBand
-from pilotid.show.json import estimate_json, strict_json
-from pilotid.show.numbers import decimals
-from pilotid.show.terminal import make_console, make_table, print_table
-from pilotid.show.words import heading, verdict
+from pilotid.terminal import make_console, make_table, print_table
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -92,13 +90,13 @@ def print_posterior(
     """The tables of a posterior, and what should be known of them."""
     console = make_console()
     estimate = fit.estimates[0]
-    console.print(heading(fit), style="bold", soft_wrap=True)
+    console.print(fit.heading, style="bold", soft_wrap=True)
     if spreads:
         console.print()
         print_table(console, table(spreads))
     console.print()
     style = None if estimate.outcome.usable else "red"
-    console.print(verdict(estimate), style=style, soft_wrap=True)
+    console.print(estimate.verdict(), style=style, soft_wrap=True)
     if estimate.draws is not None:
         console.print(_run_words(estimate.draws), soft_wrap=True)
     if predictive is not None:
@@ -174,15 +172,15 @@ def write_posterior(
     contents = {
         "draws.npy": draws_bytes(draws),
         "summary.csv": summary_bytes(spreads),
-        "estimate.json": strict_json(estimate_json(estimate)).encode(),
+        "estimate.json": strict_json(estimate.to_dict()).encode(),
     }
-    figures = {
-        "corner.svg": corner(draws, units),
-        "trace.svg": trace(draws),
-        "autocorrelation.svg": autocorrelation(draws),
-        "predictive.svg": band(predictive, unit),
-    }
-    contents |= {name: svg(figure).encode() for name, figure in figures.items()}
+    figures = (
+        (corner(draws, units), "corner", "Posterior of every pair of parameters"),
+        (trace(draws), "trace", "Course of every parameter along the chains"),
+        (autocorrelation(draws), "autocorrelation", "Autocorrelation of every parameter"),
+        (band(predictive, unit), "predictive", "Recorded control in its predictive band"),
+    )
+    contents |= {f"{name}.svg": svg(f, name, alt).encode() for f, name, alt in figures}
     for name, content in contents.items():
         write_file(folder / name, content)
     return [folder / name for name in contents]

@@ -8,14 +8,14 @@ import numpy as np
 
 from pilotid.estimates.draws import Draws, equal_tailed_interval
 from pilotid.posterior.predictive import PredictiveBand
-from pilotid.show.style import COLOURS
+from pilotid.show.style import colour_of
 from pilotid.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COLOUR, OTHER = COLOURS["bayes"], COLOURS["mle"]
+COLOUR, OTHER = colour_of("bayes"), colour_of("mle")
 GREY = "#999999"
 SHOWN = 20_000  # draws in a corner plot
 STEPS = 600  # points of a trace
@@ -106,7 +106,7 @@ def trace(draws: Draws) -> Figure:
     steps = np.arange(chains.shape[1]) * stride
     figure = Figure(figsize=(9.0, 1.1 * len(draws.keys) + 0.6), layout="constrained")
     panels = figure.subplots(len(draws.keys), 1, sharex=True, squeeze=False)[:, 0]
-    colours = (COLOUR, OTHER, COLOURS["arx"], COLOURS["fourier"])
+    colours = (COLOUR, OTHER, colour_of("arx"), colour_of("fourier"))
     for i, (axes, key) in enumerate(zip(panels, draws.keys, strict=True)):
         low, high = np.quantile(chains[..., i], (0.05, 0.95), axis=(0, 2))
         axes.fill_between(steps, low, high, color=GREY, alpha=0.25, linewidth=0.0)

@@ -10,35 +10,37 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 # Colours that people with a colour vision deficiency tell apart (Okabe and Ito, 2008, and Tol,
-# 2021).  A method has the same one in every figure.
-COLOURS = {
-    "mmle3": "#999999",
-    "mle-white": "#D55E00",
-    "mle": "#0072B2",
-    "fourier": "#009E73",
-    "arx": "#E69F00",
-    "bj": "#56B4E9",
-    "sindy": "#CC79A7",
-    "bayes": "#332288",
-    "bayes-white": "#882255",
+# 2021), and markers, so that methods differ without colour, too: the same in every figure.
+STYLES = {
+    "mmle3": ("#999999", "o"),
+    "mle-white": ("#D55E00", "s"),
+    "mle": ("#0072B2", "^"),
+    "fourier": ("#009E73", "D"),
+    "arx": ("#E69F00", "v"),
+    "sindy": ("#CC79A7", "X"),
+    "bayes": ("#332288", "<"),
+    "bayes-white": ("#882255", ">"),
 }
+#: Of methods from other packages.
+OTHERS = (("#117733", "*"), ("#AA4499", "p"), ("#44AA99", "h"))
+WIDTH = 7.6  # inches, two columns of a journal
+INK = "#333333"
+GRID = "#dddddd"
 
 
-OTHERS = ("#117733", "#AA4499", "#44AA99")  # of methods from other packages
+def style_of(method: str) -> tuple[str, str]:
+    """Colour and marker of a method."""
+    return STYLES.get(method, OTHERS[sum(map(ord, method)) % len(OTHERS)])
 
 
 def colour_of(method: str) -> str:
     """The colour of a method."""
-    return COLOURS.get(method, OTHERS[sum(map(ord, method)) % len(OTHERS)])
+    return style_of(method)[0]
 
 
-WIDTH = 7.6  # inches, two columns of a journal
-
-
-MARKERS = "os^DvPX<>*ph"  # so that methods differ without colour, too
-
-
-INK = "#333333"
+def marker_of(method: str) -> str:
+    """The marker of a method."""
+    return style_of(method)[1]
 
 
 def journal_style() -> AbstractContextManager[None]:
@@ -67,13 +69,6 @@ def journal_style() -> AbstractContextManager[None]:
             "lines.linewidth": 1.0,
         }
     )
-
-
-def marker_of(method: str) -> str:
-    """The marker of a method, the same in every figure."""
-    known = list(COLOURS)
-    place = known.index(method) if method in known else len(known) + sum(map(ord, method)) % 3
-    return MARKERS[place]
 
 
 def log_ticks(axes: Axes, which: str) -> None:

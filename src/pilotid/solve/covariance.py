@@ -1,4 +1,4 @@
-"""The covariance of a least-squares estimate whose residual is not white.
+"""The covariance of a least-squares estimate, whether its residual is white or not.
 
 With A the Hessian of half the sum of squares and B the covariance of its gradient, the
 estimate has the covariance A^-1 B A^-1, whatever the residual is (Ljung, System
@@ -11,6 +11,38 @@ import numpy as np
 
 from pilotid.solve.least_squares import Gram
 from pilotid.types import FloatArray
+
+#: Ratio of the smallest to the largest eigenvalue below which rounding decides.
+SINGULAR = 1e-13
+
+
+def covariance_of(hessian: FloatArray, variance: float) -> FloatArray | None:
+    """Inverse of a least-squares information matrix, or None if it is singular.
+
+    Parameters
+    ----------
+    hessian
+        Inner products J'J, shape (parameters, parameters).
+    variance
+        Variance of the white residual.
+    """
+    found = _scaled_inverse(hessian)
+    if found is None:
+        return None
+    inverse, scale = found
+    return np.asarray(variance * inverse / np.outer(scale, scale))
+
+
+def _scaled_inverse(matrix: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    """Inverse of a matrix scaled to a unit diagonal, and the scale; None if it is singular."""
+    diagonal = np.diag(matrix)
+    if not (np.all(np.isfinite(matrix)) and np.all(diagonal > 0.0)):
+        return None
+    scale = np.sqrt(diagonal)
+    eigenvalues, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    if eigenvalues[0] <= SINGULAR * eigenvalues[-1]:
+        return None
+    return (vectors / eigenvalues) @ vectors.T, scale
 
 
 def sandwich(
@@ -39,16 +71,20 @@ def sandwich(
 
 
 def sandwich_of(curvature: FloatArray, score_covariance: FloatArray) -> FloatArray | None:
-    """A^-1 B A^-1, or None if A is not positive definite."""
-    diagonal = np.diag(curvature)
-    if not (np.all(np.isfinite(curvature)) and np.all(diagonal > 0.0)):
+    """A^-1 B A^-1, or None if A is not positive definite.
+
+    Parameters
+    ----------
+    curvature
+        A, shape (parameters, parameters).
+    score_covariance
+        B, of the same shape.
+    """
+    found = _scaled_inverse(curvature)
+    if found is None:
         return None
-    scale = np.sqrt(diagonal)
-    scaled = curvature / np.outer(scale, scale)
-    eigenvalues, vectors = np.linalg.eigh(scaled)
-    if eigenvalues[0] <= 1e-13 * eigenvalues[-1]:
-        return None
-    half = (vectors / eigenvalues) @ vectors.T / scale
+    inverse, scale = found
+    half = inverse / scale
     covariance = half @ score_covariance @ half.T / np.outer(scale, scale)
     return np.asarray(0.5 * (covariance + covariance.T))
 
@@ -99,24 +135,3 @@ def score_products(rows: FloatArray, reach: int) -> FloatArray:
     smoothing = np.fft.fft(circle).real
     products = np.einsum("prn,qrn,n->pq", spectra, spectra.conj(), smoothing, optimize=True)
     return np.asarray(products.real / length)
-
-
-def covariance_of(hessian: FloatArray, variance: float) -> FloatArray | None:
-    """Inverse of a least-squares information matrix, or None if it is singular.
-
-    Parameters
-    ----------
-    hessian
-        Inner products J'J, shape (parameters, parameters).
-    variance
-        Variance of the white residual.
-    """
-    scale = np.sqrt(np.diag(hessian))
-    if not (np.all(np.isfinite(scale)) and np.all(scale > 0.0)):
-        return None
-    scaled = hessian / np.outer(scale, scale)
-    eigenvalues, vectors = np.linalg.eigh(scaled)
-    if eigenvalues[0] <= 1e-13 * eigenvalues[-1]:
-        return None
-    inverse = (vectors / eigenvalues) @ vectors.T
-    return np.asarray(variance * inverse / np.outer(scale, scale))

@@ -12,10 +12,11 @@ import math
 
 import numpy as np
 
-from pilotid.solve.least_squares import Gram, Inner, Minima, Space
+from pilotid.chance import CHI_SQUARED_95
+from pilotid.solve.least_squares import Gram, Minima, Space
+from pilotid.solve.scale import Scale
 from pilotid.types import FloatArray, IntArray
 
-CHI_SQUARED_95 = 3.841458820694124
 LONGEST_STEP = 1.0  # standard errors an iteration may move the profiled parameter
 
 
@@ -58,17 +59,16 @@ def profile_intervals(
     -------
     Lower and upper ends, shape (count, 2).
     """
-    inside = Inner(gram, space)
-    lower, upper = inside.enter(space.lower), inside.enter(space.upper)
-    best = inside.enter(minimum.values[:1])
+    scale = Scale(space.positive)
+    lower, upper = scale.enter(space.lower), scale.enter(space.upper)
+    best = scale.enter(minimum.values[:1])
     lowest = float(minimum.cost[0])
     target = lowest + CHI_SQUARED_95 * variance
     if estimated is not None:
         # The variance is then one more parameter, maximised over as well.
         target = lowest * math.exp(CHI_SQUARED_95 / estimated)
 
-    slope = inside.slope(minimum.values[:1])[0]
-    hessian = (minimum.gram[0] * slope[:, None] * slope)[:-1, :-1]
+    hessian = scale.inner(minimum.gram[:1], minimum.values[:1])[0, :-1, :-1]
     covariance = np.linalg.inv(hessian) * variance
     error = np.sqrt(np.diag(covariance))[:count]
     which = np.tile(np.arange(count), 2)
@@ -79,7 +79,8 @@ def profile_intervals(
     points = np.clip(best + side[:, None] * reach * ridge, lower, upper)
     active = np.arange(2 * count)
     for _ in range(iterations):
-        grams = inside.gram(points[active])
+        values = scale.leave(points[active])
+        grams = scale.inner(gram(values), values)
         k, direction = which[active], side[active]
         step, off = _step(grams, k, direction, error[k], target)
         deviance_off = np.abs(grams[:, -1, -1] - target) / variance
@@ -91,7 +92,7 @@ def profile_intervals(
         active = active[~done]
         if not active.size:
             break
-    ends = inside.leave(points)[np.arange(2 * count), which]
+    ends = scale.leave(points)[np.arange(2 * count), which]
     # Where the likelihood has another summit the search may end on its side.
     best_values = minimum.values[0, :count]
     return np.stack(

@@ -13,14 +13,61 @@ from typing import Protocol
 
 import numpy as np
 
+from pilotid.solve.scale import Scale
 from pilotid.types import BoolArray, FloatArray
 
 #: Longest step of a positive parameter, on its logarithmic scale: a gain that is
 #: extrapolated towards zero would not come back.
 LONGEST = 1.0
 
-#: Maps parameter sets (sets, p) to Gram matrices (sets, p + 1, p + 1), see `LeastSquares.gram`.
+BLOCK = 4  # parameter sets evaluated at once: more no longer fit the processor's cache
+
+#: Maps parameter sets (sets, p) to Gram matrices (sets, p + 1, p + 1), see `Problem.gram`.
 Gram = Callable[[FloatArray], FloatArray]
+
+
+class Problem(Protocol):
+    """A sum of squares, by the rows of its Jacobian and its residual.
+
+    Who derives from it gives `residuals` and `rows`, and has `gram`.
+    """
+
+    @property
+    def residuals(self) -> int:
+        """Number of independent residuals."""
+        ...
+
+    def rows(self, values: FloatArray) -> FloatArray:
+        """Jacobian of the prediction, and below it the residual.
+
+        Parameters
+        ----------
+        values
+            Parameter sets, shape (sets, parameters).
+
+        Returns
+        -------
+        Array of shape (sets, parameters + 1, ...).
+        """
+        ...
+
+    def gram(self, values: FloatArray) -> FloatArray:
+        """Inner products of the rows, shape (sets, parameters + 1, parameters + 1).
+
+        The last diagonal element is the residual sum of squares; the last column
+        above it is the descent direction J'r.
+
+        Parameters
+        ----------
+        values
+            Parameter sets, shape (sets, parameters).
+        """
+        grams = []
+        for begin in range(0, len(values), BLOCK):
+            block = self.rows(values[begin : begin + BLOCK])
+            flat = block.reshape(*block.shape[:2], -1)
+            grams.append(flat @ flat.transpose(0, 2, 1))
+        return np.concatenate(grams)
 
 
 class Space(Protocol):
@@ -66,14 +113,14 @@ class Minima:
     gram: FloatArray
     iterations: int
 
-    def distinct(self, same: float = 3e-3, hopeless: float = 0.1) -> FloatArray:
+    def distinct(self, same: float = 3e-3, far: float = 0.1) -> FloatArray:
         """One end point of each optimum that may be the best one.
 
         Ends are the same optimum where their costs differ by less than the share `same`,
-        and are left out where they exceed the lowest cost by more than `hopeless`.
+        and are left out where they exceed the lowest cost by more than the share `far`.
         """
         steps = np.diff(self.cost, prepend=-np.inf) > same * np.abs(self.cost)
-        return np.asarray(self.values[steps & (self.cost <= (1.0 + hopeless) * self.cost[0])])
+        return np.asarray(self.values[steps & (self.cost <= (1.0 + far) * self.cost[0])])
 
 
 def minimise(
@@ -102,50 +149,24 @@ def minimise(
     iterations
         Largest number of evaluations.
     """
-    inside = Inner(gram, space)
+    scale = Scale(space.positive)
     clipped = np.clip(starts, space.lower, space.upper)
+
+    def inner_gram(points: FloatArray) -> FloatArray:
+        values = scale.leave(points)
+        return scale.inner(gram(values), values)
+
     end = _minimise(
-        inside.gram,
-        inside.enter(clipped),
-        inside.enter(space.lower),
-        inside.enter(space.upper),
+        inner_gram,
+        scale.enter(clipped),
+        scale.enter(space.lower),
+        scale.enter(space.upper),
         np.where(space.positive, LONGEST, 0.25 * (space.upper - space.lower)),
         tolerance,
         iterations,
     )
-    values = np.clip(inside.leave(end.values), space.lower, space.upper)
-    slope = inside.slope(values)
-    return replace(end, values=values, gram=end.gram / slope[:, :, None] / slope[:, None, :])
-
-
-class Inner:
-    """A least-squares problem on the scale on which a search moves."""
-
-    def __init__(self, gram: Gram, space: Space) -> None:
-        self._gram = gram
-        self._positive = space.positive
-
-    def enter(self, values: FloatArray) -> FloatArray:
-        """Parameters on the inner scale."""
-        positive = self._positive
-        return np.where(positive, np.log(np.where(positive, values, 1.0)), values)
-
-    def leave(self, points: FloatArray) -> FloatArray:
-        """Parameters on their own scale."""
-        positive = self._positive
-        return np.where(positive, np.exp(np.where(positive, points, 0.0)), points)
-
-    def slope(self, values: FloatArray) -> FloatArray:
-        """Derivatives of the parameters by inner ones, and 1 for the residual's place."""
-        result = np.ones((len(values), values.shape[1] + 1))
-        result[:, :-1] = np.where(self._positive, values, 1.0)
-        return result
-
-    def gram(self, points: FloatArray) -> FloatArray:
-        """Gram matrices by inner parameters."""
-        values = self.leave(points)
-        slope = self.slope(values)
-        return self._gram(values) * slope[:, :, None] * slope[:, None, :]
+    values = np.clip(scale.leave(end.values), space.lower, space.upper)
+    return replace(end, values=values, gram=scale.outer(end.gram, values))
 
 
 def _minimise(
@@ -279,28 +300,3 @@ def solve_linear(
     result = values.copy()
     result[:, index] = new
     return result, cost
-
-
-BLOCK = 4  # parameter sets evaluated at once: more no longer fit the processor's cache
-
-
-def gram_matrices(rows: Callable[[FloatArray], FloatArray], values: FloatArray) -> FloatArray:
-    """Inner products over runs and samples of the rows of many parameter sets.
-
-    Parameters
-    ----------
-    rows
-        Maps parameter sets to rows of shape (sets, n, runs, scored).
-    values
-        Parameter sets, shape (sets, parameters).
-
-    Returns
-    -------
-    Array of shape (sets, n, n).
-    """
-    grams = []
-    for begin in range(0, len(values), BLOCK):
-        block = rows(values[begin : begin + BLOCK])
-        flat = block.reshape(*block.shape[:2], -1)
-        grams.append(flat @ flat.transpose(0, 2, 1))
-    return np.concatenate(grams)

@@ -1,4 +1,5 @@
 """Scenarios x methods x replications: fits, their store, their scores.
 
-The only room in which truth meets estimate.  Imports methods and data sets.  Start at `study`.
+The only room in which truth meets estimate.  Imports methods and data sets.  Start at `study`;
+what came out of one is a `comparison`.
 """

@@ -7,26 +7,31 @@ needs (truth, bounds, settings, versions), so that it is made from the store alo
 
 from __future__ import annotations
 
+import json
 import sqlite3
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import astuple, dataclass
+from dataclasses import astuple
 from pathlib import Path
+from typing import Any
 
+from pilotid.study.entries import MethodEntry, ParameterTruth, Result, ScenarioEntry, Unit
 from pilotid.types import InputError
 
 STORE = "study.sqlite"
 #: Raised when the tables change, so that an older store is refused and not misread.
-FORMAT = 1
+FORMAT = 2
 
 SCHEMA = """
 CREATE TABLE about (key TEXT PRIMARY KEY, value TEXT NOT NULL);
 CREATE TABLE scenarios (
-    name TEXT PRIMARY KEY, position INTEGER, description TEXT, model TEXT, details TEXT);
+    name TEXT PRIMARY KEY, position INTEGER, description TEXT, model TEXT, family TEXT,
+    settings TEXT, code TEXT, typed TEXT);
 CREATE TABLE parameters (
     scenario TEXT, position INTEGER, parameter TEXT, unit TEXT, truth REAL, bound REAL,
     PRIMARY KEY (scenario, parameter));
-CREATE TABLE methods (name TEXT PRIMARY KEY, position INTEGER, label TEXT);
+CREATE TABLE methods (
+    label TEXT PRIMARY KEY, position INTEGER, settings TEXT, code TEXT, typed TEXT);
 CREATE TABLE fits (
     scenario TEXT, method TEXT, replication INTEGER, outcome TEXT, message TEXT,
     usable INTEGER, vaf REAL, iterations INTEGER, posterior INTEGER, seconds REAL,
@@ -36,66 +41,6 @@ CREATE TABLE estimates (
     value REAL, std_error REAL, lower REAL, upper REAL,
     PRIMARY KEY (scenario, method, replication, parameter)) WITHOUT ROWID;
 """
-
-
-@dataclass(frozen=True)
-class Unit:
-    """One fit: a method on one replication of a scenario."""
-
-    scenario: str
-    method: str
-    replication: int
-
-
-@dataclass(frozen=True)
-class Result:
-    """What a fit gave; numbers are None where there are none.
-
-    Attributes
-    ----------
-    unit
-        What was fitted.
-    outcome, message, usable
-        How it ended, and whether the estimate counts.
-    vaf, iterations, seconds
-        See `pilotid.estimates.estimate.Estimate`.
-    posterior
-        Whether the standard errors are those of a posterior distribution.
-    estimates
-        Parameter, value, standard error and the interval's ends.
-    """
-
-    unit: Unit
-    outcome: str
-    message: str = ""
-    usable: bool = False
-    vaf: float | None = None
-    iterations: int = 0
-    posterior: bool = False
-    seconds: float | None = None
-    estimates: tuple[tuple[str, float | None, float | None, float | None, float | None], ...] = ()
-
-
-@dataclass(frozen=True)
-class ParameterTruth:
-    """True value of a scenario's parameter and the Cramer-Rao bound on its deviation."""
-
-    parameter: str
-    unit: str
-    truth: float
-    bound: float | None
-
-
-@dataclass(frozen=True)
-class ScenarioEntry:
-    """A scenario as the store knows it."""
-
-    name: str
-    position: int
-    description: str
-    model: str
-    details: str
-    parameters: tuple[ParameterTruth, ...]
 
 
 class Store:
@@ -164,20 +109,35 @@ class Store:
 
     def add_scenario(self, entry: ScenarioEntry) -> None:
         """Keep what a scenario is; one that is known already stays as it is."""
+        e = entry
         with self._transaction():
             self._base.execute(
-                "INSERT OR IGNORE INTO scenarios VALUES (?, ?, ?, ?, ?)", astuple(entry)[:5]
+                "INSERT OR IGNORE INTO scenarios VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
+                (e.name, e.position, e.description, e.model, e.family, _json(e.settings))
+                + (e.code, e.typed),
             )
             self._base.executemany(
                 "INSERT OR IGNORE INTO parameters VALUES (?, ?, ?, ?, ?, ?)",
-                [(entry.name, i, *astuple(p)) for i, p in enumerate(entry.parameters)],
+                [(e.name, i, *astuple(p)) for i, p in enumerate(e.parameters)],
             )
 
-    def add_method(self, name: str, position: int, label: str) -> None:
-        """Keep a method's settings."""
+    def add_method(self, entry: MethodEntry) -> None:
+        """Keep what a method is; one that is known already stays as it is."""
+        e = entry
         self._base.execute(
-            "INSERT OR IGNORE INTO methods VALUES (?, ?, ?)", (name, position, label)
+            "INSERT OR IGNORE INTO methods VALUES (?, ?, ?, ?, ?)",
+            (e.label, e.position, _json(e.settings), e.code, e.typed),
         )
+
+    def forget(self, units: Iterable[Unit]) -> None:
+        """Drop fits, which are then fitted again."""
+        keys = [astuple(unit) for unit in units]
+        with self._transaction():
+            for table in ("estimates", "fits"):
+                self._base.executemany(
+                    f"DELETE FROM {table} WHERE scenario = ? AND method = ? AND replication = ?",
+                    keys,
+                )
 
     def add(self, result: Result) -> None:
         """Keep a fit; one that is known already stays as it is."""
@@ -208,19 +168,22 @@ class Store:
         """Facts on the study."""
         return dict(self._base.execute("SELECT key, value FROM about ORDER BY key"))
 
-    def done(self) -> set[Unit]:
-        """The fits that are in the store."""
-        return {
-            Unit(*row)
-            for row in self._base.execute("SELECT scenario, method, replication FROM fits")
-        }
+    def done(self) -> dict[Unit, str]:
+        """The fits that are in the store, and how they ended."""
+        rows = self._base.execute("SELECT scenario, method, replication, outcome FROM fits")
+        return {Unit(*key): outcome for *key, outcome in rows}
 
     def scenarios(self) -> list[ScenarioEntry]:
         """The scenarios, in the order of the catalogue."""
-        entries = self._base.execute("SELECT * FROM scenarios ORDER BY position, name").fetchall()
+        rows = self._base.execute(
+            "SELECT name, position, description, model, settings, family, code, typed "
+            "FROM scenarios ORDER BY position, name"
+        ).fetchall()
         return [
-            ScenarioEntry(name, position, description, model, details, self._parameters(name))
-            for name, position, description, model, details in entries
+            ScenarioEntry(
+                name, position, words, model, json.loads(settings), self._parameters(name), *others
+            )
+            for name, position, words, model, settings, *others in rows
         ]
 
     def _parameters(self, scenario: str) -> tuple[ParameterTruth, ...]:
@@ -231,15 +194,20 @@ class Store:
         )
         return tuple(ParameterTruth(*row) for row in rows)
 
-    def methods(self) -> dict[str, str]:
-        """The methods' settings by name, in the order of the catalogue."""
-        return dict(self._base.execute("SELECT name, label FROM methods ORDER BY position, name"))
+    def methods(self) -> dict[str, MethodEntry]:
+        """The methods by their labels, in the order of the catalogue."""
+        rows = self._base.execute("SELECT * FROM methods ORDER BY position, label")
+        return {
+            label: MethodEntry(label, position, json.loads(settings), *others)
+            for label, position, settings, *others in rows
+        }
 
     def results(self) -> Iterator[Result]:
         """All fits, by scenario, method and replication in the order of the catalogues."""
         order = (
             "SELECT {} FROM {} JOIN scenarios s ON s.name = t.scenario JOIN methods m "
-            "ON m.name = t.method {} ORDER BY s.position, s.name, m.position, m.name, t.replication"
+            "ON m.label = t.method {} "
+            "ORDER BY s.position, s.name, m.position, m.label, t.replication"
         )
         columns = "t.scenario, t.method, t.replication, "
         numbers = self._base.execute(
@@ -285,3 +253,7 @@ class Store:
                 s,
                 tuple(by_unit.get(key, ())),  # type: ignore[arg-type]
             )
+
+
+def _json(settings: Mapping[str, Any]) -> str:
+    return json.dumps(settings, allow_nan=False)

@@ -2,70 +2,107 @@
 
 from __future__ import annotations
 
-import hashlib
-import math
-import platform
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import partial
-from importlib.metadata import version
+import sys
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import product
 from pathlib import Path
 from statistics import median
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from pilotid.datasets import scenario_named, simulate
-from pilotid.datasets.experiments import spectra
-from pilotid.datasets.scenarios import SCENARIOS, Scenario
+from pilotid.datasets import Scenario, scenarios_named
+from pilotid.datasets.scenarios import SCENARIOS, checked
 from pilotid.datasets.simulation import remnant_ratio
-from pilotid.estimates.estimate import Estimate, Outcome
-from pilotid.estimates.method import identify
-from pilotid.estimates.quantities import parameters
-from pilotid.methods import method_named, methods
-from pilotid.pilot.model import PilotModel
-from pilotid.seeds import fit_rng, recording_rng, start_rng
-from pilotid.study.store import ParameterTruth, Result, ScenarioEntry, Store, Unit
+from pilotid.disk import make_folder
+from pilotid.estimates.method import Method
+from pilotid.methods import label_of, method_named
+from pilotid.naming.code import packed, reason
+from pilotid.seeds import DEFAULT_SEED
+from pilotid.study.comparison import Comparison, comparison_of
+from pilotid.study.entries import MethodEntry, Result, ScenarioEntry, Unit
+from pilotid.study.facts import about_this, method_entry, scenario_entry
+from pilotid.study.fits import OUTSIDE, Task, given_up, run_task
+from pilotid.study.process import USUAL_LIMITS, Limits
+from pilotid.study.store import Store
 from pilotid.study.workers import run_tasks
-from pilotid.theory.bounds import bounds
 from pilotid.types import InputError
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 #: Scenarios and replications of each, by name of the profile.
 PROFILES: dict[str, tuple[tuple[str, ...], int]] = {
     "quick": (("nominal",), 25),
     "full": (tuple(SCENARIOS), 500),
 }
-LIBRARIES = ("numpy", "scipy", "control", "pysindy", "emcee")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class Study:
     """What is to be compared.
 
     Attributes
     ----------
     scenarios, methods
-        Their names.
+        Objects; when a study is made, what the command line takes for one will do as well.
     replications
         Recordings of each scenario.
     seed
         Seed of all random numbers.
+    labels
+        The methods' labels, which identify them in tables and in the store.
     """
 
-    scenarios: tuple[str, ...]
-    methods: tuple[str, ...]
+    scenarios: tuple[Scenario, ...]
+    methods: tuple[Method, ...]
     replications: int
     seed: int
+    labels: tuple[str, ...] = field(init=False, repr=False, compare=False)
+    _typed: tuple[list[str], list[str]] = field(init=False, repr=False, compare=False)
 
-    def units(self) -> list[Unit]:
+    def __init__(
+        self,
+        scenarios: Iterable[Scenario | str],
+        methods: Iterable[Method | str],
+        replications: int = PROFILES["quick"][1],
+        seed: int = DEFAULT_SEED,
+    ) -> None:
+        typed = [(s, text) for given in _each(scenarios) for s, text in _scenarios_of(given)]
+        tried = [(method_named(m), m) if isinstance(m, str) else (m, "") for m in _each(methods)]
+        names = [checked(scenario).name for scenario, _ in typed]
+        labels = [label_of(method) for method, _ in tried]
+        _require_different("scenarios", names)
+        _require_different("methods", labels)
+        for name, value in (
+            ("scenarios", tuple(scenario for scenario, _ in typed)),
+            ("methods", tuple(method for method, _ in tried)),
+            ("replications", replications),
+            ("seed", seed),
+            ("labels", tuple(labels)),
+            # What to type for each again, in the order of scenarios and methods.
+            ("_typed", ([text for _, text in typed], [text for _, text in tried])),
+        ):
+            object.__setattr__(self, name, value)
+
+    @property
+    def size(self) -> int:
+        """Number of all fits."""
+        return len(self.scenarios) * len(self.methods) * self.replications
+
+    def units(self) -> Iterator[Unit]:
         """All fits: one recording of every scenario after the other."""
-        return [
-            Unit(scenario, method, replication)
-            for replication in range(self.replications)
-            for scenario in self.scenarios
-            for method in self.methods
-        ]
+        for replication in range(self.replications):
+            for scenario, label in product(self.scenarios, self.labels):
+                yield Unit(scenario.name, label, replication)
 
-    def enter(self, store: Store, *, mix: bool = False) -> list[Unit]:
+    def holds(self, unit: Unit) -> bool:
+        """Whether a fit is one of this study."""
+        known = any(scenario.name == unit.scenario for scenario in self.scenarios)
+        return known and unit.method in self.labels and unit.replication < self.replications
+
+    def enter(self, store: Store, *, mix: bool = False, retry: bool = False) -> Pending:
         """Describe the study in a store; returns the fits that the store lacks.
 
         Parameters
@@ -74,6 +111,8 @@ class Study:
             A new store, or one of the same study that was stopped or was smaller.
         mix
             Whether results of other code or settings may stay beside the new ones.
+        retry
+            Whether fits that crashed, died, or ran out of memory or time are to be fitted again.
 
         Raises
         ------
@@ -81,12 +120,22 @@ class Study:
             If the store holds results of other code or settings.
         """
         about = about_this(self.seed)
+        scenarios = [
+            scenario_entry(scenario, position, text)
+            for position, (scenario, text) in enumerate(
+                zip(self.scenarios, self._typed[0], strict=True)
+            )
+        ]
+        methods = [
+            method_entry(method, position, text)
+            for position, (method, text) in enumerate(
+                zip(self.methods, self._typed[1], strict=True)
+            )
+        ]
         held = store.about()
         changed = [key for key in about if key in held and held[key] != about[key]]
-        labels = store.methods()
-        changed += [m for m in self.methods if labels.get(m, label_of(m)) != label_of(m)]
-        details = {entry.name: entry.details for entry in store.scenarios()}
-        changed += [s for s in self.scenarios if details.get(s, details_of(s)) != details_of(s)]
+        changed += _changed({m.label: m for m in methods}, store.methods())
+        changed += _changed({s.name: s for s in scenarios}, {s.name: s for s in store.scenarios()})
         if changed and not mix:
             raise InputError(
                 f"{store.path}: holds results of other code or settings (different: "
@@ -96,15 +145,18 @@ class Study:
         if changed:
             about["mixed"] = ", ".join(changed)
         store.describe(about)
-        for name in self.scenarios:
-            store.add_scenario(entry_of(name))
-            ratio = remnant_ratio(scenario_named(name))
-            store.describe({f"remnant ratio {name}": f"{ratio:.4f}"})
-        known = list(methods())
-        for name in self.methods:
-            store.add_method(name, known.index(name), label_of(name))
-        done = store.done()
-        return [unit for unit in self.units() if unit not in done]
+        for scenario, entry in zip(self.scenarios, scenarios, strict=True):
+            store.add_scenario(entry)
+            store.describe({f"remnant ratio {entry.name}": f"{remnant_ratio(scenario):.4f}"})
+        for method in methods:
+            store.add_method(method)
+        fits = store.done()
+        if retry:
+            lost = {outcome.slug for outcome in OUTSIDE}
+            again = [u for u, end in fits.items() if end in lost and self.holds(u)]
+            store.forget(again)
+            fits = store.done()
+        return Pending(self, frozenset(fits))
 
     def run(
         self,
@@ -112,128 +164,147 @@ class Study:
         pending: Iterable[Unit],
         workers: int | None = None,
         scheduler: str | None = None,
+        limits: Limits = USUAL_LIMITS,
     ) -> Iterator[Result]:
-        """Fitted what is pending; each result is in the store before it comes out."""
-        fit = partial(run_unit, self.seed)
-        for result in run_tasks(fit, pending, given_up, workers, scheduler):
+        """Fit what is pending; each result is in the store before it comes out."""
+        for result in run_tasks(
+            run_task, self.tasks(pending), given_up, workers, scheduler, limits
+        ):
             store.add(result)
             yield result
 
+    def run_in(self, folder: Path, workers: int | None = None) -> Comparison:
+        """Fit what a folder's store lacks, and return all that it holds then.
 
-def run_unit(seed: int, unit: Unit) -> Result:
-    """Simulate and identify; whatever goes wrong is a result."""
-    try:
-        scenario = scenario_named(unit.scenario)
-        replication = 0 if scenario.one_recording else unit.replication
-        recording = simulate(scenario, recording_rng(seed, scenario.name, replication))
-        model = _started(scenario, seed, unit.replication)
-        rng = fit_rng(seed, unit.method, unit.scenario, unit.replication)
-        estimate = identify(method_named(unit.method), recording, model, rng)
-    except Exception as error:  # a bug, and no reason to lose the other results
-        return given_up(unit, f"{type(error).__name__}: {error}")
-    return _result(unit, estimate)
+        Parameters
+        ----------
+        folder
+            Where the store is, or is to be.
+        workers
+            Processes; None for one for each processor.
+        """
+        make_folder(folder)
+        with Store(folder, create=True) as store:
+            for _ in self.run(store, self.enter(store), workers):
+                pass
+            return comparison_of(store)
 
+    def to_dataframe(self, folder: Path) -> DataFrame:
+        """All estimates that a folder's store holds, as `Comparison.to_dataframe` has them."""
+        with Store(folder) as store:
+            return comparison_of(store).to_dataframe()
 
-def _started(scenario: Scenario, seed: int, replication: int) -> PilotModel:
-    """The scenario's model with the initial guesses of a replication."""
-    if not scenario.start_spread:
-        return scenario.model
-    rng = start_rng(seed, scenario.name, replication)
-    factors = 1.0 + scenario.start_spread * rng.uniform(-1.0, 1.0, len(scenario.truth))
-    starts = scenario.values * factors
-    return scenario.model.with_start(dict(zip(scenario.model.keys, starts.tolist(), strict=True)))
+    def tasks(self, units: Iterable[Unit]) -> Iterator[Task]:
+        """Fits as they cross to other processes.
 
-
-def given_up(unit: Unit, why: str) -> Result:
-    """The row of a fit that gave no estimate at all."""
-    return Result(unit, Outcome.CRASHED.slug, why)
-
-
-def _result(unit: Unit, estimate: Estimate) -> Result:
-    return Result(
-        unit,
-        estimate.outcome.slug,
-        estimate.message,
-        estimate.outcome.usable,
-        _number(estimate.vaf),
-        estimate.iterations,
-        estimate.draws is not None,
-        _number(estimate.seconds),
-        tuple(
-            (q.key, _number(q.value), _number(q.std_error), _number(q.lower), _number(q.upper))
-            for q in parameters(estimate)
-        ),
-    )
+        Raises
+        ------
+        InputError
+            If a method or a scenario cannot cross.
+        """
+        contents = {
+            (scenario.name, label): _content(scenario, method, label)
+            for scenario in self.scenarios
+            for label, method in zip(self.labels, self.methods, strict=True)
+        }
+        for unit in units:
+            yield Task(unit, self.seed, contents[unit.scenario, unit.method])
 
 
-def _number(value: float) -> float | None:
-    """A number for the store, None where it is none."""
-    return float(value) if math.isfinite(value) else None
+@dataclass(frozen=True)
+class Pending:
+    """The fits of a study that its store lacks; they may be more than any list can hold.
+
+    Attributes
+    ----------
+    study
+        The study.
+    done
+        The fits in its store.
+    """
+
+    study: Study
+    done: frozenset[Unit]
+
+    def __iter__(self) -> Iterator[Unit]:
+        return (unit for unit in self.study.units() if unit not in self.done)
+
+    @cached_property
+    def counts(self) -> dict[str, int]:
+        """How many there are of each method."""
+        study = self.study
+        each = study.replications * len(study.scenarios)
+        held = Counter(unit.method for unit in self.done if study.holds(unit))
+        return {label: each - held[label] for label in study.labels}
+
+    @property
+    def total(self) -> int:
+        """How many there are."""
+        return sum(self.counts.values())
 
 
-def remaining_seconds(store: Store, pending: Sequence[Unit], workers: int) -> float:
-    """About how long the pending fits will take, by what fits of each method took so far."""
+def remaining_seconds(store: Store, counts: Mapping[str, int], workers: int) -> float:
+    """About how long fits will take, by what fits of each method took so far.
+
+    Parameters
+    ----------
+    store
+        The fits so far.
+    counts
+        Fits to come by the method's label.
+    workers
+        Processes that share them.
+    """
     took: dict[str, list[float]] = {}
     for result in store.results():
         if result.seconds is not None:
             took.setdefault(result.unit.method, []).append(result.seconds)
     typical = {method: median(seconds) for method, seconds in took.items()}
-    return sum(typical.get(unit.method, 0.0) for unit in pending) / workers
+    return sum(typical.get(method, 0.0) * count for method, count in counts.items()) / workers
 
 
-def about_this(seed: int) -> dict[str, str]:
-    """Code, versions and seed: what two results must share to be compared."""
-    return {
-        "seed": str(seed),
-        "code": code_digest(),
-        "pilotid": version("pilotid"),
-        "python": ".".join(platform.python_version_tuple()[:2]),
-        **{name: version(name) for name in LIBRARIES},
-    }
+def _each(given: Any) -> list[Any]:
+    """Several, or one that the caller did not put into a list."""
+    return list(given) if isinstance(given, Iterable) and not isinstance(given, str) else [given]
 
 
-def code_digest() -> str:
-    """A short digest of this package's source."""
-    import pilotid.datasets
-    import pilotid.methods
-
-    digest = hashlib.sha256()
-    for package in (pilotid, pilotid.methods, pilotid.datasets):
-        for folder in package.__path__:
-            for file in sorted(Path(folder).rglob("*.py")):
-                place = file.relative_to(folder).as_posix()
-                digest.update(place.encode() + b"\0" + file.read_bytes() + b"\0")
-    return digest.hexdigest()[:12]
+def _scenarios_of(given: Scenario | str) -> list[tuple[Scenario, str]]:
+    """Scenarios, and what was typed for them."""
+    if isinstance(given, str):
+        return [(scenario, given) for scenario in scenarios_named(given)]
+    return [(given, "")]
 
 
-def label_of(method: str) -> str:
-    """A method's settings."""
-    return repr(method_named(method))
+def _require_different(what: str, names: Sequence[str]) -> None:
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(f"two of the {what} are called '{twice}'; leave one out or rename it")
 
 
-def details_of(scenario: str) -> str:
-    """All that defines a scenario."""
-    return repr(scenario_named(scenario))
+def _changed(
+    new: Mapping[str, MethodEntry | ScenarioEntry], old: Mapping[str, MethodEntry | ScenarioEntry]
+) -> list[str]:
+    """Names of what is known already, but with other settings or from other code."""
+    return [
+        name
+        for name, entry in new.items()
+        if name in old and (entry.settings, entry.code) != (old[name].settings, old[name].code)
+    ]
 
 
-def entry_of(name: str) -> ScenarioEntry:
-    """A scenario with its truth and its bounds, for the store.
-
-    The bound is that of the whole record with the remnant's spectrum known: the floor under
-    every unbiased method.
-    """
-    scenario = scenario_named(name)
-    deviations = np.sqrt(np.diag(bounds(spectra(scenario)).full))
-    return ScenarioEntry(
-        name,
-        list(SCENARIOS).index(name),
-        scenario.description,
-        scenario.model.name,
-        details_of(name),
-        tuple(
-            ParameterTruth(p.key, p.unit, float(truth), _number(float(bound)))
-            for p, truth, bound in zip(
-                scenario.model.parameters, scenario.values, deviations, strict=True
+def _content(scenario: Scenario, method: Method, label: str) -> bytes:
+    """A scenario and a method for another process, which must understand them."""
+    main = getattr(sys.modules["__main__"], "__file__", None)
+    for name, thing in ((scenario.name, scenario), (label, method)):
+        if type(thing).__module__ == "__main__" and not (main and Path(main).is_file()):
+            raise InputError(
+                f"{name}: other processes cannot know a class that was typed in; write it to a file"
             )
-        ),
-    )
+        try:
+            packed(thing)
+        except Exception as error:
+            raise InputError(
+                f"{name}: cannot be handed to another process ({reason(error)}); define its class "
+                "and its functions at the top of a module"
+            ) from error
+    return packed((scenario, method))

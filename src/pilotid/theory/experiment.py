@@ -124,23 +124,23 @@ class View:
         difference = model.response(omega, truth) - model.response(omega, values)
         return np.asarray(np.sum(difference * _signed(model, error, output), axis=0))
 
-    def free_rows(
+    def remnant_rows(
         self, omega: FloatArray, circulation: Circulation, values: FloatArray
     ) -> ComplexArray:
         """Gradient of the prediction and, last, the residual, for each unit of remnant."""
         given = omega, circulation.error, circulation.output, values
         return np.vstack([self.gradient(*given), 1.0 + self.missed(*given)])
 
-    def forced_rows(self, values: FloatArray) -> ComplexArray:
-        """Phasors of the same at the lines."""
+    def line_rows(self, values: FloatArray) -> ComplexArray:
+        """Phasors, at the lines, of the gradient of the prediction and, last, the residual."""
         given = self.line_omega, self.line_error, self.line_output, values
         return np.vstack([self.gradient(*given), self.missed(*given)])
 
     def mean_products(self, values: FloatArray) -> FloatArray:
         """Expected products of the gradient's and the residual's samples, after decimation."""
-        free = self.free_rows(self.omega, self.circulation, values)
+        free = self.remnant_rows(self.omega, self.circulation, values)
         free = free * np.sqrt(self.share * self.circulation.density)
-        forced = self.forced_rows(values)
+        forced = self.line_rows(values)
         return np.asarray(self.products(free, free) + 0.5 * np.real(forced @ forced.conj().T))
 
     def score_covariance(self, values: FloatArray) -> FloatArray:
@@ -149,11 +149,11 @@ class View:
         The fourth moments of the circulating remnant follow from its second ones
         (Isserlis); a line's phasors multiply what the remnant does at its frequency.
         """
-        free = self.free_rows(self.omega, self.circulation, values)
+        free = self.remnant_rows(self.omega, self.circulation, values)
         direct = self.share * self.circulation.density * np.abs(free[-1]) * free[:-1]
         crossed = self.share * self.circulation.density * free[-1].conj() * free[:-1]
-        forced = self.forced_rows(values)
-        free = self.free_rows(self.line_omega, self.at_lines, values)
+        forced = self.line_rows(values)
+        free = self.remnant_rows(self.line_omega, self.at_lines, values)
         mixed = forced[:-1].conj() * free[-1] + forced[-1].conj() * free[:-1]
         mixed = mixed * np.sqrt(0.5 * self.share * self.at_lines.density)
         return np.asarray(

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from pilotid.pilot.factors import Delay, Factor, Neuromuscular, Response
+from pilotid.pilot.factors import Factor, OnAxis, Response, TimeDelay
 from pilotid.time_domain.prediction import Prediction
 from pilotid.types import ComplexArray, FloatArray
 
@@ -74,10 +74,10 @@ class Residuals:
         responses: list[Response] = []
         for factor, indices in layout:
             own = [values[:, i, None] for i in indices]
-            if isinstance(factor, Delay):
-                delays.append(own[0])
-            elif isinstance(factor, Neuromuscular):
-                responses.append(self._neuromuscular(*own))
+            if isinstance(factor, TimeDelay):
+                delays.append(factor.seconds(own))
+            elif isinstance(factor, OnAxis):
+                responses.append(factor.response_on_axis(self._omega, own))
             else:
                 response = factor.response(self.prediction.s, own)
                 if response.shape[-1] == 1:
@@ -101,14 +101,3 @@ class Residuals:
         columns = np.exp(-delay * self._columns)
         table = rows[:, :, None] * columns[:, None, :]
         return np.asarray(table.reshape(len(table), -1)[:, : self._omega.size], dtype=complex)
-
-    def _neuromuscular(self, frequency: FloatArray, damping: FloatArray) -> ComplexArray:
-        """`Neuromuscular.response` on the imaginary axis, without complex division."""
-        ratio = self._omega / frequency
-        real = 1.0 - ratio * ratio
-        imaginary = (2.0 * damping) * ratio
-        power = real * real + imaginary * imaginary
-        result = np.empty(ratio.shape, dtype=complex)
-        np.divide(real, power, out=result.real)
-        np.divide(imaginary, power, out=result.imag)
-        return np.conjugate(result, out=result)

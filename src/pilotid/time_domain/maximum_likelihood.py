@@ -16,21 +16,21 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Minima, minimise, solve_linear
 from pilotid.solve.search import draw_starts, record, search
-from pilotid.time_domain.output_error import LeastSquares
+from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction, predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.remnant_choice import contenders, criterion, lagged_products
 from pilotid.time_domain.remnant_models import (
     Band,
     LowPass,
-    NoiseModel,
     analysis_band,
     remnant_estimate,
 )
+from pilotid.time_domain.settings import LikelihoodSettings
 from pilotid.types import FloatArray
 
 #: The remnant's model before one is chosen: most published remnants are of this kind.
-USUAL = LowPass(2)
+FIRST = LowPass(2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ class Maximum:
     @property
     def variance(self) -> float:
         """Variance of the prediction error."""
-        freedom = self.joint.samples - int(self.end.values.shape[1])
+        freedom = self.joint.residuals - int(self.end.values.shape[1])
         return float(self.end.cost[0]) / freedom
 
     @property
@@ -73,17 +73,11 @@ class Maximum:
         )
 
 
-def maximum(
+def maximise_likelihood(
     recording: Recording,
     model: PilotModel,
     rng: np.random.Generator,
-    *,
-    band: float | None,
-    search_band: float,
-    candidates: int = 6,
-    refined: int = 2,
-    rounds: int = 3,
-    noise: NoiseModel | None = None,
+    settings: LikelihoodSettings,
 ) -> Maximum:
     """Maximise the likelihood of pilot and remnant parameters.
 
@@ -93,22 +87,13 @@ def maximum(
         What is fitted.
     rng
         Draws the random starts.
-    band
-        Analysis band [rad/s]; None uses the full sampling rate.
-    search_band
-        Narrower and cheaper band in which the optimum is searched [rad/s].
-    candidates, refined
-        Random starts screened, and starts minimised, see `pilotid.solve.search.search`.
-    rounds
-        How often the remnant's model is chosen anew at most.
-    noise
-        The remnant's model, where it is not to be chosen.
+    settings
+        Bands, starts, and the remnant's model if it is not to be chosen.
     """
-    points, terms, starts = _explored(
-        recording, model, rng, search_band, candidates, refined, noise or USUAL
-    )
-    prediction = replace(predict(recording, model, band), terms=terms)
-    joint, ends = _estimated(prediction, analysis_band(recording.dt, band), points, rounds, noise)
+    points, terms, starts = _explored(recording, model, rng, settings)
+    prediction = replace(predict(recording, model, settings.band), terms=terms)
+    band = analysis_band(recording.dt, settings.band)
+    joint, ends = _estimated(prediction, band, points, settings)
     return Maximum(joint, ends[-1], starts, sum(e.iterations for e in ends))
 
 
@@ -116,10 +101,7 @@ def _explored(
     recording: Recording,
     model: PilotModel,
     rng: np.random.Generator,
-    band: float,
-    candidates: int,
-    refined: int,
-    noise: NoiseModel,
+    settings: LikelihoodSettings,
 ) -> tuple[FloatArray, tuple[float, ...], Starts]:
     """Candidates for the optimum, nuisance terms to fit, and the record of the search.
 
@@ -130,30 +112,35 @@ def _explored(
     channel, so has that whitening: a third search, from usual pilots, each with the remnant
     that it leaves, finds it again.
     """
-    prediction = predict(recording, model, band)
+    candidates, noise = settings.candidates, settings.noise or FIRST
+    prediction = predict(recording, model, settings.search_band)
     found = search(
-        LeastSquares(prediction).gram, model, rng, candidates=candidates, refined=refined
+        OutputErrors(prediction).gram,
+        model,
+        rng,
+        candidates=candidates,
+        refined=settings.refined,
     )
     starts = record(found)
     # The residual of a biased estimate has a shape of its own, so the remnant's model is
     # chosen only later, after this round with the usual one.
-    joint = PredictionErrors(prediction, noise, analysis_band(recording.dt, band))
+    joint = PredictionErrors(prediction, noise, analysis_band(recording.dt, settings.search_band))
     ends = found.distinct()
-    end = _fitted(joint, ends, LeastSquares(prediction).residual(ends[0]), 1e-3)
+    end = _fitted(joint, ends, OutputErrors(prediction).residual(ends[0]), 1e-3)
     best = end.values[:1, : joint.pilot]
-    whitened = LeastSquares(prediction, joint.whitener(end.values[0]))
+    whitened = OutputErrors(prediction, joint.whitener(end.values[0]))
     terms = whitened.noticeable_terms(best[0])
-    if starts.agreeing == len(starts.cost) and model.is_usual(best[0]):
+    if starts.agreeing == len(starts.cost) and model.within_usual(best[0]):
         return best, terms, starts
     narrowed = replace(prediction, terms=terms)
-    whitened = LeastSquares(narrowed, whitened.taps)
+    whitened = OutputErrors(narrowed, whitened.taps)
     again = search(whitened.gram, model, rng, known=best, candidates=candidates)
     usual = np.concatenate([model.start[None], draw_starts(model, rng, candidates)])
     usual, _ = solve_linear(whitened.gram(usual), usual, model.linear, model.lower)
     joint = PredictionErrors(narrowed, noise, joint.band)
-    guesses = [_guess(joint, LeastSquares(narrowed).residual(pilot)) for pilot in usual]
+    guesses = [_guess(joint, OutputErrors(narrowed).residual(pilot)) for pilot in usual]
     least = minimise(joint.gram, np.hstack([usual, guesses]), joint, tolerance=1e-3)
-    others = [again.distinct(hopeless=0.02)[1:], least.values[:1, : joint.pilot]]
+    others = [again.distinct(far=0.02)[1:], least.values[:1, : joint.pilot]]
     return np.concatenate([best, *others]), terms, starts
 
 
@@ -161,15 +148,14 @@ def _estimated(
     prediction: Prediction,
     band: Band,
     candidates: FloatArray,
-    rounds: int,
-    noise: NoiseModel | None,
+    settings: LikelihoodSettings,
 ) -> tuple[PredictionErrors, list[Minima]]:
     """Pilot and remnant together: the problem solved last, and the end of every round."""
     ends: list[Minima] = []
-    chosen = noise or USUAL
-    for _ in range(rounds):
-        residual = LeastSquares(prediction).residual(candidates[0])
-        models = [noise] if noise else contenders(residual, band)
+    chosen = settings.noise or FIRST
+    for _ in range(settings.rounds):
+        residual = OutputErrors(prediction).residual(candidates[0])
+        models = [settings.noise] if settings.noise else contenders(residual, band)
         joints = [PredictionErrors(prediction, model, band) for model in models]
         fits = [(joint, _fitted(joint, candidates, residual, 1e-5)) for joint in joints]
         joint, end = min(fits, key=lambda fit: _criterion(*fit))
@@ -195,4 +181,4 @@ def _guess(joint: PredictionErrors, residual: FloatArray) -> FloatArray:
 
 
 def _criterion(joint: PredictionErrors, end: Minima) -> float:
-    return criterion(joint.noise, float(end.cost[0]) / joint.samples, joint.samples)
+    return criterion(joint.noise, float(end.cost[0]) / joint.residuals, joint.residuals)

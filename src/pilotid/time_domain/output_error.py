@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from pilotid.chance import ONE_IN_10000, chi_squared_quantile
+from pilotid.chance import SELDOM, chi_squared_limit
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.solve.least_squares import gram_matrices
+from pilotid.solve.least_squares import Problem
 from pilotid.time_domain.prediction import Prediction, predict
 from pilotid.types import FloatArray
 
 
-class LeastSquares:
+class OutputErrors(Problem):
     """Gram matrices of residual and Jacobian, nuisance terms projected out.
 
     Parameters
@@ -29,7 +29,7 @@ class LeastSquares:
         self.taps = taps
 
     @property
-    def samples(self) -> int:
+    def residuals(self) -> int:
         """Number of residuals, see `Prediction.samples`."""
         return self.prediction.samples
 
@@ -48,7 +48,7 @@ class LeastSquares:
         loop it biases the low-frequency parameters, since what is subtracted depends on
         the future of the recording (the same effect biases autoregressive coefficients
         when a mean is removed; Kendall 1954).  A term stays if its squared t-values, all
-        runs together, exceed what chance gives once in 10,000.
+        runs together, exceed what chance gives once in 14,000.
         """
         poles = self.prediction.terms
         if not poles:
@@ -61,17 +61,9 @@ class LeastSquares:
         variance = np.sum(left**2) / (left.size - amplitudes.size)
         squares = amplitudes**2 / np.sum(weights**2, axis=1)
         runs = self.prediction.runs
-        limit = chi_squared_quantile(runs, ONE_IN_10000)
+        limit = chi_squared_limit(runs, SELDOM)
         noticeable = np.sum(squares, axis=0) > limit * variance
         return tuple(p for p, n in zip(poles, noticeable, strict=True) if n)
-
-    def gram(self, values: FloatArray) -> FloatArray:
-        """Inner products of the rows, shape (sets, parameters + 1, parameters + 1).
-
-        The last diagonal element is the residual sum of squares; the last column
-        above it is the descent direction J'r.
-        """
-        return gram_matrices(self.rows, values)
 
 
 def simulated_vaf(
@@ -93,6 +85,6 @@ def simulated_vaf(
         The full-rate prediction, where the caller has it already.
     """
     prediction = prediction or predict(recording, model)
-    left = float(np.mean(np.var(LeastSquares(prediction).residual(values), axis=1)))
+    left = float(np.mean(np.var(OutputErrors(prediction).residual(values), axis=1)))
     spread = float(np.mean(np.var(prediction.control, axis=1)))
     return max(0.0, 100.0 * (1.0 - left / spread))

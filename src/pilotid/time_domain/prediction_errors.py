@@ -13,13 +13,13 @@ from functools import cached_property
 
 import numpy as np
 
-from pilotid.solve.least_squares import gram_matrices
+from pilotid.solve.least_squares import Problem
 from pilotid.time_domain.prediction import Prediction
 from pilotid.time_domain.remnant_models import Band, NoiseModel
 from pilotid.types import BoolArray, FloatArray
 
 
-class PredictionErrors:
+class PredictionErrors(Problem):
     """Prediction errors by pilot and remnant parameters, in this order.
 
     It is a space, and has Gram matrices, for `pilotid.solve.least_squares.minimise`.
@@ -54,7 +54,7 @@ class PredictionErrors:
         return np.concatenate([self.prediction.model.positive, self.noise.positive])
 
     @property
-    def samples(self) -> int:
+    def residuals(self) -> int:
         """Number of prediction errors, see `Prediction.samples`."""
         return self.prediction.samples
 
@@ -83,7 +83,3 @@ class PredictionErrors:
         spectra *= prediction.filter_response(taps)[:, None, None]
         joined = np.concatenate([spectra[:, :-1], by_remnant, spectra[:, -1:]], axis=1)
         return prediction.without_nuisance(prediction.samples_of(joined))
-
-    def gram(self, values: FloatArray) -> FloatArray:
-        """Inner products of the rows, shape (sets, parameters + 1, parameters + 1)."""
-        return gram_matrices(self.rows, values)

@@ -33,19 +33,12 @@ def lagged_products(residual: FloatArray) -> FloatArray:
     return np.asarray(flat.T @ flat / len(flat))
 
 
-#: Difference of the criterion that Kass and Raftery (1995) call very strong evidence.
-STRONG = 10.0
-
-
 #: Contenders lie this close: the residual of a first estimate decides no more than that.
 CLOSE = 10.0
 
 
 def criterion(model: NoiseModel, power: float, samples: int) -> float:
     """Bayesian information criterion of a noise model: the lower, the better.
-
-    An autoregressive model must be better by `STRONG`: a free shape that is not needed
-    costs information and biases the low-frequency parameters.
 
     Parameters
     ----------
@@ -56,9 +49,12 @@ def criterion(model: NoiseModel, power: float, samples: int) -> float:
     samples
         Number of prediction errors.
     """
-    handicap = STRONG if isinstance(model, Autoregressive) else 0.0
     # A residual that a filter predicts to the last digit leaves rounding, of any sign.
-    return samples * math.log(max(power, 1e-300)) + len(model.keys) * math.log(samples) + handicap
+    return (
+        samples * math.log(max(power, 1e-300))
+        + len(model.keys) * math.log(samples)
+        + model.handicap
+    )
 
 
 def contenders(residual: FloatArray, band: Band) -> list[NoiseModel]:

@@ -20,6 +20,9 @@ from pilotid.time_domain.prediction import REACH
 from pilotid.time_domain.prepare import decimation, lowpass
 from pilotid.types import BoolArray, FloatArray
 
+SPECTRA = 64  # spectra evaluated at once: about what the processor's cache holds
+#: Difference of the criterion that Kass and Raftery (1995) call very strong evidence.
+STRONG = 10.0
 GRID = 256  # frequencies on which spectra of noise models are integrated
 
 
@@ -107,8 +110,22 @@ class NoiseModel(Protocol):
         """
         ...
 
+    def filters(self, values: FloatArray, band: Band) -> FloatArray:
+        """The whitening filters alone, fast for very many parameter sets, shape (sets, taps)."""
+        ...
+
     def guess(self, products: FloatArray, band: Band) -> FloatArray:
         """Parameters that suit a residual, from its `lagged_products`, shape (parameters,)."""
+        ...
+
+    @property
+    def regressive(self) -> bool:
+        """Whether the parameters are those of a regression of the residual on its own past."""
+        ...
+
+    @property
+    def handicap(self) -> float:
+        """By how much its criterion must be better than that of other models."""
         ...
 
 
@@ -117,6 +134,8 @@ class LowPass:
     """White noise through a low-pass filter of order 0 (white) to 3, as `Remnant` has it."""
 
     order: int
+    regressive = False
+    handicap = 0.0
 
     @property
     def name(self) -> str:
@@ -176,7 +195,19 @@ class LowPass:
             total += power * weight
             for slope, log_slope in zip(slopes, log_slopes, strict=True):
                 slope += power * weight * log_slope
-        return _levinson(total @ band.cosines, slopes @ band.cosines)
+        return _filters_and_slopes(total @ band.cosines, slopes @ band.cosines)
+
+    def filters(self, values: FloatArray, band: Band) -> FloatArray:
+        if self.order == 0:
+            one = self.taps(values[:1], band)[0]
+            return np.broadcast_to(one, (len(values), one.shape[1]))
+        filters = []
+        for begin in range(0, len(values), SPECTRA):
+            block = values[begin : begin + SPECTRA]
+            folded = [self.power(omega, block)[0] * weight for omega, weight in band.folds]
+            power = np.sum(folded, axis=0)
+            filters.append(prediction_error_filters(power @ band.cosines))
+        return np.concatenate(filters)
 
     def guess(self, products: FloatArray, band: Band) -> FloatArray:
         grid, taps = _catalogue(self, band)
@@ -190,6 +221,9 @@ class Autoregressive:
     """An autoregressive spectrum of free shape, for remnants that no low-pass describes."""
 
     order: int
+    regressive = True
+    # A free shape that is not needed costs information and biases low-frequency parameters.
+    handicap = STRONG
 
     @property
     def name(self) -> str:
@@ -218,12 +252,17 @@ class Autoregressive:
         )
         return np.concatenate([one, values], axis=1), slopes
 
+    def filters(self, values: FloatArray, band: Band) -> FloatArray:
+        return self.taps(values, band)[0]
+
     def guess(self, products: FloatArray, band: Band) -> FloatArray:
         own = products[: self.order + 1, : self.order + 1]
         return np.asarray(-np.linalg.solve(own[1:, 1:], own[1:, 0]))
 
 
-def _levinson(autocovariance: FloatArray, slopes: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _filters_and_slopes(
+    autocovariance: FloatArray, slopes: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Prediction-error filters of autocovariances, and their derivatives.
 
     Parameters
@@ -243,6 +282,26 @@ def _levinson(autocovariance: FloatArray, slopes: FloatArray) -> tuple[FloatArra
         right = slope[:, 1:, None] + slope[:, lags] @ taps[:, 1:, None]
         derivatives[:, index, 1:] = -(inverse @ right)[..., 0]
     return taps, derivatives
+
+
+def prediction_error_filters(autocovariance: FloatArray) -> FloatArray:
+    """Prediction-error filters by Levinson's and Durbin's recursion, shape (sets, lags).
+
+    Parameters
+    ----------
+    autocovariance
+        Lags from 0, shape (sets, lags).
+    """
+    sets, lags = autocovariance.shape
+    taps = np.zeros((sets, lags))
+    taps[:, 0] = 1.0
+    power = autocovariance[:, 0].copy()
+    for order in range(1, lags):
+        across = np.einsum("sk,sk->s", taps[:, :order], autocovariance[:, order:0:-1])
+        reflection = -across / power
+        taps[:, 1 : order + 1] += reflection[:, None] * taps[:, order - 1 :: -1][:, :order]
+        power = power * (1.0 - reflection * reflection)
+    return taps
 
 
 @lru_cache(maxsize=32)

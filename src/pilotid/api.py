@@ -1,0 +1,106 @@
+"""What a user needs: identify, simulate and compare, by names or objects."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from pilotid.datasets.scenarios import Scenario, scenario_named
+from pilotid.datasets.simulation import simulate as simulated
+from pilotid.estimates.estimate import Estimate
+from pilotid.estimates.method import Method
+from pilotid.estimates.method import identify as run_method
+from pilotid.methods import label_of, method_named
+from pilotid.pilot.catalogue import model_named
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import Recording
+from pilotid.seeds import DEFAULT_SEED, fit_rng, recording_rng
+from pilotid.study.comparison import Comparison
+from pilotid.study.study import Study
+
+DEFAULT_METHOD = "mle"
+
+
+def identify(
+    method: Method | str = DEFAULT_METHOD,
+    recording: Recording | None = None,
+    model: PilotModel | str | None = None,
+    rng: np.random.Generator | int = DEFAULT_SEED,
+) -> Estimate:
+    """Identify a pilot model from a recording: ``identify("mle", recording, "multi")``.
+
+    Parameters
+    ----------
+    method
+        A method, or what the command line takes for one, such as ``arx(memory=none)``.
+    recording
+        The recording; it must be given.
+    model
+        A model, or its name in `pilotid.MODELS`; it must be given.
+    rng
+        A random generator, or the seed of one: the same seed gives the same estimate, the one
+        that ``pilotid fit --seed`` prints.
+
+    Returns
+    -------
+    Whatever happens, an estimate: one that failed says so in its outcome.
+    """
+    if recording is None or model is None:
+        wanted = "identify('mle', recording, 'multi')"
+        raise TypeError(f"a recording and a model are needed, as in {wanted}")
+    chosen = method_named(method) if isinstance(method, str) else method
+    if not isinstance(rng, np.random.Generator):
+        rng = fit_rng(rng, label_of(chosen))
+    known = model_named(model) if isinstance(model, str) else model
+    return run_method(chosen, recording, known, rng)
+
+
+def simulate(
+    scenario: Scenario | str = "nominal", rng: np.random.Generator | int = DEFAULT_SEED
+) -> Recording:
+    """Simulate one recording of a scenario: ``simulate("nominal", 7)``.
+
+    Parameters
+    ----------
+    scenario
+        A scenario, or what the command line takes for one.
+    rng
+        A random generator, or the seed of one: the same seed gives the recording that
+        ``pilotid simulate --seed`` writes.
+    """
+    chosen = scenario_named(scenario) if isinstance(scenario, str) else scenario
+    if not isinstance(rng, np.random.Generator):
+        rng = recording_rng(rng, chosen.name)
+    return simulated(chosen, rng)
+
+
+def compare(
+    scenarios: Iterable[Scenario | str] = ("nominal",),
+    methods: Iterable[Method | str] = ("mle-white", "mle"),
+    replications: int = 25,
+    *,
+    out: str | Path,
+    seed: int = DEFAULT_SEED,
+    workers: int | None = None,
+) -> Comparison:
+    """Compare methods on simulated recordings; a study that was stopped goes on where it was.
+
+    Scripts call it under ``if __name__ == "__main__"``, since the fits run in processes of
+    their own, which import the script.
+
+    Parameters
+    ----------
+    scenarios, methods
+        Objects, or what the command line takes for them.
+    replications
+        Recordings of each scenario.
+    out
+        Folder of the store; ``pilotid report`` makes tables and a page of it.
+    seed
+        Seed of all random numbers.
+    workers
+        Processes; None for one for each processor.
+    """
+    return Study(scenarios, methods, replications, seed).run_in(Path(out), workers)

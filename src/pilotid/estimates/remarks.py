@@ -1,0 +1,21 @@
+"""What a user must know of an estimate, whatever method it comes from."""
+
+from __future__ import annotations
+
+from pilotid.estimates.estimate import Estimate
+
+#: Variance accounted for [%] below which a model explains nothing.  Of 110 recordings of
+#: human pilots the least well described, by a pilot with a breakout, has 34 %.
+NOTHING = 10.0
+
+
+def remarks_on(estimate: Estimate) -> tuple[str, ...]:
+    """The method's own remarks, and those that its numbers call for."""
+    found = list(estimate.remarks)
+    if estimate.outcome.usable and estimate.vaf < NOTHING:
+        found.append(
+            f"the model explains {estimate.vaf:.1f} % of the control, so the values mean nothing: "
+            "see whether u, e and x belong together (one shifted in time, a wrong name, a wrong "
+            "sign), or choose another model"
+        )
+    return tuple(found)

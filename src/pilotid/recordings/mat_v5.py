@@ -1,0 +1,202 @@
+"""Variables of MATLAB v5 files, read within limits on everything that a file can claim.
+
+Own code because the usual reader, `scipy.io.loadmat`, trusts what a file says: one changed byte
+can end the process, and megabytes can fill the memory.  A recording needs little of the format:
+full real arrays and texts, also inside structs.  All else is skipped by its size and never read.
+
+Source: "MAT-File Format", The MathWorks; level 5.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pilotid.recordings.mat_elements import COMPRESSED, MATRIX, Bytes, Unpacked
+from pilotid.recordings.mat_variables import (
+    DEEPEST,
+    LONGEST_TEXT,
+    MOST_ARRAYS,
+    Budget,
+    Chosen,
+    DamagedError,
+    Value,
+    chosen,
+    collected,
+)
+from pilotid.types import InputError
+
+FILE_HEADER = 128  # bytes before the first variable
+NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8"}
+NUMBERS |= {12: "i8", 13: "u8"}
+TEXTS = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
+# Kinds of numbers of the numeric classes; MATLAB stores them as smaller integers where it can.
+CLASS_KINDS = (9, 7, 1, 2, 3, 4, 5, 6, 12, 13)
+STRUCT, TEXT, NUMERIC, OPAQUE = 2, 4, range(6, 16), 17  # classes of arrays
+COMPLEX = 0x800
+
+LONGEST_NAME = 4096
+MOST_DIMENSIONS = 32
+
+
+@dataclass(frozen=True)
+class _Head:
+    """What an array says of itself before its content."""
+
+    name: str
+    array_class: int
+    shape: tuple[int, ...]
+    is_complex: bool
+
+    @property
+    def is_struct(self) -> bool:
+        """Whether it is one struct: an array of structs is no recording."""
+        return self.array_class == STRUCT and math.prod(self.shape) == 1
+
+
+class MatV5:
+    """A MATLAB v5 file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    source
+        Its name in messages.
+
+    Raises
+    ------
+    InputError
+        When anything is read, if the file is damaged or exceeds a limit.
+    """
+
+    def __init__(self, path: Path, source: str) -> None:
+        self._path, self._source = path, source
+        self._budget = Budget()
+
+    def names(self, deep: bool) -> list[str]:
+        return [name for name, _ in self._walked(lambda name: False, lambda name: deep)]
+
+    def read(self, names: Collection[str], struct: str) -> dict[str, Value]:
+        wanted, entered = chosen(names, struct)
+        return collected(self._walked(wanted, entered), wanted, self._source)
+
+    def _walked(self, wanted: Chosen, entered: Chosen) -> Iterator[tuple[str, Value]]:
+        """All variables by name, with the values of the wanted ones."""
+        size = self._path.stat().st_size
+        with self._path.open("rb") as file:
+            little = file.read(FILE_HEADER)[-2:] == b"IM"
+            start = FILE_HEADER
+            while start < size:
+                try:
+                    file.seek(start)
+                    part = Bytes(file, size - start, little)
+                    tag = part.tag()
+                    end = part.position + tag.size
+                    if tag.kind == COMPRESSED:
+                        part = Unpacked(file, tag.size, little, self._budget)
+                        tag = part.tag()
+                    if tag.kind != MATRIX or start + end > size:
+                        raise DamagedError("the end comes too early")
+                    yield from self._array(part, tag.size, "", wanted, entered)
+                except DamagedError as error:
+                    raise InputError(
+                        f"{self._source}: the MATLAB file is damaged or cut short ({error}, in the "
+                        f"variable at byte {start}); save it again with save -v7"
+                    ) from None
+                start += end
+
+    def _array(
+        self, part: Bytes, size: int, name: str, wanted: Chosen, entered: Chosen
+    ) -> Iterator[tuple[str, Value]]:
+        """The variables in one array; a name is given to those that are fields of structs."""
+        self._budget.look()
+        end = part.position + size
+        if size == 0:  # how an empty field may be stored
+            yield name, np.zeros(0) if wanted(name) else None
+            return
+        head = _head(part)
+        inside, own = bool(name), name or head.name
+        if not own or own.startswith("__"):
+            return  # data that belong to objects
+        if head.is_struct and entered(own):
+            if own.count(".") >= DEEPEST:
+                raise DamagedError(f"structs are more than {DEEPEST} deep")
+            for field in _field_names(part):
+                tag = part.tag()
+                if tag.kind != MATRIX:
+                    raise DamagedError("a field of a struct is missing")
+                yield from self._array(part, tag.size, f"{own}.{field}", wanted, entered)
+        elif not head.is_struct:
+            yield own, self._value(part, head) if wanted(own) else None
+        if inside or wanted(own) or (head.is_struct and entered(own)):
+            part.skip_to(end)
+            if not inside:
+                part.finish()
+
+    def _value(self, part: Bytes, head: _Head) -> Value:
+        count = math.prod(head.shape)
+        if head.array_class == TEXT:
+            return "" if not count else _text(part) if head.shape[0] == 1 else None
+        if head.array_class not in NUMERIC or head.is_complex:
+            return None
+        self._budget.read(count)
+        tag = part.tag()
+        if tag.kind not in NUMBERS:
+            raise DamagedError(f"numbers of the unknown kind {tag.kind}")
+        own = NUMBERS[CLASS_KINDS[head.array_class - NUMERIC[0]]]
+        stored = NUMBERS[tag.kind]
+        if stored != own and (stored[0] == "f" or int(stored[1]) >= int(own[1])):
+            raise DamagedError(f"numbers of the kind {tag.kind} in an array of another")
+        kind = np.dtype(f"{'<' if part.little else '>'}{stored}")
+        if tag.size != count * kind.itemsize:
+            raise DamagedError(f"{tag.size} bytes of numbers do not fill {_shown(head.shape)}")
+        values = np.frombuffer(part.content(tag, tag.size), kind)
+        return values.reshape(head.shape, order="F").squeeze()
+
+
+def _head(part: Bytes) -> _Head:
+    flags = part.integers(2)
+    if len(flags) < 2:
+        raise DamagedError("the kind of an array is missing")
+    array_class = flags[0] & 0xFF
+    shape: tuple[int, ...] = ()
+    if array_class != OPAQUE:  # an object, which says no size
+        shape = tuple(part.integers(MOST_DIMENSIONS))
+        if len(shape) < 2 or min(shape) < 0:
+            raise DamagedError("the size of an array is missing")
+    name = part.name(LONGEST_NAME).decode("utf-8", "backslashreplace")
+    return _Head(name, array_class, shape, bool(flags[0] & COMPLEX))
+
+
+def _field_names(part: Bytes) -> list[str]:
+    lengths = part.integers(1)
+    if len(lengths) != 1 or not 0 < lengths[0] <= LONGEST_NAME:
+        raise DamagedError("the names of a struct's fields are missing")
+    width = lengths[0]
+    names = part.name(min(width * MOST_ARRAYS, 2**20))
+    if len(names) % width:
+        raise DamagedError("the names of a struct's fields are cut")
+    cells = (names[i : i + width].partition(b"\0")[0] for i in range(0, len(names), width))
+    return [cell.decode("utf-8", "backslashreplace") for cell in cells]
+
+
+def _text(part: Bytes) -> str:
+    tag = part.tag()
+    if tag.kind not in TEXTS:
+        raise DamagedError(f"a text of the unknown kind {tag.kind}")
+    code = TEXTS[tag.kind]
+    if code in ("utf-16", "utf-32"):
+        code += "-le" if part.little else "-be"
+    try:
+        return bytes(part.content(tag, LONGEST_TEXT)).decode(code)
+    except UnicodeDecodeError:
+        raise DamagedError("a text cannot be decoded") from None
+
+
+def _shown(shape: tuple[int, ...]) -> str:
+    return " x ".join(map(str, shape))

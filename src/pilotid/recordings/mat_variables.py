@@ -1,0 +1,99 @@
+"""What all readers of MATLAB files share: limits, and the choice of variables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pilotid.recordings.names import MOST_VALUES
+from pilotid.types import InputError
+
+MOST_UNPACKED = 3 * 2**28  # bytes that compressed variables may hold, in all
+MOST_ARRAYS = 10_000  # variables and fields of structs
+DEEPEST = 8  # structs inside structs
+LONGEST_TEXT = 2**16  # characters
+
+Value = NDArray[np.generic] | str | None  # None: neither real numbers nor a text
+Chosen = Callable[[str], bool]
+
+
+class DamagedError(Exception):
+    """A file is not what its format wants, or exceeds a limit; says in which way."""
+
+
+class Budget:
+    """What may still be read from a file."""
+
+    def __init__(self) -> None:
+        self._unpacked, self._values = MOST_UNPACKED, MOST_VALUES
+        self._arrays = 2 * MOST_ARRAYS  # names are looked at before values
+
+    def unpack(self, size: int) -> None:
+        """Count unpacked bytes."""
+        self._unpacked -= size
+        if self._unpacked < 0:
+            raise DamagedError(f"variables that unpack to more than {MOST_UNPACKED >> 20} MB")
+
+    def look(self) -> None:
+        """Count an array that is looked at."""
+        self._arrays -= 1
+        if self._arrays < 0:
+            raise DamagedError(f"more than {MOST_ARRAYS} variables")
+
+    def read(self, count: int) -> None:
+        """Count values."""
+        self._values -= count
+        if self._values < 0:
+            raise DamagedError(f"more than {MOST_VALUES} values, too many for a recording")
+
+
+class Variables(Protocol):
+    """The variables of a file.
+
+    Each call may raise an `InputError`, if the file is damaged or exceeds a limit.
+    """
+
+    def names(self, deep: bool) -> list[str]:
+        """Names of all variables but structs; with `deep` also, dotted, of those inside structs."""
+        ...
+
+    def read(self, names: Collection[str], struct: str) -> dict[str, Value]:
+        """The variables of some names, and everything inside the struct of some name.
+
+        Arrays come without dimensions of size 1.
+        """
+        ...
+
+
+def chosen(names: Collection[str], struct: str) -> tuple[Chosen, Chosen]:
+    """Which variables to read and which structs to enter, for some names and a whole struct."""
+
+    def wanted(name: str) -> bool:
+        return name in names or name == struct or name.startswith(f"{struct}.")
+
+    def entered(name: str) -> bool:
+        return wanted(name) or any(other.startswith(f"{name}.") for other in names)
+
+    return wanted, entered
+
+
+def collected(found: Iterable[tuple[str, Value]], wanted: Chosen, source: str) -> dict[str, Value]:
+    """The wanted variables by name.
+
+    Raises
+    ------
+    InputError
+        If two have one name.
+    """
+    values: dict[str, Value] = {}
+    for name, value in found:
+        if wanted(name):
+            if name in values:
+                raise InputError(
+                    f"{source}: has more than one variable {name}; save it again with save -v7"
+                )
+            values[name] = value
+    return values

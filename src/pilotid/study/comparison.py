@@ -1,0 +1,235 @@
+"""What came out of a study: its fits by scenario and method, and their scores."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pilotid.estimates.estimate import Outcome
+from pilotid.study.entries import Result, ScenarioEntry
+from pilotid.study.score import Score, scored
+from pilotid.study.store import Store
+from pilotid.types import BoolArray, FloatArray
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+
+#: Columns of the summary behind scenario and method, and the score that each holds.
+SUMMARY_COLUMNS = {
+    "parameter": "parameter",
+    "n": "n",
+    "failures": "failures",
+    "truth": "truth",
+    "bias": "bias",
+    "bias_se": "bias_se",
+    "bias_percent": "bias_percent",
+    "std": "std",
+    "rmse": "rmse",
+    "crlb": "bound",
+    "mean_std_error": "claimed",
+    "coverage_95": "coverage",
+    "posterior_std": "posterior",
+}
+ESTIMATE_COLUMNS = (
+    *("scenario", "method", "replication", "outcome", "parameter", "truth"),
+    *("value", "std_error", "lower_95", "upper_95", "seconds"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """All fits of one scenario by one method.
+
+    Attributes
+    ----------
+    scenario
+        The scenario.
+    method
+        The method's name.
+    results
+        The fits by replication.
+    """
+
+    scenario: ScenarioEntry
+    method: str
+    results: tuple[Result, ...]
+
+    @cached_property
+    def numbers(self) -> FloatArray:
+        """Value, standard error and the interval's ends, shape (parameters, fits, 4).
+
+        A fit that gave none has NaN; one that did not converge has its last values.
+        """
+        none = [(None,) * 4] * len(self.scenario.parameters)
+        rows = [[e[1:] for e in r.estimates] if r.estimates else none for r in self.results]
+        return np.array(rows, dtype=float).swapaxes(0, 1)
+
+    @cached_property
+    def counted(self) -> BoolArray:
+        """Which fits count as results, shape (fits,)."""
+        return np.array([r.usable for r in self.results], dtype=bool)
+
+    @property
+    def usable(self) -> int:
+        """Fits that count as results."""
+        return int(np.sum(self.counted))
+
+    @property
+    def tried(self) -> int:
+        """Fits of recordings that the method can treat."""
+        return sum(r.outcome != Outcome.NOT_APPLICABLE.slug for r in self.results)
+
+    @property
+    def milliseconds(self) -> float:
+        """Median time of a fit."""
+        known = [r.seconds for r in self.results if r.seconds is not None]
+        return 1e3 * float(np.median(known)) if known else math.nan
+
+    @cached_property
+    def scores(self) -> tuple[Score, ...]:
+        """Scores of each parameter, in its unit."""
+        posterior = any(r.posterior for r in self.results)
+        return tuple(
+            scored(known, own, self.counted, self.tried, posterior=posterior)
+            for known, own in zip(self.scenario.parameters, self.numbers, strict=True)
+        )
+
+    @cached_property
+    def percent(self) -> tuple[Score, ...]:
+        """Scores of each parameter, in % of its true value."""
+        return tuple(score.percent for score in self.scores)
+
+    @property
+    def errors(self) -> FloatArray:
+        """Errors of the fits that count, in % of the true values, shape (fits, parameters)."""
+        truth = np.array([p.truth for p in self.scenario.parameters])
+        return np.asarray(100.0 * (self.numbers[:, self.counted, 0].T / truth - 1.0))
+
+    @property
+    def agreeing(self) -> int:
+        """Fits that end in the common optimum: within a tenth of the bound of the median end.
+
+        Where a bound is missing, within 0.1 % of the truth.
+        """
+        ends = self.errors
+        if not len(ends):
+            return 0
+        bounds = np.array([s.bound for s in self.percent])
+        reach = np.where(np.isfinite(bounds), bounds, 1.0) / 10.0
+        return int(np.sum(np.all(np.abs(ends - np.median(ends, axis=0)) <= reach, axis=1)))
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """All fits of a study, by scenario and method.
+
+    Attributes
+    ----------
+    cells
+        What each method did in each scenario, in the order of the catalogues.
+    typed
+        What to type for each method on the command line, by its label and in the order of
+        tables and figures.
+    """
+
+    cells: tuple[Cell, ...]
+    typed: Mapping[str, str]
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """The methods' labels, in the order of tables and figures."""
+        return tuple(self.typed)
+
+    @cached_property
+    def _by_name(self) -> dict[tuple[str, str], Cell]:
+        return {(c.scenario.name, c.method): c for c in self.cells}
+
+    @cached_property
+    def scenarios(self) -> tuple[ScenarioEntry, ...]:
+        """The scenarios that have fits, in the order of the catalogue."""
+        return tuple({c.scenario.name: c.scenario for c in self.cells}.values())
+
+    @property
+    def names(self) -> list[str]:
+        """The scenarios' names, in the order of the catalogue."""
+        return [entry.name for entry in self.scenarios]
+
+    def at(self, scenario: str, method: str) -> Cell | None:
+        """What a method did in a scenario, None if it was not tried there."""
+        return self._by_name.get((scenario, method))
+
+    def of(self, scenario: str) -> list[Cell]:
+        """The cells of a scenario, in the order of the methods."""
+        found = [self.at(scenario, method) for method in self.methods]
+        return [cell for cell in found if cell is not None]
+
+    def entry(self, scenario: str) -> ScenarioEntry:
+        """A scenario by its name."""
+        return next(entry for entry in self.scenarios if entry.name == scenario)
+
+    def replications(self, scenarios: Sequence[str]) -> int:
+        """Recordings of each scenario, the largest number if they differ."""
+        results = [r for name in scenarios for c in self.of(name) for r in c.results]
+        return max((r.unit.replication + 1 for r in results), default=0)
+
+    def summary_rows(self) -> Iterator[list[object]]:
+        """Scenario, method and `SUMMARY_COLUMNS` of every parameter in every cell."""
+        for cell in self.cells:
+            for score in cell.scores:
+                numbers = [getattr(score, name) for name in SUMMARY_COLUMNS.values()]
+                yield [cell.scenario.name, cell.method, *numbers]
+
+    def estimate_rows(self) -> Iterator[list[object]]:
+        """`ESTIMATE_COLUMNS` of every parameter in every fit."""
+        for cell in self.cells:
+            for row, result in enumerate(cell.results):
+                for known, own in zip(cell.scenario.parameters, cell.numbers, strict=True):
+                    yield [
+                        cell.scenario.name,
+                        cell.method,
+                        result.unit.replication,
+                        result.outcome,
+                        known.parameter,
+                        known.truth,
+                        *own[row].tolist(),
+                        math.nan if result.seconds is None else result.seconds,
+                    ]
+
+    def to_dataframe(self, *, summary: bool = False) -> DataFrame:
+        """All estimates, or the scores, as the CSV files have them.
+
+        Parameters
+        ----------
+        summary
+            A row for each scenario, method and parameter in place of one for each fit.
+
+        Raises
+        ------
+        ImportError
+            Without pandas, which ``pip install 'pilotid[tables]'`` brings.
+        """
+        from pandas import DataFrame
+
+        if summary:
+            columns = ["scenario", "method", *SUMMARY_COLUMNS]
+            return DataFrame(self.summary_rows(), columns=columns)
+        return DataFrame(self.estimate_rows(), columns=list(ESTIMATE_COLUMNS))
+
+
+def comparison_of(store: Store) -> Comparison:
+    """What a store holds."""
+    scenarios = {entry.name: entry for entry in store.scenarios()}
+    found: dict[tuple[str, str], list[Result]] = {}
+    for result in store.results():
+        found.setdefault((result.unit.scenario, result.unit.method), []).append(result)
+    present = {method for _, method in found}
+    return Comparison(
+        tuple(Cell(scenarios[name], method, tuple(own)) for (name, method), own in found.items()),
+        {label: m.typed or label for label, m in store.methods().items() if label in present},
+    )

@@ -1,0 +1,117 @@
+"""What a store holds: fits, and what was fitted with what."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Unit:
+    """One fit: a method, by its label, on one replication of a scenario."""
+
+    scenario: str
+    method: str
+    replication: int
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a fit gave; numbers are None where there are none.
+
+    Attributes
+    ----------
+    unit
+        What was fitted.
+    outcome, message, usable
+        How it ended, and whether the estimate counts.
+    vaf, iterations, seconds
+        See `pilotid.estimates.estimate.Estimate`.
+    posterior
+        Whether the standard errors are those of a posterior distribution.
+    estimates
+        Parameter, value, standard error and the interval's ends.
+    """
+
+    unit: Unit
+    outcome: str
+    message: str = ""
+    usable: bool = False
+    vaf: float | None = None
+    iterations: int = 0
+    posterior: bool = False
+    seconds: float | None = None
+    estimates: tuple[tuple[str, float | None, float | None, float | None, float | None], ...] = ()
+
+
+@dataclass(frozen=True)
+class ParameterTruth:
+    """True value of a scenario's parameter and the Cramer-Rao bound on its deviation."""
+
+    parameter: str
+    unit: str
+    truth: float
+    bound: float | None
+
+
+@dataclass(frozen=True)
+class MethodEntry:
+    """A method as the store knows it.
+
+    Attributes
+    ----------
+    label
+        Its name, and the settings that are not its usual ones.
+    position
+        Its place in tables and figures.
+    settings
+        All settings as plain objects, see `pilotid.naming.settings.plain`.
+    code
+        Digest of the code that it is from, empty if that is this package.
+    typed
+        What to type for it on the command line.
+    """
+
+    label: str
+    position: int
+    settings: Mapping[str, Any]
+    code: str = ""
+    typed: str = ""
+
+
+@dataclass(frozen=True)
+class ScenarioEntry:
+    """A scenario as the store knows it; see `MethodEntry` for settings, code and typed.
+
+    Attributes
+    ----------
+    name, position, description, model, family
+        See `pilotid.datasets.scenarios.Scenario`; the model by its name.
+    parameters
+        The parameters with their true values and bounds.
+    """
+
+    name: str
+    position: int
+    description: str
+    model: str
+    settings: Mapping[str, Any]
+    parameters: tuple[ParameterTruth, ...]
+    family: str = ""
+    code: str = ""
+    typed: str = ""
+
+    @property
+    def one_recording(self) -> bool:
+        """Whether all fits are of the same recording, so that means say nothing."""
+        return self.settings.get("one_recording") is True
+
+    def number(self, path: str) -> float:
+        """A number among the settings, such as ``remnant.level``; NaN if it is not there."""
+        held: Any = self.settings
+        for name in path.split("."):
+            held = held.get(name) if isinstance(held, Mapping) else None
+        is_number = isinstance(held, int | float) and not isinstance(held, bool)
+        return float(held) if is_number else math.nan

@@ -1,0 +1,101 @@
+"""What a store notes on a study: versions, digests of code, and all that defines its parts."""
+
+from __future__ import annotations
+
+import platform
+from importlib.metadata import version
+
+import numpy as np
+
+from pilotid.datasets import Scenario
+from pilotid.datasets.experiments import experiment_of
+from pilotid.datasets.scenarios import SCENARIOS
+from pilotid.estimates.method import Method
+from pilotid.methods import label_of, methods
+from pilotid.naming.code import place_of, reason
+from pilotid.naming.settings import labelled, plain
+from pilotid.naming.sources import code_digest, package_digest
+from pilotid.study.entries import MethodEntry, ParameterTruth, ScenarioEntry
+from pilotid.study.fits import number
+from pilotid.theory.bounds import bounds
+from pilotid.types import InputError
+
+LIBRARIES = ("numpy", "scipy", "control", "pysindy", "emcee")
+
+
+def about_this(seed: int) -> dict[str, str]:
+    """Code, versions and seed: what two results must share to be compared."""
+    return {
+        "seed": str(seed),
+        "code": own_digest(),
+        "pilotid": version("pilotid"),
+        "python": ".".join(platform.python_version_tuple()[:2]),
+        **{name: version(name) for name in LIBRARIES},
+    }
+
+
+def own_digest() -> str:
+    """A short digest of this package's source."""
+    import pilotid.datasets
+    import pilotid.methods
+
+    packages = (pilotid, pilotid.methods, pilotid.datasets)
+    return package_digest([folder for package in packages for folder in package.__path__])
+
+
+def method_entry(method: Method, position: int = 0, typed: str = "") -> MethodEntry:
+    """A method for the store.
+
+    Parameters
+    ----------
+    method
+        The method.
+    position
+        Its place behind those that are registered.
+    typed
+        What the user typed for it, if anything.
+    """
+    known, label = list(methods()), label_of(method)
+    registered = method.name in known
+    place = known.index(method.name) if registered else len(known) + position
+    if not typed:
+        typed = label if registered else labelled(place_of(type(method)), method)
+    return MethodEntry(label, place, plain(method), code_digest(method), typed)
+
+
+def scenario_entry(scenario: Scenario, position: int = 0, typed: str = "") -> ScenarioEntry:
+    """A scenario with its truth and its bounds, for the store; see `method_entry`.
+
+    The bound is that of the whole record with the remnant's spectrum known: the floor under
+    every unbiased method.
+
+    Raises
+    ------
+    InputError
+        If no bounds can be given, for example because the loop is unstable.
+    """
+    known = list(SCENARIOS)
+    try:
+        deviations = np.sqrt(np.diag(bounds(experiment_of(scenario)).full))
+    except InputError:
+        raise
+    except Exception as error:  # a scenario of the user's own may be anything
+        raise InputError(
+            f"scenario {scenario.name}: cannot be simulated ({reason(error)}); check its settings"
+        ) from error
+    return ScenarioEntry(
+        scenario.name,
+        known.index(scenario.name) if scenario.name in known else len(known) + position,
+        scenario.description,
+        scenario.model.name,
+        plain(scenario),
+        tuple(
+            ParameterTruth(p.key, p.unit, float(truth), number(float(bound)))
+            for p, truth, bound in zip(
+                scenario.model.parameters, scenario.values, deviations, strict=True
+            )
+        ),
+        scenario.family,
+        code_digest(scenario),
+        typed or scenario.name,
+    )

@@ -1,0 +1,64 @@
+"""The terminal: consoles, tables and bars."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    from rich.console import Console, RenderableType
+    from rich.table import Table
+
+T = TypeVar("T")
+
+PLAIN_WIDTH = 120  # columns of output that does not go to a terminal
+
+
+def make_console(*, errors: bool = False) -> Console:
+    """A console that neither colours nor breaks lines where it does not face a terminal."""
+    from rich.console import Console
+
+    console = Console(stderr=errors, highlight=False, markup=False, emoji=False)
+    if not console.is_terminal:
+        console = Console(
+            stderr=errors, highlight=False, markup=False, emoji=False, width=PLAIN_WIDTH
+        )
+    return console
+
+
+def make_table() -> Table:
+    """An empty table in the style of all tables here."""
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    return Table(box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
+
+
+def print_table(console: Console, table: RenderableType) -> None:
+    """Print without the spaces that fill each line up to the console's width."""
+    if console.is_terminal:
+        console.print(table)
+        return
+    console.file.write(_captured(console, table) + "\n")
+
+
+def plain(table: RenderableType) -> str:
+    """A table as text, without the spaces that fill each line up."""
+    from rich.console import Console
+
+    return _captured(Console(width=PLAIN_WIDTH, color_system=None), table)
+
+
+def _captured(console: Console, table: RenderableType) -> str:
+    with console.capture() as captured:
+        console.print(table)
+    return "\n".join(line.rstrip() for line in captured.get().splitlines()).strip("\n")
+
+
+def with_bar(items: Iterable[T], what: str, total: int) -> Iterator[T]:
+    """The items, with a bar on standard error while they come, if that is a terminal."""
+    from rich.progress import track
+
+    console = make_console(errors=True)
+    hidden = not console.is_terminal or total < 2
+    yield from track(items, what, total, console=console, transient=True, disable=hidden)

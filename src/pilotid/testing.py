@@ -1,0 +1,168 @@
+"""What every method promises, for the tests of a method in a package or file of your own.
+
+from pilotid.testing import check_method
+
+def test_my_method():
+    check_method(Mine())
+"""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable, Sequence
+from dataclasses import is_dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from pilotid.datasets import scenario_named, simulate
+from pilotid.estimates.estimate import Estimate, Outcome
+from pilotid.estimates.method import Method, identify, method_fault
+from pilotid.estimates.sound import fault_of
+from pilotid.naming.settings import labelled
+from pilotid.pilot.catalogue import model_named
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import SIGNALS, Recording
+
+#: Scenarios whose recordings a method is tried on, by the model that is fitted.
+SCENARIOS = {"single": "single", "multi": "nominal"}
+#: Outcomes that are the method's fault.
+FAULTS = (Outcome.CRASHED, Outcome.INVALID, Outcome.OUT_OF_MEMORY)
+#: Values of a usable estimate lie within this factor of the truth: positions are names here.
+FACTOR = 5.0
+
+
+def check_method(method: Method, models: Sequence[str] = tuple(SCENARIOS)) -> None:
+    """Check that a method keeps the contract; it takes about fifteen fits of each model.
+
+    Parameters
+    ----------
+    method
+        The method.
+    models
+        Names of the models to fit: ``single``, ``multi`` or both.
+
+    Raises
+    ------
+    AssertionError
+        If it does not; the message says what is wrong.
+    """
+    check_settings(method)
+    outcomes = [_check_fits(method, name) for name in models]
+    if not any(outcome.usable for outcome in outcomes):
+        ends = "; ".join(sorted({outcome.value for outcome in outcomes}))
+        raise AssertionError(f"{method.name}: finds nothing in an ordinary recording ({ends})")
+
+
+def check_settings(method: Method) -> None:
+    """Check that a method is a frozen dataclass of settings that other processes understand."""
+    fault = method_fault(method)
+    _require(not fault, fault)
+    name = method.name
+    given: Any = method
+    frozen = is_dataclass(given) and vars(type(given))["__dataclass_params__"].frozen
+    _require(frozen, f"{name}: must be a frozen dataclass, so that a fit leaves nothing behind")
+    _require(bool(type(method).__doc__), f"{name}: its class has no docstring")
+    try:
+        equal = hash(replace(given)) == hash(given)
+    except TypeError as error:
+        raise AssertionError(f"{name}: its settings must be hashable ({error})") from error
+    _require(equal, f"{name}: two objects of the same settings have different hashes")
+    try:
+        other = pickle.loads(pickle.dumps(method))
+    except Exception as error:
+        raise AssertionError(f"{name}: cannot be pickled ({error})") from error
+    _require(
+        other == method and labelled(name, other) == labelled(name, method),
+        f"{name}: is another one after it was pickled; give its settings an __eq__",
+    )
+
+
+def check_estimate(estimate: Estimate, method: Method, model: PilotModel) -> None:
+    """Check that an estimate makes sense, whatever its outcome; see `check_method`."""
+    name = method.name
+    fault = fault_of(estimate, model)
+    _require(not fault, f"{name}: {fault}")
+    _require(estimate.method == name, f"{name}: signs its estimates with '{estimate.method}'")
+    _require(estimate.outcome not in FAULTS, f"{name}: {estimate.sentence}")
+
+
+def recording_for(model: str) -> Recording:
+    """An ordinary recording, of the scenario in `SCENARIOS`."""
+    return simulate(scenario_named(SCENARIOS[model]), np.random.default_rng(11))
+
+
+def _check_fits(method: Method, name: str) -> Outcome:
+    """Check a method with one model; returns the outcome with an ordinary recording."""
+    model, recording = model_named(name), recording_for(name)
+    before = [getattr(recording, signal).tobytes() for signal in SIGNALS]
+    first = identify(method, recording, model, np.random.default_rng(2))
+    check_estimate(first, method, model)
+    _require(
+        before == [getattr(recording, signal).tobytes() for signal in SIGNALS],
+        f"{method.name}: changes the recording",
+    )
+    again = identify(method, recording, model, np.random.default_rng(2))
+    for part in ("values", "covariance", "intervals"):
+        same = np.allclose(getattr(again, part), getattr(first, part), rtol=1e-6, equal_nan=True)
+        _require(
+            same and again.outcome is first.outcome,
+            f"{method.name}: gives other {part} with the same random generator; take every "
+            "random number from the one that is passed",
+        )
+    if first.outcome.usable:
+        truth = scenario_named(SCENARIOS[name]).values
+        far = np.flatnonzero(np.abs(np.log(np.abs(first.values / truth))) > np.log(FACTOR))
+        keys = ", ".join(model.keys[i] for i in far)
+        _require(not far.size, f"{method.name}: {keys} far from the truth; are values in order?")
+    for spoil in DIFFICULT:
+        spoiled = identify(method, spoil(recording), model, np.random.default_rng(2))
+        try:
+            check_estimate(spoiled, method, model)
+        except AssertionError as error:
+            raise AssertionError(f"{error} (recording: {spoil.__name__})") from None
+    return first.outcome
+
+
+def _require(condition: bool, sentence: str) -> None:
+    if not condition:
+        raise AssertionError(sentence)
+
+
+# -------------------------------------------------------------------- difficult recordings
+
+
+def control_is_noise(recording: Recording) -> Recording:
+    """Nobody at the stick."""
+    noise = np.random.default_rng(7).standard_normal(recording.u.shape)
+    return replace(recording, u=noise)
+
+
+def tiny(recording: Recording) -> Recording:
+    """Signals in units that are far too large, by a power of two so that none is rounded."""
+    return replace(recording, **{n: 2.0**-40 * getattr(recording, n) for n in SIGNALS})
+
+
+def huge_offset(recording: Recording) -> Recording:
+    """Signals that are nearly constant."""
+    return replace(recording, u=recording.u + 1e6, x=recording.x - 1e6)
+
+
+def bare(recording: Recording) -> Recording:
+    """No forcing functions and no run-in."""
+    return replace(recording, ft=None, fd=None, run_in=0, lines={})
+
+
+def control_follows_nothing_but_itself(recording: Recording) -> Recording:
+    """A control that grows without a cause."""
+    time = recording.time[None]
+    return replace(recording, u=np.exp(0.02 * time) * np.sin(0.3 * time))
+
+
+DIFFICULT: tuple[Callable[[Recording], Recording], ...] = (
+    control_is_noise,
+    tiny,
+    huge_offset,
+    bare,
+    control_follows_nothing_but_itself,
+)

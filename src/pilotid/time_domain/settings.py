@@ -1,0 +1,45 @@
+"""Settings that methods of maximum likelihood share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pilotid.time_domain.remnant_models import NoiseModel
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """How the optimum is searched.
+
+    Attributes
+    ----------
+    search_band
+        Narrow and cheap band in which the optimum is searched [rad/s].
+    candidates, refined
+        Random starts screened, and starts minimised, see `pilotid.solve.search.search`.
+    """
+
+    search_band: float = 26.0
+    candidates: int = 6
+    refined: int = 2
+
+
+@dataclass(frozen=True)
+class LikelihoodSettings(SearchSettings):
+    """How the likelihood of pilot and remnant is maximised.
+
+    Attributes
+    ----------
+    search_band, candidates, refined
+        See `SearchSettings`.
+    band
+        Analysis band [rad/s]; None uses the full sampling rate.
+    rounds
+        How often the remnant's model is chosen anew at most.
+    noise
+        The remnant's model, where it is not to be chosen.
+    """
+
+    band: float | None = 50.0
+    rounds: int = 3
+    noise: NoiseModel | None = None

@@ -1,0 +1,128 @@
+"""Nonsense planted in simulated recordings is named, and sound recordings are left in peace.
+
+    nox -s check -- nonsense [--recordings 200]
+
+Every kind of nonsense is planted in as many recordings of `nominal`; false alarms are counted
+on as many of every scenario, and on the recordings of human pilots that PILOTID_MEASURED names.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from pilotid.datasets import SCENARIOS, simulate
+from pilotid.estimates.method import identify
+from pilotid.methods import method_named
+from pilotid.recordings.checks import remarks
+from pilotid.recordings.files import load_recording
+from pilotid.recordings.recording import Recording
+
+ALL = ("e", "u", "x", "ft", "fd")
+
+
+def delayed(recording: Recording, seconds: float) -> Recording:
+    """The control recorded too late."""
+    shift = round(seconds / recording.dt)
+    u = recording.u
+    return replace(recording, u=np.concatenate([u[:, :shift], u[:, :-shift]], axis=1))
+
+
+def repeated(recording: Recording) -> Recording:
+    """Two seconds of all signals recorded twice."""
+    begin, length = recording.run_in + 1500, round(2.0 / recording.dt)
+
+    def twice(signal: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+        return np.concatenate([signal[:, : begin + length], signal[:, begin:-length]], axis=1)
+
+    return replace(recording, **{name: twice(getattr(recording, name)) for name in ALL})
+
+
+def dropped(recording: Recording, names: tuple[str, ...]) -> Recording:
+    """Twenty seconds lost."""
+    begin, length = recording.run_in + 1000, round(20.0 / recording.dt)
+    changed = {name: getattr(recording, name).copy() for name in names}
+    for signal in changed.values():
+        signal[:, begin : begin + length] = 0.0
+    return replace(recording, **changed)
+
+
+def spoilt(recording: Recording) -> Recording:
+    """One sample holds a code for a missing value."""
+    u = recording.u.copy()
+    u[0, recording.run_in + 777] = -9999.0
+    return replace(recording, u=u)
+
+
+def clipped(recording: Recording) -> Recording:
+    """A control that saturates almost always."""
+    return replace(recording, u=np.clip(recording.u, *np.quantile(recording.u, (0.45, 0.55))))
+
+
+#: What may be wrong with the signals, and a word of the remark that must name it.
+PLANTED: dict[str, tuple[Callable[[Recording], Recording], str]] = {
+    "two seconds repeated": (repeated, "comes again"),
+    "20 s of u lost": (lambda r: dropped(r, ("u",)), "keeps one value"),
+    "20 s of all signals lost": (lambda r: dropped(r, ALL), "keeps one value"),
+    "a missing-value code": (spoilt, "a code for a missing value"),
+    "u clipped": (clipped, "clipped"),
+    "u drifts": (lambda r: replace(r, u=r.u + 0.01 * r.time), "drifts"),
+    "u has an offset": (lambda r: replace(r, u=r.u + 0.4 * np.std(r.u)), "u has an offset"),
+    "sign of e": (lambda r: replace(r, e=-r.e), "e has the wrong sign"),
+    "sign of x": (lambda r: replace(r, x=-r.x), "x has the wrong sign"),
+    "e and x exchanged": (lambda r: replace(r, e=r.x, x=r.e), "exchanged"),
+    "x in radians": (lambda r: replace(r, x=np.deg2rad(r.x)), "e is not ft - x"),
+    "e is zero": (lambda r: replace(r, e=0.0 * r.e), "e does not move"),
+    "x is zero": (lambda r: replace(r, x=0.0 * r.x), "x does not move"),
+}
+#: What only an estimate shows.
+LATE = {f"u late by {seconds:g} s": seconds for seconds in (1.0, 10.0)}
+
+
+def named(recording: Recording, word: str) -> bool:
+    """Whether a remark on the recording has the word."""
+    return any(word in remark for remark in remarks(recording))
+
+
+def named_by_a_fit(recording: Recording) -> bool:
+    """Whether `mle` says that it explains nothing."""
+    model = SCENARIOS["nominal"].model
+    estimate = identify(method_named("mle"), recording, model, np.random.default_rng(1))
+    return any("explains" in remark for remark in estimate.remarks)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--recordings", type=int, default=200)
+    count = parser.parse_args().recordings
+    nominal = SCENARIOS["nominal"]
+    for what, (plant, word) in PLANTED.items():
+        hits = sum(
+            named(plant(simulate(nominal, np.random.default_rng(i))), word) for i in range(count)
+        )
+        print(f"{what:26} named in {hits} of {count}")
+    for what, seconds in LATE.items():
+        hits = sum(
+            named_by_a_fit(delayed(simulate(nominal, np.random.default_rng(i)), seconds))
+            for i in range(count)
+        )
+        print(f"{what:26} named in {hits} of {count}")
+    false = {
+        name: sum(bool(remarks(simulate(scenario, np.random.default_rng(i)))) for i in range(count))
+        for name, scenario in SCENARIOS.items()
+    }
+    worst = {name: alarms for name, alarms in false.items() if alarms} or "none"
+    print(f"false alarms on {count} recordings of each of {len(false)} scenarios: {worst}")
+    if folder := os.environ.get("PILOTID_MEASURED"):
+        files = [*Path(folder).glob("*/*.mat"), *Path(folder).glob("rollpitch/pilot*.csv")]
+        alarms = {f.name: found for f in sorted(files) if (found := remarks(load_recording(f)))}
+        print(f"false alarms on {len(files)} recordings of human pilots: {alarms or 'none'}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,132 @@
+"""A method that misbehaves in every way that it is told."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from pilotid.estimates.estimate import Estimate, Outcome
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import Recording
+
+
+class WithoutWords(BaseException):
+    """An exception that cannot be printed and that nobody expects."""
+
+    def __str__(self) -> str:
+        raise RuntimeError
+
+
+def leave() -> None:
+    sys.exit(3)
+
+
+def break_off() -> None:
+    raise WithoutWords
+
+
+def fail() -> None:
+    raise ValueError("a\udcffb\n\x1b[31mc\0")
+
+
+def want_all_memory() -> None:
+    np.ones(10**14)
+
+
+def interrupt() -> None:
+    raise KeyboardInterrupt
+
+
+def vanish() -> None:
+    os._exit(3)
+
+
+def kill() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def hang() -> None:
+    subprocess.Popen(["sleep", "61.7"])  # it must end too
+    while True:
+        try:
+            time.sleep(1.0)
+        except BaseException:
+            continue
+
+
+def eat() -> None:
+    eaten = []
+    while True:
+        eaten.append(bytearray(10**8))
+
+
+DEEDS: dict[str, Callable[[], None]] = {
+    deed.__name__: deed
+    for deed in (leave, break_off, fail, want_all_memory, interrupt, vanish, kill, hang, eat)
+}
+
+
+def _answers(good: Estimate) -> dict[str, Any]:
+    """What is returned in the place of a good estimate."""
+    values, covariance = good.values, good.covariance
+    skew = covariance + np.triu(np.full_like(covariance, covariance.max()), 1)
+    return {
+        "good": good,
+        "nothing": None,
+        "nan": replace(good, values=np.nan * values),
+        "infinite": replace(good, covariance=np.full_like(covariance, np.inf)),
+        "complex": replace(good, values=values + 0j),
+        "words": replace(good, values=values.astype(str)),
+        "short": replace(good, values=values[:-1]),
+        "flat": replace(good, intervals=good.intervals.ravel()),
+        "listed": replace(good, values=values.tolist()),
+        "negative": replace(good, covariance=-covariance),
+        "indefinite": replace(good, covariance=1.9 * np.eye(values.size) - 0.9),
+        "asymmetric": replace(good, covariance=skew),
+        "reversed": replace(good, intervals=good.intervals[:, ::-1]),
+        "countless": replace(good, iterations=2**70),
+        "outcome": replace(good, outcome="converged"),
+        "vaf": replace(good, vaf=-1e9),
+        "message": replace(good, message=b"bytes"),
+        "draws": replace(good, draws="many"),
+        "signs": replace(good, message="a\udcffb\n\x1b[31mc\0"),
+    }
+
+
+@dataclass(frozen=True)
+class Hostile:
+    """Does what it is told, or returns it."""
+
+    how: str = "good"
+
+    @property
+    def name(self) -> str:
+        return "hostile"
+
+    def objection(self, recording: Recording, model: PilotModel) -> str | None:
+        if self.how == "objection":
+            raise LookupError("no opinion")
+        return None
+
+    def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Any:
+        if self.how in DEEDS:
+            DEEDS[self.how]()
+        values = model.start.copy()
+        good = Estimate(
+            self.name,
+            model,
+            Outcome.CONVERGED,
+            values=values,
+            covariance=np.diag((0.1 * values) ** 2),
+            intervals=np.stack([0.8 * values, 1.2 * values], axis=1),
+            vaf=50.0,
+        )
+        return _answers(good)[self.how]

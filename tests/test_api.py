@@ -1,0 +1,110 @@
+"""What a user types in a notebook, by names and by objects."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import NOMINAL
+
+import pilotid
+from pilotid import ARX, MLE, MODELS, MLEWhite, Outcome, Study, identify, simulate
+from pilotid.estimates.fitted import fit_all
+from pilotid.methods import METHODS
+
+RECORDING = simulate("nominal", 3)
+
+
+def test_names_and_objects_give_the_same_estimate() -> None:
+    by_name = identify("mle-white", RECORDING, "multi")
+    by_object = identify(MLEWhite(), RECORDING, MODELS["multi"], 1)
+    np.testing.assert_array_equal(by_name.values, by_object.values)
+    default = identify(recording=RECORDING, model="multi")
+    assert default.method == "mle"
+    with_settings = identify("arx(memory=none)", RECORDING, "multi")
+    np.testing.assert_array_equal(
+        with_settings.values, identify(ARX(memory=None), RECORDING, "multi").values
+    )
+
+
+def test_the_default_seed_gives_what_the_command_line_prints() -> None:
+    (printed,) = fit_all(RECORDING, MODELS["multi"], {"mle": MLE()}, 1).estimates
+    np.testing.assert_array_equal(identify("mle", RECORDING, "multi").values, printed.values)
+    own = identify("mle", RECORDING, "multi", np.random.default_rng(5))
+    assert own.outcome is Outcome.CONVERGED
+
+
+def test_what_is_missing_is_told() -> None:
+    with pytest.raises(TypeError, match="a recording and a model are needed"):
+        identify("mle")
+    with pytest.raises(pilotid.InputError, match="unknown method 'mel'"):
+        identify("mel", RECORDING, "multi")
+    with pytest.raises(pilotid.InputError, match="unknown model 'mutli'"):
+        identify("mle", RECORDING, "mutli")
+
+
+def test_one_line_says_what_a_recording_is() -> None:
+    assert repr(RECORDING) == (
+        "<Recording simulation nominal: 1 run of 81.92 s at 50 Hz after 8 s of run-in, "
+        "signals e u x ft fd>"
+    )
+
+
+def test_simulations_depend_on_the_seed_alone() -> None:
+    np.testing.assert_array_equal(simulate(NOMINAL, 3).u, RECORDING.u)
+    assert not np.array_equal(simulate("nominal", 4).u, RECORDING.u)
+
+
+@pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
+@pytest.mark.parametrize(("name", "channel"), [("e", "visual"), ("x", "vestibular")])
+def test_a_channel_without_input_is_not_identified(
+    method: pilotid.Method, name: str, channel: str
+) -> None:
+    still = replace(RECORDING, **{name: np.zeros_like(RECORDING.e)})
+    estimate = identify(method, still, "multi")
+    assert estimate.outcome is Outcome.NOT_APPLICABLE
+    assert estimate.message == (f"{name} does not move, so that the {channel} channel has no input")
+
+
+def test_a_study_is_compared_and_becomes_a_data_frame(tmp_path: Path) -> None:
+    pytest.importorskip("pandas")
+    study = Study("single", "mle-white", 2)
+    found = study.run_in(tmp_path, workers=1)
+    frame = found.to_dataframe()
+    assert list(frame["parameter"]) == 2 * list(MODELS["single"].keys)
+    assert study.to_dataframe(tmp_path).equals(frame)
+    scores = found.to_dataframe(summary=True)
+    assert list(scores["n"]) == 5 * [2]
+    gain = frame[frame["parameter"] == "Kvis"]["value"]
+    assert scores["bias"][0] == pytest.approx(gain.mean() - 0.32)
+    again = pilotid.compare("single", "mle-white", 2, out=tmp_path, workers=1)
+    assert again.to_dataframe().equals(frame)
+
+
+def test_help_says_something() -> None:
+    for method in METHODS:
+        assert (type(method).fit.__doc__ or "").count("\n") > 5, method.name
+        assert type(method).objection.__doc__, method.name
+
+
+class Raising(MLEWhite):
+    """A method with a bug."""
+
+    name = "raising"
+
+    def fit(self, *_: object) -> pilotid.Estimate:
+        raise ZeroDivisionError("no such luck")
+
+
+def test_what_a_method_raises_is_an_outcome_and_its_traceback_comes_if_asked(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    estimate = identify(Raising(), RECORDING, "single")
+    assert estimate.outcome is Outcome.CRASHED
+    assert estimate.message == "ZeroDivisionError: no such luck"
+    assert capsys.readouterr().err == ""
+    monkeypatch.setenv("PILOTID_TRACEBACK", "1")
+    identify(Raising(), RECORDING, "single")
+    assert 'raise ZeroDivisionError("no such luck")' in capsys.readouterr().err

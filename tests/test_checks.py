@@ -1,0 +1,66 @@
+"""Remarks on recordings: nonsense is named, sound recordings are left in peace."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from checks.nonsense import LATE, PLANTED, delayed, named, named_by_a_fit
+
+from pilotid.datasets import SCENARIOS, simulate
+from pilotid.recordings.checks import remarks
+from pilotid.recordings.recording import Recording
+
+NOMINAL = SCENARIOS["nominal"]
+RECORDINGS = 10  # `nox -s check -- nonsense` plants in 200
+
+
+def recording_of(name: str, seed: int) -> Recording:
+    return simulate(SCENARIOS[name], np.random.default_rng(seed))
+
+
+@pytest.mark.parametrize("what", PLANTED)
+def test_planted_nonsense_is_named(what: str) -> None:
+    plant, word = PLANTED[what]
+    assert all(named(plant(recording_of("nominal", seed)), word) for seed in range(RECORDINGS))
+
+
+@pytest.mark.parametrize("what", LATE)
+def test_a_control_that_comes_late_is_named_by_the_fit(what: str) -> None:
+    for seed in range(3):
+        assert named_by_a_fit(delayed(recording_of("nominal", seed), LATE[what]))
+    assert not named_by_a_fit(recording_of("nominal", 0))
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_sound_recordings_have_no_remarks(name: str) -> None:
+    for seed in range(500, 500 + RECORDINGS):
+        assert remarks(recording_of(name, seed)) == ()
+
+
+def test_rest_and_saturation_are_no_repetition() -> None:
+    recording = recording_of("nominal", 1)
+    u = recording.u.copy()
+    # A pilot who lets go: zero for two seconds, twice.
+    u[:, 1000:1100] = u[:, 2000:2100] = 0.0
+    assert remarks(replace(recording, u=u)) == ()
+
+
+def test_a_repetition_in_another_run_is_found() -> None:
+    recording = simulate(replace(NOMINAL, runs=2), np.random.default_rng(3))
+    u = recording.u.copy()
+    u[1, 1500:1600] = u[0, 3000:3100]
+    (remark,) = remarks(replace(recording, u=u))
+    assert "u from t = 52 s on in run 1 comes again" in remark
+    assert "from t = 22 s on in run 2" in remark
+
+
+def test_the_first_thing_that_is_wrong_is_told_and_how_to_mend_it() -> None:
+    recording = recording_of("nominal", 2)
+    assert remarks(replace(recording, e=-recording.e)) == (
+        "e is not ft - x: e has the wrong sign; flip it with --map e=-e",
+    )
+    assert "remove the offset" in remarks(replace(recording, e=recording.e + 1.0))[0]
+    assert "they differ by" in remarks(replace(recording, ft=2.0 * recording.ft))[0]
+    assert remarks(replace(recording, ft=None, lines={})) == ()

@@ -1,0 +1,158 @@
+"""Whatever a method does, it is a row with its reason, and everything else goes on."""
+
+from __future__ import annotations
+
+import csv
+import sqlite3
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pilotid.datasets import scenario_named, simulate
+from pilotid.estimates.estimate import Estimate, Outcome
+from pilotid.estimates.method import identify
+from pilotid.methods import method_named
+from pilotid.pilot.catalogue import SINGLE
+
+HERE = Path(__file__).parent
+RECORDING = simulate(scenario_named("single"), np.random.default_rng(1))
+
+UNSOUND = {
+    "nothing": "it returned nothing in place of an Estimate",
+    "nan": "a value is not finite",
+    "infinite": "the covariance is not finite",
+    "complex": "its values are of type complex128",
+    "words": "in place of real numbers",
+    "short": "its values have the shape (4,) in place of (5,)",
+    "flat": "its intervals have the shape (10,) in place of (5, 2)",
+    "listed": "its values are a list in place of an array",
+    "negative": "a variance is not positive",
+    "indefinite": "the covariance is not positive",
+    "asymmetric": "the covariance is not symmetric",
+    "reversed": "an interval does not hold its value",
+    "countless": "its iterations are no count",
+    "outcome": "its outcome is a str in place of an Outcome",
+    "vaf": "a VAF of -1e+09 % cannot be",
+    "message": "its message is a bytes in place of a text",
+    "draws": "its draws is a str in place of a Draws",
+}
+RAISED = {
+    "leave": (Outcome.CRASHED, "SystemExit: 3"),
+    "break_off": (Outcome.CRASHED, "WithoutWords"),
+    "fail": (Outcome.CRASHED, "ValueError: a\N{REPLACEMENT CHARACTER}b"),
+    "want_all_memory": (Outcome.OUT_OF_MEMORY, "Unable to allocate"),
+    "objection": (Outcome.CRASHED, "LookupError: no opinion"),
+}
+
+
+def hostile(how: str) -> str:
+    return f"{HERE / 'hostile.py'}:Hostile(how={how})"
+
+
+def answer(how: str) -> Estimate:
+    return identify(method_named(hostile(how)), RECORDING, SINGLE, np.random.default_rng(1))
+
+
+@pytest.mark.parametrize("how", UNSOUND)
+def test_what_is_no_sound_estimate_is_a_failure(how: str) -> None:
+    estimate = answer(how)
+    assert estimate.outcome is Outcome.INVALID
+    assert UNSOUND[how] in estimate.message
+    assert np.isnan(estimate.values).all()
+
+
+@pytest.mark.parametrize("how", RAISED)
+def test_what_a_method_raises_is_an_outcome(how: str) -> None:
+    estimate = answer(how)
+    outcome, words = RAISED[how]
+    assert estimate.outcome is outcome
+    assert estimate.message.startswith(words)
+    assert estimate.message.isprintable()
+
+
+def test_signs_that_no_file_can_hold_are_replaced() -> None:
+    estimate = answer("signs")
+    assert estimate.outcome is Outcome.CONVERGED
+    assert estimate.message == "a\N{REPLACEMENT CHARACTER}b \N{REPLACEMENT CHARACTER}[31mc" + (
+        "\N{REPLACEMENT CHARACTER}"
+    )
+
+
+def test_only_the_user_interrupts() -> None:
+    with pytest.raises(KeyboardInterrupt):
+        answer("interrupt")
+
+
+def test_a_method_that_fails_costs_no_other_file_or_method(tmp_path: Path) -> None:
+    from pilotid.recordings.files import save_recording
+
+    save_recording(RECORDING, tmp_path / "a.csv")
+    save_recording(RECORDING, tmp_path / "b.csv")
+    methods = f"{hostile('leave')},mle-white,{hostile('reversed')}"
+    files = [tmp_path / "a.csv", tmp_path / "b.csv"]
+    done = run("fit", *files, "--method", methods)
+    assert done.returncode == 0, done.stderr
+    for text in (
+        "(SystemExit: 3)",
+        "(an interval does not hold its value)",
+        "mle-white: converged",
+    ):
+        assert done.stdout.count(text) == 2
+
+
+def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+    program = "from pilotid.cli.main import main; main()"
+    return subprocess.run(
+        [sys.executable, "-c", program, *map(str, arguments)], capture_output=True, text=True
+    )
+
+
+def test_a_study_of_hostile_methods_ends_with_its_report(tmp_path: Path) -> None:
+    deadly = ("interrupt", "vanish", "kill", "hang", "eat", "leave", "nan", "good")
+    methods = ",".join(hostile(how) for how in deadly)
+    options = ("--scenario", "single", "--method", methods, "--replications", "1")
+    limits = ("--time-limit", "10", "--memory", "1.5", "--workers", "2", "--out", tmp_path)
+    done = run("compare", *options, *limits)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "report.html").exists()
+    assert rows(tmp_path) == {
+        "hostile": ("converged", ""),
+        "hostile(how=interrupt)": ("crashed", "KeyboardInterrupt"),
+        "hostile(how=vanish)": ("died", "twice, with exit status 3"),
+        "hostile(how=kill)": ("died", "twice, with signal SIGKILL"),
+        "hostile(how=hang)": ("timed-out", "10 s"),
+        "hostile(how=eat)": ("out-of-memory", ""),
+        "hostile(how=leave)": ("crashed", "SystemExit: 3"),
+        "hostile(how=nan)": ("invalid", "a value is not finite"),
+    }
+    with (tmp_path / "estimates.csv").open(newline="") as stream:
+        told = {(row["method"], row["outcome"]) for row in csv.DictReader(stream)}
+    assert ("hostile(how=hang)", "timed-out") in told
+    assert not sleepers(), "what a method starts ends with it"
+    few = ("--scenario", "single", "--method", f"{hostile('vanish')},{hostile('nan')}")
+    again = run("compare", *few, "--replications", "1", *limits, "--retry-failed")
+    assert "holds 1 of 2 fits already" in again.stdout, again.stdout
+    assert len(rows(tmp_path)) == 8
+
+
+def rows(folder: Path) -> dict[str, tuple[str, str]]:
+    """Outcome and message by method; they are the same for all replications."""
+    base = sqlite3.connect(folder / "study.sqlite")
+    found = set(base.execute("SELECT method, outcome, message FROM fits"))
+    base.close()
+    assert len(found) == len({method for method, *_ in found})
+    return {method: (outcome, message) for method, outcome, message in found}
+
+
+def sleepers() -> list[str]:
+    """Processes of `hostile.hang` that still run."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            found.append(path.read_bytes())
+        except OSError:
+            continue
+    return [line.decode() for line in found if line == b"sleep\x0061.7\x00"]

@@ -1,0 +1,346 @@
+"""Things by name: settings as text, and objects taken from code."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pilotid.datasets.remnant import Remnant
+from pilotid.methods import METHODS, label_of, method_named
+from pilotid.methods.arx import ARX
+from pilotid.methods.bayes import Bayes
+from pilotid.naming.code import packed, taken, unpacked
+from pilotid.naming.settings import configured, labelled, made, plain, shown, written
+from pilotid.naming.sources import code_digest
+from pilotid.naming.text import split_call, split_list
+from pilotid.time_domain.remnant_models import LowPass
+from pilotid.types import InputError
+
+
+class Colour(Enum):
+    RED = 1
+    BLUE = 2
+
+
+@dataclass(frozen=True)
+class Inner:
+    depth: int = 1
+    wide: bool = False
+
+
+@dataclass(frozen=True)
+class Outer:
+    number: float = 1.0
+    count: int = 2
+    word: str = "usual"
+    on: bool = False
+    maybe: float | None = 3.0
+    either: int | str = 4
+    kind: Literal["one-sided", "two-sided", 3] = "one-sided"
+    pair: tuple[float, int] = (1.0, 2)
+    many: tuple[str, ...] = ()
+    inner: Inner = Inner()
+    colour: Colour = Colour.RED
+    anything: Any = None
+    made_up: tuple[float, ...] = field(default_factory=lambda: (1.0,))
+    name: ClassVar[str] = "outer"
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "value"),
+    [
+        ("number=2", "number", 2.0),
+        ("number = -1e-3", "number", -1e-3),
+        ("number=inf", "number", np.inf),
+        ("count=7", "count", 7),
+        ("word=7", "word", "7"),
+        ("word=None", "word", "None"),
+        ("word='a, (b'", "word", "a, (b"),
+        ('word="it\'s"', "word", "it's"),
+        ("on=TRUE", "on", True),
+        ("maybe=none", "maybe", None),
+        ("maybe=2", "maybe", 2.0),
+        ("either=5", "either", 5),
+        ("either=five", "either", "five"),
+        ("either='5'", "either", "5"),
+        ("kind=two-sided", "kind", "two-sided"),
+        ("kind=3", "kind", 3),
+        ("pair=(3, 4)", "pair", (3.0, 4)),
+        ("many=(a,)", "many", ("a",)),
+        ("many=[a, 'b c']", "many", ("a", "b c")),
+        ("inner=Inner(wide=true)", "inner", Inner(wide=True)),
+        ("colour=blue", "colour", Colour.BLUE),
+        ("anything=((1, 2.5), none, x)", "anything", ((1, 2.5), None, "x")),
+    ],
+)
+def test_settings_are_read_as_their_types(text: str, name: str, value: object) -> None:
+    thing = configured(Outer(), text, "outer")
+    assert getattr(thing, name) == value
+    assert type(getattr(thing, name)) is type(value)
+    # What is shown of it can be typed again.
+    label = labelled("outer", thing)
+    assert configured(Outer(), split_call(label)[1], label) == thing
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("size=2", "there is no setting 'size'; its settings are number=1, count=2, word=usual"),
+        ("name=x", "no setting 'name'"),
+        ("2", "'2' is not SETTING=VALUE"),
+        ("count=2.0", "count must be a whole number, not 2.0"),
+        ("count=true", "a whole number"),
+        ("count=" + "9" * 500, "a whole number"),
+        ("number=abc", "number must be a number, not abc"),
+        ("number='1'", "must be a number"),
+        ("number=nan", "must be a number"),
+        ("number=", "number has no value"),
+        ("number=1, number=2", "given twice"),
+        ("on=1", "true or false"),
+        ("maybe=x", "a number or none"),
+        ("kind=both", "one-sided or two-sided or 3"),
+        ("pair=(1, 2, 3)", "a list in parentheses"),
+        ("pair=1", "a list in parentheses"),
+        ("inner=Other(depth=1)", "Other(...), which is not known there"),
+        ("inner=Inner(dept=1)", "there is no setting 'dept'"),
+        ("inner=3", "must be Inner(...), not 3"),
+        ("colour=green", "red or blue"),
+        ("word=a b", "put words with such signs in quotes"),
+        ("word='a", "is not closed"),
+        ("many=(a", "is not closed"),
+        ("many=a)", "closes nothing"),
+        ("many=" + "(" * 2000 + ")" * 2000, "too many brackets"),
+    ],
+)
+def test_wrong_settings_are_a_sentence(text: str, words: str) -> None:
+    with pytest.raises(InputError) as refusal:
+        configured(Outer(), text, f"outer({text})")
+    assert words in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+def test_what_has_no_settings_says_so() -> None:
+    with pytest.raises(InputError, match="it has no settings"):
+        configured(object(), "x=1", "thing(x=1)")
+
+
+def test_a_class_is_made_and_what_it_refuses_is_a_sentence() -> None:
+    assert made(Inner, "depth=3", "Inner(depth=3)") == Inner(3)
+    with pytest.raises(InputError, match="of order 0 to 3"):
+        made(Remnant, "order=9", "Remnant(order=9)")
+
+
+@settings(deadline=None)
+@given(
+    st.builds(
+        Outer,
+        number=st.floats(allow_nan=False),
+        count=st.integers(-(10**18), 10**18),
+        word=st.text(),
+        on=st.booleans(),
+        maybe=st.none() | st.floats(allow_nan=False),
+        either=st.integers() | st.text(),
+        pair=st.tuples(st.floats(allow_nan=False), st.integers()),
+        many=st.lists(st.text()).map(tuple),
+        inner=st.builds(Inner, depth=st.integers(), wide=st.booleans()),
+    )
+)
+def test_every_label_can_be_typed(thing: Outer) -> None:
+    label = labelled("outer", thing)
+    (part,) = split_list(label, names=True)
+    name, settings = split_call(part)
+    assert name == "outer"
+    assert configured(Outer(), settings, label) == thing
+    assert label.isprintable()
+
+
+@settings(deadline=None)
+@given(st.text())
+def test_no_text_breaks_the_reader(text: str) -> None:
+    for read in (split_list, split_call, method_named, lambda t: configured(Outer(), t, "outer")):
+        try:
+            read(text)
+        except InputError:
+            continue
+
+
+def test_commas_in_brackets_do_not_split() -> None:
+    text = "a(x=1, y=(2, 3)), my (old) things/o'b.py:C , d(z='),')"
+    assert split_list(text, names=True) == [
+        "a(x=1, y=(2, 3))",
+        "my (old) things/o'b.py:C",
+        "d(z='),')",
+    ]
+    assert split_call("my (old) things/b.py:C") == ("my (old) things/b.py:C", None)
+    assert split_call("my (old)/b.py:C(d=(1,))") == ("my (old)/b.py:C", "d=(1,)")
+
+
+# ----------------------------------------------------------------------------------- methods
+
+
+@pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
+def test_a_registered_method_has_its_name_for_a_label(method: object) -> None:
+    assert label_of(method) == method.name  # type: ignore[attr-defined, arg-type]
+
+
+@pytest.mark.parametrize(
+    ("method", "label"),
+    [
+        (ARX(memory=None), "arx(memory=none)"),
+        (ARX(memory=2), "arx(memory=2)"),
+        (ARX(memory=2.0), "arx(memory=2)"),
+        (Bayes(likelihood="white", band=None), "bayes-white"),
+        (Bayes(likelihood="white"), "bayes-white(band=50)"),
+        (Bayes(noise=LowPass(2), draws=10), "bayes(noise=LowPass(order=2), draws=10)"),
+    ],
+)
+def test_a_label_tells_the_settings_that_differ(method: object, label: str) -> None:
+    assert label_of(method) == label  # type: ignore[arg-type]
+    assert method_named(label) == method
+
+
+# -------------------------------------------------------------------------------------- JSON
+
+
+def test_settings_become_plain_objects_without_loss() -> None:
+    import json
+
+    held = plain(Outer(number=0.1 + 0.2, maybe=-np.inf, pair=(np.float64(1e-300), 2)))
+    again = json.loads(json.dumps(held, allow_nan=False))
+    assert again == held
+    assert (again["class"], again["number"], again["maybe"]) == ("Outer", 0.1 + 0.2, "-inf")
+    assert again["pair"] == [1e-300, 2]
+    assert again["inner"] == {"class": "Inner", "depth": 1, "wide": False}
+    assert plain({"a": np.arange(2)}) == {"a": {"class": "array", "values": [0, 1]}}
+    assert shown(again["inner"]) == "Inner(depth=1, wide=false)"
+
+
+def test_what_has_no_words_of_its_own_is_told_apart() -> None:
+    from scipy import stats
+
+    one, same, other = (written(stats.norm(0.0, s)) for s in (1.0, 1.0, 2.0))
+    assert one == same
+    assert one != other
+
+
+# -------------------------------------------------------------------------------------- code
+
+MINE = """
+from dataclasses import dataclass
+import beside
+
+@dataclass(frozen=True)
+class Mine:
+    size: int = beside.SIZE
+
+thing = Mine(9)
+
+def later():
+    import below.deep
+"""
+
+
+@pytest.fixture
+def mine(tmp_path: Path) -> Path:
+    folder = tmp_path / "o'brien (1)"
+    (folder / "below").mkdir(parents=True)
+    (folder / "mine.py").write_text(MINE)
+    (folder / "beside.py").write_text("SIZE = 3\n")
+    (folder / "below" / "deep.py").write_text("")
+    return folder / "mine.py"
+
+
+@pytest.fixture(autouse=True)
+def forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a test imports from files of its own is gone after it."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    for name in ("beside", "below"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+
+
+def test_things_are_taken_from_files_and_modules(mine: Path) -> None:
+    assert taken(f"{mine}:Mine").size == 3
+    assert taken(f"{mine}:Mine(size=5)").size == 5
+    assert taken(f"{mine}:thing").size == 9
+    assert taken(f"{mine}:thing(size=1)").size == 1
+    assert type(taken(f"{mine}:Mine")) is type(taken(f"{mine}:thing"))
+    assert taken("pilotid.methods.arx:ARX(memory=none)") == ARX(memory=None)
+
+
+@pytest.mark.parametrize(
+    ("place", "words"),
+    [
+        ("{}/none.py:Mine", "there is no such file"),
+        ("{}:Mine", "Is a directory"),
+        ("{}/mine.py:Yours", "holds no 'Yours'; it defines Mine, thing, later"),
+        ("{}/mine.py:Mine.x", "holds no 'x'"),
+        ("{}/mine.py:Mine(size=x)", "a whole number"),
+        ("{}/syntax.py:X", "SyntaxError"),
+        ("{}/leaves.py:X", "SystemExit: 4"),
+        ("{}/bytes.py:X", "no text in UTF-8"),
+        ("{}/null.py:X", "cannot be imported"),
+        ("no.such.module:X", "No module named 'no'"),
+        ("pilotid.methods:ARX()x", "is not file.py:NAME"),
+    ],
+)
+def test_code_that_cannot_be_used_is_a_sentence(mine: Path, place: str, words: str) -> None:
+    folder = mine.parent
+    (folder / "syntax.py").write_text("def")
+    (folder / "leaves.py").write_text("import sys; sys.exit(4)")
+    (folder / "bytes.py").write_bytes(b"\xff\xfe")
+    (folder / "null.py").write_bytes(b"x = 1\0")
+    with pytest.raises(InputError) as refusal:
+        taken(place.format(folder))
+    assert words in str(refusal.value)
+
+
+def test_a_file_s_code_goes_along_to_other_processes(mine: Path) -> None:
+    content = packed(taken(f"{mine}:Mine(size=8)"))
+    mine.unlink()
+    program = (
+        "import sys; from pilotid.naming.code import unpacked\n"
+        "print(unpacked(sys.stdin.buffer.read()).size)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        input=content,
+        capture_output=True,
+        check=True,
+        env={"PYTHONPATH": str(mine.parent)},
+    )
+    assert done.stdout.strip() == b"8"
+    assert unpacked(packed((1, "a"))) == (1, "a")
+
+
+def test_the_digest_covers_the_code_that_a_thing_is_from(mine: Path) -> None:
+    assert code_digest(ARX()) == code_digest(np.float64(1.0)) == ""
+    digests = [code_digest(taken(f"{mine}:Mine"))]
+    for file in ("beside.py", "below/deep.py", "mine.py"):
+        with (mine.parent / file).open("a") as stream:
+            stream.write("# another\n")
+        digests.append(code_digest(taken(f"{mine}:Mine")))
+    assert len(set(digests)) == 4
+    (mine.parent / "stranger.py").write_text("")
+    assert code_digest((1, [taken(f"{mine}:Mine")])) == digests[-1]
+
+
+def test_the_digest_covers_a_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package = tmp_path / "some_package_of_others"
+    (package / "inner").mkdir(parents=True)
+    (package / "__init__.py").write_text("")
+    (package / "a.py").write_text("class Thing: pass")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    thing = taken("some_package_of_others.a:Thing")
+    before = code_digest(thing)
+    (package / "inner" / "b.py").write_text("")
+    assert before
+    assert code_digest(thing) != before

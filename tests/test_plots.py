@@ -1,0 +1,328 @@
+"""Plots of recordings and estimates: what they draw, where, and how they name it."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from functools import cache
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from pilotid.datasets import scenario_named, simulate
+from pilotid.estimates.estimate import Estimate, Outcome, failed, symmetric_intervals
+from pilotid.estimates.fitted import Fitted
+from pilotid.estimates.remnant import RemnantEstimate
+from pilotid.estimates.response import FrequencyResponse
+from pilotid.methods import methods
+from pilotid.pilot.catalogue import MODELS, MULTI, SINGLE
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import Recording
+from pilotid.show import plots
+from pilotid.show.page import html_report
+from pilotid.show.style import STYLES
+from pilotid.show.svg import svg
+from pilotid.types import FloatArray, InputError
+
+
+@cache
+def recording() -> Recording:
+    return simulate(scenario_named("nominal"), np.random.default_rng(1))
+
+
+def estimate(
+    model: PilotModel = MULTI,
+    method: str = "mle",
+    errors: FloatArray | None = None,
+    **fields: object,
+) -> Estimate:
+    """An estimate at the model's start with errors that are not correlated, 1 % of the values."""
+    values = model.start
+    covariance = np.diag((0.01 * values if errors is None else errors) ** 2)
+    return Estimate(
+        method,
+        model,
+        Outcome.CONVERGED,
+        values,
+        covariance,
+        symmetric_intervals(values, covariance),
+        **fields,  # type: ignore[arg-type]
+    )
+
+
+def first_step(model: PilotModel = MULTI) -> FrequencyResponse:
+    """The model's own response, known to 10 %."""
+    omega = np.geomspace(0.5, 17.0, 12)
+    value = model.response(omega, model.start)
+    half = 0.5 * 0.1**2 * np.abs(value).ravel() ** 2
+    return FrequencyResponse(omega, value, np.diag(np.tile(half, 2)))
+
+
+def new_axes() -> Axes:
+    return Figure().subplots()
+
+
+def pair() -> tuple[Axes, Axes]:
+    above, below = Figure().subplots(2, 1)
+    return above, below
+
+
+def line(axes: Axes, label: str) -> tuple[FloatArray, FloatArray]:
+    """Abscissa and ordinate of the line with a label."""
+    (found,) = (own for own in axes.get_lines() if own.get_label() == label)
+    return np.asarray(found.get_xdata()), np.asarray(found.get_ydata())
+
+
+def band(axes: Axes, at: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Lower and upper edge of the first shade."""
+    vertices = axes.collections[0].get_paths()[0].vertices
+    edges = [[np.sort(vertices[np.isclose(vertices[:, 0], w), 1])[[0, -1]]] for w in at]
+    low, high = np.concatenate(edges).T
+    return low, high
+
+
+# ----------------------------------------------------------------------------- over time
+
+
+def test_model_output_and_residual_make_up_the_recorded_control() -> None:
+    above, below = new_axes(), new_axes()
+    assert plots.signals(recording(), estimate(), axes=above) is above
+    assert plots.residual(recording(), estimate(), axes=below) is below
+    time, control = line(above, "recorded")
+    np.testing.assert_array_equal(control, recording().window(recording().u)[0])
+    assert time[0] == 0.0
+    scored, output = line(above, "mle")
+    same, left = line(below, "mle")
+    np.testing.assert_array_equal(scored, same)
+    recorded = np.interp(scored, time, control)
+    np.testing.assert_allclose(output + left, recorded, atol=1e-9 * np.ptp(control))
+    assert np.std(left) < np.std(control)
+
+
+def test_axes_are_named_with_units() -> None:
+    axes = plots.signals(recording(), estimate(), axes=new_axes())
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("time [s]", "control u [deg]")
+    without = replace(recording(), units={})
+    assert plots.residual(without, axes=new_axes()).get_ylabel() == "residual"
+
+
+def test_a_run_is_chosen_by_its_number() -> None:
+    both = simulate(scenario_named("runs-2"), np.random.default_rng(1))
+    axes = plots.signals(both, estimate(), run=1, axes=new_axes())
+    np.testing.assert_array_equal(line(axes, "recorded")[1], both.window(both.u)[1])
+
+
+def test_a_failed_estimate_costs_the_others_nothing() -> None:
+    lost = failed("mmle3", MULTI, Outcome.NEGATIVE_DELAY)
+    axes = plots.signals(recording(), lost, estimate(), axes=new_axes())
+    assert [own.get_label() for own in axes.get_lines()] == ["recorded", "mle"]
+
+
+# ------------------------------------------------------------------------ over frequency
+
+
+def test_the_curve_is_the_model_s_response() -> None:
+    above, below = plots.describing_function(estimate(), channel="vestibular", axes=pair())
+    omega, size = line(above, "mle")
+    response = MULTI.response(omega, MULTI.start)[1]
+    np.testing.assert_allclose(size, np.abs(response))
+    turned = np.deg2rad(line(below, "mle")[1])
+    np.testing.assert_allclose(np.exp(1j * turned), response / np.abs(response), atol=1e-9)
+    assert above.get_ylabel() == "magnitude |u/x|"
+    assert (below.get_ylabel(), below.get_xlabel()) == ("phase [deg]", "frequency [rad/s]")
+
+
+def test_the_band_of_an_uncertain_gain_is_one_of_magnitude_alone() -> None:
+    model = MODELS["gain"]
+    errors = np.zeros(len(model.keys))
+    errors[0] = 0.1 * model.start[0]
+    above, below = plots.describing_function(estimate(model, errors=errors), axes=pair())
+    omega, size = line(above, "mle")
+    low, high = band(above, omega[:5])
+    np.testing.assert_allclose(high / size[:5], np.exp(0.196), rtol=1e-4)
+    np.testing.assert_allclose(low / size[:5], np.exp(-0.196), rtol=1e-4)
+    np.testing.assert_allclose(np.subtract(*band(below, omega[:5])), 0.0, atol=1e-9)
+
+
+def test_the_band_of_an_uncertain_delay_is_one_of_phase_alone() -> None:
+    (index,) = SINGLE.delays
+    errors = np.zeros(len(SINGLE.keys))
+    errors[index] = 0.02
+    above, below = plots.describing_function(estimate(SINGLE, errors=errors), axes=pair())
+    omega, phase = line(below, "mle")
+    low, high = band(below, omega[-5:])
+    reach = np.rad2deg(1.96 * 0.02 * omega[-5:])
+    np.testing.assert_allclose(high - phase[-5:], reach, rtol=1e-3)
+    np.testing.assert_allclose(phase[-5:] - low, reach, rtol=1e-3)
+    np.testing.assert_allclose(np.divide(*band(above, omega[-5:])), 1.0)
+
+
+def test_points_lie_on_the_curve_s_turn_with_bars_of_95_percent() -> None:
+    found = estimate(frequency_response=first_step())
+    above, below = plots.describing_function(found, axes=pair())
+    (points,), (turned,) = above.containers, below.containers
+    omega, size = np.asarray(points[0].get_data())
+    np.testing.assert_allclose(size, np.abs(MULTI.response(omega, MULTI.start)[0]))
+    segment = points[2][0].get_segments()[0]
+    # The error's power is shared by real and imaginary part: 10 % / sqrt(2) each.
+    assert segment[1][1] / size[0] - 1.0 == pytest.approx(0.196 / np.sqrt(2.0), rel=1e-3)
+    drawn = below.get_lines()[0]
+    curve = np.interp(omega, drawn.get_xdata(), drawn.get_ydata())
+    np.testing.assert_allclose(turned[0].get_ydata(), curve, atol=1.0)
+    assert curve[-1] < -360.0
+
+
+def test_points_of_a_failed_fit_are_drawn_and_points_without_a_phase_only_above() -> None:
+    response = first_step()
+    vague = replace(response, covariance=400.0 * response.covariance)
+    lost = replace(failed("arx", MULTI, Outcome.SINGULAR), frequency_response=vague)
+    above, below = plots.describing_function(lost, axes=pair())
+    assert len(above.containers[0][0].get_ydata()) == response.omega.size
+    assert len(below.containers[0][0].get_ydata()) == 0
+
+
+def test_truth_is_drawn_beside_and_an_unknown_channel_is_refused() -> None:
+    truth = 1.1 * MULTI.start
+    above, _ = plots.describing_function(estimate(), truth=truth, axes=pair())
+    omega, size = line(above, "truth")
+    np.testing.assert_allclose(size, np.abs(MULTI.response(omega, truth)[0]))
+    with pytest.raises(InputError, match="no channel auditory: choose from visual, vestibular"):
+        plots.describing_function(estimate(), channel="auditory", axes=pair())
+    with pytest.raises(InputError, match="at least one estimate"):
+        plots.describing_function()
+
+
+def test_a_failed_fit_without_a_first_step_leaves_empty_axes() -> None:
+    above, below = plots.describing_function(failed("a", MULTI, Outcome.SINGULAR), axes=pair())
+    assert not [*above.get_lines(), *below.get_lines()]
+    assert above.get_legend() is None
+
+
+def test_estimates_by_one_method_have_different_names_and_colours() -> None:
+    above, _ = plots.describing_function(
+        estimate(), estimate(), estimate(SINGLE), channel="visual", axes=pair()
+    )
+    drawn = {str(own.get_label()): own.get_color() for own in above.get_lines()}
+    assert list(drawn) == ["mle, multi 1", "mle, multi 2", "mle, single"]
+    assert len(set(drawn.values())) == 3
+
+
+# ----------------------------------------------------------------------------- the remnant
+
+
+def white(dt: float = 0.1, runs: int = 4) -> tuple[Recording, Estimate]:
+    """White noise of variance 4 as control, and a model that explains nothing of it."""
+    rng = np.random.default_rng(2)
+    e, u = rng.normal(size=(2, runs, 2000))
+    made = Recording(dt=dt, e=e, u=2.0 * u, x=-e, units={"u": "N"})
+    model = MODELS["gain"]
+    nothing = estimate(model)
+    values = nothing.values.copy()
+    values[0] = 1e-9
+    return made, replace(nothing, values=values)
+
+
+def test_the_spectrum_of_a_white_residual_is_its_variance_over_the_band() -> None:
+    made, nothing = white()
+    axes = plots.remnant(nothing, recording=made, axes=new_axes())
+    omega, density = line(axes, "mle: residual")
+    assert omega.max() <= 30.0
+    # Variance 4 spread evenly over 0 to pi / dt rad/s.
+    assert np.mean(density[omega > 5.0]) == pytest.approx(4.0 * 0.1 / np.pi, rel=0.05)
+    assert axes.get_ylabel() == "power density [N² s/rad]"
+
+
+def test_the_model_s_density_is_drawn_as_far_as_its_filter_leaves_it() -> None:
+    omega = np.linspace(0.1, 50.0, 100)
+    own = RemnantEstimate("white", {}, 0.2, omega, np.full(100, 3.0))
+    axes = plots.remnant(estimate(remnant=own), axes=new_axes())
+    shown, density = line(axes, "mle")
+    assert shown.max() == pytest.approx(40.0, abs=0.5)
+    assert set(density) == {3.0}
+
+
+def test_a_remnant_that_nobody_modelled_is_refused() -> None:
+    with pytest.raises(InputError, match="name the recording"):
+        plots.remnant(estimate(), axes=new_axes())
+
+
+# ------------------------------------------------------------------- notebooks and pages
+
+
+def test_without_axes_pyplot_makes_a_figure(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    from matplotlib import pyplot
+
+    before = pyplot.get_fignums()
+    axes = plots.residual(recording(), estimate())
+    above, below = plots.describing_function(estimate())
+    assert axes.figure is not above.figure
+    assert above.figure is below.figure
+    assert len(pyplot.get_fignums()) == len(before) + 2
+    pyplot.close("all")
+
+
+def test_importing_the_plots_does_not_import_matplotlib() -> None:
+    check = "import sys, pilotid.show.plots; assert 'matplotlib' not in sys.modules"
+    subprocess.run([sys.executable, "-c", check], check=True, timeout=60)
+
+
+def test_every_method_has_a_colour_and_a_marker_of_its_own() -> None:
+    assert set(methods()) <= set(STYLES)
+    colours, markers = zip(*STYLES.values(), strict=True)
+    assert len(set(colours)) == len(set(markers)) == len(STYLES)
+
+
+def drawn(name: str, alt: str = 'a < "b" & c') -> str:
+    figure = Figure()
+    plots.describing_function(estimate(), axes=tuple(figure.subplots(2, 1)))
+    return svg(figure, name, alt)
+
+
+def test_figures_are_the_same_bytes_each_time_and_tell_what_they_show() -> None:
+    text = drawn("one")
+    assert text == drawn("one")
+    root = ElementTree.fromstring(text)
+    assert (root.get("role"), root.get("aria-label")) == ("img", 'a < "b" & c')
+    assert "metadata" not in text
+    assert "frequency [rad/s]" in text  # as text, which can be searched and read aloud
+
+
+def test_figures_of_one_page_share_no_id_and_refer_to_their_own() -> None:
+    ids = [re.findall(r' id="([^"]+)"', drawn(name)) for name in ("one", "two")]
+    assert ids[0]
+    assert not set(ids[0]) & set(ids[1])
+    text = drawn("one")
+    referred = set(re.findall(r'url\(#([^)]+)\)|href="#([^"]+)"', text))
+    assert {a or b for a, b in referred} == set(ids[0])
+    assert len(ids[0]) == len(set(ids[0]))
+
+
+@pytest.mark.parametrize(
+    ("fields", "figures"),
+    [
+        ({}, 2),
+        ({"frequency_response": first_step()}, 2),
+        ({"remnant": RemnantEstimate("white", {}, 0.2, np.array([1.0, 9.0]), np.ones(2))}, 3),
+    ],
+    ids=["plain", "two-step", "remnant"],
+)
+def test_the_page_of_a_fit_shows_what_its_method_gives(
+    fields: dict[str, object], figures: int
+) -> None:
+    page = html_report([Fitted(recording(), MULTI, (estimate(**fields),))])
+    assert page.count("<svg ") == page.count("<figcaption>") == figures
+    assert page.count("vestibular channel") == 1
+    assert ("the first step of mle" in page) == ("frequency_response" in fields)
+
+
+def test_the_page_of_a_failed_fit_has_words_and_no_figure() -> None:
+    lost = failed("mmle3", MULTI, Outcome.NEGATIVE_DELAY)
+    page = html_report([Fitted(recording(), MULTI, (lost,))])
+    assert "<svg" not in page
+    assert "a time delay was driven negative" in page

@@ -1,0 +1,191 @@
+"""Methods and scenarios of other packages and files, from the command line to the report."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import sysconfig
+import venv
+import warnings
+from collections.abc import Callable
+from importlib.metadata import EntryPoint
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from pilotid.methods import METHODS, label_of, method_named, methods
+from pilotid.methods.mle_white import MLEWhite
+from pilotid.naming.code import PluginWarning, taken
+from pilotid.testing import check_method
+from pilotid.types import InputError
+
+HERE = Path(__file__).parent
+PACKAGE = HERE / "plugin_package"
+
+
+@pytest.fixture(scope="module")
+def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The Python of a fresh environment in which the package is installed beside pilotid."""
+    folder = tmp_path_factory.mktemp("fresh")
+    venv.create(folder / "venv", with_pip=True, symlinks=True)
+    python = folder / "venv" / "bin" / "python"
+    # What this environment holds is there too, so that nothing needs to be fetched.
+    where = "import sysconfig; print(sysconfig.get_path('purelib'))"
+    site = subprocess.run([python, "-c", where], capture_output=True, text=True, check=True)
+    here = sysconfig.get_path("purelib")
+    line = f"import site; site.addsitedir({here!r})\n"
+    (Path(site.stdout.strip()) / "beside.pth").write_text(line)
+    shutil.copytree(PACKAGE, folder / "package")
+    pip = [python, "-m", "pip", "--quiet"]
+    # Python 3.11 brings a setuptools that cannot build alone; the one beside pilotid can.
+    subprocess.run([*pip, "uninstall", "--yes", "setuptools"], check=True, timeout=300)
+    install = ("install", "--no-index", "--no-deps", "--no-build-isolation")
+    subprocess.run([*pip, *install, folder / "package"], check=True, timeout=300)
+    return python
+
+
+def pilotid(python: Path, *arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
+    program = "from pilotid.cli.main import main; main()"
+    return subprocess.run(
+        [python, "-c", program, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        timeout=300,
+    )
+
+
+LEFT_OUT = (
+    "pilotid: the method 'not-there' of package one-start is left out: "
+    "one_start_that_is_not_there:Nothing: ModuleNotFoundError: No module named "
+    "'one_start_that_is_not_there'\n"
+)
+
+
+def test_a_package_s_method_is_listed_and_a_broken_one_costs_a_line(
+    python: Path, tmp_path: Path
+) -> None:
+    done = pilotid(python, "list", cwd=tmp_path)
+    assert done.returncode == 0
+    assert "\n  one-start         Output error from one start. [one_start]\n" in done.stdout
+    assert "  arx  " in done.stdout
+    assert "scenarios" in done.stdout
+    assert done.stderr == LEFT_OUT
+
+
+def test_a_package_s_method_goes_through_a_study_to_its_report(
+    python: Path, tmp_path: Path
+) -> None:
+    options = ("--scenario", "single", "--method", "one-start,one-start(band=20),mmle3")
+    done = pilotid(python, "compare", *options, "--replications", 2, "--out", "out", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, LEFT_OUT)
+    report = (tmp_path / "out" / "report.md").read_text(encoding="utf-8")
+    assert "--method 'mmle3,one-start,one-start(band=20)' --replications 2" in report
+    assert "| one-start(band=20) | `OneStart(band=20)` |" in report
+    assert (tmp_path / "out" / "report.html").exists()
+    # When the package changes, its results are not mixed with the old ones; those of others are.
+    file = next(python.parent.parent.rglob("site-packages/one_start.py"))
+    file.write_text(f"{file.read_text()}\n# another version\n")
+    more = ("compare", "--scenario", "single", "--replications", 3, "--out", "out", "--method")
+    refused = pilotid(python, *more, "one-start,mmle3", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "other code or settings (different: one-start)" in refused.stderr
+    assert pilotid(python, *more, "mmle3", cwd=tmp_path).returncode == 0
+
+
+def test_the_package_s_method_keeps_the_contract() -> None:
+    file = PACKAGE / "one_start.py"
+    check_method(method_named(f"{file}:OneStart"))
+    assert len(file.read_text().splitlines()) < 32
+
+
+# ----------------------------------------------------------------------------- entry points
+
+
+class Fine(MLEWhite):
+    """A method of others."""
+
+    name = "fine"
+
+
+class Nameless(MLEWhite):
+    """Its name would spoil tables."""
+
+    name = "a | b\n"
+
+
+class Taken(MLEWhite):
+    """Its name is not free."""
+
+    name = "mle"
+
+
+class Fitless:
+    """Has a name only."""
+
+    name = "fitless"
+
+
+def leaves() -> None:
+    sys.exit(1)
+
+
+Entries = Callable[..., None]
+
+
+@pytest.fixture
+def entries(monkeypatch: pytest.MonkeyPatch) -> Entries:
+    """Register things of this module, as packages do."""
+
+    def register(*names: str) -> None:
+        found = [EntryPoint(n, f"{__name__}:{n}", "pilotid.methods") for n in names]
+        monkeypatch.setattr("pilotid.methods.entry_points", lambda group: found)
+        methods.cache_clear()
+
+    yield register
+    monkeypatch.undo()
+    methods.cache_clear()
+
+
+def test_registered_methods_come_behind_those_of_this_package(entries: Entries) -> None:
+    entries("Fine")
+    assert list(methods()) == [*(m.name for m in METHODS), "fine"]
+    assert label_of(method_named("fine(band=3)")) == "fine(band=3)"
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("Nameless", "needs a `name` of letters"),
+        ("Taken", "there is a method 'mle' already"),
+        ("Fitless", "needs a function `fit`"),
+        ("leaves", "SystemExit: 1"),
+        ("nothing", "has no attribute 'nothing'"),
+        ("SimpleNamespace", "needs a `name`"),
+    ],
+)
+def test_what_is_no_method_is_left_out_with_a_warning(
+    entries: Entries, name: str, words: str
+) -> None:
+    entries("Fine", name)
+    with pytest.warns(PluginWarning) as told:
+        found = methods()
+    assert list(found) == [*(m.name for m in METHODS), "fine"]
+    (warning,) = told
+    assert str(warning.message).startswith(f"the method '{name}' is left out: ")
+    assert words in str(warning.message)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        methods()  # it is said once
+
+
+def test_a_method_cannot_pass_for_another(tmp_path: Path) -> None:
+    copy = tmp_path / "copy.py"
+    copy.write_text("from pilotid.methods.arx import ARX\nclass Copy(ARX):\n    pass\n")
+    with pytest.raises(InputError, match="has the name 'arx' of another one"):
+        label_of(method_named(f"{copy}:Copy"))
+    with pytest.raises(InputError, match="is no method"):
+        method_named(f"{__name__}:SimpleNamespace")
+    assert taken(f"{__name__}:SimpleNamespace") == SimpleNamespace()
