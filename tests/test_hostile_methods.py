@@ -114,7 +114,7 @@ def test_a_study_of_hostile_methods_ends_with_its_report(tmp_path: Path) -> None
     deadly = ("interrupt", "vanish", "kill", "hang", "eat", "leave", "nan", "good")
     methods = ",".join(hostile(how) for how in deadly)
     options = ("--scenario", "single", "--method", methods, "--replications", "1")
-    limits = ("--time-limit", "10", "--memory", "1.5", "--workers", "2", "--out", tmp_path)
+    limits = ("--time-limit", "25", "--memory", "1.5", "--workers", "2", "--out", tmp_path)
     done = run("compare", *options, *limits)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "report.html").exists()
@@ -123,7 +123,7 @@ def test_a_study_of_hostile_methods_ends_with_its_report(tmp_path: Path) -> None
         "hostile(how=interrupt)": ("crashed", "KeyboardInterrupt"),
         "hostile(how=vanish)": ("died", "twice, with exit status 3"),
         "hostile(how=kill)": ("died", "twice, with signal SIGKILL"),
-        "hostile(how=hang)": ("timed-out", "10 s"),
+        "hostile(how=hang)": ("timed-out", "25 s"),
         "hostile(how=eat)": ("out-of-memory", ""),
         "hostile(how=leave)": ("crashed", "SystemExit: 3"),
         "hostile(how=nan)": ("invalid", "a value is not finite"),
