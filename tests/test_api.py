@@ -87,3 +87,24 @@ def test_help_says_something() -> None:
     for method in METHODS:
         assert (type(method).fit.__doc__ or "").count("\n") > 5, method.name
         assert type(method).objection.__doc__, method.name
+
+
+class Raising(MLEWhite):
+    """A method with a bug."""
+
+    name = "raising"
+
+    def fit(self, *_: object) -> pilotid.Estimate:
+        raise ZeroDivisionError("no such luck")
+
+
+def test_what_a_method_raises_is_an_outcome_and_its_traceback_comes_if_asked(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    estimate = identify(Raising(), RECORDING, "single")
+    assert estimate.outcome is Outcome.CRASHED
+    assert estimate.message == "ZeroDivisionError: no such luck"
+    assert capsys.readouterr().err == ""
+    monkeypatch.setenv("PILOTID_TRACEBACK", "1")
+    identify(Raising(), RECORDING, "single")
+    assert 'raise ZeroDivisionError("no such luck")' in capsys.readouterr().err

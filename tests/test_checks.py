@@ -12,6 +12,8 @@ from pilotid.datasets import SCENARIOS, simulate
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import Recording
 
+pytestmark = pytest.mark.numerical
+
 NOMINAL = SCENARIOS["nominal"]
 RECORDINGS = 10  # `nox -s check -- nonsense` plants in 200
 

@@ -445,3 +445,48 @@ def test_fit_and_simulate_take_code_and_settings_too(run: Run, own: Path, tmp_pa
 def test_limits_of_fits_are_checked(run: Run, tmp_path: Path) -> None:
     for option, value in (("--time-limit", -1), ("--time-limit", "nan"), ("--memory", "inf")):
         refused(run("compare", option, value, "--out", tmp_path), option, "at least 0")
+
+
+def test_a_bad_file_does_not_cost_the_others(run: Run, simulated: Path, tmp_path: Path) -> None:
+    missing, out = tmp_path / "missing.csv", tmp_path / "f.json"
+    options = ("--method", "mle-white", "--json", out)
+    answer = run("fit", missing, simulated, *options)
+    assert answer.status == 2
+    assert answer.err == (
+        f"pilotid: {missing}: there is no such file; check the name and the folder\n"
+    )
+    assert strict(out.read_text())["recording"]["source"] == str(simulated)
+    out.unlink()
+    refused(run("fit", missing, simulated, "--joint", *options), "no such file")
+    assert not out.exists()
+
+
+def test_remarks_are_printed_and_written(run: Run, simulated: Path) -> None:
+    options = ("--method", "mle-white", "--model", "multi", "--map", "e=-e")
+    lines = run("fit", simulated, *options).out.splitlines()
+    remark = "e is not ft - x: e has the wrong sign; flip it with --map e=-e"
+    assert f"recording: {remark}" in lines
+    result = strict(run("fit", simulated, *options, "--json", "-").out)
+    assert result["recording"]["remarks"] == [remark]
+    told = [f"mle-white: {text}" for text in result["estimates"][0]["remarks"]]
+    assert [line for line in lines if line in told] == told
+    sound = strict(run("fit", simulated, "--method", "mle-white", "--json", "-").out)
+    assert sound["recording"]["remarks"] == sound["estimates"][0]["remarks"] == []
+
+
+def test_a_warning_is_one_line(run: Run, simulated: Path, tmp_path: Path) -> None:
+    file = tmp_path / "warns.py"
+    file.write_text(
+        "import warnings\n"
+        "from pilotid import MLEWhite\n"
+        "class Warns(MLEWhite):\n"
+        "    name = 'warns'\n"
+        "    def fit(self, *given):\n"
+        "        warnings.warn('mind\\nthe gap', RuntimeWarning)\n"
+        "        return super().fit(*given)\n"
+    )
+    program = "from pilotid.cli.main import main; main()"
+    command = [sys.executable, "-c", program, "fit", str(simulated), "--method", f"{file}:Warns"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0
+    assert done.stderr == "pilotid: RuntimeWarning: mind the gap\n"

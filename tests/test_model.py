@@ -488,3 +488,17 @@ def test_a_channel_that_makes_no_sense_is_refused_when_it_is_made(sign: int, nam
 def test_a_model_without_channels_is_refused() -> None:
     with pytest.raises(ValueError, match="has no channel"):
         PilotModel("empty", ())
+
+
+@pytest.mark.parametrize(
+    ("key", "unit"),
+    [("$K$", ""), ("", ""), ("1K", ""), ("K x", ""), ("K", "$$"), ("K", "\x1b[31m")],
+)
+def test_a_key_or_a_unit_that_no_figure_can_show_is_refused(key: str, unit: str) -> None:
+    with pytest.raises(ValueError, match=r"must be (a letter|at most 40 printable)"):
+        Parameter(key, unit, 0.1, 10.0, 1.0, (0.5, 5.0))
+
+
+def test_a_channel_s_name_that_no_figure_can_show_is_refused() -> None:
+    with pytest.raises(ValueError, match="the name must be letters"):
+        Channel("$x$", "error", 1, (Gain("K"),))

@@ -15,6 +15,8 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.testing import check_method
 
+pytestmark = pytest.mark.numerical
+
 GENERATOR = np.random.default_rng(1)  # nobody passes it
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import itertools
+import os
 import subprocess
 import sys
 
@@ -34,12 +35,15 @@ def main() -> None:
     print("\n".join(sentences), flush=True)
     every = list(itertools.product(processors, THREADS))
     part = ("-m", "numerical") if settings.quick or settings.numerical else ()
-    pytest = (sys.executable, "-m", "pytest", "-n", "2", "-q", "--ignore=tests/benchmarks")
+    pytest = (sys.executable, "-m", "pytest", "-q", "--ignore=tests/benchmarks")
     results = {}
     for processor, threads in quick(processors) if settings.quick else every:
         title = f"{processor.name}, {threads} thread{'s' if threads > 1 else ''}"
         print(f"\n--- {title}", flush=True)
-        done = subprocess.run((*pytest, *part, *more), env=processor.environment(threads))
+        # Threads that wait for one another's processor take longer than one after the other.
+        workers = ("-n", str(max(1, (os.cpu_count() or 1) // threads)))
+        environment = processor.environment(threads)
+        done = subprocess.run((*pytest, *workers, *part, *more), env=environment)
         results[title] = "passed" if done.returncode == 0 else f"failed ({done.returncode})"
     print("\n" + "\n".join(f"{title}: {result}" for title, result in results.items()))
     sys.exit(int(any(result != "passed" for result in results.values())))

@@ -14,6 +14,7 @@ from pilotid.methods import label_of, method_named, methods
 from pilotid.naming.text import split_list
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.csv import sidecar_path
+from pilotid.recordings.paths import file_size
 from pilotid.types import FloatArray, InputError
 
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of all random numbers.")]
@@ -33,6 +34,9 @@ ScenarioOption = Annotated[
         help="Scenario: nominal, 'nominal(runs=3)', file.py:NAME; repeat, use commas, or say all.",
     ),
 ]
+
+
+LARGEST_TRUTH = 2**22  # bytes of a file that names true parameters
 
 
 def names_of(given: Sequence[str] | None, default: Sequence[str], all_: Sequence[str]) -> list[str]:
@@ -85,12 +89,13 @@ def read_truth(path: Path, model: PilotModel) -> FloatArray:
     InputError
         If the file cannot be read or lacks a parameter of the model.
     """
+    file_size(path, LARGEST_TRUTH)
     try:
         held = json.loads(path.read_text(encoding="utf-8"))["parameters"]
         return model.vector({key: float(entry["value"]) for key, entry in held.items()})
     except InputError as error:
         raise InputError(f"{path}: {error}; give the truth of a recording of that model") from None
-    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         raise InputError(
             f"{path}: cannot be read as the truth of a simulation; name the F.truth.json that "
             "`pilotid simulate` wrote"

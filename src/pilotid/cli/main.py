@@ -84,16 +84,13 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 
 @contextmanager
 def _warnings_as_sentences() -> Iterator[None]:
-    """Let a plug-in that is left out cost a line and nothing else."""
+    """Let a warning cost a line and nothing else: that of a plug-in that is left out, too."""
     with warnings.catch_warnings():
         warnings.simplefilter("always", PluginWarning)
-        usual = warnings.showwarning
 
-        def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
-            if issubclass(category, PluginWarning):
-                sys.stderr.write(f"pilotid: {one_line(str(message))}\n")
-            else:
-                usual(message, category, *where, **more)
+        def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+            kind = "" if issubclass(category, PluginWarning) else f"{category.__name__}: "
+            sys.stderr.write(f"pilotid: {kind}{one_line(str(message))}\n")
 
         warnings.showwarning = show
         yield

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
 import time
+import traceback
 from dataclasses import replace
 from typing import Protocol
 
@@ -17,6 +19,9 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
 from pilotid.recordings.recording import Recording
 from pilotid.types import InputError
+
+#: The environment variable that asks for tracebacks of methods that raise.
+TRACEBACK = "PILOTID_TRACEBACK"
 
 
 class Method(Protocol):
@@ -60,6 +65,8 @@ def identify(
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # code of others may raise anything, SystemExit as well
+        if os.environ.get(TRACEBACK):
+            traceback.print_exc()
         estimate = failed(name, model, *_outcome_of(error))
     seconds = float("nan") if begin is None else time.perf_counter() - begin
     return replace(

@@ -10,6 +10,7 @@ A user's own factor is any object with the members of `Factor`; it may offer tho
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
@@ -68,6 +69,16 @@ class Parameter:
     last: bool = False
 
     def __post_init__(self) -> None:
+        if not re.fullmatch(r"[^\W\d_]\w{0,39}", self.key):
+            raise ValueError(
+                f"parameter {self.key!r}: the key must be a letter, followed by letters, digits "
+                "and underscores"
+            )
+        if not (self.unit.isprintable() and len(self.unit) <= 40 and "$" not in self.unit):
+            raise ValueError(
+                f"parameter {self.key}: the unit {self.unit!r} must be at most 40 printable "
+                "characters without $"
+            )
         if not self.lower < self.start < self.upper:
             raise ValueError(
                 f"parameter {self.key}: the start {self.start:g} must lie strictly inside "

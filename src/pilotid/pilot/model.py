@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -40,6 +41,11 @@ class Channel:
     factors: tuple[Factor, ...]
 
     def __post_init__(self) -> None:
+        if not re.fullmatch(r"[\w .+-]{1,40}", self.name):
+            raise ValueError(
+                f"channel {self.name!r}: the name must be letters, digits, blanks and . + -, 40 at "
+                "most"
+            )
         if self.input not in get_args(Input):
             raise ValueError(
                 f"channel {self.name}: the input must be one of {', '.join(get_args(Input))}, "

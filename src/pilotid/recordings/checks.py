@@ -14,18 +14,22 @@ import numpy as np
 
 from pilotid.recordings.lines import NotMultisineError, forcing_lines
 from pilotid.recordings.recording import Recording
-from pilotid.types import BoolArray, FloatArray
+from pilotid.recordings.repetition import repeated
+from pilotid.types import BoolArray, ComplexArray, FloatArray, IntArray
 
 IDENTITY = 0.01  # rms of e - (ft - x) over that of e; recordings reach 3e-6
 STILL = 1e-9  # standard deviation over the size of the signal: it does not move
 LONGEST_HOLD = {"e": 0.3, "x": 8.0, "u": 10.0}  # seconds; pilots rest on a breakout for 6.5
+SPIKE = 100.0  # times the usual size; a control after steps reaches 27, pilots 8
 AT_EXTREME = 0.15  # share of the samples at the largest or smallest value; pilots reach .044
 DRIFT = 2.5  # of the control over the run, in standard deviations of what is left, at 82 s
 BLOCK = 5.0  # seconds whose mean is one observation of an offset
 OFFSET = 4.0  # standard errors of the mean; simulations stay below 1, pilots below 1.4
-REPEATED = 0.5  # seconds of a signal that recur to the last digit
-VALUES = 20  # different values that such a stretch must have: rest and saturation do recur
 SHOWN = 0.5  # share of the target's fast lines that the error must show
+FEWEST = 5  # lines of a target that tell which signal is which
+#: How much later than x the control may seem [s], up to when it is looked for, and by how much
+#: smoother the phase must be then, of 1 at the most.  Sound recordings show 0.02 s at the most.
+LATE, LATEST, SMOOTHER = 0.1, 3.0, 0.3
 BESIDE = 8  # bins beside a line that tell leakage and noise in it
 
 
@@ -38,8 +42,30 @@ def remarks(recording: Recording) -> tuple[str, ...]:
 def motionless(recording: Recording, name: str) -> bool:
     """Whether a signal does not move in the measurement window of any run."""
     window = recording.window(getattr(recording, name))
-    size = max(float(np.max(np.abs(getattr(recording, n)))) for n in ("e", "x") + (name,))
+    # By what they usually are: one spike would make all else look still.
+    size = max(_usual(recording, n) for n in ("e", "x", name))
     return bool(np.all(np.std(window, axis=1) <= STILL * size))
+
+
+def _usual(recording: Recording, name: str) -> float:
+    """Root mean square of a signal without the largest hundredth of its samples."""
+    square = np.sort(recording.window(getattr(recording, name)) ** 2, axis=None)
+    return float(np.sqrt(np.mean(square[: max(1, round(0.99 * square.size))])))
+
+
+def _spikes(recording: Recording) -> str | None:
+    """A sample far beyond all others is a code for a missing value, or a fault."""
+    for name in ("e", "u", "x"):
+        window = np.abs(recording.window(getattr(recording, name)))
+        usual = _usual(recording, name)
+        run, sample = divmod(int(np.argmax(window)), window.shape[1])
+        if usual > 0.0 and window[run, sample] > SPIKE * usual:
+            return (
+                f"{name} is {window[run, sample]:.3g} at t = {sample * recording.dt:.4g} s of run "
+                f"{run + 1}, {window[run, sample] / usual:.2g} times its usual size: a code for a "
+                "missing value or a fault; repair it or leave that part out"
+            )
+    return None
 
 
 def _still(recording: Recording) -> str | None:
@@ -82,30 +108,71 @@ def _identity(recording: Recording) -> str | None:
 
 def _swapped(recording: Recording) -> str | None:
     """A loop cannot follow the fast lines of a target, so that the error shows all of them."""
-    try:
-        lines = forcing_lines(recording)
-    except NotMultisineError:
+    lines = _target_lines(recording)
+    if lines is None or recording.ft is None:
         return None
-    if recording.ft is None or lines.get("ft", np.zeros(0)).size < 4:
-        return None
-    fast = lines["ft"][lines["ft"].size // 2 :]
-    error = np.fft.rfft(recording.window(recording.e))
+    fast = lines[lines.size // 2 :]
+    error, noise = _at_lines(recording, recording.e, fast)
     target = np.fft.rfft(recording.window(recording.ft))[:, fast]
-    # What transients leak is smooth in frequency, so that the bins beside a line tell it.
-    every = np.concatenate(list(lines.values()))
-    between = np.setdiff1d(np.arange(1, error.shape[1]), every)
-    nearest = np.argsort(np.abs(between - fast[:, None]), axis=1, kind="stable")[:, :BESIDE]
-    beside = error[:, between[nearest]]
-    own = error[:, fast] - beside.mean(axis=2)
-    noise = np.mean(np.var(beside, axis=2), axis=0) + 1e-12 * np.max(np.abs(error)) ** 2
     weight = np.abs(target) ** 2 / noise
-    shown = float(np.sum(weight * np.real(own / target)) / np.sum(weight))
+    shown = float(np.sum(weight * np.real(error / target)) / np.sum(weight))
     if shown >= SHOWN:
         return None
     return (
         f"e shows {100.0 * shown:.0f} % of the fast lines of the target, which no loop follows: e "
         "and x seem to be exchanged; correct the names with --map e=x,x=e"
     )
+
+
+def _late(recording: Recording) -> str | None:
+    """The output answers to the control, not before it: their phase does not grow with frequency.
+
+    At the target's lines x is the controlled element's answer to u alone.  Of all times the one
+    sought makes the phase from line to line the smoothest.
+    """
+    lines = _target_lines(recording)
+    if lines is None:
+        return None
+    control, output = (_at_lines(recording, s, lines)[0] for s in (recording.u, recording.x))
+    ratio = np.sum(output * control.conj(), axis=0)
+    turns = ratio[1:] * ratio[:-1].conj()
+    if not np.abs(turns).all():
+        return None
+    times = np.arange(-LATEST, LATEST, 0.02)
+    apart = 2.0 * np.pi * np.diff(lines) / recording.duration
+    smooth = np.real(np.exp(-1j * np.outer(times, apart)) @ (turns / np.abs(turns))) / turns.size
+    best = int(np.argmax(smooth))
+    if times[best] <= LATE or smooth[best] - np.interp(0.0, times, smooth) < SMOOTHER:
+        return None
+    return (
+        f"u is recorded {times[best]:.2g} s after x has answered to it: the two are shifted in "
+        "time; bring them together"
+    )
+
+
+def _target_lines(recording: Recording) -> IntArray | None:
+    """The target's lines, None where there are too few of them to tell anything."""
+    try:
+        lines = forcing_lines(recording).get("ft")
+    except NotMultisineError:
+        return None
+    return lines if lines is not None and lines.size >= FEWEST else None
+
+
+def _at_lines(
+    recording: Recording, signal: FloatArray, lines: IntArray
+) -> tuple[ComplexArray, FloatArray]:
+    """Transforms of a signal at lines, shape (runs, lines), and the power of the noise there.
+
+    What transients leak is smooth in frequency, so that the bins beside a line tell it.
+    """
+    spectrum = np.fft.rfft(recording.window(signal))
+    every = np.concatenate(list(forcing_lines(recording).values()))
+    between = np.setdiff1d(np.arange(1, spectrum.shape[1]), every)
+    nearest = np.argsort(np.abs(between - lines[:, None]), axis=1, kind="stable")[:, :BESIDE]
+    beside = spectrum[:, between[nearest]]
+    noise = np.mean(np.var(beside, axis=2), axis=0) + 1e-12 * np.max(np.abs(spectrum)) ** 2
+    return spectrum[:, lines] - beside.mean(axis=2), noise
 
 
 def _held(recording: Recording) -> str | None:
@@ -175,45 +242,6 @@ def _offset(recording: Recording) -> str | None:
     )
 
 
-def _repeated(recording: Recording) -> str | None:
-    """Noise does not come twice: a stretch that does was copied."""
-    length = round(REPEATED / recording.dt)
-    window = recording.window(recording.u)
-    if window.shape[1] <= length:
-        return None
-    prints = np.concatenate([_fingerprints(row, length) for row in window])
-    places = window.shape[1] - length + 1
-    changes = np.cumsum(np.diff(window, axis=1, prepend=window[:, :1]) != 0.0, axis=1)
-    lively = (changes[:, length - 1 :] - changes[:, :places]).ravel() >= VALUES - 1
-    order = np.argsort(prints, kind="stable")
-    same = (prints[order][1:] == prints[order][:-1]) & lively[order][1:]
-    pairs = np.stack([order[:-1][same], order[1:][same]], axis=1)
-    for first, second in pairs[np.argsort(pairs[:, 0], kind="stable")].tolist():
-        (run, a), (again, b) = divmod(first, places), divmod(second, places)
-        stretch = window[run, a : a + length]
-        if np.unique(stretch).size < VALUES:
-            continue
-        if np.array_equal(stretch, window[again, b : b + length]):
-            return (
-                f"u from t = {a * recording.dt:.4g} s on in run {run + 1} comes again, to "
-                f"the last digit, from t = {b * recording.dt:.4g} s on in run {again + 1}: "
-                "a part was recorded or copied twice; leave it out"
-            )
-    return None
-
-
-def _fingerprints(row: FloatArray, length: int) -> np.ndarray[tuple[int], np.dtype[np.uint64]]:
-    """A number for every stretch of that length, equal for equal stretches (Rabin and Karp)."""
-    bits = np.ascontiguousarray(row + 0.0).view(np.uint64)  # + 0.0: no negative zero
-    base = np.uint64(0x9E3779B97F4A7C15)
-    inverse = np.uint64(pow(int(base), -1, 2**64))
-    with np.errstate(over="ignore"):  # arithmetic modulo 2^64 is exact
-        powers = np.cumprod(np.full(row.size + 1, base, dtype=np.uint64))
-        inverses = np.cumprod(np.full(row.size, inverse, dtype=np.uint64))
-        sums = np.concatenate([np.zeros(1, dtype=np.uint64), np.cumsum(bits * inverses)])
-        return np.asarray((sums[length:] - sums[:-length]) * powers[: row.size - length + 1])
-
-
 def _orthonormal(columns: Sequence[FloatArray]) -> FloatArray:
     """A basis of what the columns span, shape (samples, dimensions)."""
     table = np.stack([c / (np.linalg.norm(c) or 1.0) for c in columns], axis=1)
@@ -241,11 +269,13 @@ def _centred(signal: FloatArray) -> FloatArray:
 
 #: All checks, the gravest first.
 CHECKS: tuple[Callable[[Recording], str | None], ...] = (
+    _spikes,
     _still,
     _names,
+    _late,
     _held,
     _clipped,
     _drifting,
     _offset,
-    _repeated,
+    repeated,
 )
