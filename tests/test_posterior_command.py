@@ -58,6 +58,15 @@ def test_the_command_writes_draws_summary_and_figures(run: Run, tmp_path: Path) 
     assert not [path for path in out.iterdir() if path.name.endswith(".part")]
 
 
+def test_what_is_wrong_with_a_recording_is_told(run: Run, tmp_path: Path) -> None:
+    still = tmp_path / "still.csv"
+    save_recording(replace(RECORDING, e=np.zeros_like(RECORDING.e)), still)
+    printed = run("posterior", still, "--out", tmp_path / "out")
+    assert printed.status == 0
+    assert "e does not move, so that the visual channel has no input" in printed.out
+    assert "recording: e does not move: map it" in printed.out
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [

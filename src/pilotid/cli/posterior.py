@@ -6,12 +6,16 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+from pilotid.estimates.estimate import Outcome, failed
 from pilotid.estimates.fitted import Fitted
+from pilotid.estimates.method import motionless_input
+from pilotid.estimates.remarks import remarks_on
 from pilotid.methods.bayes import Bayes
 from pilotid.pilot.element import ControlledElement, parsed_element
 from pilotid.pilot.model import PilotModel
 from pilotid.posterior.derived import derived_spreads, parameter_spreads
 from pilotid.posterior.predictive import predictive_band
+from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import fit_rng
 from pilotid.show.posterior import print_posterior, sampling_bar, write_posterior
@@ -45,12 +49,19 @@ def infer(
     if white:
         method = replace(method, likelihood="white", band=None)
     rng = fit_rng(seed, method.name)
+    told = remarks(recording)
+    objection = motionless_input(recording, model)
+    if objection:
+        nothing = failed(method.name, model, Outcome.NOT_APPLICABLE, objection)
+        print_posterior(Fitted(recording, model, (nothing,), told), [], [], None)
+        return
     method.objection(recording, model)  # imports emcee before the run is timed
     begin = time.perf_counter()
     with sampling_bar() as watch:
         estimate, likelihood = method.infer(recording, model, rng, watch)
     estimate = replace(estimate, seconds=time.perf_counter() - begin)
-    fit = Fitted(recording, model, (estimate,))
+    estimate = replace(estimate, remarks=remarks_on(estimate))
+    fit = Fitted(recording, model, (estimate,), told)
     draws = estimate.draws
     if draws is None:
         print_posterior(fit, [], [], None)

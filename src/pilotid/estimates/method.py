@@ -53,7 +53,7 @@ def identify(
 
     name, begin = method.name, None
     try:
-        objection = _motionless_input(recording, model) or method.objection(recording, model)
+        objection = motionless_input(recording, model) or method.objection(recording, model)
         if objection:
             why = one_line(str(objection))
             return failed(name, model, Outcome.NOT_APPLICABLE, why)
@@ -77,7 +77,7 @@ def identify(
     )
 
 
-def _motionless_input(recording: Recording, model: PilotModel) -> str | None:
+def motionless_input(recording: Recording, model: PilotModel) -> str | None:
     """Why no method can identify a model: one of its channels has nothing to act on."""
     for channel in model.channels:
         name = {"error": "e", "output": "x"}[channel.input]

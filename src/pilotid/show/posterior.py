@@ -102,6 +102,8 @@ def print_posterior(
     if predictive is not None:
         share = f"{100.0 * predictive.inside:.1f} % of the recorded control lies inside"
         console.print(f"{share} the 95 % posterior predictive band", soft_wrap=True)
+    for warning in fit.warnings:
+        console.print(warning, style="yellow", soft_wrap=True)
     for note in notes:
         console.print(note, soft_wrap=True)
 
