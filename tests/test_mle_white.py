@@ -11,7 +11,7 @@ import pytest
 from helpers import NOMINAL, fit_of, leading_recording, monte_carlo, recording_of, without_remnant
 from scipy.signal import lsim
 
-from pilotid.datasets import scenario_named
+from pilotid.datasets import scenario_named, simulate
 from pilotid.estimates.estimate import Outcome
 from pilotid.estimates.method import identify
 from pilotid.methods.mle_white import MLEWhite
@@ -166,3 +166,19 @@ def assert_equal_response(
     pulse = pulse_response(rational, dt, signal.size, hold)
     actual = np.convolve(pulse, signal)[: signal.size]
     assert actual == pytest.approx(expected, abs=1e-6 * float(np.abs(expected).max()))
+
+
+def test_an_estimator_without_bounds_says_where_no_pilot_is() -> None:
+    recording = simulate(NOMINAL, np.random.default_rng(1))
+    (delay,) = (p for p in MULTI.parameters if p.key == "tdvis")
+    short = replace(delay, upper=0.2, start=0.15, usual=(0.1, 0.2))
+    estimate, free = (
+        identify(MMLE3(), recording, model, np.random.default_rng(1))
+        for model in (replace(MULTI, overrides=(short,)), MULTI)
+    )
+    assert free.remarks == ()
+    found = estimate["tdvis"].value
+    assert found == pytest.approx(free["tdvis"].value, rel=0.05)
+    assert estimate.remarks == (
+        f"tdvis = {found:.3g} lies outside 0 to 0.2, where no pilot is: give another --start",
+    )
