@@ -59,8 +59,8 @@ def infer(
     begin = time.perf_counter()
     with sampling_bar() as watch:
         estimate, likelihood = method.infer(recording, model, rng, watch)
-    estimate = replace(estimate, seconds=time.perf_counter() - begin)
-    estimate = replace(estimate, remarks=remarks_on(estimate))
+    seconds = time.perf_counter() - begin
+    estimate = replace(estimate, seconds=seconds, remarks=remarks_on(estimate))
     fit = Fitted(recording, model, (estimate,), told)
     draws = estimate.draws
     if draws is None:

@@ -17,7 +17,7 @@ from pilotid.estimates.sound import fault_of, one_line
 from pilotid.naming.code import reason
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
-from pilotid.recordings.recording import Recording
+from pilotid.recordings.recording import INPUTS, Recording
 from pilotid.types import InputError
 
 #: The environment variable that asks for tracebacks of methods that raise.
@@ -80,7 +80,7 @@ def identify(
 def motionless_input(recording: Recording, model: PilotModel) -> str | None:
     """Why no method can identify a model: one of its channels has nothing to act on."""
     for channel in model.channels:
-        name = {"error": "e", "output": "x"}[channel.input]
+        name = INPUTS[channel.input]
         if motionless(recording, name):
             return f"{name} does not move, so that the {channel.name} channel has no input"
     return None

@@ -43,7 +43,7 @@ def motionless(recording: Recording, name: str) -> bool:
     """Whether a signal does not move in the measurement window of any run."""
     window = recording.window(getattr(recording, name))
     # By what they usually are: one spike would make all else look still.
-    size = max(_usual(recording, n) for n in ("e", "x", name))
+    size = max(_usual(recording, n) for n in {"e", "x", name})
     return bool(np.all(np.std(window, axis=1) <= STILL * size))
 
 
@@ -108,11 +108,11 @@ def _identity(recording: Recording) -> str | None:
 
 def _swapped(recording: Recording) -> str | None:
     """A loop cannot follow the fast lines of a target, so that the error shows all of them."""
-    lines = _target_lines(recording)
+    lines = _lines(recording)
     if lines is None or recording.ft is None:
         return None
-    fast = lines[lines.size // 2 :]
-    error, noise = _at_lines(recording, recording.e, fast)
+    fast = lines["ft"][lines["ft"].size // 2 :]
+    error, noise = _at_lines(recording, recording.e, fast, lines)
     target = np.fft.rfft(recording.window(recording.ft))[:, fast]
     weight = np.abs(target) ** 2 / noise
     shown = float(np.sum(weight * np.real(error / target)) / np.sum(weight))
@@ -130,10 +130,13 @@ def _late(recording: Recording) -> str | None:
     At the target's lines x is the controlled element's answer to u alone.  Of all times the one
     sought makes the phase from line to line the smoothest.
     """
-    lines = _target_lines(recording)
-    if lines is None:
+    every = _lines(recording)
+    if every is None:
         return None
-    control, output = (_at_lines(recording, s, lines)[0] for s in (recording.u, recording.x))
+    lines = every["ft"]
+    control, output = (
+        _at_lines(recording, signal, lines, every)[0] for signal in (recording.u, recording.x)
+    )
     ratio = np.sum(output * control.conj(), axis=0)
     turns = ratio[1:] * ratio[:-1].conj()
     if not np.abs(turns).all():
@@ -150,25 +153,25 @@ def _late(recording: Recording) -> str | None:
     )
 
 
-def _target_lines(recording: Recording) -> IntArray | None:
-    """The target's lines, None where there are too few of them to tell anything."""
+def _lines(recording: Recording) -> dict[str, IntArray] | None:
+    """Lines of the forcing functions, None where the target's are too few to tell anything."""
     try:
-        lines = forcing_lines(recording).get("ft")
+        lines = forcing_lines(recording)
     except NotMultisineError:
         return None
-    return lines if lines is not None and lines.size >= FEWEST else None
+    return lines if "ft" in lines and lines["ft"].size >= FEWEST else None
 
 
 def _at_lines(
-    recording: Recording, signal: FloatArray, lines: IntArray
+    recording: Recording, signal: FloatArray, lines: IntArray, every: dict[str, IntArray]
 ) -> tuple[ComplexArray, FloatArray]:
     """Transforms of a signal at lines, shape (runs, lines), and the power of the noise there.
 
     What transients leak is smooth in frequency, so that the bins beside a line tell it.
     """
     spectrum = np.fft.rfft(recording.window(signal))
-    every = np.concatenate(list(forcing_lines(recording).values()))
-    between = np.setdiff1d(np.arange(1, spectrum.shape[1]), every)
+    forced = np.concatenate(list(every.values()))
+    between = np.setdiff1d(np.arange(1, spectrum.shape[1]), forced)
     nearest = np.argsort(np.abs(between - lines[:, None]), axis=1, kind="stable")[:, :BESIDE]
     beside = spectrum[:, between[nearest]]
     noise = np.mean(np.var(beside, axis=2), axis=0) + 1e-12 * np.max(np.abs(spectrum)) ** 2

@@ -10,9 +10,8 @@ Source: "MAT-File Format", The MathWorks; level 5.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -21,12 +20,10 @@ from pilotid.recordings.mat_variables import (
     DEEPEST,
     LONGEST_TEXT,
     MOST_ARRAYS,
-    Budget,
     Chosen,
     DamagedError,
     Value,
-    chosen,
-    collected,
+    Variables,
 )
 from pilotid.types import InputError
 
@@ -58,7 +55,7 @@ class _Head:
         return self.array_class == STRUCT and math.prod(self.shape) == 1
 
 
-class MatV5:
+class MatV5(Variables):
     """A MATLAB v5 file.
 
     Parameters
@@ -74,19 +71,7 @@ class MatV5:
         When anything is read, if the file is damaged or exceeds a limit.
     """
 
-    def __init__(self, path: Path, source: str) -> None:
-        self._path, self._source = path, source
-        self._budget = Budget()
-
-    def names(self, deep: bool) -> list[str]:
-        return [name for name, _ in self._walked(lambda name: False, lambda name: deep)]
-
-    def read(self, names: Collection[str], struct: str) -> dict[str, Value]:
-        wanted, entered = chosen(names, struct)
-        return collected(self._walked(wanted, entered), wanted, self._source)
-
-    def _walked(self, wanted: Chosen, entered: Chosen) -> Iterator[tuple[str, Value]]:
-        """All variables by name, with the values of the wanted ones."""
+    def walked(self, wanted: Chosen, entered: Chosen) -> Iterator[tuple[str, Value]]:
         size = self._path.stat().st_size
         with self._path.open("rb") as file:
             little = file.read(FILE_HEADER)[-2:] == b"IM"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +18,10 @@ from numpy.typing import NDArray
 from pilotid.recordings.mat_variables import (
     DEEPEST,
     LONGEST_TEXT,
-    Budget,
     Chosen,
     DamagedError,
     Value,
-    chosen,
-    collected,
+    Variables,
 )
 from pilotid.recordings.names import MOST_VALUES
 from pilotid.types import InputError
@@ -34,7 +32,7 @@ Array = NDArray[np.generic]
 LONGEST_CLASS = 100  # bytes
 
 
-class MatV73:
+class MatV73(Variables):
     """A MATLAB v7.3 file.
 
     Parameters
@@ -59,18 +57,10 @@ class MatV73:
                 f"{source}: is a MATLAB v7.3 file; save it with save -v7, or install "
                 "pilotid[matlab]"
             ) from None
+        super().__init__(path, source)
         self._h5py: Any = h5py
-        self._path, self._source = path, source
-        self._budget = Budget()
 
-    def names(self, deep: bool) -> list[str]:
-        return [name for name, _ in self._walked(lambda name: False, lambda name: deep)]
-
-    def read(self, names: Collection[str], struct: str) -> dict[str, Value]:
-        wanted, entered = chosen(names, struct)
-        return collected(self._walked(wanted, entered), wanted, self._source)
-
-    def _walked(self, wanted: Chosen, entered: Chosen) -> Iterator[tuple[str, Value]]:
+    def walked(self, wanted: Chosen, entered: Chosen) -> Iterator[tuple[str, Value]]:
         try:
             with self._h5py.File(self._path, "r") as file:
                 yield from self._group(file, "", wanted, entered)

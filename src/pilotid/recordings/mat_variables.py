@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable
-from typing import Protocol
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection, Iterable, Iterator
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,24 +51,6 @@ class Budget:
             raise DamagedError(f"more than {MOST_VALUES} values, too many for a recording")
 
 
-class Variables(Protocol):
-    """The variables of a file.
-
-    Each call may raise an `InputError`, if the file is damaged or exceeds a limit.
-    """
-
-    def names(self, deep: bool) -> list[str]:
-        """Names of all variables but structs; with `deep` also, dotted, of those inside structs."""
-        ...
-
-    def read(self, names: Collection[str], struct: str) -> dict[str, Value]:
-        """The variables of some names, and everything inside the struct of some name.
-
-        Arrays come without dimensions of size 1.
-        """
-        ...
-
-
 def chosen(names: Collection[str], struct: str) -> tuple[Chosen, Chosen]:
     """Which variables to read and which structs to enter, for some names and a whole struct."""
 
@@ -97,3 +80,37 @@ def collected(found: Iterable[tuple[str, Value]], wanted: Chosen, source: str) -
                 )
             values[name] = value
     return values
+
+
+class Variables(ABC):
+    """The variables of a file; a format says in `walked` how they are found.
+
+    Each call may raise an `InputError`, if the file is damaged or exceeds a limit.
+
+    Parameters
+    ----------
+    path
+        The file.
+    source
+        Its name in messages.
+    """
+
+    def __init__(self, path: Path, source: str) -> None:
+        self._path, self._source = path, source
+        self._budget = Budget()
+
+    @abstractmethod
+    def walked(self, wanted: Chosen, entered: Chosen) -> Iterator[tuple[str, Value]]:
+        """All variables by name, with the values of the wanted ones."""
+
+    def names(self, deep: bool) -> list[str]:
+        """Names of all variables but structs; with `deep` also, dotted, of those inside structs."""
+        return [name for name, _ in self.walked(lambda name: False, lambda name: deep)]
+
+    def read(self, names: Collection[str], struct: str) -> dict[str, Value]:
+        """The variables of some names, and everything inside the struct of some name.
+
+        Arrays come without dimensions of size 1.
+        """
+        wanted, entered = chosen(names, struct)
+        return collected(self.walked(wanted, entered), wanted, self._source)

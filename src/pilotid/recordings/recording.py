@@ -19,6 +19,8 @@ SIGNALS = {
     "ft": "target forcing function",
     "fd": "disturbance forcing function",
 }
+#: The signal that a channel with each input acts on.
+INPUTS = {"error": "e", "output": "x"}
 SHORTEST = 10.0  # seconds of measurement window that an identification needs
 COARSEST = 0.1  # seconds between samples: half that rate is just above the pilot's band
 LARGEST = 1e100  # of a signal in any unit; squares and their sums must not overflow
@@ -192,7 +194,8 @@ class Recording:
 
     def input(self, name: str) -> FloatArray:
         """The signal that a channel with this input acts on: ``error`` or ``output``."""
-        return {"error": self.e, "output": self.x}[name]
+        signal: FloatArray = getattr(self, INPUTS[name])
+        return signal
 
     def window(self, signal: FloatArray) -> FloatArray:
         """The part of a signal inside the measurement window, shape (runs, samples)."""
