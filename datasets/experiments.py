@@ -8,8 +8,7 @@ import numpy as np
 
 from pilotid.datasets.forcing import Multisine, Steps
 from pilotid.datasets.scenarios import Scenario
-from pilotid.datasets.simulation import closed_loop, white_level
-from pilotid.pilot.loops import pilot_on
+from pilotid.datasets.simulation import closed_loop, remnant_shaping, white_level
 from pilotid.theory.experiment import Circulation, Experiment, gradient_of
 from pilotid.types import ComplexArray, FloatArray, InputError
 
@@ -68,13 +67,10 @@ def _inputs(scenario: Scenario, omega: FloatArray, cause: str) -> tuple[ComplexA
 
 def _circulation(scenario: Scenario, level: float, omega: FloatArray) -> Circulation:
     remnant = scenario.remnant
-    shaping = level * remnant.filter(omega)
-    if remnant.enters == "error":
-        shaping = shaping * pilot_on(scenario.model, omega, scenario.values)[0]
+    shaping = level * remnant_shaping(scenario, omega)
     error, output = _inputs(scenario, omega, "remnant")
-    names = ((), ("frequency",), ("frequency", "damping"), ("frequency", "damping"))
-    slopes = np.zeros((len(names[remnant.order]), omega.size))
-    for slope, name in zip(slopes, names[remnant.order], strict=True):
+    slopes = np.zeros((len(remnant.shaped_by), omega.size))
+    for slope, name in zip(slopes, remnant.shaped_by, strict=True):
         step = 1e-5 * getattr(remnant, name)
         ahead, behind = (
             replace(remnant, **{name: getattr(remnant, name) + h}).filter(omega)

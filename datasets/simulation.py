@@ -15,6 +15,7 @@ import numpy as np
 from pilotid.datasets.forcing import Forcing, Multisine, Response
 from pilotid.datasets.remnant import UNIT_LEVEL
 from pilotid.datasets.scenarios import Scenario
+from pilotid.pilot.factors import Neuromuscular
 from pilotid.pilot.loops import margins, pilot_on, unstable_poles
 from pilotid.recordings.recording import Recording
 from pilotid.types import ComplexArray, FloatArray, InputError
@@ -68,6 +69,29 @@ def require_stable(scenario: Scenario) -> None:
     )
 
 
+def remnant_shaping(scenario: Scenario, omega: FloatArray) -> ComplexArray:
+    """What makes the remnant at the control of white noise, shape (n,)."""
+    shaping = scenario.remnant.filter(omega)
+    match scenario.remnant.enters:
+        case "error":
+            return shaping * pilot_on(scenario.model, omega, scenario.values)[0]
+        case "neuromuscular":
+            return shaping * _neuromuscular(scenario, omega)
+    return shaping
+
+
+def _neuromuscular(scenario: Scenario, omega: FloatArray) -> ComplexArray:
+    values = dict(zip(scenario.model.keys, scenario.values, strict=True))
+    for factor in (f for channel in scenario.model.channels for f in channel.factors):
+        if isinstance(factor, Neuromuscular):
+            own = [np.array([values[p.key]]) for p in factor.parameters]
+            return np.asarray(factor.response(np.asarray(1j * omega, dtype=complex), own))
+    raise InputError(
+        f"scenario {scenario.name}: the remnant cannot enter before the neuromuscular system, "
+        f"since model {scenario.model.name} has none"
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class _Prepared:
     """What all recordings of a scenario share."""
@@ -102,9 +126,7 @@ def _prepared(scenario: Scenario) -> _Prepared:
     grid = 2 * next_fast_len(samples, real=True)
     omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(grid, scenario.dt), dtype=float)
     loop = closed_loop(scenario, omega)
-    shaping = scenario.remnant.filter(omega)
-    if scenario.remnant.enters == "error":
-        shaping = shaping * pilot_on(scenario.model, omega, scenario.values)[0]
+    shaping = remnant_shaping(scenario, omega)
 
     u_forced, x_forced = np.zeros(samples), np.zeros(samples)
     for forcing, u_name, x_name in (
@@ -201,7 +223,7 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> Recording:
     """
     shared = _prepared(scenario)
     samples = shared.time.size
-    noise = shared.level * rng.standard_normal((scenario.runs, shared.grid))
+    noise = shared.level * scenario.remnant.white_noise(rng, (scenario.runs, shared.grid))
     spectrum = np.fft.rfft(noise) * shared.remnant_to_n
     u = shared.u_forced + np.fft.irfft(spectrum * shared.loop.u_of_remnant)[:, :samples]
     x = shared.x_forced + np.fft.irfft(spectrum * shared.loop.x_of_remnant)[:, :samples]

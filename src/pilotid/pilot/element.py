@@ -81,6 +81,13 @@ def integrator_with_lag(gain: float, break_frequency: float) -> ControlledElemen
     )
 
 
+def second_order(gain: float, frequency: float, damping: float) -> ControlledElement:
+    """K/(s^2 + 2 z w s + w^2), with its natural frequency w in rad/s and its damping z."""
+    bottom = (1.0, 2.0 * damping * frequency, frequency**2)
+    name = f"{gain:g}/(s^2+{bottom[1]:g}s+{bottom[2]:g})"
+    return ControlledElement((gain,), bottom, name=name)
+
+
 def from_control(system: control.TransferFunction, delay: float = 0.0) -> ControlledElement:
     """Any continuous single-input single-output transfer function of python-control."""
     if not system.issiso() or (system.dt not in (0, None)):
