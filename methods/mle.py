@@ -22,10 +22,13 @@ from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_of
-from pilotid.solve.intervals import profile_intervals
+from pilotid.solve.intervals import Profile, profile_intervals
 from pilotid.time_domain.conclusion import concluded
-from pilotid.time_domain.maximum_likelihood import maximise_likelihood
+from pilotid.time_domain.maximum_likelihood import Maximum, maximise_likelihood
 from pilotid.time_domain.settings import LikelihoodSettings
+
+#: How often a profile that comes upon a better optimum moves the estimate there.
+MOVES = 3
 
 
 @dataclass(frozen=True)
@@ -57,15 +60,21 @@ class MLE(LikelihoodSettings):
             Draws the other starts.
         """
         found = maximise_likelihood(recording, model, rng, self)
+        profile = _profile(found)
+        for _ in range(MOVES):
+            if profile is None or profile.better is None:
+                break
+            found = found.moved(profile.better)
+            profile = _profile(found)
         joint, end = found.joint, found.end
         values, gram = end.values[0], end.gram[0]
         pilot = slice(joint.pilot)
-        covariance = covariance_of(gram[:-1, :-1], found.variance)
-        shapeless = covariance is None
+        variance = found.variance * found.widened
+        covariance = covariance_of(gram[:-1, :-1], variance)
         if covariance is None:
             # A remnant without a shape (next to none, or white) leaves its own parameters
             # open, but not the pilot's.
-            covariance = covariance_of(gram[pilot, pilot], found.variance)
+            covariance = covariance_of(gram[pilot, pilot], variance)
         if covariance is None:
             return failed(self.name, model, Outcome.SINGULAR)
         estimate = concluded(
@@ -76,12 +85,25 @@ class MLE(LikelihoodSettings):
             covariance[pilot, pilot],
             converged=bool(end.converged[0]),
         )
-        if not shapeless:
-            freedom = joint.residuals - len(values)
-            intervals = profile_intervals(
-                joint.gram, joint, end, found.variance, joint.pilot, estimated=freedom
-            )
-            estimate = replace(estimate, intervals=intervals)
+        if profile is not None:
+            estimate = replace(estimate, intervals=profile.intervals)
         return replace(
             estimate, iterations=found.iterations, starts=found.starts, remnant=found.remnant
         )
+
+
+def _profile(found: Maximum) -> Profile | None:
+    """Profile-likelihood intervals; None where the remnant has no shape."""
+    joint, end = found.joint, found.end
+    if covariance_of(end.gram[0, :-1, :-1], found.variance) is None:
+        return None
+    freedom = joint.residuals - int(end.values.shape[1])
+    return profile_intervals(
+        joint.gram,
+        joint,
+        end,
+        found.variance,
+        joint.pilot,
+        estimated=freedom,
+        widened=found.widened,
+    )

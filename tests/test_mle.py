@@ -78,12 +78,14 @@ def test_profile_intervals_of_a_linear_problem_are_the_quadratic_ones() -> None:
     minimum = minimise(gram, np.zeros((1, 2)), Plane(), tolerance=1e-14)
     inverse = np.diag(np.linalg.inv(jacobian @ jacobian.T))
     variance = minimum.cost[0] / 398.0
-    unknown = profile_intervals(gram, Plane(), minimum, variance, 2, estimated=398, tolerance=1e-6)
+    unknown = profile_intervals(
+        gram, Plane(), minimum, variance, 2, estimated=398, tolerance=1e-6
+    ).intervals
     # The likelihood of an unknown variance: freedom * log(cost / lowest) = chi-squared.
     reach = np.sqrt(minimum.cost[0] * np.expm1(CHI_SQUARED_95 / 398.0) * inverse)
     np.testing.assert_allclose(unknown[:, 0], minimum.values[0] - reach, rtol=1e-6)
     np.testing.assert_allclose(unknown[:, 1], minimum.values[0] + reach, rtol=1e-6)
-    known = profile_intervals(gram, Plane(), minimum, 1.0, 2, tolerance=1e-6)
+    known = profile_intervals(gram, Plane(), minimum, 1.0, 2, tolerance=1e-6).intervals
     reach = np.sqrt(CHI_SQUARED_95 * inverse)
     np.testing.assert_allclose(known[:, 0], minimum.values[0] - reach, rtol=1e-6)
     np.testing.assert_allclose(known[:, 1], minimum.values[0] + reach, rtol=1e-6)
@@ -95,7 +97,7 @@ def test_profile_intervals_end_where_the_profile_likelihood_does() -> None:
     minimum = minimise(joint.gram, start, joint, tolerance=1e-10)
     freedom = joint.residuals - 9
     variance = minimum.cost[0] / freedom
-    found = profile_intervals(joint.gram, joint, minimum, variance, 7, estimated=freedom)
+    found = profile_intervals(joint.gram, joint, minimum, variance, 7, estimated=freedom).intervals
     for index in (0, 1, 5):
         for end in found[index]:
             held = start.copy()

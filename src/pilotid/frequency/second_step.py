@@ -138,7 +138,7 @@ def second_step(
     )
     return replace(
         estimate,
-        intervals=profile_intervals(problem.gram, model, end, variance, len(values)),
+        intervals=profile_intervals(problem.gram, model, end, variance, len(values)).intervals,
         iterations=found.iterations + end.iterations,
         starts=record(found),
         frequency_response=response,

@@ -9,6 +9,7 @@ where it is skewed, as in gain and lead time.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +19,22 @@ from pilotid.solve.scale import Scale
 from pilotid.types import FloatArray, IntArray
 
 LONGEST_STEP = 1.0  # standard errors an iteration may move the profiled parameter
+BETTER = 0.2  # deviance by which a point must be lower than the minimum to take its place
+
+
+class Profile(NamedTuple):
+    """Profile-likelihood intervals, and a better optimum if the search came upon one.
+
+    Attributes
+    ----------
+    intervals
+        Lower and upper ends, shape (count, 2).
+    better
+        A point whose deviance is lower than the minimum's, shape (parameters,), or None.
+    """
+
+    intervals: FloatArray
+    better: FloatArray | None
 
 
 def profile_intervals(
@@ -28,9 +45,10 @@ def profile_intervals(
     count: int,
     *,
     estimated: int | None = None,
+    widened: float = 1.0,
     iterations: int = 8,
     tolerance: float = 0.3,
-) -> FloatArray:
+) -> Profile:
     """95 % profile-likelihood intervals of the first `count` parameters.
 
     All end points are sought at once by Newton steps (Venzon & Moolgavkar, Applied
@@ -51,36 +69,40 @@ def profile_intervals(
         How many parameters.
     estimated
         Number of residuals less parameters, if the variance was estimated from them.
+    widened
+        Factor on the deviance sought, for small samples.
     iterations, tolerance
         Largest number of evaluations, and how far from the sought deviance, of 3.84, the
         last Newton step may begin.
-
-    Returns
-    -------
-    Lower and upper ends, shape (count, 2).
     """
     scale = Scale(space.positive)
     lower, upper = scale.enter(space.lower), scale.enter(space.upper)
     best = scale.enter(minimum.values[:1])
     lowest = float(minimum.cost[0])
-    target = lowest + CHI_SQUARED_95 * variance
+    sought = widened * CHI_SQUARED_95
+    target = lowest + sought * variance
     if estimated is not None:
         # The variance is then one more parameter, maximised over as well.
-        target = lowest * math.exp(CHI_SQUARED_95 / estimated)
+        target = lowest * math.exp(sought / estimated)
 
     hessian = scale.inner(minimum.gram[:1], minimum.values[:1])[0, :-1, :-1]
     covariance = np.linalg.inv(hessian) * variance
     error = np.sqrt(np.diag(covariance))[:count]
     which = np.tile(np.arange(count), 2)
     side = np.repeat([-1.0, 1.0], count)
-    reach = math.sqrt(CHI_SQUARED_95)
+    reach = math.sqrt(sought)
     # On the ridge of the quadratic approximation.
     ridge = covariance[which] / error[which, None]
     points = np.clip(best + side[:, None] * reach * ridge, lower, upper)
     active = np.arange(2 * count)
+    better, least = None, lowest - BETTER * variance
     for _ in range(iterations):
         values = scale.leave(points[active])
         grams = scale.inner(gram(values), values)
+        costs = grams[:, -1, -1]
+        if np.nanmin(costs, initial=np.inf) < least:
+            best_of_all = int(np.nanargmin(costs))
+            better, least = values[best_of_all], float(costs[best_of_all])
         k, direction = which[active], side[active]
         step, off = _step(grams, k, direction, error[k], target)
         deviance_off = np.abs(grams[:, -1, -1] - target) / variance
@@ -95,9 +117,10 @@ def profile_intervals(
     ends = scale.leave(points)[np.arange(2 * count), which]
     # Where the likelihood has another summit the search may end on its side.
     best_values = minimum.values[0, :count]
-    return np.stack(
+    intervals = np.stack(
         [np.minimum(ends[:count], best_values), np.maximum(ends[count:], best_values)], axis=1
     )
+    return Profile(intervals, better)
 
 
 def _step(

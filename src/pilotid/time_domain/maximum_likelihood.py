@@ -1,6 +1,6 @@
 """The maximum of the likelihood of pilot and remnant together.
 
-Candidates for the pilot come from a search in a narrow band; the remnant's model is then
+Candidates for the pilot come from a search at few frequencies; the remnant's model is then
 chosen, and estimated along with the pilot, in the analysis band.
 """
 
@@ -14,23 +14,28 @@ from pilotid.estimates.estimate import Starts
 from pilotid.estimates.remnant import RemnantEstimate
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.solve.least_squares import Minima, minimise, solve_linear
-from pilotid.solve.search import draw_starts, record, search
+from pilotid.solve.least_squares import Minima, minimise
+from pilotid.time_domain.exploration import explore
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction, predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
-from pilotid.time_domain.remnant_choice import contenders, criterion, lagged_products
-from pilotid.time_domain.remnant_models import (
-    Band,
-    LowPass,
-    analysis_band,
-    remnant_estimate,
-)
+from pilotid.time_domain.prepare import decimation
+from pilotid.time_domain.remnant_choice import contenders, criterion, guessed
+from pilotid.time_domain.remnant_models import Band, analysis_band, remnant_estimate
 from pilotid.time_domain.settings import LikelihoodSettings
 from pilotid.types import FloatArray
 
-#: The remnant's model before one is chosen: most published remnants are of this kind.
-FIRST = LowPass(2)
+#: A band is wide enough if its upper part, from this share on, holds no more than this share of
+#: what the recording tells of any parameter.  Filter and decimation reach into the future a
+#: little; in a loop that answers at once (position control) the remnant there, which the error
+#: shows too, would otherwise bias delays and neuromuscular parameters by 5 to 15 %.
+UPPER, EDGE = 0.6, 0.01
+
+
+#: Likelihood ratios are larger than chi-squared says in short recordings, since pilot and remnant
+#: share what little there is: by this many seconds over the scored time (Bartlett's correction,
+#: with the constant measured on populations of pilots; docs/remnant.md).
+SHORT = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +66,19 @@ class Maximum:
         return float(self.end.cost[0]) / freedom
 
     @property
+    def widened(self) -> float:
+        """Factor on variances, and on the deviance that an interval goes to."""
+        prediction = self.joint.prediction
+        return 1.0 + SHORT / (prediction.runs * prediction.scored * prediction.dt)
+
+    @property
+    def criterion(self) -> float:
+        """The criterion that chose the remnant's model, of pilot and remnant together."""
+        joint = self.joint
+        power = float(self.end.cost[0]) / joint.residuals
+        return criterion(joint.noise, power, joint.residuals, joint.pilot)
+
+    @property
     def remnant(self) -> RemnantEstimate:
         """The remnant at the optimum."""
         joint = self.joint
@@ -71,6 +89,21 @@ class Maximum:
             self.variance,
             float(np.mean(np.var(joint.prediction.control, axis=1))),
         )
+
+    @property
+    def at_edge(self) -> float:
+        """Largest share of what is known of a parameter that lies near the band's edge."""
+        joint, values = self.joint, self.end.values[0]
+        prediction = joint.prediction
+        rows = prediction.row_spectra(values[None, : joint.pilot], joint.whitener(values))[0, :-1]
+        power = np.sum(np.abs(rows) ** 2, axis=1)
+        upper = prediction.s.imag > UPPER * np.pi / prediction.dt
+        return float(np.max(np.sum(power[:, upper], axis=1) / np.sum(power, axis=1)))
+
+    def moved(self, start: FloatArray) -> Maximum:
+        """The optimum that a better point leads to, pilot and remnant, shape (parameters,)."""
+        end = minimise(self.joint.gram, start[None], self.joint, tolerance=1e-5)
+        return replace(self, end=end, iterations=self.iterations + end.iterations)
 
 
 def maximise_likelihood(
@@ -90,58 +123,43 @@ def maximise_likelihood(
     settings
         Bands, starts, and the remnant's model if it is not to be chosen.
     """
-    points, terms, starts = _explored(recording, model, rng, settings)
-    prediction = replace(predict(recording, model, settings.band), terms=terms)
-    band = analysis_band(recording.dt, settings.band)
-    joint, ends = _estimated(prediction, band, points, settings)
-    return Maximum(joint, ends[-1], starts, sum(e.iterations for e in ends))
+    found = _maximised(recording, model, rng, settings, settings.band)
+    if _too_narrow(found, recording, settings):
+        found = _maximised(recording, model, rng, settings, settings.wide)
+    return found
 
 
-def _explored(
+def criterion_from(values: FloatArray, like: Maximum, settings: LikelihoodSettings) -> float:
+    """The criterion of the optimum that is reached from a pilot, in the band of another one."""
+    prediction = like.joint.prediction
+    joint, ends = _estimated(prediction, like.joint.band, values[None], settings)
+    return Maximum(joint, ends[-1], like.starts, 0).criterion
+
+
+def _too_narrow(found: Maximum, recording: Recording, settings: LikelihoodSettings) -> bool:
+    if settings.band is None or settings.wide is None or settings.wide <= settings.band:
+        return False
+    wider = decimation(recording.dt, settings.wide) < found.joint.band.factor
+    return wider and found.at_edge > EDGE
+
+
+def _maximised(
     recording: Recording,
     model: PilotModel,
     rng: np.random.Generator,
     settings: LikelihoodSettings,
-) -> tuple[FloatArray, tuple[float, ...], Starts]:
-    """Candidates for the optimum, nuisance terms to fit, and the record of the search.
-
-    A wrong optimum of the pilot suggests a wrong remnant, under which it looks right.
-    So the first search takes the residual for white: that optimum is biased, but hardly
-    ever the wrong one.  Where its starts disagree, or lead to an unusual pilot, a second
-    search, whitened by the remnant found, brings more candidates.  If the first has lost a
-    channel, so has that whitening: a third search, from usual pilots, each with the remnant
-    that it leaves, finds it again.
-    """
-    candidates, noise = settings.candidates, settings.noise or FIRST
-    prediction = predict(recording, model, settings.search_band)
-    found = search(
-        OutputErrors(prediction).gram,
-        model,
-        rng,
-        candidates=candidates,
-        refined=settings.refined,
-    )
-    starts = record(found)
-    # The residual of a biased estimate has a shape of its own, so the remnant's model is
-    # chosen only later, after this round with the usual one.
-    joint = PredictionErrors(prediction, noise, analysis_band(recording.dt, settings.search_band))
-    ends = found.distinct()
-    end = _fitted(joint, ends, OutputErrors(prediction).residual(ends[0]), 1e-3)
-    best = end.values[:1, : joint.pilot]
-    whitened = OutputErrors(prediction, joint.whitener(end.values[0]))
-    terms = whitened.noticeable_terms(best[0])
-    if starts.agreeing == len(starts.cost) and model.within_usual(best[0]):
-        return best, terms, starts
-    narrowed = replace(prediction, terms=terms)
-    whitened = OutputErrors(narrowed, whitened.taps)
-    again = search(whitened.gram, model, rng, known=best, candidates=candidates)
-    usual = np.concatenate([model.start[None], draw_starts(model, rng, candidates)])
-    usual, _ = solve_linear(whitened.gram(usual), usual, model.linear, model.lower)
-    joint = PredictionErrors(narrowed, noise, joint.band)
-    guesses = [_guess(joint, OutputErrors(narrowed).residual(pilot)) for pilot in usual]
-    least = minimise(joint.gram, np.hstack([usual, guesses]), joint, tolerance=1e-3)
-    others = [again.distinct(far=0.02)[1:], least.values[:1, : joint.pilot]]
-    return np.concatenate([best, *others]), terms, starts
+    rate: float | None,
+) -> Maximum:
+    prediction = predict(recording, model, rate)
+    band = analysis_band(recording.dt, rate)
+    explored = explore(prediction, band, rng, settings)
+    prediction = replace(prediction, terms=explored.terms)
+    tried = []
+    for candidate in explored.candidates:
+        joint, ends = _estimated(prediction, band, candidate[None], settings)
+        iterations = sum(e.iterations for e in ends)
+        tried.append(Maximum(joint, ends[-1], explored.starts, iterations))
+    return min(tried, key=lambda maximum: maximum.criterion)
 
 
 def _estimated(
@@ -152,7 +170,7 @@ def _estimated(
 ) -> tuple[PredictionErrors, list[Minima]]:
     """Pilot and remnant together: the problem solved last, and the end of every round."""
     ends: list[Minima] = []
-    chosen = settings.noise or FIRST
+    chosen = None
     for _ in range(settings.rounds):
         residual = OutputErrors(prediction).residual(candidates[0])
         models = [settings.noise] if settings.noise else contenders(residual, band)
@@ -161,7 +179,7 @@ def _estimated(
         joint, end = min(fits, key=lambda fit: _criterion(*fit))
         ends.append(end)
         candidates = end.values[:1, : joint.pilot]
-        if joint.noise == chosen:
+        if joint.noise == chosen or settings.noise:
             break
         chosen = joint.noise
     return joint, ends
@@ -170,15 +188,11 @@ def _estimated(
 def _fitted(
     joint: PredictionErrors, candidates: FloatArray, residual: FloatArray, tolerance: float
 ) -> Minima:
-    guess = _guess(joint, residual)
+    guess = guessed(joint.noise, residual, joint.band)
     starts = np.concatenate([candidates, np.tile(guess, (len(candidates), 1))], axis=1)
     return minimise(joint.gram, starts, joint, tolerance=tolerance)
 
 
-def _guess(joint: PredictionErrors, residual: FloatArray) -> FloatArray:
-    """The remnant's parameters that a residual suggests."""
-    return np.asarray(joint.noise.guess(lagged_products(residual), joint.band))
-
-
 def _criterion(joint: PredictionErrors, end: Minima) -> float:
-    return criterion(joint.noise, float(end.cost[0]) / joint.residuals, joint.residuals)
+    power = float(end.cost[0]) / joint.residuals
+    return criterion(joint.noise, power, joint.residuals, joint.pilot)

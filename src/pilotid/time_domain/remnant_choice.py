@@ -13,7 +13,7 @@ from pilotid.types import FloatArray
 #: The families to choose from.
 NOISE_MODELS: tuple[NoiseModel, ...] = (
     *(LowPass(order) for order in range(4)),
-    *(Autoregressive(order) for order in (2, 3, 4, 6, 8, 12)),
+    *(Autoregressive(order) for order in (2, 3, 4, 6, 8, 10, 12, 16, 20)),
 )
 
 
@@ -37,8 +37,11 @@ def lagged_products(residual: FloatArray) -> FloatArray:
 CLOSE = 10.0
 
 
-def criterion(model: NoiseModel, power: float, samples: int) -> float:
-    """Bayesian information criterion of a noise model: the lower, the better.
+def criterion(model: NoiseModel, power: float, samples: int, pilot: int = 0) -> float:
+    """Akaike's information criterion of a noise model, corrected for few samples.
+
+    It asks which model predicts best, not which one is true: of remnants outside all
+    families a long autoregression is never true, and the one that predicts best.
 
     Parameters
     ----------
@@ -48,13 +51,18 @@ def criterion(model: NoiseModel, power: float, samples: int) -> float:
         Mean square of the prediction error.
     samples
         Number of prediction errors.
+    pilot
+        Number of pilot parameters estimated along with it.
     """
+    count = len(model.keys) + pilot + 1  # the variance too
     # A residual that a filter predicts to the last digit leaves rounding, of any sign.
-    return (
-        samples * math.log(max(power, 1e-300))
-        + len(model.keys) * math.log(samples)
-        + model.handicap
-    )
+    deviance = samples * math.log(max(power, 1e-300))
+    return deviance + 2.0 * count * samples / max(samples - count - 1.0, 1.0)
+
+
+def guessed(model: NoiseModel, residual: FloatArray, band: Band) -> FloatArray:
+    """The parameters of a noise model that a residual (runs, samples) suggests."""
+    return np.asarray(model.guess(lagged_products(residual), band))
 
 
 def contenders(residual: FloatArray, band: Band) -> list[NoiseModel]:

@@ -21,8 +21,6 @@ from pilotid.time_domain.prepare import decimation, lowpass
 from pilotid.types import BoolArray, FloatArray
 
 SPECTRA = 64  # spectra evaluated at once: about what the processor's cache holds
-#: Difference of the criterion that Kass and Raftery (1995) call very strong evidence.
-STRONG = 10.0
 GRID = 256  # frequencies on which spectra of noise models are integrated
 
 
@@ -123,11 +121,6 @@ class NoiseModel(Protocol):
         """Whether the parameters are those of a regression of the residual on its own past."""
         ...
 
-    @property
-    def handicap(self) -> float:
-        """By how much its criterion must be better than that of other models."""
-        ...
-
 
 @dataclass(frozen=True)
 class LowPass:
@@ -135,7 +128,6 @@ class LowPass:
 
     order: int
     regressive = False
-    handicap = 0.0
 
     @property
     def name(self) -> str:
@@ -222,8 +214,6 @@ class Autoregressive:
 
     order: int
     regressive = True
-    # A free shape that is not needed costs information and biases low-frequency parameters.
-    handicap = STRONG
 
     @property
     def name(self) -> str:

@@ -34,6 +34,8 @@ class LikelihoodSettings(SearchSettings):
         See `SearchSettings`.
     band
         Analysis band [rad/s]; None uses the full sampling rate.
+    wide
+        Band that takes its place where the recording tells of the pilot near its edge.
     rounds
         How often the remnant's model is chosen anew at most.
     noise
@@ -41,5 +43,6 @@ class LikelihoodSettings(SearchSettings):
     """
 
     band: float | None = 50.0
+    wide: float | None = 120.0
     rounds: int = 3
     noise: NoiseModel | None = None

@@ -1,0 +1,151 @@
+"""Where the optimum of the likelihood may lie: candidates for pilot parameters.
+
+Two ways go wrong on their own.  A remnant taken for white has few wrong optima, but its
+best one need not be where the likelihood's is.  A remnant that is estimated along with the
+pilot makes a wrong pilot look right: what the pilot misses, the remnant explains.  So the
+first optimum is found with a white residual.  The remnant that it leaves whitens a second
+sweep, from that optimum with each parameter in turn moved to the ends of its usual range,
+and from usual pilots at random.  What this sweep ends in, each with a remnant of its own,
+are the candidates.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pilotid.estimates.estimate import Starts
+from pilotid.pilot.model import PilotModel
+from pilotid.solve.least_squares import Minima, minimise, solve_linear
+from pilotid.solve.search import draw_starts, search
+from pilotid.time_domain.output_error import OutputErrors
+from pilotid.time_domain.prediction import Prediction
+from pilotid.time_domain.prediction_errors import PredictionErrors
+from pilotid.time_domain.reduced import reduced
+from pilotid.time_domain.remnant_choice import guessed
+from pilotid.time_domain.remnant_models import Band, LowPass, NoiseModel
+from pilotid.time_domain.settings import LikelihoodSettings
+from pilotid.types import FloatArray
+
+#: The remnant's model before one is chosen: most published remnants are of this kind.
+FIRST = LowPass(2)
+
+#: Deviance by which a candidate may be worse than the best one.  The sweep's whitening is that
+#: of one pilot and favours it; with a remnant of its own each candidate has the same chance.
+SWEPT, LIKELY = 400.0, 120.0
+MOST = 4  # candidates that are looked at closely
+#: Ends are one optimum where they lie so close, in squared standard errors.
+SAME = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Explored:
+    """What a search found.
+
+    Attributes
+    ----------
+    candidates
+        Pilot parameters, best first, shape (candidates, parameters).
+    terms
+        The nuisance terms that the recording shows.
+    starts
+        How many starts ended in the best optimum.
+    """
+
+    candidates: FloatArray
+    terms: tuple[float, ...]
+    starts: Starts
+
+
+def explore(
+    prediction: Prediction,
+    band: Band,
+    rng: np.random.Generator,
+    settings: LikelihoodSettings,
+) -> Explored:
+    """Search the candidates.
+
+    Parameters
+    ----------
+    prediction
+        Prediction in the analysis band.
+    band
+        The analysis band.
+    rng
+        Draws the random starts.
+    settings
+        Number of starts, and the remnant's model if it is not to be chosen.
+    """
+    model = prediction.model
+    coarse = reduced(prediction)
+    white = OutputErrors(coarse.below(settings.search_band))
+    found = search(white.gram, model, rng, candidates=settings.candidates, refined=settings.refined)
+    joint = PredictionErrors(coarse, settings.noise or FIRST, band)
+    first = _own_remnant(joint, prediction, found.distinct())
+    taps = joint.whitener(first.values[0])
+    best = first.values[0, : joint.pilot]
+    whitened = OutputErrors(coarse, taps)
+    starts = _starts(model, best, rng, settings.candidates)
+    starts, _ = solve_linear(whitened.gram(starts), starts, model.linear, model.lower)
+    swept = minimise(
+        whitened.gram, np.concatenate([best[None], starts]), model, tolerance=1e-3, iterations=14
+    )
+    candidates, agreeing = optima(swept, coarse.samples, SWEPT)
+    if len(candidates) > 1:
+        ends = _own_remnant(joint, prediction, candidates)
+        candidates = optima(ends, coarse.samples, LIKELY)[0][:, : joint.pilot]
+    terms = OutputErrors(prediction, taps).noticeable_terms(candidates[0])
+    return Explored(candidates, terms, Starts(swept.cost / swept.cost[0], agreeing))
+
+
+def _starts(
+    model: PilotModel, best: FloatArray, rng: np.random.Generator, count: int
+) -> FloatArray:
+    """The best pilot with one parameter moved far away, and usual pilots."""
+    low, high = np.array([p.usual for p in model.parameters]).T
+    moved = []
+    for index, parameter in enumerate(model.parameters):
+        if not parameter.linear:  # gains are solved for
+            for value in (low[index], high[index]):
+                moved.append(best.copy())
+                moved[-1][index] = value
+    return np.array([*moved, *draw_starts(model, rng, count), model.start])
+
+
+def _own_remnant(joint: PredictionErrors, prediction: Prediction, pilots: FloatArray) -> Minima:
+    """Each pilot with the remnant that it leaves, both estimated together."""
+    residuals = [OutputErrors(prediction).residual(pilot) for pilot in pilots]
+    guesses = [guessed(joint.noise, residual, joint.band) for residual in residuals]
+    return minimise(joint.gram, np.hstack([pilots, guesses]), joint, tolerance=1e-3, iterations=20)
+
+
+def optima(ends: Minima, samples: int, far: float) -> tuple[FloatArray, int]:
+    """One end of each optimum, best first, and how many ends are in the best one.
+
+    Parameters
+    ----------
+    ends
+        Where starts ended.
+    samples
+        Number of residuals.
+    far
+        Optima are left out whose deviance exceeds the lowest by more.
+    """
+    limit = ends.cost[0] * np.exp(far / samples)
+    kept: list[int] = []
+    agreeing = 0
+    for index in np.flatnonzero(ends.cost <= limit):
+        apart = [_apart(ends, int(index), other, samples) for other in kept]
+        if all(distance > SAME for distance in apart):
+            if len(kept) < MOST:
+                kept.append(int(index))
+        agreeing += not kept or index == kept[0] or (bool(apart) and apart[0] <= SAME)
+    return ends.values[kept], agreeing
+
+
+def _apart(ends: Minima, index: int, other: int, samples: int) -> float:
+    """Squared distance of two ends in standard errors of the second."""
+    step = ends.values[index] - ends.values[other]
+    information = ends.gram[other, :-1, :-1] * samples / ends.cost[other]
+    return float(step @ information @ step)

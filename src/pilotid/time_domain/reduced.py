@@ -1,0 +1,102 @@
+"""A prediction reduced to a hundred or so frequencies, for searches.
+
+A sum of squares over the bins of a transform needs, at each frequency, no more than the
+products of the inputs and the control with one another; and neighbouring bins, between which
+no pilot's response changes noticeably, need only the sum of their products.  A factor of that
+sum is a handful of signals that stand for all bins and all runs: the search then costs the
+same for one run of 30 s and for ten runs of an hour.
+
+What is lost are the edges: all signals fade in and out over the scored part of the recording,
+as if the pilot's memory were short beside it.  That is near enough to find an optimum, not to
+report it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from pilotid.time_domain.prediction import Prediction
+from pilotid.types import BoolArray, ComplexArray, FloatArray
+
+#: A group of bins is this share of its frequency wide, and at most so many rad/s.
+SHARE, WIDEST = 1.0 / 15.0, 0.35
+
+
+@dataclass(frozen=True)
+class Reduced(Prediction):
+    """A prediction whose samples are weighted spectra at few frequencies.
+
+    Attributes
+    ----------
+    counted
+        Scored samples of all runs of the prediction that it stands for.
+    weights
+        Of the spectra at each frequency, shape (groups,).
+    """
+
+    counted: int
+    weights: FloatArray
+
+    @property
+    def samples(self) -> int:
+        return self.counted
+
+    def samples_of(self, spectrum: ComplexArray) -> FloatArray:
+        weighted = np.ascontiguousarray(spectrum * self.weights)
+        return weighted.view(float)
+
+    def below(self, band: float) -> Reduced:
+        """The same with what lies above a frequency [rad/s] left out."""
+        return self._with(self.s.imag < band)
+
+    def _with(self, chosen: BoolArray) -> Reduced:
+        given = {field.name: getattr(self, field.name) for field in fields(self)}
+        given |= {
+            "s": self.s[chosen],
+            "spectra": tuple(spectrum[:, chosen] for spectrum in self.spectra),
+            "control_spectrum": self.control_spectrum[:, chosen],
+            "weights": self.weights[chosen],
+        }
+        return Reduced(**given)
+
+
+def reduced(prediction: Prediction) -> Reduced:
+    """The prediction at few frequencies; the mean and what the window makes of it are left out."""
+    scored = prediction.scored
+    window = np.sqrt(8.0 / 3.0) * np.sin(np.pi * (np.arange(scored) + 0.5) / scored) ** 2
+    given = np.array([*prediction.spectra, prediction.control_spectrum])
+    signals = np.fft.rfft(prediction.samples_of(given) * window)
+    omega = 2.0 * np.pi * np.fft.rfftfreq(scored, prediction.dt)
+    groups = _groups(omega)
+    sizes = np.sqrt(np.mean(np.abs(signals) ** 2, axis=(1, 2)))
+    sizes[sizes == 0.0] = 1.0
+    signals = signals / sizes[:, None, None]
+    products = np.einsum("irk,jrk->kij", signals, signals.conj())
+    summed = np.add.reduceat(products, groups[:-1], axis=0)[: len(groups) - 1]
+    size, vectors = np.linalg.eigh(summed)
+    factor = vectors * np.sqrt(np.maximum(size, 0.0))[:, None, :]
+    spectra = np.transpose(factor, (1, 2, 0)) * sizes[:, None, None]  # (signal, part, group)
+    counts = np.diff(groups)
+    middle = np.add.reduceat(omega, groups[:-1])[: len(groups) - 1] / counts
+    held = {field.name: getattr(prediction, field.name) for field in fields(Prediction)}
+    held |= {
+        "s": 1j * middle,
+        "spectra": tuple(spectra[:-1]),
+        "control_spectrum": spectra[-1],
+        "terms": (),
+    }
+    # Parseval: bins stand for two, but for the one at half the sampling rate.
+    weights = np.full(len(counts), np.sqrt(2.0 / scored))
+    return Reduced(**held, counted=prediction.runs * scored, weights=weights)
+
+
+def _groups(omega: FloatArray) -> list[int]:
+    """First bins of the groups, and the end of the last."""
+    starts = [2]
+    while starts[-1] < omega.size:
+        first = omega[starts[-1]]
+        end = int(np.searchsorted(omega, first + min(SHARE * first, WIDEST), side="right"))
+        starts.append(min(max(end, starts[-1] + 1), omega.size))
+    return starts
