@@ -53,12 +53,12 @@ def refused(answer: Answer, *words: str) -> None:
 
 
 def test_list_names_everything(run: Run) -> None:
-    from pilotid.datasets import SCENARIOS
+    from pilotid.datasets import CATALOGUE
 
     answer = run("list")
     assert answer.status == 0
     lines = [line.split()[0] for line in answer.out.splitlines()]
-    assert lines == ["models", *MODELS, "methods", *methods(), "scenarios", *SCENARIOS]
+    assert lines == ["models", *MODELS, "methods", *methods(), "scenarios", *CATALOGUE]
 
 
 def test_no_arguments_show_the_help(run: Run) -> None:

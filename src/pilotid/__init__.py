@@ -15,6 +15,7 @@ methods on scenarios is a `Study`.
 """
 
 from pilotid.api import compare, identify, simulate
+from pilotid.datasets.population import POPULATIONS, Population
 from pilotid.datasets.scenarios import SCENARIOS, Scenario
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import Method
@@ -40,6 +41,7 @@ __all__ = [
     "MLE",
     "MMLE3",
     "MODELS",
+    "POPULATIONS",
     "SCENARIOS",
     "Bayes",
     "Channel",
@@ -50,6 +52,7 @@ __all__ = [
     "Method",
     "Outcome",
     "PilotModel",
+    "Population",
     "Recording",
     "SINDy",
     "Scenario",

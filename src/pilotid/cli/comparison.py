@@ -64,7 +64,7 @@ def compare(
 ) -> None:
     """Compare methods on simulated recordings whose truth is known."""
     from pilotid.cli.progress import with_progress
-    from pilotid.datasets import SCENARIOS
+    from pilotid.datasets import CATALOGUE
     from pilotid.disk import make_folder
     from pilotid.methods import methods
     from pilotid.study.process import Limits
@@ -80,7 +80,7 @@ def compare(
             raise InputError(f"{option} {number}: must be a number of at least 0")
     default, count = PROFILES[profile]
     study = Study(
-        names_of(scenario, default, list(SCENARIOS)),
+        names_of(scenario, default, list(CATALOGUE)),
         names_of(method, list(methods()), list(methods())),
         replications or count,
         seed,
