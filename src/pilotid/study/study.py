@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 #: Scenarios and replications of each, by name of the profile.
 PROFILES: dict[str, tuple[tuple[str, ...], int]] = {
-    "quick": (("nominal",), 25),
+    "quick": (("nominal", "population-usual"), 25),
     "full": (tuple(CATALOGUE), 500),
 }
 
