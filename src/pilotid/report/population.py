@@ -63,10 +63,11 @@ def _blocks(cells: Sequence[PopulationCell]) -> list[Block]:
     weak = [words for cell in cells if (words := _weakest(cell))]
     if weak:
         blocks.append(Bullets(weak))
-    if any(cell.values.recording.size for cell in cells):
+    shown = [cell for cell in cells if cell.values.recording.size]
+    if shown:
         blocks += [
             Picture.of(
-                by_stratum(cells),
+                by_stratum(shown),
                 f"coverage-{entry.name}",
                 f"Coverage of 95 % intervals by part of {entry.name} and method",
                 f"`{entry.name}`: share of the 95 % intervals that hold the truth, over all "
@@ -74,7 +75,7 @@ def _blocks(cells: Sequence[PopulationCell]) -> list[Block]:
                 "93.5 to 96.5 %; a hollow triangle marks a share to the left of the axis.",
             ),
             Picture.of(
-                by_parameter(cells),
+                by_parameter(shown),
                 f"errors-{entry.name}",
                 f"Quantiles of standardised errors in {entry.name} by parameter and method",
                 f"`{entry.name}`: error over claimed error in ascending order, against the "

@@ -35,7 +35,7 @@ def by_stratum(cells: Sequence[PopulationCell]) -> Figure:
     panels |= {name: stratum for name, stratum in cells[0].strata.items() if len(stratum) > 1}
     longest = max(len(panel) for panel in panels.values())
     with journal_style():
-        height = 0.6 + longest * (0.06 + 0.035 * len(cells))
+        height = 0.6 + longest * max(0.19, 0.06 + 0.035 * len(cells))
         figure, every, spare = grid(len(panels), height, COLUMNS)
         points = [_points(cell, panels) for cell in cells]
         ends = [end for own in points for _, _, _, (end, _) in own if math.isfinite(end)]
@@ -75,7 +75,8 @@ def _points(
 
 def _dodged(count: int) -> list[float]:
     """Places of methods within a row."""
-    return np.linspace(-0.34, 0.34, count).tolist() if count > 1 else [0.0]
+    reach = min(0.34, 0.1 * (count - 1))
+    return [float(place) for place in np.linspace(-reach, reach, count)]
 
 
 def _point(

@@ -20,6 +20,7 @@ from pilotid.types import BoolArray, FloatArray, IntArray
 #: A fit ends in a wrong optimum if its criterion exceeds that of a search from the truth by
 #: more.
 WRONG = 4.0
+NO_TRY = Outcome.NOT_APPLICABLE.slug
 #: What stands for all parameters, and for all recordings.
 ALL = "all"
 
@@ -163,7 +164,7 @@ class PopulationCell(Attempts):
             Replications; None for all.
         """
         results = [r for r in self.results if _concerns(r, key, members)]
-        tried = [r for r in results if r.outcome != Outcome.NOT_APPLICABLE.slug]
+        tried = [r for r in results if r.outcome != NO_TRY]
         known = [r.excess for r in tried if r.excess is not None]
         v = self.values
         mine = np.ones(v.recording.size, dtype=bool) if key == ALL else v.keys == key
