@@ -22,7 +22,8 @@ from pilotid.report.content import (
     inline_html,
     markdown,
 )
-from pilotid.report.verdicts import CODES, RULES, Verdict, in_short, judge, sentence
+from pilotid.report.rules import Rules, rules_for
+from pilotid.report.verdicts import CODES, Verdict, in_short, judge, sentence
 from pilotid.show.page import templates_of
 from pilotid.study.comparison import Comparison
 from pilotid.study.store import Store
@@ -80,10 +81,11 @@ def overview_table(study: Comparison) -> RichTable:
         return table
     name = reference(study)
     table.title, table.title_justify, table.title_style = _overview_title(study, name), "left", ""
+    rules = rules_for(study.cells)
     for cell in study.of(name):
         row = (
             cell.method,
-            judge(cell).words,
+            judge(cell, rules).words,
             study_tables.largest_bias(cell),
             f"{cell.usable}/{cell.tried}",
             study_tables.worst_rmse(cell),
@@ -136,7 +138,8 @@ def _summary(study: Comparison, about: Mapping[str, str], told: Sequence[Chapter
     entry, cells = study.entry(name), study.of(name)
     power = ratio(about, name)
     share = f", remnant {100 * power:.0f} % of the control's power" if power == power else ""
-    verdicts = [judge(cell) for cell in cells]
+    rules = rules_for(study.cells)
+    verdicts = [judge(cell, rules) for cell in cells]
     blocks: list[Block] = []
     if "mixed" in about:
         blocks.append(Text(f"**Careful: {appendix.mixed(about['mixed'])}**"))
@@ -160,14 +163,16 @@ def _summary(study: Comparison, about: Mapping[str, str], told: Sequence[Chapter
     ]
     several = {n: c.key for c in told for n in c.tabled if not study.entry(n).one_recording}
     if len(several) > 1:
-        blocks.append(study_tables.matrix(study, _all_verdicts(study, several), several))
+        blocks.append(study_tables.matrix(study, _all_verdicts(study, rules, several), several))
         blocks.append(Text(f"{CODES}."))
-    blocks.append(Text("Rules: " + " ".join(RULES)))
+    blocks.append(Text(f"Rules: {rules.words}"))
     return Section("summary", "Summary", blocks)
 
 
-def _all_verdicts(study: Comparison, names: Mapping[str, str]) -> dict[tuple[str, str], Verdict]:
-    return {(name, cell.method): judge(cell) for name in names for cell in study.of(name)}
+def _all_verdicts(
+    study: Comparison, rules: Rules, names: Mapping[str, str]
+) -> dict[tuple[str, str], Verdict]:
+    return {(name, cell.method): judge(cell, rules) for name in names for cell in study.of(name)}
 
 
 def _chapter(study: Comparison, about: Mapping[str, str], chapter: Chapter) -> Section:
