@@ -23,6 +23,11 @@ from pilotid.pilot.element import ControlledElement, double_integrator
 from pilotid.pilot.model import PilotModel
 from pilotid.types import FloatArray, InputError
 
+#: The pilots of AIAA 2008-7109 with motion (Kvis, tlead, tdvis, Kvest, tdvest, fnm, dnm) and
+#: without (Kvis, tlead, tdvis, fnm, dnm).
+PILOT_IN_MOTION = (0.17, 2.93, 0.32, 1.59, 0.29, 12.0, 0.3)
+PILOT_AT_REST = (0.32, 1.68, 0.39, 12.0, 0.3)
+
 
 @dataclass(frozen=True)
 class Scenario:
@@ -45,7 +50,8 @@ class Scenario:
     runs
         Runs per recording, with the same forcing and independent remnants.
     start_spread
-        Initial guesses are drawn within this share of the truth; 0 for the model's own.
+        Where methods start: 0 for the model's own, generic initial guesses; otherwise they are
+        drawn within this share of the truth, for each replication the same for all methods.
     one_recording
         Whether all replications fit the same recording.
     family, varied
@@ -56,7 +62,7 @@ class Scenario:
     name: str
     description: str
     model: PilotModel = MULTI
-    truth: tuple[float, ...] = tuple(MULTI.start)
+    truth: tuple[float, ...] = PILOT_IN_MOTION
     element: ControlledElement = field(default_factory=lambda: double_integrator(4.0))
     target: Forcing | None = field(default_factory=paper_target)
     disturbance: Forcing | None = field(default_factory=paper_disturbance)
@@ -92,7 +98,7 @@ def _of_the_paper() -> list[Scenario]:
             name="single",
             description="visual channel alone, both forcing functions, remnant gain 0.4",
             model=SINGLE,
-            truth=tuple(SINGLE.start),
+            truth=PILOT_AT_REST,
         ),
         replace(
             nominal,
@@ -191,12 +197,13 @@ def require_name(name: object) -> None:
 
 
 def checked(scenario: object) -> Scenario:
-    """A scenario, if its truth is one of its model.
+    """A scenario, if its truth is one of its model, and stays with it.
 
     Raises
     ------
     InputError
-        If it is no scenario, or its truth has not as many numbers as its model parameters.
+        If it is no scenario, or its truth has not as many numbers as its model parameters; if
+        the model would carry the truth to the methods.
     """
     if not isinstance(scenario, Scenario):
         raise InputError(f"{scenario!r}: is no Scenario")
@@ -204,5 +211,10 @@ def checked(scenario: object) -> Scenario:
         raise InputError(
             f"scenario {scenario.name}: its truth must be {len(scenario.model.keys)} numbers, for "
             f"{', '.join(scenario.model.keys)}"
+        )
+    if not scenario.start_spread and scenario.truth == tuple(scenario.model.start):
+        raise InputError(
+            f"scenario {scenario.name}: its truth is the start of its model, which is handed to "
+            "every method; give the model another start (PilotModel.with_start)"
         )
     return scenario

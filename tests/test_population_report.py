@@ -111,7 +111,7 @@ def cell_of(results: Sequence[Result]) -> PopulationCell:
 
 
 def test_chance_is_allowed_for() -> None:
-    """Of 200 studies of an honest method hardly any calls it anything but good or undecided."""
+    """Of 200 studies of an honest method hardly any calls it anything but good or open."""
     verdicts = [
         PopulationVerdict(cell_of([fitted("mle", 30 * s + r) for r in range(30)]))
         for s in range(200)
@@ -119,10 +119,10 @@ def test_chance_is_allowed_for() -> None:
     grades = [v.grade for v in verdicts]
     # It is called bold or narrow with certainty once in some 1000 studies.
     assert grades.count(Grade.GOOD) >= 150
-    assert grades.count(Grade.GOOD) + grades.count(Grade.NONE) >= 198
-    undecided = next(v for v in verdicts if v.grade is Grade.NONE)
-    assert undecided.words.startswith("undecided: ")
-    assert undecided.code.endswith("?")
+    assert grades.count(Grade.GOOD) + grades.count(Grade.OPEN) >= 198
+    open_ = next(v for v in verdicts if v.grade is Grade.OPEN)
+    assert open_.words.startswith("open: ")
+    assert open_.code.endswith("?")
 
 
 def test_a_method_that_mostly_fails_is_poor(tmp_path: Path) -> None:

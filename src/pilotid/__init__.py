@@ -23,6 +23,7 @@ from pilotid.methods.arx import ARX
 from pilotid.methods.bayes import Bayes
 from pilotid.methods.fourier import Fourier
 from pilotid.methods.mle import MLE
+from pilotid.methods.mle_genetic import MLEGenetic
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.methods.mmle3 import MMLE3
 from pilotid.methods.sindy import SINDy
@@ -48,6 +49,7 @@ __all__ = [
     "Estimate",
     "Fourier",
     "InputError",
+    "MLEGenetic",
     "MLEWhite",
     "Method",
     "Outcome",

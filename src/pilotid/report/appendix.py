@@ -70,17 +70,24 @@ def settings(study: Comparison, store: Store) -> Section:
     held = store.methods()
     rows = [[label, f"`{shown(held[label].settings)}`"] for label in study.methods]
     scenarios = [
-        [e.name, e.description, e.model, f"`{shown(e.settings)}`"]
+        [e.name, e.description, e.model, e.start, f"`{shown(e.settings)}`"]
         for e in map(study.entry, study.all_names)
     ]
     heads = [
-        Column(t, text=True) for t in ("scenario", "description", "model", "all that defines it")
+        Column(t, text=True)
+        for t in ("scenario", "description", "model", "start", "all that defines it")
     ]
     tables = [
         Table("Methods", columns, entries(rows)),
         Table("Scenarios", heads, entries(scenarios), folded=True),
     ]
-    notes = [notes_on_inference(study)] if study.scenarios else []
+    starts = Text(
+        "No method is told the truth. All methods of a replication are handed the same **start**: "
+        "that of the model (for models of the catalogue a generic one, round numbers in the middle "
+        "of published values) or, where the start is what a scenario varies, one drawn at random "
+        "about the truth. Methods are free to draw others."
+    )
+    notes = [starts, *([notes_on_inference(study)] if study.scenarios else [])]
     return Section("settings", "Methods and scenarios", [*tables, *notes])
 
 

@@ -27,7 +27,8 @@ from pilotid.report.population import links_of, population_chapters
 from pilotid.report.population_verdicts import CODES as POPULATION_CODES
 from pilotid.report.population_verdicts import RULES as POPULATION_RULES
 from pilotid.report.population_verdicts import population_verdicts
-from pilotid.report.verdicts import CODES, RULES, in_short, judge, sentence
+from pilotid.report.rules import Rules, rules_for
+from pilotid.report.verdicts import CODES, in_short, judge, sentence
 from pilotid.show.page import templates_of
 from pilotid.study.comparison import Comparison
 from pilotid.study.store import Store
@@ -85,10 +86,11 @@ def overview_table(study: Comparison) -> RichTable:
         return table
     name = reference(study)
     table.title, table.title_justify, table.title_style = _overview_title(study, name), "left", ""
+    rules = rules_for(study.cells)
     for cell in study.of(name):
         row = (
             cell.method,
-            judge(cell).words,
+            judge(cell, rules).words,
             study_tables.largest_bias(cell),
             f"{cell.usable}/{cell.tried}",
             study_tables.worst_rmse(cell),
@@ -140,28 +142,29 @@ def _summary(study: Comparison, about: Mapping[str, str], told: Sequence[Chapter
     blocks: list[Block] = []
     if "mixed" in about:
         blocks.append(Text(f"**Careful: {appendix.mixed(about['mixed'])}**"))
+    rules = rules_for(study.cells)
     if study.scenarios:
-        blocks += _reference(study, about)
+        blocks += _reference(study, about, rules)
     several = {n: c.key for c in told for n in c.tabled if not study.entry(n).one_recording}
     links = {**several, **links_of(study)}
     if len(links) > 1 or not study.scenarios:
-        blocks.append(study_tables.matrix(study, _all_verdicts(study, several), links))
+        blocks.append(study_tables.matrix(study, _all_verdicts(study, rules, several), links))
         blocks.append(Text(f"{CODES}. {POPULATION_CODES}." if study.populations else f"{CODES}."))
-    rules = [
-        *(RULES if study.scenarios else ()),
+    words = [
+        *([rules.words] if study.scenarios else ()),
         *([POPULATION_RULES] if study.populations else ()),
     ]
-    blocks.append(Text("Rules: " + " ".join(rules)))
+    blocks.append(Text("Rules: " + " ".join(words)))
     return Section("summary", "Summary", blocks)
 
 
-def _reference(study: Comparison, about: Mapping[str, str]) -> list[Block]:
+def _reference(study: Comparison, about: Mapping[str, str], rules: Rules) -> list[Block]:
     """What the methods do in the scenario that the summary is about."""
     name = reference(study)
     entry, cells = study.entry(name), study.of(name)
     power = ratio(about, name)
     share = f", remnant {100 * power:.0f} % of the control's power" if power == power else ""
-    verdicts = [judge(cell) for cell in cells]
+    verdicts = [judge(cell, rules) for cell in cells]
     intro = f"Scenario `{name}` ({entry.description}{share}), {_recordings(study, name)}."
     if entry.one_recording:
         intro += " All fits are of one recording: bias and coverage say nothing of others."
@@ -182,8 +185,12 @@ def _reference(study: Comparison, about: Mapping[str, str]) -> list[Block]:
     ]
 
 
-def _all_verdicts(study: Comparison, names: Mapping[str, str]) -> dict[tuple[str, str], Entry]:
-    verdicts = {(name, cell.method): judge(cell) for name in names for cell in study.of(name)}
+def _all_verdicts(
+    study: Comparison, rules: Rules, names: Mapping[str, str]
+) -> dict[tuple[str, str], Entry]:
+    verdicts = {
+        (name, cell.method): judge(cell, rules) for name in names for cell in study.of(name)
+    }
     entries = {place: Entry(v.code, v.grade.value) for place, v in verdicts.items()}
     return {**entries, **population_verdicts(study)}
 

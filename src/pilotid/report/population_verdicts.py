@@ -27,7 +27,7 @@ RULES = (
     "mean square of error over claimed error, with the largest 1 % left out, exceeds "
     f"{CLAIMS:g}; it fails if more than {100 * FAILURES:.0f} % of its fits do. It is good if none "
     f"of this holds, good in part if {100 * COVERAGE_IN_PART:.0f} % of the intervals hold the "
-    "truth and half of its fits succeed. It is undecided if the first two numbers are within "
+    "truth and half of its fits succeed. It is open if the first two numbers are within "
     f"{ERRORS:.0f} Monte Carlo errors of those of an honest method and nothing else is wrong. No "
     f"verdict on fewer than {FEWEST} fits."
 )
@@ -76,7 +76,7 @@ class PopulationVerdict:
         if not self.findings:
             return Grade.GOOD
         if not any(finding.certain for finding in self.findings):
-            return Grade.NONE
+            return Grade.OPEN
         return Grade.PARTLY if own.coverage.value >= COVERAGE_IN_PART else Grade.POOR
 
     @cached_property
@@ -105,7 +105,7 @@ class PopulationVerdict:
         doubt = self.findings and not any(finding.certain for finding in self.findings)
         parts = [finding.words for finding in self.findings]
         parts += [] if self.judged else [f"{self.cell.usable} fits"]
-        return ("undecided: " if doubt else "") + (", ".join(parts) or "good")
+        return ("open: " if doubt else "") + (", ".join(parts) or "good")
 
     @property
     def code(self) -> str:

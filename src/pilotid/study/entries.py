@@ -151,6 +151,13 @@ class ScenarioEntry:
         """Whether all fits are of the same recording, so that means say nothing."""
         return self.settings.get("one_recording") is True
 
+    @property
+    def start(self) -> str:
+        """Which initial guesses methods are handed, in words."""
+        spread = self.number("start_spread")
+        drawn = math.isfinite(spread) and spread > 0.0
+        return f"drawn within {100.0 * spread:g} % of the truth" if drawn else "of the model"
+
     def number(self, path: str) -> float:
         """A number among the settings, such as ``remnant.level``; NaN if it is not there."""
         held: Any = self.settings
