@@ -1,12 +1,15 @@
 """Simulated data sets whose truth is known."""
 
+from pilotid.datasets.named import CATALOGUE, AnyScenario, scenario_named, scenarios_named
 from pilotid.datasets.population import POPULATIONS, Population
-from pilotid.datasets.scenarios import SCENARIOS, Scenario, scenario_named, scenarios_named
+from pilotid.datasets.scenarios import SCENARIOS, Scenario
 from pilotid.datasets.simulation import simulate
 
 __all__ = [
+    "CATALOGUE",
     "POPULATIONS",
     "SCENARIOS",
+    "AnyScenario",
     "Population",
     "Scenario",
     "scenario_named",

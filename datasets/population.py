@@ -102,6 +102,21 @@ class Population:
     durations: tuple[float, float] = (60.0, 120.0)
     runs: tuple[int, ...] = (1, 1, 1, 2, 3, 5)
 
+    def __post_init__(self) -> None:
+        if unknown := set(self.models) - set(MODELS):
+            there = ", ".join(MODELS)
+            raise ValueError(f"models must be of {there}, not {', '.join(sorted(unknown))}")
+        for name in ("models", "intervals", "runs"):
+            if not getattr(self, name):
+                raise ValueError(f"{name} must not be empty")
+        if not all(x > 0.0 for x in (*self.intervals, *self.durations, *self.runs)):
+            raise ValueError("intervals, durations and runs must be above 0")
+
+    @property
+    def one_recording(self) -> bool:
+        """No: every replication has a recording of its own."""
+        return False
+
     def drawn(self, rng: np.random.Generator) -> Scenario:
         """One scenario of the population; it bears the population's name.
 

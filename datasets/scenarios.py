@@ -1,12 +1,14 @@
 """Scenarios: everything that defines a simulated data set, by name.
 
-A new scenario is one entry in `SCENARIOS`; one of your own is named as ``file.py:NAME``.
+A new scenario is one entry in `SCENARIOS`; `pilotid.datasets.named` finds it by its name.
 """
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field, replace
+
+import numpy as np
 
 from pilotid.datasets.forcing import (
     PERIOD,
@@ -16,13 +18,15 @@ from pilotid.datasets.forcing import (
     paper_target,
 )
 from pilotid.datasets.remnant import Remnant, white
-from pilotid.naming.code import is_place, taken
-from pilotid.naming.settings import configured
-from pilotid.naming.text import split_call
 from pilotid.pilot.catalogue import MULTI, SINGLE
 from pilotid.pilot.element import ControlledElement, double_integrator
 from pilotid.pilot.model import PilotModel
 from pilotid.types import FloatArray, InputError
+
+#: The pilots of AIAA 2008-7109 with motion (Kvis, tlead, tdvis, Kvest, tdvest, fnm, dnm) and
+#: without (Kvis, tlead, tdvis, fnm, dnm).
+PILOT_IN_MOTION = (0.17, 2.93, 0.32, 1.59, 0.29, 12.0, 0.3)
+PILOT_AT_REST = (0.32, 1.68, 0.39, 12.0, 0.3)
 
 
 @dataclass(frozen=True)
@@ -46,7 +50,8 @@ class Scenario:
     runs
         Runs per recording, with the same forcing and independent remnants.
     start_spread
-        Initial guesses are drawn within this share of the truth; 0 for the model's own.
+        Where methods start: 0 for the model's own, generic initial guesses; otherwise they are
+        drawn within this share of the truth, for each replication the same for all methods.
     one_recording
         Whether all replications fit the same recording.
     family, varied
@@ -57,7 +62,7 @@ class Scenario:
     name: str
     description: str
     model: PilotModel = MULTI
-    truth: tuple[float, ...] = tuple(MULTI.start)
+    truth: tuple[float, ...] = PILOT_IN_MOTION
     element: ControlledElement = field(default_factory=lambda: double_integrator(4.0))
     target: Forcing | None = field(default_factory=paper_target)
     disturbance: Forcing | None = field(default_factory=paper_disturbance)
@@ -76,6 +81,10 @@ class Scenario:
         """True parameters in model order, shape (parameters,)."""
         return self.model.vector(dict(zip(self.model.keys, self.truth, strict=True)))
 
+    def drawn(self, rng: np.random.Generator) -> Scenario:
+        """Itself: every replication has the same pilot; see `pilotid.datasets.population`."""
+        return self
+
 
 def _of_the_paper() -> list[Scenario]:
     nominal = Scenario("nominal", "both forcing functions, remnant gain 0.4 (Fig. 3, Table 3)")
@@ -89,7 +98,7 @@ def _of_the_paper() -> list[Scenario]:
             name="single",
             description="visual channel alone, both forcing functions, remnant gain 0.4",
             model=SINGLE,
-            truth=tuple(SINGLE.start),
+            truth=PILOT_AT_REST,
         ),
         replace(
             nominal,
@@ -179,74 +188,33 @@ def _beyond_the_paper() -> list[Scenario]:
 SCENARIOS: dict[str, Scenario] = {s.name: s for s in (*_of_the_paper(), *_beyond_the_paper())}
 
 
-def scenarios_named(text: str) -> list[Scenario]:
-    """The scenarios that a text names.
-
-    Parameters
-    ----------
-    text
-        ``nominal``, ``nominal(runs=3)``, or ``file.py:NAME`` or ``package.module:NAME`` for
-        a scenario or a list of them.
-
-    Raises
-    ------
-    InputError
-        If there is none; the message lists the names there are.
-    """
-    if not is_place(text):
-        return [_from_catalogue(text)]
-    thing = taken(text)
-    own = list(thing) if isinstance(thing, list | tuple) else [thing]
-    if not own or not all(isinstance(scenario, Scenario) for scenario in own):
-        raise InputError(f"{text}: is no Scenario and no list of them")
-    return [checked(scenario) for scenario in own]
-
-
-def scenario_named(text: str) -> Scenario:
-    """The one scenario that a text names, see `scenarios_named`."""
-    first, *others = scenarios_named(text)
-    if others:
-        names = ", ".join(scenario.name for scenario in (first, *others))
-        raise InputError(f"{text}: holds several scenarios ({names}); name one of them")
-    return first
-
-
-def _from_catalogue(text: str) -> Scenario:
-    name, settings = split_call(text)
-    if name not in SCENARIOS:
-        there = ", ".join(SCENARIOS)
-        raise InputError(f"unknown scenario '{name}': choose from {there}, or name file.py:NAME")
-    scenario = SCENARIOS[name]
-    changed = configured(scenario, settings, text)
-    if changed == scenario or changed.name != name:
-        return checked(changed)
-    # Its name goes into files and links.
-    signs = re.sub(r"[^\w.]+", "-", f"{name}({settings})", flags=re.ASCII).strip("-")
-    return checked(replace(changed, name=signs, family="", varied=""))
-
-
-def checked(scenario: object) -> Scenario:
-    """A scenario, if its name is its own.
-
-    Raises
-    ------
-    InputError
-        If the name belongs to another scenario, or cannot be that of a file.
-    """
-    if not isinstance(scenario, Scenario):
-        raise InputError(f"{scenario!r}: is no Scenario")
-    name: object = scenario.name
+def require_name(name: object) -> None:
+    """Refuse a name that cannot be that of a file and of a link."""
     if not isinstance(name, str) or not re.fullmatch(r"\w[\w.+-]{0,100}", name, re.ASCII):
         raise InputError(
             f"a scenario has the name {name!r}; it must be of letters, digits and the signs . + -"
         )
-    if SCENARIOS.get(scenario.name, scenario) != scenario:
-        raise InputError(
-            f"a scenario has the name '{name}' of another one; give it a name of its own"
-        )
+
+
+def checked(scenario: object) -> Scenario:
+    """A scenario, if its truth is one of its model, and stays with it.
+
+    Raises
+    ------
+    InputError
+        If it is no scenario, or its truth has not as many numbers as its model parameters; if
+        the model would carry the truth to the methods.
+    """
+    if not isinstance(scenario, Scenario):
+        raise InputError(f"{scenario!r}: is no Scenario")
     if len(scenario.truth) != len(scenario.model.keys):
         raise InputError(
-            f"scenario {name}: its truth must be {len(scenario.model.keys)} numbers, for "
+            f"scenario {scenario.name}: its truth must be {len(scenario.model.keys)} numbers, for "
             f"{', '.join(scenario.model.keys)}"
+        )
+    if not scenario.start_spread and scenario.truth == tuple(scenario.model.start):
+        raise InputError(
+            f"scenario {scenario.name}: its truth is the start of its model, which is handed to "
+            "every method; give the model another start (PilotModel.with_start)"
         )
     return scenario

@@ -16,6 +16,7 @@ from pilotid.methods.arx import ARX
 from pilotid.methods.bayes import Bayes
 from pilotid.methods.fourier import Fourier
 from pilotid.methods.mle import MLE
+from pilotid.methods.mle_genetic import MLEGenetic
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.methods.mmle3 import MMLE3
 from pilotid.methods.sindy import SINDy
@@ -28,6 +29,7 @@ from pilotid.types import InputError
 METHODS: tuple[Method, ...] = (
     MMLE3(),
     MLEWhite(),
+    MLEGenetic(),
     MLE(),
     Bayes(likelihood="white", band=None),
     Bayes(),

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from pilotid.study.comparison import comparison_of
-from pilotid.study.entries import MethodEntry, ParameterTruth, Result, ScenarioEntry, Unit
+from pilotid.study.entries import (
+    Draw,
+    MethodEntry,
+    ParameterTruth,
+    Result,
+    ScenarioEntry,
+    Unit,
+)
 from pilotid.study.store import STORE, Store
 from pilotid.types import InputError
 
@@ -16,7 +23,7 @@ KEYS = ("Kvis", "tlead", "tdvis", "fnm", "zetanm")
 
 
 def finish(folder: Path, replications: int = 25) -> Store:
-    """A study of two scenarios and three methods, with some fits that failed; still open."""
+    """Two scenarios, a population, three methods, and some fits that failed; still open."""
     rng = np.random.default_rng(4)
     store = Store(folder, create=True)
     store.describe({"seed": "1", "code": "c0de", "numpy": "2.0", "remnant ratio first": "0.1"})
@@ -24,6 +31,7 @@ def finish(folder: Path, replications: int = 25) -> Store:
         known = tuple(ParameterTruth(key, "s", 1.5 + position, 0.1) for key in KEYS)
         settings = {"class": "Scenario", "truth": [1.5] * 5, "remnant": {"level": 0.4}}
         store.add_scenario(ScenarioEntry(name, position, "words", "single", settings, known))
+    store.add_scenario(ScenarioEntry("any", 2, "words", "single", {"class": "Population"}, ()))
     for position, name in enumerate(("mle", "arx", "fourier")):
         store.add_method(MethodEntry(name, position, {"class": name, "memory": 2.0}))
     for replication in range(replications):
@@ -31,7 +39,17 @@ def finish(folder: Path, replications: int = 25) -> Store:
             for method in ("mle", "arx", "fourier"):
                 unit = Unit(scenario, method, replication)
                 store.add(fit(unit, rng) if rng.random() > 0.1 else Result(unit, "crashed", "why"))
+        for method in ("mle", "arx", "fourier"):
+            found = fit(Unit("any", method, replication), rng)
+            store.add(replace(found, excess=rng.normal(), draw=drawn(replication)))
     return store
+
+
+def drawn(replication: int) -> Draw:
+    """What the population drew for a replication."""
+    truth = np.random.default_rng(replication).normal(1.5, 0.1, len(KEYS)).tolist()
+    known = tuple(ParameterTruth(k, "s", v, 0.1) for k, v in zip(KEYS, truth, strict=True))
+    return Draw("single", known, {"element": "K/s", "dt": 0.01, "runs": 1 + replication % 2})
 
 
 def fit(unit: Unit, rng: np.random.Generator) -> Result:

@@ -58,7 +58,7 @@ def test_bias_and_coverage(name: str) -> None:
 
 
 def test_the_structure_that_a_search_settles_for_is_biased() -> None:
-    keys, truth = SINGLE.keys, SINGLE.start
+    keys, truth = SINGLE.keys, SINGLE_LOOP.values
     short = np.mean([e.values for e in monte_carlo(ARX(memory=None), SINGLE_LOOP, 20)], axis=0)
     long = np.mean([e.values for e in monte_carlo(ARX(), SINGLE_LOOP, 60)], axis=0)
     for key in ("tdvis", "fnm"):

@@ -53,12 +53,12 @@ def refused(answer: Answer, *words: str) -> None:
 
 
 def test_list_names_everything(run: Run) -> None:
-    from pilotid.datasets import SCENARIOS
+    from pilotid.datasets import CATALOGUE
 
     answer = run("list")
     assert answer.status == 0
     lines = [line.split()[0] for line in answer.out.splitlines()]
-    assert lines == ["models", *MODELS, "methods", *methods(), "scenarios", *SCENARIOS]
+    assert lines == ["models", *MODELS, "methods", *methods(), "scenarios", *CATALOGUE]
 
 
 def test_no_arguments_show_the_help(run: Run) -> None:
@@ -107,6 +107,39 @@ def test_simulate_runs(run: Run, tmp_path: Path) -> None:
     recording = load_recording(out)
     assert recording.runs == 3
     assert not np.array_equal(recording.u[0], recording.u[1])
+
+
+def test_simulate_draws_a_pilot_of_a_population(run: Run, tmp_path: Path) -> None:
+    models = set()
+    for seed in range(4):
+        out = tmp_path / f"{seed}.csv"
+        answer = run("simulate", "population-usual", "--out", out, "--seed", seed)
+        assert answer.status == 0, answer.err
+        truth = json.loads(out.with_suffix(".truth.json").read_text())
+        assert truth["scenario"] == "population-usual"
+        assert f"(model {truth['model']})" in answer.out
+        assert load_recording(out).runs == truth["runs"]
+        models.add((truth["model"], truth["parameters"]["fnm"]["value"]))
+    assert len(models) == 4
+    again = tmp_path / "again.csv"
+    run("simulate", "population-usual", "--out", again, "--seed", 2)
+    assert again.read_bytes() == (tmp_path / "2.csv").read_bytes()
+
+
+def test_compare_on_a_population_writes_its_table(run: Run, tmp_path: Path) -> None:
+    name = "population-short(models=(single,), intervals=(0.02,))"
+    out = tmp_path / "study"
+    answer = run("compare", "--scenario", name, "--method", "mle-white", "--replications", 2,
+                 "--out", out)  # fmt: skip
+    assert answer.status == 0, answer.err
+    assert "any pilot" in answer.out
+    assert "mle-white   2 fits" in answer.out
+    head, *rows = (out / "population.csv").read_text().splitlines()
+    assert head.startswith("scenario,method,stratum,value,parameter,recordings,n,coverage_95")
+    assert rows[0].startswith(
+        "population-short-models-single-intervals-0.02,mle-white,all,all,all,"
+    )
+    assert f"--scenario '{name}'" in (out / "report.md").read_text()
 
 
 def test_fit_finds_the_truth_and_writes_it_as_agreed(run: Run, simulated: Path) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import NOMINAL, part_of, without_remnant
+from helpers import NOMINAL, SINGLE_LOOP, part_of, without_remnant
 from scipy.optimize import approx_fprime
 
 from pilotid import load_recording
@@ -35,7 +35,7 @@ def noisy(runs: int = 1, name: str = "nominal", seed: int = 4) -> Recording:
 def test_noise_free_recordings_give_the_truth(name: str, trend: int | None) -> None:
     scenario = without_remnant(scenario_named(name))
     if name == "target-only":  # one channel, from the target's lines
-        scenario = replace(scenario, model=SINGLE, truth=tuple(SINGLE.start))
+        scenario = replace(scenario, model=SINGLE, truth=SINGLE_LOOP.truth)
     recording = simulate(scenario, np.random.default_rng(1))
     estimate = identify(Fourier(trend=trend), recording, scenario.model, np.random.default_rng(1))
     assert estimate.outcome is Outcome.CONVERGED

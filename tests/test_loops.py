@@ -7,6 +7,7 @@ from collections.abc import Callable
 import control
 import numpy as np
 import pytest
+from helpers import NOMINAL, SINGLE_LOOP
 
 from pilotid.pilot.catalogue import GAIN_ONLY, MULTI, SINGLE
 from pilotid.pilot.element import (
@@ -24,6 +25,11 @@ from pilotid.types import FloatArray
 pytestmark = pytest.mark.numerical
 
 OMEGA = np.geomspace(0.05, 50.0, 50)
+VALUES = {
+    "single": SINGLE_LOOP.values,
+    "multi": NOMINAL.values,
+    "gain": np.array([0.5, 0.3, 12.0, 0.3]),
+}
 
 
 def of_control(system: control.TransferFunction, omega: FloatArray) -> FloatArray:
@@ -44,7 +50,7 @@ def of_control(system: control.TransferFunction, omega: FloatArray) -> FloatArra
 def test_margins_of_the_paper_s_loops(
     model: PilotModel, target: tuple[float, float], disturbance: tuple[float, float]
 ) -> None:
-    found = margins(model, model.start, double_integrator(4.0))
+    found = margins(model, VALUES[model.name], double_integrator(4.0))
     for loop, (crossover, phase_margin) in zip(found, (target, disturbance), strict=True):
         assert loop.crossover == pytest.approx(crossover, abs=0.005)
         assert loop.phase_margin == pytest.approx(phase_margin, abs=0.5)
@@ -52,24 +58,26 @@ def test_margins_of_the_paper_s_loops(
 
 @pytest.mark.parametrize(("gain", "poles"), [(4.0, 0), (6.0, 2)])
 def test_multi_loop_is_stable_at_gain_4_and_unstable_at_6(gain: float, poles: int) -> None:
-    assert unstable_poles(MULTI, MULTI.start, double_integrator(gain)) == poles
+    assert unstable_poles(MULTI, NOMINAL.values, double_integrator(gain)) == poles
 
 
 def test_open_loops_follow_their_formulas() -> None:
     element = double_integrator(4.0)
-    visual, vestibular = MULTI.response(OMEGA, MULTI.start)
+    visual, vestibular = MULTI.response(OMEGA, NOMINAL.values)
     plant = 4.0 / (1j * OMEGA) ** 2
-    target, disturbance = open_loops(MULTI, MULTI.start, element, OMEGA)
+    target, disturbance = open_loops(MULTI, NOMINAL.values, element, OMEGA)
     np.testing.assert_allclose(target, visual * plant / (1.0 + vestibular * plant), rtol=1e-12)
     np.testing.assert_allclose(disturbance, plant * (visual + vestibular), rtol=1e-12)
 
 
 def test_pilot_on_gives_the_responses_in_u_equals_hpe_e_minus_hpx_x() -> None:
-    on_error, on_output = pilot_on(MULTI, OMEGA, MULTI.start)
-    visual, vestibular = MULTI.response(OMEGA, MULTI.start)  # channel signs +1 and -1
+    on_error, on_output = pilot_on(MULTI, OMEGA, NOMINAL.values)
+    visual, vestibular = MULTI.response(OMEGA, NOMINAL.values)  # channel signs +1 and -1
     np.testing.assert_array_equal(on_error, visual)
     np.testing.assert_array_equal(on_output, vestibular)
-    np.testing.assert_array_equal(pilot_on(SINGLE, OMEGA, SINGLE.start)[1], np.zeros(OMEGA.size))
+    np.testing.assert_array_equal(
+        pilot_on(SINGLE, OMEGA, SINGLE_LOOP.values)[1], np.zeros(OMEGA.size)
+    )
 
 
 def test_margins_of_an_integrator_with_delay_by_hand() -> None:
@@ -181,7 +189,7 @@ def test_improper_controlled_element_is_refused(
 
 def poles_of_control(model: PilotModel, element: ControlledElement) -> int:
     """Right-half-plane poles of the loop closed in python-control, delays as Pade of order 8."""
-    paths = model.rational(model.start, 8)
+    paths = model.rational(VALUES[model.name], 8)
     signs = [c.sign if c.input == "error" else -c.sign for c in model.channels]
     pilot = control.ss(signs[0] * paths[0])
     for sign, path in zip(signs[1:], paths[1:], strict=True):
@@ -207,7 +215,7 @@ def test_unstable_poles_are_those_of_python_control_on_both_sides_of_the_boundar
     counts = []
     for share in (0.3, 0.8, 0.99, 1.01, 1.2, 2.0, 4.0):
         plant = element(share * boundary)
-        counts.append(unstable_poles(model, model.start, plant))
+        counts.append(unstable_poles(model, VALUES[model.name], plant))
         assert counts[-1] == poles_of_control(model, plant), share
     assert counts[:3] == [0, 0, 0]
     assert all(count >= 2 for count in counts[3:])
@@ -216,8 +224,8 @@ def test_unstable_poles_are_those_of_python_control_on_both_sides_of_the_boundar
 @pytest.mark.parametrize("delay", [0.0, 0.05, 0.1, 0.3])
 def test_delay_of_the_controlled_element_counts_towards_stability(delay: float) -> None:
     plant = ControlledElement((4.0,), (1.0, 0.0, 0.0), delay=delay)
-    assert unstable_poles(SINGLE, SINGLE.start, plant) == poles_of_control(SINGLE, plant)
-    assert (unstable_poles(SINGLE, SINGLE.start, plant) == 0) == (delay <= 0.1)
+    assert unstable_poles(SINGLE, SINGLE_LOOP.values, plant) == poles_of_control(SINGLE, plant)
+    assert (unstable_poles(SINGLE, SINGLE_LOOP.values, plant) == 0) == (delay <= 0.1)
 
 
 @pytest.mark.parametrize(("gain", "poles"), [(2.0, 1), (6.0, 0), (10.0, 2), (40.0, 4)])
@@ -226,4 +234,4 @@ def test_unstable_element_is_stabilised_by_the_pilot_within_a_range_of_gains(
 ) -> None:
     plant = ControlledElement((gain,), (1.0, 1.0, -1.0))
     assert poles_of_control(SINGLE, plant) == poles
-    assert unstable_poles(SINGLE, SINGLE.start, plant) == poles
+    assert unstable_poles(SINGLE, SINGLE_LOOP.values, plant) == poles

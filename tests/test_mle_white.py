@@ -35,7 +35,7 @@ def test_a_white_remnant_leaves_no_bias() -> None:
     estimates = monte_carlo(MLEWhite(), WHITE, REPLICATIONS)
     assert all(e.outcome.usable for e in estimates)
     values = {key: np.array([e.values[i] for e in estimates]) for i, key in enumerate(MULTI.keys)}
-    truth = dict(zip(MULTI.keys, MULTI.start.tolist(), strict=True))
+    truth = dict(zip(MULTI.keys, NOMINAL.values.tolist(), strict=True))
     values["Kvis*tlead"] = values["Kvis"] * values["tlead"]
     truth["Kvis*tlead"] = truth["Kvis"] * truth["tlead"]
     for key, found in values.items():
@@ -51,7 +51,7 @@ def test_a_white_remnant_leaves_the_intervals_honest() -> None:
     estimates = monte_carlo(MLEWhite(), WHITE, REPLICATIONS)
     shares = [
         scores.coverage(np.array([e.intervals[i] for e in estimates]), truth)
-        for i, truth in enumerate(MULTI.start)
+        for i, truth in enumerate(NOMINAL.values)
     ]
     # Parameters of one fit are correlated: their mean varies at most as one of them does.
     low, high = scores.coverage_limits(0.95, REPLICATIONS)
@@ -90,7 +90,7 @@ def test_several_starts_agree() -> None:
 
 def test_the_start_does_not_matter() -> None:
     recording = recording_of(NOMINAL)
-    far = MULTI.with_start({k: 0.6 * v for k, v in zip(MULTI.keys, MULTI.start, strict=True)})
+    far = MULTI.with_start({k: 0.6 * v for k, v in zip(MULTI.keys, NOMINAL.values, strict=True)})
     near = identify(MLEWhite(), recording, MULTI, np.random.default_rng(1))
     from_far = identify(MLEWhite(), recording, far, np.random.default_rng(1))
     # The search stops when a step promises less than a share of 1e-7 of the cost.
@@ -106,8 +106,8 @@ def test_a_coloured_remnant_makes_the_paper_s_estimator_biased_and_overconfident
     assert len(estimates) >= 10  # a fit that fails was left out by the paper as well
     values = np.array([e.values for e in estimates])
     index = MULTI.keys.index("tdvest")
-    bias = scores.bias(values[:, index], MULTI.start[index])
-    assert bias > 0.10 * MULTI.start[index]  # the paper finds 16 %
+    bias = scores.bias(values[:, index], NOMINAL.values[index])
+    assert bias > 0.10 * NOMINAL.values[index]  # the paper finds 16 %
     assert bias > LIMIT * scores.bias_std_error(values[:, index])
     claimed = np.mean([e.std_error for e in estimates], axis=0)
     scatter = np.std(values, axis=0, ddof=1)
@@ -138,7 +138,7 @@ def test_a_delay_driven_negative_is_an_outcome() -> None:
 @pytest.mark.parametrize("hold", ["zoh", "foh"])
 @pytest.mark.parametrize("channel", range(2))
 def test_pulse_response_against_scipy(hold: str, channel: int) -> None:
-    rational = MULTI.polynomials(MULTI.start, 5)[channel]
+    rational = MULTI.polynomials(NOMINAL.values, 5)[channel]
     dt, signal = random_input()
     time = np.arange(signal.size) * dt
     _, expected, _ = lsim(rational, signal, time, interp=hold == "foh")
@@ -146,7 +146,7 @@ def test_pulse_response_against_scipy(hold: str, channel: int) -> None:
 
 
 def test_pulse_response_against_python_control() -> None:
-    rational = MULTI.polynomials(MULTI.start, 5)[0]
+    rational = MULTI.polynomials(NOMINAL.values, 5)[0]
     dt, signal = random_input()
     system = control.tf2ss(control.TransferFunction(*rational))
     time = np.arange(signal.size) * dt

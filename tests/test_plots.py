@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from helpers import NOMINAL, PILOTS
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -43,8 +44,8 @@ def estimate(
     errors: FloatArray | None = None,
     **fields: object,
 ) -> Estimate:
-    """An estimate at the model's start with errors that are not correlated, 1 % of the values."""
-    values = model.start
+    """An estimate at a pilot's truth with errors that are not correlated, 1 % of the values."""
+    values = PILOTS[model.name].values
     covariance = np.diag((0.01 * values if errors is None else errors) ** 2)
     return Estimate(
         method,
@@ -60,7 +61,7 @@ def estimate(
 def first_step(model: PilotModel = MULTI) -> FrequencyResponse:
     """The model's own response, known to 10 %."""
     omega = np.geomspace(0.5, 17.0, 12)
-    value = model.response(omega, model.start)
+    value = model.response(omega, PILOTS[model.name].values)
     half = 0.5 * 0.1**2 * np.abs(value).ravel() ** 2
     return FrequencyResponse(omega, value, np.diag(np.tile(half, 2)))
 
@@ -131,7 +132,7 @@ def test_a_failed_estimate_costs_the_others_nothing() -> None:
 def test_the_curve_is_the_model_s_response() -> None:
     above, below = plots.describing_function(estimate(), channel="vestibular", axes=pair())
     omega, size = line(above, "mle")
-    response = MULTI.response(omega, MULTI.start)[1]
+    response = MULTI.response(omega, NOMINAL.values)[1]
     np.testing.assert_allclose(size, np.abs(response))
     turned = np.deg2rad(line(below, "mle")[1])
     np.testing.assert_allclose(np.exp(1j * turned), response / np.abs(response), atol=1e-9)
@@ -142,7 +143,7 @@ def test_the_curve_is_the_model_s_response() -> None:
 def test_the_band_of_an_uncertain_gain_is_one_of_magnitude_alone() -> None:
     model = MODELS["gain"]
     errors = np.zeros(len(model.keys))
-    errors[0] = 0.1 * model.start[0]
+    errors[0] = 0.1 * PILOTS[model.name].values[0]
     above, below = plots.describing_function(estimate(model, errors=errors), axes=pair())
     omega, size = line(above, "mle")
     low, high = band(above, omega[:5])
@@ -169,7 +170,7 @@ def test_points_lie_on_the_curve_s_turn_with_bars_of_95_percent() -> None:
     above, below = plots.describing_function(found, axes=pair())
     (points,), (turned,) = above.containers, below.containers
     omega, size = np.asarray(points[0].get_data())
-    np.testing.assert_allclose(size, np.abs(MULTI.response(omega, MULTI.start)[0]))
+    np.testing.assert_allclose(size, np.abs(MULTI.response(omega, NOMINAL.values)[0]))
     segment = points[2][0].get_segments()[0]
     # The error's power is shared by real and imaginary part: 10 % / sqrt(2) each.
     assert segment[1][1] / size[0] - 1.0 == pytest.approx(0.196 / np.sqrt(2.0), rel=1e-3)
@@ -189,7 +190,7 @@ def test_points_of_a_failed_fit_are_drawn_and_points_without_a_phase_only_above(
 
 
 def test_truth_is_drawn_beside_and_an_unknown_channel_is_refused() -> None:
-    truth = 1.1 * MULTI.start
+    truth = 1.1 * NOMINAL.values
     above, _ = plots.describing_function(estimate(), truth=truth, axes=pair())
     omega, size = line(above, "truth")
     np.testing.assert_allclose(size, np.abs(MULTI.response(omega, truth)[0]))

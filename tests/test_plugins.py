@@ -69,7 +69,7 @@ def test_a_package_s_method_is_listed_and_a_broken_one_costs_a_line(
 ) -> None:
     done = pilotid(python, "list", cwd=tmp_path)
     assert done.returncode == 0
-    assert "\n  one-start         Output error from one start. [one_start]\n" in done.stdout
+    assert "\n  one-start            Output error from one start. [one_start]\n" in done.stdout
     assert "  arx  " in done.stdout
     assert "scenarios" in done.stdout
     assert done.stderr == LEFT_OUT

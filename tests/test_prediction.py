@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import NOMINAL, PILOTS, part_of, recording_of, without_remnant
+from helpers import NOMINAL, PILOTS, SINGLE_LOOP, part_of, recording_of, without_remnant
 
 from pilotid.datasets import SCENARIOS, Scenario, simulate
 from pilotid.pilot.catalogue import MULTI, RATE, SINGLE
@@ -243,10 +243,10 @@ def test_decay_that_is_no_pole_of_the_model_stays_in_the_residual() -> None:
     recording = simulate(NOMINAL, np.random.default_rng(5))
     decaying = changed_control(recording, -2.0 * np.exp(-recording.time / 6.0))
     one, two = (OutputErrors(predict(r, SINGLE)) for r in (recording, decaying))
-    assert np.std(one.residual(SINGLE.start) - two.residual(SINGLE.start)) > 0.1
+    assert np.std(one.residual(SINGLE_LOOP.values) - two.residual(SINGLE_LOOP.values)) > 0.1
     moving = changed_control(recording, -2.0 * np.exp(-recording.time / 3.0))
     one, two = (OutputErrors(predict(r, MULTI)) for r in (recording, moving))
-    assert np.std(one.residual(MULTI.start) - two.residual(MULTI.start)) > 0.05
+    assert np.std(one.residual(NOMINAL.values) - two.residual(NOMINAL.values)) > 0.05
 
 
 @pytest.mark.parametrize("band", BANDS)

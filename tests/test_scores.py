@@ -27,6 +27,18 @@ def test_bias_std_error_is_the_spread_over_root_n() -> None:
     assert scores.bias_std_error(VALUES) == pytest.approx(math.sqrt(14.0 / 3.0) / 2.0)
 
 
+def test_t_of_the_bias_is_student_s_without_skewness_and_hall_s_with_it() -> None:
+    # mean 2, s = 1, symmetric: (2 - 1)/1 * sqrt(3)
+    assert scores.bias_t(VALUES[:3], 1.0) == pytest.approx(math.sqrt(3.0))
+    # deviations -1, -1, -1, 3: s = 2, third moment (27 - 3)/4 = 6 over 3**1.5; share (1 - 0)/2
+    skew = 6.0 / 3.0**1.5
+    by_hand = 2.0 * (0.5 + skew / 12.0 + skew**2 / 216.0 + skew / 24.0)
+    assert scores.bias_t(np.array([0.0, 0.0, 0.0, 4.0]), 0.0) == pytest.approx(by_hand)
+    assert scores.bias_t(np.ones(3), 2.0) == -math.inf
+    assert scores.bias_t(np.ones(3), 1.0) == 0.0
+    assert math.isnan(scores.bias_t(np.ones(2), 1.0))
+
+
 def test_rmse_holds_bias_and_scatter() -> None:
     # errors -3, -2, -1, 2: squares sum to 18
     assert scores.rmse(VALUES, 4.0) == pytest.approx(math.sqrt(18.0 / 4.0))

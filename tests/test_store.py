@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import sqlite3
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pilotid.study.entries import MethodEntry, ParameterTruth, Result, ScenarioEntry, Unit
+from pilotid.study.entries import (
+    Draw,
+    MethodEntry,
+    ParameterTruth,
+    Result,
+    ScenarioEntry,
+    Unit,
+)
 from pilotid.study.store import FORMAT, STORE, Store
 from pilotid.types import InputError
 
@@ -102,6 +111,47 @@ def test_what_is_forgotten_is_gone_whole_and_can_come_again(tmp_path: Path) -> N
         assert store.done() == {Unit("early", "first", 0): "converged"}
         store.add(result("early", "first", 1))  # its numbers are not there twice
         assert [len(r.estimates) for r in store.results()] == [2, 2]
+
+
+def test_a_pilot_that_was_drawn_is_kept_once_for_all_methods(tmp_path: Path) -> None:
+    truth = (ParameterTruth("b", "s", 0.1 + 0.2, None), ParameterTruth("a", "", 1e-300, 0.4))
+    draw = Draw("own", truth, {"element": "K/s", "dt": 0.01})
+    numbers = (("b", 0.2, 0.1, 0.0, 0.4), ("a", 3.0, None, None, None))
+    whole = replace(result("any", "first", 7), estimates=numbers, excess=1e-3, draw=draw)
+    with filled(tmp_path) as store:
+        store.add_scenario(replace(entry("any", 3), parameters=()))
+        store.add(whole)
+        store.add(Result(Unit("any", "second", 7), "died"))  # nobody can tell what it was of
+        near = replace(truth[0], truth=0.3 * (1.0 + 1e-9))  # another processor's rounding
+        store.add(replace(whole, unit=Unit("any", "second", 8)))
+        store.add(replace(whole, unit=Unit("any", "first", 8),
+                          draw=replace(draw, parameters=(near, truth[1]))))  # fmt: skip
+        other = replace(draw, parameters=(replace(truth[0], truth=0.31), truth[1]))
+        with pytest.raises(InputError, match=r"another pilot for replication 7 of any"):
+            store.add(replace(whole, unit=Unit("any", "third", 7), draw=other))
+    with Store(tmp_path) as store:
+        found = list(store.results())
+        assert found[0] == whole
+        assert [r.unit for r in found] == [
+            Unit("any", method, r) for method in ("first", "second") for r in (7, 8)
+        ]
+        assert all(r.draw == draw for r in found)
+        assert store.draws() == {("any", 7): draw, ("any", 8): draw}
+        assert [e.population for e in store.scenarios()] == [False, False, True]
+
+
+def test_a_store_of_the_format_before_is_refused_in_a_sentence(tmp_path: Path) -> None:
+    """It had no draws, and a column less in the table of fits."""
+    filled(tmp_path).close()
+    base = sqlite3.connect(tmp_path / STORE)
+    base.execute("DROP TABLE draws")
+    base.execute("ALTER TABLE fits DROP COLUMN excess")
+    base.execute("UPDATE about SET value = '3' WHERE key = 'format'")  # its checksum fails now
+    base.commit()
+    base.close()
+    for create in (False, True):
+        with pytest.raises(InputError, match="another version of pilotid"):
+            Store(tmp_path, create=create)
 
 
 def test_numbers_are_found_among_the_settings() -> None:

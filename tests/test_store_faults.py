@@ -88,6 +88,8 @@ def test_every_table_is_guarded(finished: Path, tmp_path: Path) -> None:
         "DELETE FROM fits WHERE replication = 3 AND method = 'mle'",
         "UPDATE estimates SET value = value + 1e-15 WHERE replication = 3",
         "DELETE FROM estimates WHERE parameter = 'fnm' AND replication = 4",
+        "UPDATE draws SET facts = '{}' WHERE replication = 3",
+        "DELETE FROM draws WHERE replication = 4",
         "UPDATE seals SET rows = rows - 1 WHERE name = 'fits'",
         "DELETE FROM seals",
         "CREATE TABLE other (name)",
@@ -127,6 +129,22 @@ def test_a_study_goes_on_with_what_is_whole(finished: Path, whole: Content, tmp_
     assert (folder / f"{STORE}.damaged2").read_bytes() == damaged
     with Store(folder, create=True) as store:
         assert store.warning == ""
+
+
+def test_fits_of_a_pilot_that_is_lost_are_fitted_again(
+    finished: Path, whole: Content, tmp_path: Path
+) -> None:
+    folder = copied(finished, tmp_path / "study")
+    base = sqlite3.connect(folder / STORE)
+    base.execute("UPDATE draws SET model = 'other' WHERE replication = 3")
+    base.commit()
+    base.close()
+    with Store(folder, create=True) as store:
+        lost = whole.fits.keys() - store.done().keys()
+        assert lost == {Unit("any", method, 3) for method in ("mle", "arx", "fourier")}
+        for unit in lost:
+            store.add(whole.fits[unit])
+        assert content_of(store) == whole
 
 
 def test_the_first_page_can_be_made_again(finished: Path, whole: Content, tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ import pytest
 from pilotid.numbers import decimals, number, plus_minus, printed, share, signed
 from pilotid.report.content import inline_html
 from pilotid.report.page import overview_table, write_report
+from pilotid.report.rules import Rules, rules_for
 from pilotid.report.verdicts import Grade, judge, sentence
 from pilotid.study.comparison import Cell, comparison_of
 from pilotid.study.entries import MethodEntry, ParameterTruth, Result, ScenarioEntry, Unit
@@ -79,6 +80,7 @@ def entry(
         "duration": length,
         "runs": runs,
         "one_recording": name == "starts",
+        "start_spread": 0.4 if name == "starts" else 0.0,
     }
     family = name.partition("-")[0]
     family = family if family in ("length", "runs", "remnant") else ""
@@ -234,32 +236,51 @@ def test_marked_up_words_are_safe() -> None:
 # ----------------------------------------------------------------------------- the verdicts
 
 
-def judged(tmp_path: Path, change: Callable[[np.ndarray, np.ndarray], None]) -> str:
-    """Verdict on 40 fits whose values and claims are the bound's, but for a change."""
+def judged(
+    tmp_path: Path, change: Callable[[np.ndarray, np.ndarray], None], count: int = 400
+) -> str:
+    """Verdict on fits whose values and claims are the bound's, but for a change."""
     rng = np.random.default_rng(3)
-    values = np.array(TRUTH) * (1.0 + 0.05 * rng.normal(size=(40, 7)))
-    errors = np.tile(0.05 * np.array(TRUTH), (40, 1))
+    values = np.array(TRUTH) * (1.0 + 0.05 * rng.normal(size=(count, 7)))
+    errors = np.tile(0.05 * np.array(TRUTH), (count, 1))
     change(values, errors)
 
     with Store(tmp_path, create=True) as store:
         store.add_method(MethodEntry("mle", 0, {}))
         store.add_scenario(entry("nominal"))
-        for r in range(40):
+        for r in range(count):
             store.add(fit(Unit("nominal", "mle", r), values[r].tolist(), errors[r].tolist()))
-    verdict = judge(cell_of(tmp_path, "nominal", "mle"))
+    cell = cell_of(tmp_path, "nominal", "mle")
+    assert rules_for([cell]) == Rules(14)
+    verdict = judge(cell, rules_for([cell]))
     return f"{verdict.grade.name} {verdict.words}: {sentence(verdict)}"
 
 
+def nothing(values: np.ndarray, errors: np.ndarray) -> None:
+    """No change."""
+
+
 def test_an_honest_method_is_to_be_used(tmp_path: Path) -> None:
-    words = judged(tmp_path, lambda values, errors: None)
+    words = judged(tmp_path, nothing)
     assert words.startswith("GOOD good: **`mle`**: use it. No bias that counts in any parameter")
+
+
+def test_a_few_fits_leave_it_open(tmp_path: Path) -> None:
+    words = judged(tmp_path, nothing, 30)
+    told = re.match(
+        r"OPEN open: needs about (\d+) recordings: \*\*`mle`\*\*: nothing against", words
+    )
+    assert told
+    assert f"it takes about {told[1]} recordings to tell" in words
+    assert int(told[1]) >= 60
+    assert "open: Kvis, tlead, tdvis" in words
 
 
 def test_a_bias_is_named(tmp_path: Path) -> None:
     def change(values: np.ndarray, errors: np.ndarray) -> None:
         values[:, 2] *= 1.06
 
-    words = judged(tmp_path, change)
+    words = judged(tmp_path, change, 40)
     assert "PARTLY biased 1/7" in words
     assert "mind its bias in tdvis" in words
     assert re.search(r"Biased in tdvis \+[567]\.\d %", words)
@@ -287,7 +308,7 @@ def test_a_method_that_mostly_fails_is_poor(tmp_path: Path) -> None:
         store.add_scenario(entry("nominal"))
         for r in range(20):
             store.add(Result(Unit("nominal", "mle", r), "diverged"))
-    verdict = judge(cell_of(tmp_path, "nominal", "mle"))
+    verdict = judge(cell_of(tmp_path, "nominal", "mle"), Rules(0))
     assert verdict.grade is Grade.POOR
     assert "20 of 20 fits failed: do not use it here" in sentence(verdict)
 
@@ -338,6 +359,14 @@ def test_every_scenario_has_its_numbers_and_how_to_get_them(full: Made) -> None:
     assert "| code digest | abc123 |" in full.markdown
     assert "bayes(setting=1)" in full.html
     assert "**inferred**" in full.markdown
+
+
+def test_the_start_that_methods_were_handed_is_told(full: Made) -> None:
+    told = dict(re.findall(r"\| ([^|]+) \| case [^|]+ \| \w+ \| ([^|]+) \|", full.markdown))
+    assert told.pop("starts") == "drawn within 40 % of the truth"
+    assert set(told) == set(ALL) - {"starts"}
+    assert set(told.values()) == {"of the model"}
+    assert "No method is told the truth" in full.markdown
 
 
 @pytest.mark.parametrize(

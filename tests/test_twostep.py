@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from helpers import NOMINAL, PILOTS
 from scipy.optimize import approx_fprime
 
 from pilotid.datasets import scenario_named, simulate
@@ -23,7 +24,7 @@ from pilotid.types import ComplexArray, FloatArray
 pytestmark = pytest.mark.numerical
 
 OMEGA = np.geomspace(0.4, 17.0, 20)
-TRUTH = MULTI.start
+TRUTH = NOMINAL.values
 
 
 @cache
@@ -34,7 +35,7 @@ def recording() -> Recording:
 def with_errors(
     model: PilotModel, covariance: ComplexArray, errors: ComplexArray
 ) -> FrequencyResponse:
-    true = model.response(OMEGA, model.start)
+    true = model.response(OMEGA, PILOTS[model.name].values)
     return FrequencyResponse(OMEGA, true + errors.reshape(true.shape), circular(covariance))
 
 

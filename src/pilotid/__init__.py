@@ -15,6 +15,7 @@ methods on scenarios is a `Study`.
 """
 
 from pilotid.api import compare, identify, simulate
+from pilotid.datasets.population import POPULATIONS, Population
 from pilotid.datasets.scenarios import SCENARIOS, Scenario
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import Method
@@ -22,6 +23,7 @@ from pilotid.methods.arx import ARX
 from pilotid.methods.bayes import Bayes
 from pilotid.methods.fourier import Fourier
 from pilotid.methods.mle import MLE
+from pilotid.methods.mle_genetic import MLEGenetic
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.methods.mmle3 import MMLE3
 from pilotid.methods.sindy import SINDy
@@ -40,16 +42,19 @@ __all__ = [
     "MLE",
     "MMLE3",
     "MODELS",
+    "POPULATIONS",
     "SCENARIOS",
     "Bayes",
     "Channel",
     "Estimate",
     "Fourier",
     "InputError",
+    "MLEGenetic",
     "MLEWhite",
     "Method",
     "Outcome",
     "PilotModel",
+    "Population",
     "Recording",
     "SINDy",
     "Scenario",

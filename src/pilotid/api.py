@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pilotid.datasets.scenarios import Scenario, scenario_named
+from pilotid.datasets.named import AnyScenario, scenario_named
 from pilotid.datasets.simulation import simulate as simulated
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.method import Method
@@ -16,7 +16,7 @@ from pilotid.methods import label_of, method_named
 from pilotid.pilot.catalogue import model_named
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.seeds import DEFAULT_SEED, fit_rng, recording_rng
+from pilotid.seeds import DEFAULT_SEED, draw_rng, fit_rng, recording_rng
 from pilotid.study.comparison import Comparison
 from pilotid.study.study import Study
 
@@ -58,26 +58,28 @@ def identify(
 
 
 def simulate(
-    scenario: Scenario | str = "nominal", rng: np.random.Generator | int = DEFAULT_SEED
+    scenario: AnyScenario | str = "nominal", rng: np.random.Generator | int = DEFAULT_SEED
 ) -> Recording:
     """Simulate one recording of a scenario: ``simulate("nominal", 7)``.
 
     Parameters
     ----------
     scenario
-        A scenario, or what the command line takes for one.
+        A scenario or a population, of which one pilot is drawn; or what the command line takes
+        for one.
     rng
         A random generator, or the seed of one: the same seed gives the recording that
         ``pilotid simulate --seed`` writes.
     """
     chosen = scenario_named(scenario) if isinstance(scenario, str) else scenario
-    if not isinstance(rng, np.random.Generator):
-        rng = recording_rng(rng, chosen.name)
-    return simulated(chosen, rng)
+    if isinstance(rng, np.random.Generator):
+        return simulated(chosen.drawn(rng), rng)
+    drawn = chosen.drawn(draw_rng(rng, chosen.name))
+    return simulated(drawn, recording_rng(rng, chosen.name))
 
 
 def compare(
-    scenarios: Iterable[Scenario | str] = ("nominal",),
+    scenarios: Iterable[AnyScenario | str] = ("nominal",),
     methods: Iterable[Method | str] = ("mle-white", "mle"),
     replications: int = 25,
     *,

@@ -30,5 +30,10 @@ def start_rng(seed: int, scenario: str, replication: int = 0) -> np.random.Gener
     return _generator(seed, crc32(scenario.encode()), replication, crc32(b"start"))
 
 
+def draw_rng(seed: int, scenario: str, replication: int = 0) -> np.random.Generator:
+    """The generator of what a population draws for a replication, the same for every method."""
+    return _generator(seed, crc32(scenario.encode()), replication, crc32(b"draw"))
+
+
 def _generator(seed: int, *key: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))

@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from pilotid.datasets import scenario_named, simulate
+from pilotid.datasets import SCENARIOS as KNOWN
+from pilotid.datasets import simulate
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import Method, identify, method_fault
 from pilotid.estimates.sound import fault_of
@@ -25,7 +26,7 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import SIGNALS, Recording
 
 #: Scenarios whose recordings a method is tried on, by the model that is fitted.
-SCENARIOS = {"single": "single", "multi": "nominal"}
+SCENARIOS = {"single": KNOWN["single"], "multi": KNOWN["nominal"]}
 #: Outcomes that are the method's fault.
 FAULTS = (Outcome.CRASHED, Outcome.INVALID, Outcome.OUT_OF_MEMORY)
 #: Values of a usable estimate lie within this factor of the truth: positions are names here.
@@ -89,7 +90,7 @@ def check_estimate(estimate: Estimate, method: Method, model: PilotModel) -> Non
 
 def recording_for(model: str) -> Recording:
     """An ordinary recording, of the scenario in `SCENARIOS`."""
-    return simulate(scenario_named(SCENARIOS[model]), np.random.default_rng(11))
+    return simulate(SCENARIOS[model], np.random.default_rng(11))
 
 
 def _check_fits(method: Method, name: str) -> Outcome:
@@ -111,7 +112,7 @@ def _check_fits(method: Method, name: str) -> Outcome:
             "random number from the one that is passed",
         )
     if first.outcome.usable:
-        truth = scenario_named(SCENARIOS[name]).values
+        truth = SCENARIOS[name].values
         far = np.flatnonzero(np.abs(np.log(np.abs(first.values / truth))) > np.log(FACTOR))
         keys = ", ".join(model.keys[i] for i in far)
         _require(not far.size, f"{method.name}: {keys} far from the truth; are values in order?")

@@ -8,6 +8,7 @@ from functools import cache
 import control
 import numpy as np
 import pytest
+from helpers import NOMINAL
 from pytest_benchmark.fixture import BenchmarkFixture
 from scipy.optimize import least_squares
 
@@ -44,7 +45,7 @@ def coloured() -> Recording:
 def far_model() -> PilotModel:
     """The pilot with every initial guess 40 % off."""
     sign = np.array([1, -1, 1, -1, 1, -1, 1])
-    start = MULTI.start * (1.0 + 0.4 * sign)
+    start = NOMINAL.values * (1.0 + 0.4 * sign)
     return MULTI.with_start(dict(zip(MULTI.keys, start.tolist(), strict=True)))
 
 

@@ -24,7 +24,8 @@ def compare(
         str,
         typer.Option(
             metavar="quick|full",
-            help="quick: some recordings of the nominal scenario; full: 500 of every scenario.",
+            help="quick: some recordings of the nominal scenario and of any pilot; full: 500 of "
+            "every scenario and population.",
         ),
     ] = "quick",
     scenario: ScenarioOption = None,
@@ -64,7 +65,7 @@ def compare(
 ) -> None:
     """Compare methods on simulated recordings whose truth is known."""
     from pilotid.cli.progress import with_progress
-    from pilotid.datasets import SCENARIOS
+    from pilotid.datasets import CATALOGUE
     from pilotid.disk import make_folder
     from pilotid.methods import methods
     from pilotid.study.process import Limits
@@ -80,7 +81,7 @@ def compare(
             raise InputError(f"{option} {number}: must be a number of at least 0")
     default, count = PROFILES[profile]
     study = Study(
-        names_of(scenario, default, list(SCENARIOS)),
+        names_of(scenario, default, list(CATALOGUE)),
         names_of(method, list(methods()), list(methods())),
         replications or count,
         seed,
@@ -146,6 +147,7 @@ def _warn(store: Store) -> None:
 
 
 def _finish(folder: Path, store: Store) -> None:
+    from pilotid.report import population
     from pilotid.report.page import overview_table, write_report
     from pilotid.study.comparison import comparison_of
     from pilotid.study.summary import write_tables
@@ -154,5 +156,8 @@ def _finish(folder: Path, store: Store) -> None:
     write_tables(folder, study)
     path = write_report(folder, store, study)
     console = make_console()
-    print_table(console, overview_table(study))
+    if study.scenarios or not study.populations:
+        print_table(console, overview_table(study))
+    if study.populations:
+        print_table(console, population.overview_table(study))
     console.print(f"report: {path}", soft_wrap=True)

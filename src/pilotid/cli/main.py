@@ -36,7 +36,7 @@ from pilotid.naming.settings import labelled
 from pilotid.pilot.catalogue import MODELS, model_named
 from pilotid.recordings.files import load_recording, parse_mapping, save_recording
 from pilotid.recordings.recording import Recording, joined
-from pilotid.seeds import DEFAULT_SEED, recording_rng
+from pilotid.seeds import DEFAULT_SEED, draw_rng, recording_rng
 from pilotid.terminal import make_console, with_bar
 from pilotid.types import InputError
 
@@ -104,19 +104,19 @@ def _refuse(sentence: str) -> NoReturn:
 @app.command("list")
 def list_names() -> None:
     """List models, methods and scenarios."""
-    from pilotid.datasets import SCENARIOS
+    from pilotid.datasets import CATALOGUE
     from pilotid.methods import methods
 
     console = make_console()
     summaries = {
         "models": {m.name: f"{m.description}: {', '.join(m.keys)}" for m in MODELS.values()},
         "methods": {name: _first_line(m) for name, m in methods().items()},
-        "scenarios": {s.name: s.description for s in SCENARIOS.values()},
+        "scenarios": {s.name: s.description for s in CATALOGUE.values()},
     }
     for title, entries in summaries.items():
         console.print(title, style="bold")
         for name, text in entries.items():
-            console.print(f"  {name:<17} {text}", soft_wrap=True)
+            console.print(f"  {name:<20} {text}", soft_wrap=True)
 
 
 def _first_line(method: Method) -> str:
@@ -136,12 +136,13 @@ def simulate(
         int | None, typer.Option(min=1, help="Runs, each with its own remnant.")
     ] = None,
 ) -> None:
-    """Simulate a scenario; its truth goes to F.truth.json."""
+    """Simulate a scenario, or a pilot drawn from a population; truth goes to F.truth.json."""
     from pilotid.datasets import scenario_named
     from pilotid.datasets import simulate as simulated
     from pilotid.datasets.truth import truth
 
-    chosen = scenario_named(scenario)
+    named = scenario_named(scenario)
+    chosen = named.drawn(draw_rng(seed, named.name))
     chosen = replace(chosen, runs=runs or chosen.runs)
     recording = simulated(chosen, recording_rng(seed, chosen.name))
     save_recording(recording, out)
@@ -149,7 +150,8 @@ def simulate(
     text = strict_json({"seed": seed, **truth(chosen)})
     write_file(truth_file, text.encode())
     console = make_console()
-    console.print(f"{out}: a recording of scenario {chosen.name}", soft_wrap=True)
+    words = f"{out}: a recording of scenario {chosen.name} (model {chosen.model.name})"
+    console.print(words, soft_wrap=True)
     console.print(f"{truth_file}: its truth, which no method reads", soft_wrap=True)
 
 

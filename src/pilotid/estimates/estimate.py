@@ -98,6 +98,9 @@ class Estimate:
         The first step of a two-step method.
     draws
         Draws of the posterior, where the method has one.
+    criterion
+        What the search made small: -2 log-likelihood up to a constant of the recording, or the
+        like; NaN where there is none.
     remarks
         What a user must know before believing it, a sentence each; empty if all is well.
     seconds
@@ -118,6 +121,7 @@ class Estimate:
     frequency_response: FrequencyResponse | None = None
     draws: Draws | None = None
     remarks: tuple[str, ...] = ()
+    criterion: float = float("nan")
     seconds: float = float("nan")
 
     @property

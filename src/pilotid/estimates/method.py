@@ -7,7 +7,7 @@ import re
 import time
 import traceback
 from dataclasses import replace
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from pilotid.naming.code import reason
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
 from pilotid.recordings.recording import INPUTS, Recording
-from pilotid.types import InputError
+from pilotid.types import FloatArray, InputError
 
 #: The environment variable that asks for tracebacks of methods that raise.
 TRACEBACK = "PILOTID_TRACEBACK"
@@ -38,6 +38,27 @@ class Method(Protocol):
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
         """Estimate the model's parameters; a fit that fails says so in its outcome."""
+        ...
+
+
+@runtime_checkable
+class Searching(Protocol):
+    """A method that searches for the optimum of a criterion, and can say what it missed.
+
+    Its estimates have a `criterion`.  A study sets it against that of a search from the truth;
+    a fit never knows of it.
+    """
+
+    def criterion_from(self, recording: Recording, model: PilotModel, values: FloatArray) -> float:
+        """The criterion that a search reaches which starts at `values` alone.
+
+        Parameters
+        ----------
+        recording, model
+            As for `Method.fit`.
+        values
+            Parameters in model order, shape (parameters,).
+        """
         ...
 
 

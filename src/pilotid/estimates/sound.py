@@ -81,8 +81,9 @@ def _wrong_parts(estimate: Any) -> str:
         return "its remarks are no tuple of texts"
     if not all(isinstance(remark, str) for remark in estimate.remarks):
         return "its remarks are no texts"
-    if not isinstance(estimate.vaf, numbers.Real):
-        return f"its VAF is {_a(estimate.vaf)} in place of a number"
+    for name, value in (("VAF", estimate.vaf), ("criterion", estimate.criterion)):
+        if not isinstance(value, numbers.Real):
+            return f"its {name} is {_a(value)} in place of a number"
     count = estimate.iterations
     if not isinstance(count, numbers.Integral) or not 0 <= int(count) <= MOST_ITERATIONS:
         return "its iterations are no count"

@@ -1,4 +1,9 @@
-"""The pilot models by name."""
+"""The pilot models by name.
+
+Their starts are generic: round numbers in the middle of what is published, the same for a
+parameter wherever it occurs with the same meaning.  None is the truth of any data set, so that
+a method which returns where it starts is seen to have found nothing.
+"""
 
 from __future__ import annotations
 
@@ -15,19 +20,13 @@ from pilotid.pilot.factors import (
 from pilotid.pilot.model import Channel, PilotModel
 from pilotid.types import InputError
 
-
-def _visual(gain: float, lead: float, delay: float) -> tuple[Factor, ...]:
-    return (
-        Gain("Kvis", gain),
-        Lead("tlead", lead),
-        Delay("tdvis", delay),
-        Neuromuscular(),
-    )
+#: A gain on the error of a double integrator, with lead.
+VISUAL: tuple[Factor, ...] = (Gain("Kvis", 0.25), Lead("tlead"), Delay("tdvis"), Neuromuscular())
 
 
 SINGLE = PilotModel(
     "single",
-    (Channel("visual", "error", 1, _visual(0.32, 1.68, 0.39)),),
+    (Channel("visual", "error", 1, VISUAL),),
     "visual channel with lead, delay and neuromuscular dynamics (AIAA 2008-7109)",
 )
 
@@ -35,7 +34,7 @@ SINGLE = PilotModel(
 MULTI = PilotModel(
     "multi",
     (
-        Channel("visual", "error", 1, _visual(0.17, 2.93, 0.32)),
+        Channel("visual", "error", 1, VISUAL),
         Channel(
             "vestibular",
             "output",
@@ -43,8 +42,8 @@ MULTI = PilotModel(
             (
                 Differentiator(2),
                 Canals(),
-                Gain("Kvest", 1.59),
-                Delay("tdvest", 0.29),
+                Gain("Kvest", 1.0),
+                Delay("tdvest", 0.2),
                 Neuromuscular(),
             ),
         ),
@@ -55,7 +54,7 @@ MULTI = PilotModel(
 
 GAIN_ONLY = PilotModel(
     "gain",
-    (Channel("visual", "error", 1, (Gain("Kvis", 0.5), Delay("tdvis", 0.3), Neuromuscular())),),
+    (Channel("visual", "error", 1, (Gain("Kvis", 0.5), Delay("tdvis"), Neuromuscular())),),
     "visual gain, delay and neuromuscular dynamics (position and rate control)",
 )
 
@@ -69,9 +68,9 @@ LEAD_LAG = PilotModel(
             1,
             (
                 Gain("Kvis", 0.5),
-                Lead("tlead", 0.8),
-                Lag("tlag", 0.3),
-                Delay("tdvis", 0.3),
+                Lead("tlead"),
+                Lag("tlag", 0.25),
+                Delay("tdvis"),
                 Neuromuscular(),
             ),
         ),
@@ -83,14 +82,14 @@ LEAD_LAG = PilotModel(
 RATE = PilotModel(
     "rate",
     (
-        Channel("visual", "error", 1, _visual(0.3, 1.0, 0.3)),
+        Channel("visual", "error", 1, VISUAL),
         Channel(
             "motion",
             "output",
             -1,
             (
                 Differentiator(1),
-                Gain("Km", 0.3),
+                Gain("Km", 0.25),
                 Delay("tdm", 0.2),
                 Neuromuscular(),
             ),

@@ -176,7 +176,7 @@ class Lead:
     """First-order lead 1 + T s."""
 
     key: str = "tlead"
-    start: float = 1.5
+    start: float = 1.0
     bounds: tuple[float, float] = (0.01, 30.0)
     usual: tuple[float, float] = (0.2, 5.0)
     fixed_poles = ()
@@ -224,7 +224,7 @@ class Delay:
     """Pure time delay e^{-T s}, exact in frequency responses."""
 
     key: str = "tdvis"
-    start: float = 0.3
+    start: float = 0.25
     bounds: tuple[float, float] = (0.0, 1.0)
     usual: tuple[float, float] = (0.1, 0.5)
     fixed_poles = ()
@@ -303,8 +303,8 @@ class Neuromuscular:
 
     frequency_key: str = "fnm"
     damping_key: str = "dnm"
-    frequency_start: float = 12.0
-    damping_start: float = 0.3
+    frequency_start: float = 10.0
+    damping_start: float = 0.25
     frequency_bounds: tuple[float, float] = (2.0, 40.0)
     damping_bounds: tuple[float, float] = (0.02, 3.0)
     frequency_usual: tuple[float, float] = (6.0, 20.0)

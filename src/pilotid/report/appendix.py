@@ -22,7 +22,9 @@ def command(
 ) -> str:
     """What to type for these scenarios and the methods that were tried on them."""
     methods = [
-        study.typed[m] for m in study.methods if any(study.at(name, m) for name in scenarios)
+        study.typed[method]
+        for method in study.methods
+        if any(cell.method == method for name in scenarios for cell in study.tried_on(name))
     ]
     names = dict.fromkeys(study.entry(name).typed or name for name in scenarios)
     return (
@@ -68,16 +70,25 @@ def settings(study: Comparison, store: Store) -> Section:
     held = store.methods()
     rows = [[label, f"`{shown(held[label].settings)}`"] for label in study.methods]
     scenarios = [
-        [e.name, e.description, e.model, f"`{shown(e.settings)}`"] for e in study.scenarios
+        [e.name, e.description, e.model, e.start, f"`{shown(e.settings)}`"]
+        for e in map(study.entry, study.all_names)
     ]
     heads = [
-        Column(t, text=True) for t in ("scenario", "description", "model", "all that defines it")
+        Column(t, text=True)
+        for t in ("scenario", "description", "model", "start", "all that defines it")
     ]
     tables = [
         Table("Methods", columns, entries(rows)),
         Table("Scenarios", heads, entries(scenarios), folded=True),
     ]
-    return Section("settings", "Methods and scenarios", [*tables, notes_on_inference(study)])
+    starts = Text(
+        "No method is told the truth. All methods of a replication are handed the same **start**: "
+        "that of the model (for models of the catalogue a generic one, round numbers in the middle "
+        "of published values) or, where the start is what a scenario varies, one drawn at random "
+        "about the truth. Methods are free to draw others."
+    )
+    notes = [starts, *([notes_on_inference(study)] if study.scenarios else [])]
+    return Section("settings", "Methods and scenarios", [*tables, *notes])
 
 
 def notes_on_inference(study: Comparison) -> Text:
@@ -104,7 +115,7 @@ def origin(study: Comparison, about: Mapping[str, str]) -> Section:
                   entries(facts))  # fmt: skip
     whole = Command(
         "The whole study (resumes where it stopped; the same numbers for any number of workers):",
-        command(study, about, study.names, "compare"),
+        command(study, about, study.all_names, "compare"),
     )
     again = Command("This report again, from the store alone:", "pilotid report DIR")
     blocks: list[Block] = [table, whole, again]

@@ -11,6 +11,7 @@ from pilotid.report import figures as study_figures
 from pilotid.report import tables as study_tables
 from pilotid.report.content import Block, Bullets, Picture
 from pilotid.report.paper import FIGURE_3, FIGURE_5, KEYS, PAPER, TABLE_3
+from pilotid.report.rules import rules_for
 from pilotid.report.verdicts import judge, sentence
 from pilotid.study.comparison import Cell, Comparison
 from pilotid.study.entries import ScenarioEntry
@@ -267,8 +268,11 @@ def _plain(study: Comparison, name: str, title: str, text: str) -> Chapter | Non
     """A scenario by itself: what the rules say, and the errors."""
     if name not in study.names:
         return None
-    cells = study.of(name)
-    blocks: list[Block] = [Bullets([sentence(judge(cell)) for cell in cells]), _errors(cells)]
+    cells, rules = study.of(name), rules_for(study.cells)
+    blocks: list[Block] = [
+        Bullets([sentence(judge(cell, rules)) for cell in cells]),
+        _errors(cells),
+    ]
     key = name if name != "single" else "single-channel"
     return Chapter(key, title, text, (name,), blocks, (name,))
 

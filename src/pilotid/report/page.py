@@ -16,13 +16,19 @@ from pilotid.report.content import (
     Block,
     Bullets,
     Command,
+    Entry,
     Picture,
     Section,
     Text,
     inline_html,
     markdown,
 )
-from pilotid.report.verdicts import CODES, RULES, Verdict, in_short, judge, sentence
+from pilotid.report.population import links_of, population_chapters
+from pilotid.report.population_verdicts import CODES as POPULATION_CODES
+from pilotid.report.population_verdicts import RULES as POPULATION_RULES
+from pilotid.report.population_verdicts import population_verdicts
+from pilotid.report.rules import Rules, rules_for
+from pilotid.report.verdicts import CODES, in_short, judge, sentence
 from pilotid.show.page import templates_of
 from pilotid.study.comparison import Comparison
 from pilotid.study.store import Store
@@ -80,10 +86,11 @@ def overview_table(study: Comparison) -> RichTable:
         return table
     name = reference(study)
     table.title, table.title_justify, table.title_style = _overview_title(study, name), "left", ""
+    rules = rules_for(study.cells)
     for cell in study.of(name):
         row = (
             cell.method,
-            judge(cell).words,
+            judge(cell, rules).words,
             study_tables.largest_bias(cell),
             f"{cell.usable}/{cell.tried}",
             study_tables.worst_rmse(cell),
@@ -117,9 +124,9 @@ def _recordings(study: Comparison, name: str) -> str:
 
 def _sections(study: Comparison, store: Store) -> list[Section]:
     about = store.about()
-    if not study.scenarios:
+    if not study.every:
         return [Section("summary", "Summary", [Text("The study holds no fits yet.")])]
-    told = chapters(study, about)
+    told = [*chapters(study, about), *population_chapters(study)]
     return [
         _summary(study, about, told),
         *(_chapter(study, about, chapter) for chapter in told),
@@ -132,20 +139,38 @@ def _sections(study: Comparison, store: Store) -> list[Section]:
 
 
 def _summary(study: Comparison, about: Mapping[str, str], told: Sequence[Chapter]) -> Section:
+    blocks: list[Block] = []
+    if "mixed" in about:
+        blocks.append(Text(f"**Careful: {appendix.mixed(about['mixed'])}**"))
+    rules = rules_for(study.cells)
+    if study.scenarios:
+        blocks += _reference(study, about, rules)
+    several = {n: c.key for c in told for n in c.tabled if not study.entry(n).one_recording}
+    links = {**several, **links_of(study)}
+    if len(links) > 1 or not study.scenarios:
+        blocks.append(study_tables.matrix(study, _all_verdicts(study, rules, several), links))
+        blocks.append(Text(f"{CODES}. {POPULATION_CODES}." if study.populations else f"{CODES}."))
+    words = [
+        *([rules.words] if study.scenarios else ()),
+        *([POPULATION_RULES] if study.populations else ()),
+    ]
+    blocks.append(Text("Rules: " + " ".join(words)))
+    return Section("summary", "Summary", blocks)
+
+
+def _reference(study: Comparison, about: Mapping[str, str], rules: Rules) -> list[Block]:
+    """What the methods do in the scenario that the summary is about."""
     name = reference(study)
     entry, cells = study.entry(name), study.of(name)
     power = ratio(about, name)
     share = f", remnant {100 * power:.0f} % of the control's power" if power == power else ""
-    verdicts = [judge(cell) for cell in cells]
-    blocks: list[Block] = []
-    if "mixed" in about:
-        blocks.append(Text(f"**Careful: {appendix.mixed(about['mixed'])}**"))
+    verdicts = [judge(cell, rules) for cell in cells]
     intro = f"Scenario `{name}` ({entry.description}{share}), {_recordings(study, name)}."
     if entry.one_recording:
         intro += " All fits are of one recording: bias and coverage say nothing of others."
     caption = f"`{name}`: all parameters in a row for each method"
     alt = f"Bias and rmse over the bound, and coverage, of each method in scenario {name}"
-    blocks += [
+    return [
         Text(f"**{in_short(verdicts)}** {intro}"),
         study_tables.verdict_table(verdicts, caption),
         Bullets([sentence(v) for v in verdicts]),
@@ -158,16 +183,16 @@ def _summary(study: Comparison, about: Mapping[str, str], told: Sequence[Chapter
             "intervals. Bias: linear within ±1, logarithmic beyond; grey: a quarter of the bound.",
         ),
     ]
-    several = {n: c.key for c in told for n in c.tabled if not study.entry(n).one_recording}
-    if len(several) > 1:
-        blocks.append(study_tables.matrix(study, _all_verdicts(study, several), several))
-        blocks.append(Text(f"{CODES}."))
-    blocks.append(Text("Rules: " + " ".join(RULES)))
-    return Section("summary", "Summary", blocks)
 
 
-def _all_verdicts(study: Comparison, names: Mapping[str, str]) -> dict[tuple[str, str], Verdict]:
-    return {(name, cell.method): judge(cell) for name in names for cell in study.of(name)}
+def _all_verdicts(
+    study: Comparison, rules: Rules, names: Mapping[str, str]
+) -> dict[tuple[str, str], Entry]:
+    verdicts = {
+        (name, cell.method): judge(cell, rules) for name in names for cell in study.of(name)
+    }
+    entries = {place: Entry(v.code, v.grade.value) for place, v in verdicts.items()}
+    return {**entries, **population_verdicts(study)}
 
 
 def _chapter(study: Comparison, about: Mapping[str, str], chapter: Chapter) -> Section:

@@ -12,6 +12,7 @@ from pilotid.estimates.estimate import Outcome
 from pilotid.numbers import NONE, number, plus_minus, printed, share, signed
 from pilotid.report.content import Column, Entry, Table, entries
 from pilotid.report.verdicts import Verdict, extremes
+from pilotid.study.attempts import Attempts
 from pilotid.study.comparison import Cell, Comparison
 from pilotid.study.score import Score
 
@@ -77,15 +78,13 @@ def _median(cell: Cell, value: Callable[[Score], float]) -> float:
 
 
 def matrix(
-    study: Comparison, verdicts: Mapping[tuple[str, str], Verdict], links: Mapping[str, str]
+    study: Comparison, verdicts: Mapping[tuple[str, str], Entry], links: Mapping[str, str]
 ) -> Table:
-    """The verdict on each method in each scenario."""
+    """The verdict on each method in each scenario and on each population."""
     rows: list[list[str | Entry]] = []
     for name in links:
         row: list[str | Entry] = [f"[{name}](#{links[name]})"]
-        for method in study.methods:
-            verdict = verdicts.get((name, method))
-            row.append(Entry(verdict.code, verdict.grade.value) if verdict else NONE)
+        row += [verdicts.get((name, method), NONE) for method in study.methods]
         rows.append(row)
     columns = [Column("scenario", text=True), *(Column(m, text=True) for m in study.methods)]
     return Table("Which method to trust where", columns, entries(rows))
@@ -255,8 +254,8 @@ def failure_table(study: Comparison) -> Table:
                Column("of"), Column("counts as", text=True), Column("outcome", text=True),
                Column("details", text=True)]  # fmt: skip
     rows = []
-    for name in study.names:
-        for cell in study.of(name):
+    for name in study.all_names:
+        for cell in study.tried_on(name):
             counted = Counter(r.outcome for r in cell.results)
             counted.pop(Outcome.CONVERGED.slug, None)
             total = str(len(cell.results))
@@ -267,7 +266,7 @@ def failure_table(study: Comparison) -> Table:
     return Table("Fits that did not simply converge", columns, entries(rows), heads=2)
 
 
-def _outcome(cell: Cell, outcome: str) -> list[str]:
+def _outcome(cell: Attempts, outcome: str) -> list[str]:
     known = {o.slug: o for o in Outcome}.get(outcome)
     usable = any(r.usable for r in cell.results if r.outcome == outcome)
     treated = "result" if usable else "no try" if known is Outcome.NOT_APPLICABLE else "failure"

@@ -1,4 +1,4 @@
-"""Which method to trust: rules on the numbers of a study, the same for every method."""
+"""Which method to trust: what the rules make of a study's numbers, in words."""
 
 from __future__ import annotations
 
@@ -8,34 +8,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from pilotid.numbers import signed
+from pilotid.report.rules import ENOUGH, FAILURES, Rules
 from pilotid.study.comparison import Cell
 from pilotid.study.score import Score
 
-#: Fewer fits than this allow no verdict.
-ENOUGH = 10
-#: A bias counts if it exceeds all three; three errors, since many parameters are tested at once.
-BIAS_ERRORS, BIAS_PERCENT, BIAS_BOUNDS = 3.0, 1.0, 0.25
-#: Intervals are too narrow if they hold the truth less often, and if honest ones had done so
-#: with a smaller probability than the second number.
-COVERAGE, CHANCE = 0.90, 0.005
-#: Share of failures that a method may have.
-FAILURES = 0.05
 #: A method wastes information if its rmse exceeds the bound by this factor in some parameter.
 WASTE = 1.5
 
-RULES = (
-    f"A bias counts if it exceeds {BIAS_ERRORS:.0f} Monte Carlo standard errors, "
-    f"{BIAS_PERCENT:.0f} % of the true value and a quarter of the Cramér-Rao bound.",
-    f"Intervals are too narrow if fewer than {100 * COVERAGE:.0f} % of the 95 % intervals hold the "
-    f"truth, and honest ones would fall that short in at most {1000 * CHANCE:.0f} of 1000 studies.",
-    f"A method fails if more than {100 * FAILURES:.0f} % of its fits do.",
-    "It is good if none of this holds for any parameter, good in part if the bias counts in at "
-    f"most a third of them and half of its fits succeed. No verdict on fewer than {ENOUGH} fits.",
-)
-
 CODES = (
     "B: number of parameters whose bias counts; N: number of parameters whose intervals are too "
-    "narrow; F: % of fits that failed; n/a: not applicable; few: too few fits for a verdict"
+    "narrow; F: % of fits that failed; open: not yet good, for lack of recordings; n/a: not "
+    "applicable; few: too few fits for a verdict"
 )
 
 
@@ -45,6 +28,7 @@ class Grade(enum.Enum):
     GOOD = "good"
     PARTLY = "partly"
     POOR = "poor"
+    OPEN = "open"
     NONE = "none"
 
 
@@ -58,11 +42,17 @@ class Verdict:
         The method's numbers.
     biased, narrow
         Parameters whose bias counts, and those whose intervals are too narrow.
+    unsettled
+        Parameters of which the recordings do not tell enough.
+    needed
+        About how many recordings would, 0 if these do.
     """
 
     cell: Cell
     biased: tuple[Score, ...]
     narrow: tuple[Score, ...]
+    unsettled: tuple[Score, ...]
+    needed: int
 
     @property
     def failures(self) -> int:
@@ -89,7 +79,7 @@ class Verdict:
         if not self.judged:
             return Grade.NONE
         if not (self.biased or self.narrow or self.fails):
-            return Grade.GOOD
+            return Grade.OPEN if self.needed else Grade.GOOD
         # Values without bias are worth having, even if the intervals are too narrow.
         return Grade.PARTLY if self.few_biased else Grade.POOR
 
@@ -109,7 +99,8 @@ class Verdict:
         count = len(self.cell.percent)
         biased = [f"biased {len(self.biased)}/{count}"] if self.biased else []
         narrow = [f"narrow {len(self.narrow)}/{count}"] if self.narrow else []
-        return ", ".join([*biased, *narrow, *fails]) or "good"
+        fine = f"open: needs about {self.needed} recordings" if self.needed else "good"
+        return ", ".join([*biased, *narrow, *fails]) or fine
 
     @property
     def code(self) -> str:
@@ -121,31 +112,20 @@ class Verdict:
             return " ".join([*fails, "few"])
         biased = [f"B{len(self.biased)}"] if self.biased else []
         narrow = [f"N{len(self.narrow)}"] if self.narrow else []
-        return " ".join([*biased, *narrow, *fails]) or "good"
+        return " ".join([*biased, *narrow, *fails]) or ("open" if self.needed else "good")
 
 
-def judge(cell: Cell) -> Verdict:
-    """Apply the rules."""
+def judge(cell: Cell, rules: Rules) -> Verdict:
+    """Apply a report's rules to one method in one scenario."""
+    scores = cell.percent if cell.usable >= ENOUGH else ()
+    needed = {s: rules.needed(s) for s in scores}
     return Verdict(
         cell,
-        tuple(s for s in cell.percent if counts(s)),
-        tuple(s for s in cell.percent if too_narrow(s)),
+        biased=tuple(s for s in scores if rules.biased(s)),
+        narrow=tuple(s for s in scores if rules.narrow(s)),
+        unsettled=tuple(s for s in scores if needed[s]),
+        needed=max(needed.values(), default=0),
     )
-
-
-def counts(score: Score) -> bool:
-    """Whether a bias counts; without a bound, the other two rules decide."""
-    small = BIAS_BOUNDS * score.bound if math.isfinite(score.bound) else 0.0
-    return abs(score.bias) > max(BIAS_ERRORS * score.bias_se, BIAS_PERCENT, small)
-
-
-def too_narrow(score: Score) -> bool:
-    """Whether intervals hold the truth too seldom."""
-    from scipy.special import bdtr
-
-    if not score.coverage < COVERAGE:
-        return False
-    return bool(bdtr(round(score.coverage * score.n), score.n, 0.95) <= CHANCE)
 
 
 def extremes(
@@ -167,11 +147,15 @@ def sentence(verdict: Verdict) -> str:
     if not verdict.judged:
         return f"{name}: {verdict.failures} of {cell.tried} fits failed: do not use it here."
     facts = [_bias_words(verdict), _scatter_words(cell), _interval_words(verdict)]
+    if verdict.grade is Grade.OPEN:
+        facts.append(f"open: {_names(verdict.unsettled)}")
     facts.append(f"{verdict.failures} of {cell.tried} fits failed")
     return f"{name}: {_advice(verdict)}. " + _capital("; ".join(f for f in facts if f)) + "."
 
 
 def _advice(verdict: Verdict) -> str:
+    if verdict.grade is Grade.OPEN:
+        return f"nothing against it, but it takes about {verdict.needed} recordings to tell"
     if verdict.grade is Grade.GOOD:
         _, worst = extremes(verdict.cell.percent, lambda s: s.ratio)
         wasteful = worst is not None and worst.ratio > WASTE
@@ -231,6 +215,7 @@ def in_short(verdicts: Sequence[Verdict]) -> str:
     words = {
         Grade.GOOD: "good",
         Grade.PARTLY: "good in part",
+        Grade.OPEN: "open for lack of recordings",
         Grade.POOR: "not to be relied on",
         Grade.NONE: "without a verdict",
     }

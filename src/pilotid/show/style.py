@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 STYLES = {
     "mmle3": ("#999999", "o"),
     "mle-white": ("#D55E00", "s"),
+    "mle-genetic": ("#56B4E9", "P"),
     "mle": ("#0072B2", "^"),
     "fourier": ("#009E73", "D"),
     "arx": ("#E69F00", "v"),

@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pilotid.estimates.estimate import Outcome
-from pilotid.study.entries import Result, ScenarioEntry
+from pilotid.study.attempts import Attempts
+from pilotid.study.entries import Draw, Result, ScenarioEntry
+from pilotid.study.population import PopulationCell
 from pilotid.study.score import Score, scored
 from pilotid.study.store import Store
-from pilotid.types import BoolArray, FloatArray
+from pilotid.study.strata import strata_of
+from pilotid.types import FloatArray
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -43,22 +45,8 @@ ESTIMATE_COLUMNS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Cell:
-    """All fits of one scenario by one method.
-
-    Attributes
-    ----------
-    scenario
-        The scenario.
-    method
-        The method's name.
-    results
-        The fits by replication.
-    """
-
-    scenario: ScenarioEntry
-    method: str
-    results: tuple[Result, ...]
+class Cell(Attempts):
+    """All fits of one scenario by one method; see `Attempts`."""
 
     @cached_property
     def numbers(self) -> FloatArray:
@@ -69,27 +57,6 @@ class Cell:
         none = [(None,) * 4] * len(self.scenario.parameters)
         rows = [[e[1:] for e in r.estimates] if r.estimates else none for r in self.results]
         return np.array(rows, dtype=float).swapaxes(0, 1)
-
-    @cached_property
-    def counted(self) -> BoolArray:
-        """Which fits count as results, shape (fits,)."""
-        return np.array([r.usable for r in self.results], dtype=bool)
-
-    @property
-    def usable(self) -> int:
-        """Fits that count as results."""
-        return int(np.sum(self.counted))
-
-    @property
-    def tried(self) -> int:
-        """Fits of recordings that the method can treat."""
-        return sum(r.outcome != Outcome.NOT_APPLICABLE.slug for r in self.results)
-
-    @property
-    def milliseconds(self) -> float:
-        """Median time of a fit."""
-        known = [r.seconds for r in self.results if r.seconds is not None]
-        return 1e3 * float(np.median(known)) if known else math.nan
 
     @cached_property
     def scores(self) -> tuple[Score, ...]:
@@ -136,10 +103,14 @@ class Comparison:
     typed
         What to type for each method on the command line, by its label and in the order of
         tables and figures.
+    populations
+        What each method did on each population; they have no one truth, and are in none of
+        the lists of scenarios here but `every` and `all_names`.
     """
 
     cells: tuple[Cell, ...]
     typed: Mapping[str, str]
+    populations: tuple[PopulationCell, ...] = ()
 
     @property
     def methods(self) -> tuple[str, ...]:
@@ -169,37 +140,72 @@ class Comparison:
         found = [self.at(scenario, method) for method in self.methods]
         return [cell for cell in found if cell is not None]
 
+    @property
+    def every(self) -> tuple[Attempts, ...]:
+        """What each method did in each scenario and on each population."""
+        return (*self.cells, *self.populations)
+
+    @property
+    def all_names(self) -> list[str]:
+        """Names of scenarios and populations."""
+        return list(dict.fromkeys(each.scenario.name for each in self.every))
+
+    def tried_on(self, scenario: str) -> list[Attempts]:
+        """What methods did in a scenario or on a population, in the order of the methods."""
+        found = {each.method: each for each in self.every if each.scenario.name == scenario}
+        return [found[method] for method in self.methods if method in found]
+
     def entry(self, scenario: str) -> ScenarioEntry:
-        """A scenario by its name."""
-        return next(entry for entry in self.scenarios if entry.name == scenario)
+        """A scenario or population by its name."""
+        return next(e.scenario for e in self.every if e.scenario.name == scenario)
 
     def replications(self, scenarios: Sequence[str]) -> int:
         """Recordings of each scenario, the largest number if they differ."""
-        results = [r for name in scenarios for c in self.of(name) for r in c.results]
+        results = [r for name in scenarios for c in self.tried_on(name) for r in c.results]
         return max((r.unit.replication + 1 for r in results), default=0)
 
     def summary_rows(self) -> Iterator[list[object]]:
-        """Scenario, method and `SUMMARY_COLUMNS` of every parameter in every cell."""
+        """Scenario, method and `SUMMARY_COLUMNS` of every parameter in every cell.
+
+        Of a population's parameters only what has a meaning without one truth.
+        """
         for cell in self.cells:
             for score in cell.scores:
                 numbers = [getattr(score, name) for name in SUMMARY_COLUMNS.values()]
                 yield [cell.scenario.name, cell.method, *numbers]
+        for own in self.populations:
+            for key in own.keys:
+                standing = own.standing(key)
+                known = {
+                    "parameter": key,
+                    "n": standing.n,
+                    "failures": standing.failures + standing.objections,
+                    "coverage": standing.coverage.value,
+                }
+                numbers = [known.get(name, math.nan) for name in SUMMARY_COLUMNS.values()]
+                yield [own.scenario.name, own.method, *numbers]
+
+    def population_rows(self) -> Iterator[list[object]]:
+        """Population, method and `POPULATION_COLUMNS` of every stratum and parameter."""
+        for cell in self.populations:
+            for row in cell.rows():
+                yield [cell.scenario.name, cell.method, *row]
 
     def estimate_rows(self) -> Iterator[list[object]]:
-        """`ESTIMATE_COLUMNS` of every parameter in every fit."""
-        for cell in self.cells:
-            for row, result in enumerate(cell.results):
-                for known, own in zip(cell.scenario.parameters, cell.numbers, strict=True):
-                    yield [
-                        cell.scenario.name,
-                        cell.method,
-                        result.unit.replication,
-                        result.outcome,
-                        known.parameter,
-                        known.truth,
-                        *own[row].tolist(),
-                        math.nan if result.seconds is None else result.seconds,
-                    ]
+        """`ESTIMATE_COLUMNS` of every parameter in every fit.
+
+        A fit of a population of which it is not known what was drawn has one row without a
+        parameter.
+        """
+        none = (math.nan,) * 4
+        for each in self.every:
+            for result in each.results:
+                unit, own = result.unit, {key: numbers for key, *numbers in result.estimates}
+                head = [unit.scenario, unit.method, unit.replication, result.outcome]
+                known = each.scenario.parameters if result.draw is None else result.draw.parameters
+                for parameter, truth in [(p.parameter, p.truth) for p in known] or [("", math.nan)]:
+                    numbers = own.get(parameter, none)
+                    yield [*head, parameter, truth, *map(_float, numbers), _float(result.seconds)]
 
     def to_dataframe(self, *, summary: bool = False) -> DataFrame:
         """All estimates, or the scores, as the CSV files have them.
@@ -222,14 +228,31 @@ class Comparison:
         return DataFrame(self.estimate_rows(), columns=list(ESTIMATE_COLUMNS))
 
 
+def _float(value: float | None) -> float:
+    return math.nan if value is None else value
+
+
 def comparison_of(store: Store) -> Comparison:
     """What a store holds."""
-    scenarios = {entry.name: entry for entry in store.scenarios()}
+    entries = {entry.name: entry for entry in store.scenarios()}
     found: dict[tuple[str, str], list[Result]] = {}
     for result in store.results():
         found.setdefault((result.unit.scenario, result.unit.method), []).append(result)
     present = {method for _, method in found}
+    drawn: dict[str, dict[int, Draw]] = {}
+    for (name, replication), draw in store.draws().items():
+        drawn.setdefault(name, {})[replication] = draw
+    strata = {name: strata_of(draws) for name, draws in drawn.items()}
     return Comparison(
-        tuple(Cell(scenarios[name], method, tuple(own)) for (name, method), own in found.items()),
+        tuple(
+            Cell(entries[name], method, tuple(own))
+            for (name, method), own in found.items()
+            if not entries[name].population
+        ),
         {label: m.typed or label for label, m in store.methods().items() if label in present},
+        tuple(
+            PopulationCell(entries[name], method, tuple(own), strata.get(name, {}))
+            for (name, method), own in found.items()
+            if entries[name].population
+        ),
     )

@@ -18,6 +18,44 @@ class Unit:
 
 
 @dataclass(frozen=True)
+class ParameterTruth:
+    """True value of a parameter and the Cramer-Rao bound on its deviation."""
+
+    parameter: str
+    unit: str
+    truth: float
+    bound: float | None
+
+
+@dataclass(frozen=True)
+class Draw:
+    """What a population drew for a replication, the same for all methods.
+
+    Attributes
+    ----------
+    model
+        Name of the pilot's model.
+    parameters
+        Its parameters with their true values and bounds, in model order.
+    facts
+        Words and numbers on element, forcing, remnant and length; see
+        `pilotid.study.draws.facts_of`.
+    """
+
+    model: str
+    parameters: tuple[ParameterTruth, ...]
+    facts: Mapping[str, str | float]
+
+    def same(self, other: Draw) -> bool:
+        """Whether both are of one pilot, but for the rounding of different processors."""
+        ours, theirs = self.parameters, other.parameters
+        return (self.model, len(ours)) == (other.model, len(theirs)) and all(
+            a.parameter == b.parameter and math.isclose(a.truth, b.truth, rel_tol=1e-6)
+            for a, b in zip(ours, theirs, strict=True)
+        )
+
+
+@dataclass(frozen=True)
 class Result:
     """What a fit gave; numbers are None where there are none.
 
@@ -33,6 +71,12 @@ class Result:
         Whether the standard errors are those of a posterior distribution.
     estimates
         Parameter, value, standard error and the interval's ends.
+    excess
+        Of a fit to a recording of a population: the criterion over that of a search which
+        starts at the truth, where the method has one; see
+        `pilotid.estimates.method.Searching`.
+    draw
+        What a population drew for the recording.
     """
 
     unit: Unit
@@ -44,16 +88,8 @@ class Result:
     posterior: bool = False
     seconds: float | None = None
     estimates: tuple[tuple[str, float | None, float | None, float | None, float | None], ...] = ()
-
-
-@dataclass(frozen=True)
-class ParameterTruth:
-    """True value of a scenario's parameter and the Cramer-Rao bound on its deviation."""
-
-    parameter: str
-    unit: str
-    truth: float
-    bound: float | None
+    excess: float | None = None
+    draw: Draw | None = None
 
 
 @dataclass(frozen=True)
@@ -88,9 +124,11 @@ class ScenarioEntry:
     Attributes
     ----------
     name, position, description, model, family
-        See `pilotid.datasets.scenarios.Scenario`; the model by its name.
+        See `pilotid.datasets.scenarios.Scenario`; the model by its name, or several with
+        commas.
     parameters
-        The parameters with their true values and bounds.
+        The parameters with their true values and bounds; none for a population, whose
+        replications have their own.
     """
 
     name: str
@@ -104,9 +142,21 @@ class ScenarioEntry:
     typed: str = ""
 
     @property
+    def population(self) -> bool:
+        """Whether every replication has a pilot of its own."""
+        return not self.parameters
+
+    @property
     def one_recording(self) -> bool:
         """Whether all fits are of the same recording, so that means say nothing."""
         return self.settings.get("one_recording") is True
+
+    @property
+    def start(self) -> str:
+        """Which initial guesses methods are handed, in words."""
+        spread = self.number("start_spread")
+        drawn = math.isfinite(spread) and spread > 0.0
+        return f"drawn within {100.0 * spread:g} % of the truth" if drawn else "of the model"
 
     def number(self, path: str) -> float:
         """A number among the settings, such as ``remnant.level``; NaN if it is not there."""
@@ -115,3 +165,8 @@ class ScenarioEntry:
             held = held.get(name) if isinstance(held, Mapping) else None
         is_number = isinstance(held, int | float) and not isinstance(held, bool)
         return float(held) if is_number else math.nan
+
+
+def number(value: float) -> float | None:
+    """A number for the store, None where it is none."""
+    return float(value) if math.isfinite(value) else None

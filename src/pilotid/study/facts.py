@@ -7,17 +7,14 @@ from importlib.metadata import version
 
 import numpy as np
 
-from pilotid.datasets import Scenario
-from pilotid.datasets.experiments import experiment_of
-from pilotid.datasets.scenarios import SCENARIOS
+from pilotid.datasets import CATALOGUE, AnyScenario, Population, simulate
 from pilotid.estimates.method import Method
 from pilotid.methods import label_of, methods
 from pilotid.naming.code import place_of, reason
 from pilotid.naming.settings import labelled, plain
 from pilotid.naming.sources import code_digest, package_digest
+from pilotid.study.draws import truths_of
 from pilotid.study.entries import MethodEntry, ParameterTruth, ScenarioEntry
-from pilotid.study.fits import number
-from pilotid.theory.bounds import bounds
 from pilotid.types import InputError
 
 LIBRARIES = ("numpy", "scipy", "control", "pysindy", "emcee")
@@ -63,20 +60,27 @@ def method_entry(method: Method, position: int = 0, typed: str = "") -> MethodEn
     return MethodEntry(label, place, plain(method), code_digest(method), typed)
 
 
-def scenario_entry(scenario: Scenario, position: int = 0, typed: str = "") -> ScenarioEntry:
+def scenario_entry(scenario: AnyScenario, position: int = 0, typed: str = "") -> ScenarioEntry:
     """A scenario with its truth and its bounds, for the store; see `method_entry`.
 
     The bound is that of the whole record with the remnant's spectrum known: the floor under
-    every unbiased method.
+    every unbiased method.  A population has neither: its replications have their own.
 
     Raises
     ------
     InputError
-        If no bounds can be given, for example because the loop is unstable.
+        If no bounds can be given, for example because the loop is unstable, or if a population
+        cannot be drawn from.
     """
-    known = list(SCENARIOS)
+    known = list(CATALOGUE)
     try:
-        deviations = np.sqrt(np.diag(bounds(experiment_of(scenario)).full))
+        if isinstance(scenario, Population):
+            model, family = ", ".join(dict.fromkeys(scenario.models)), ""
+            _try_out(scenario)
+            parameters: tuple[ParameterTruth, ...] = ()
+        else:
+            model, family = scenario.model.name, scenario.family
+            parameters = truths_of(scenario)
     except InputError:
         raise
     except Exception as error:  # a scenario of the user's own may be anything
@@ -87,15 +91,18 @@ def scenario_entry(scenario: Scenario, position: int = 0, typed: str = "") -> Sc
         scenario.name,
         known.index(scenario.name) if scenario.name in known else len(known) + position,
         scenario.description,
-        scenario.model.name,
+        model,
         plain(scenario),
-        tuple(
-            ParameterTruth(p.key, p.unit, float(truth), number(float(bound)))
-            for p, truth, bound in zip(
-                scenario.model.parameters, scenario.values, deviations, strict=True
-            )
-        ),
-        scenario.family,
+        parameters,
+        family,
         code_digest(scenario),
         typed or scenario.name,
     )
+
+
+def _try_out(population: Population) -> None:
+    """Draw a pilot and a recording that nobody keeps, so that what cannot be is told at once."""
+    rng = np.random.default_rng(0)
+    scenario = population.drawn(rng)
+    simulate(scenario, rng)
+    truths_of(scenario)

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from pilotid.datasets import Scenario, simulate
+from pilotid.datasets.named import AnyScenario
 from pilotid.estimates.estimate import Estimate, Outcome
-from pilotid.estimates.method import Method, identify
+from pilotid.estimates.method import Method, Searching, identify
 from pilotid.estimates.sound import one_line
 from pilotid.naming.code import reason, unpacked
 from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import Recording
 from pilotid.seeds import fit_rng, recording_rng, start_rng
-from pilotid.study.entries import Result, Unit
+from pilotid.study.draws import scenario_of
+from pilotid.study.entries import Draw, Result, Unit, number
 from pilotid.study.process import Loss
 
 LOST = {Loss.DIED: Outcome.DIED, Loss.TIMED_OUT: Outcome.TIMED_OUT}
@@ -43,18 +47,39 @@ class Task:
 def run_task(task: Task) -> Result:
     """Simulate and identify; whatever goes wrong is a result."""
     unit, seed = task.unit, task.seed
+    draw: Draw | None = None
     try:
-        held: tuple[Scenario, Method] = unpacked(task.content)
-        scenario, method = held
-        replication = 0 if scenario.one_recording else unit.replication
+        held: tuple[AnyScenario, Method] = unpacked(task.content)
+        origin, method = held
+        replication = 0 if origin.one_recording else unit.replication
+        scenario, draw = scenario_of(origin, seed, replication)
         recording = simulate(scenario, recording_rng(seed, scenario.name, replication))
         model = started(scenario, seed, unit.replication)
         rng = fit_rng(seed, unit.method, unit.scenario, unit.replication)
-        return _result(unit, identify(method, recording, model, rng))
+        estimate = identify(method, recording, model, rng)
+        excess = None if draw is None else excess_of(method, recording, estimate, scenario)
+        return _result(unit, estimate, excess, draw)
     except MemoryError as error:
-        return Result(unit, Outcome.OUT_OF_MEMORY.slug, one_line(str(error)))
+        return Result(unit, Outcome.OUT_OF_MEMORY.slug, one_line(str(error)), draw=draw)
     except BaseException as error:  # an interruption too: the user's go to another process
-        return Result(unit, Outcome.CRASHED.slug, one_line(reason(error)))
+        return Result(unit, Outcome.CRASHED.slug, one_line(reason(error)), draw=draw)
+
+
+def excess_of(
+    method: Method, recording: Recording, estimate: Estimate, scenario: Scenario
+) -> float | None:
+    """The criterion of a fit over that of a search by its method which starts at the truth.
+
+    None where the method has no criterion, or where that search fails, which is no fault of
+    the fit.
+    """
+    if not (isinstance(method, Searching) and np.isfinite(estimate.criterion)):
+        return None
+    try:
+        best = method.criterion_from(recording, estimate.model, scenario.values)
+        return number(estimate.criterion - best)
+    except Exception:
+        return None
 
 
 def started(scenario: Scenario, seed: int, replication: int) -> PilotModel:
@@ -72,7 +97,7 @@ def given_up(task: Task, loss: Loss, why: str) -> Result:
     return Result(task.unit, LOST[loss].slug, why)
 
 
-def _result(unit: Unit, estimate: Estimate) -> Result:
+def _result(unit: Unit, estimate: Estimate, excess: float | None, draw: Draw | None) -> Result:
     return Result(
         unit,
         estimate.outcome.slug,
@@ -86,9 +111,6 @@ def _result(unit: Unit, estimate: Estimate) -> Result:
             (q.key, number(q.value), number(q.std_error), number(q.lower), number(q.upper))
             for q in estimate.parameters
         ),
+        excess,
+        draw,
     )
-
-
-def number(value: float) -> float | None:
-    """A number for the store, None where it is none."""
-    return float(value) if math.isfinite(value) else None

@@ -32,7 +32,7 @@ from pilotid.types import InputError
 PATIENCE = 60.0  # seconds to wait for another process
 
 EMPTY = "it is empty"
-COLUMNS_BEFORE = 10  # of the table of fits in formats without checksums
+COLUMNS_BEFORE = (10, 11)  # of the table of fits in earlier formats
 
 T = TypeVar("T")
 Opened = tuple[sqlite3.Connection, str]
@@ -212,7 +212,10 @@ def _rescue(path: Path, base: sqlite3.Connection, copy: sqlite3.Connection) -> i
 
 
 def _copied(base: sqlite3.Connection, copy: sqlite3.Connection) -> int:
-    """Copy what is whole; fits count for nothing if what was fitted with what is lost."""
+    """Copy what is whole; fits count for nothing if what was fitted with what is lost.
+
+    Nor do they if it is lost what a population drew for them.
+    """
     try:
         about, whole = tables.facts(base)
     except (sqlite3.Error, TypeError, UnicodeError):
@@ -220,17 +223,20 @@ def _copied(base: sqlite3.Connection, copy: sqlite3.Connection) -> int:
     if not whole:
         return 0
     tables.describe(copy, about)
-    names: dict[str, list[str]] = {"scenarios": [], "methods": []}
-    for table, found in names.items():
+    kept: dict[str, list[tables.Held]] = {"scenarios": [], "methods": [], "draws": []}
+    for table, found in kept.items():
         for each in tables.held(base, table, reader=tables.readable_rows):
             if each.whole:
                 tables.put(copy, table, each.row, each.parts)
-                found.append(each.row[0])
+                found.append(each)
+    populations = {each.row[0] for each in kept["scenarios"] if not each.parts}
+    drawn = {each.row[:2] for each in kept["draws"]}
     fits = 0
-    for pair in ((s, m) for s in names["scenarios"] for m in names["methods"]):
+    for pair in ((s.row[0], m.row[0]) for s in kept["scenarios"] for m in kept["methods"]):
         where = "WHERE scenario = ? AND method = ?"
         for each in tables.held(base, "fits", where, pair, tables.readable_rows):
-            if each.whole:
+            scenario, _, replication = each.row[:3]
+            if each.whole and (scenario not in populations or (scenario, replication) in drawn):
                 tables.put(copy, "fits", each.row, each.parts)
                 fits += 1
     return fits
@@ -243,7 +249,7 @@ def _require_this_format(path: Path, base: sqlite3.Connection) -> None:
         (columns,) = base.execute(count).fetchone()
     except (sqlite3.Error, TypeError, UnicodeError):
         return  # damaged, and then it is not known
-    older = not whole and columns == COLUMNS_BEFORE
+    older = not whole and columns in COLUMNS_BEFORE
     if about.get("format") != str(FORMAT) and (whole or older):
         raise InputError(
             f"{path}: was written by another version of pilotid, whose tables differ; "

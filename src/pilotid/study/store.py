@@ -16,7 +16,14 @@ from pathlib import Path
 from typing import Any
 
 from pilotid.study import tables
-from pilotid.study.entries import MethodEntry, ParameterTruth, Result, ScenarioEntry, Unit
+from pilotid.study.entries import (
+    Draw,
+    MethodEntry,
+    ParameterTruth,
+    Result,
+    ScenarioEntry,
+    Unit,
+)
 from pilotid.study.opening import in_words, open_to_read, open_to_write
 from pilotid.study.tables import FORMAT, Held, Row, real
 from pilotid.types import InputError
@@ -108,12 +115,34 @@ class Store:
                 tables.drop(self._base, "fits", astuple(unit))
 
     def add(self, result: Result) -> None:
-        """Keep a fit; one that is known already stays as it is."""
+        """Keep a fit and what was drawn for it; one that is known already stays as it is.
+
+        Raises
+        ------
+        InputError
+            If another pilot was drawn for other fits of the replication.
+        """
         r, unit = result, astuple(result.unit)
         row = (*unit, r.outcome, r.message, int(r.usable), real(r.vaf), int(r.iterations))
+        row = (*row, int(r.posterior), real(r.seconds), real(r.excess))
         estimates = [(*unit, name, *map(real, numbers)) for name, *numbers in r.estimates]
         with self._transaction():
-            tables.put(self._base, "fits", (*row, int(r.posterior), real(r.seconds)), estimates)
+            if r.draw is not None:
+                self._add_draw(r.unit, r.draw)
+            tables.put(self._base, "fits", row, estimates)
+
+    def _add_draw(self, unit: Unit, draw: Draw) -> None:
+        """Keep what was drawn for a replication; the caller has a transaction."""
+        key = (unit.scenario, unit.replication)
+        held = list(tables.held(self._base, "draws", "WHERE scenario = ? AND replication = ?", key))
+        if held and not draw.same(_draw(held[0].row)):
+            raise InputError(
+                f"{self.path}: holds fits of another pilot for replication {unit.replication} of "
+                f"{unit.scenario}, drawn by other code; name another folder with --out"
+            )
+        parameters = [[p.parameter, p.unit, real(p.truth), real(p.bound)] for p in draw.parameters]
+        row = (*key, draw.model, json.dumps(parameters), _json(draw.facts))
+        tables.put(self._base, "draws", row)
 
     # ----------------------------------------------------------------------------- reading
 
@@ -151,14 +180,20 @@ class Store:
     def results(self) -> Iterator[Result]:
         """All fits, by scenario, method and replication in the order of the catalogues."""
         scenarios, methods = self.scenarios(), list(self.methods())
+        draws = self.draws()
         by_cell: dict[tuple[str, str], list[tuple[Row, list[Row]]]] = {}
         for row, parts in self._held("fits"):
             by_cell.setdefault(row[:2], []).append((row, parts))
         for scenario in scenarios:
-            places = {p.parameter: place for place, p in enumerate(scenario.parameters)}
             for method in methods:
                 for row, parts in by_cell.get((scenario.name, method), ()):
-                    yield _result(row, [p for p in parts if p[3] in places], places)
+                    draw = draws.get((scenario.name, row[2]))
+                    known = scenario.parameters if draw is None else draw.parameters
+                    yield _result(row, parts, draw, [p.parameter for p in known])
+
+    def draws(self) -> dict[tuple[str, int], Draw]:
+        """What populations drew, by their names and the replications."""
+        return {row[:2]: _draw(row) for row, _ in self._held("draws")}
 
     def _held(self, table: str) -> Iterator[tuple[Row, list[Row]]]:
         """Rows with their parts, in the order of their keys."""
@@ -175,10 +210,11 @@ class Store:
             )
 
 
-def _result(row: Row, parts: list[Row], places: Mapping[str, int]) -> Result:
-    scenario, method, replication, outcome, message, usable, vaf, count, posterior, seconds = row
+def _result(row: Row, parts: list[Row], draw: Draw | None, order: list[str]) -> Result:
+    *unit, outcome, message, usable, vaf, count, posterior, seconds, excess = row
+    known = [part for part in parts if part[3] in order]
     return Result(
-        Unit(scenario, method, replication),
+        Unit(*unit),
         outcome,
         message,
         bool(usable),
@@ -186,8 +222,16 @@ def _result(row: Row, parts: list[Row], places: Mapping[str, int]) -> Result:
         count,
         bool(posterior),
         seconds,
-        tuple(part[3:] for part in sorted(parts, key=lambda part: places[part[3]])),
+        tuple(part[3:] for part in sorted(known, key=lambda part: order.index(part[3]))),
+        excess,
+        draw,
     )
+
+
+def _draw(row: Row) -> Draw:
+    _, _, model, parameters, facts = row
+    known = tuple(ParameterTruth(*parameter) for parameter in json.loads(parameters))
+    return Draw(model, known, json.loads(facts))
 
 
 def _json(settings: Mapping[str, Any]) -> str:

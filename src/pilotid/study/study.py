@@ -13,8 +13,8 @@ from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-from pilotid.datasets import Scenario, scenarios_named
-from pilotid.datasets.scenarios import SCENARIOS, checked
+from pilotid.datasets import CATALOGUE, AnyScenario, Scenario, scenarios_named
+from pilotid.datasets.named import sound
 from pilotid.datasets.simulation import remnant_ratio
 from pilotid.disk import make_folder
 from pilotid.estimates.method import Method
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 
 #: Scenarios and replications of each, by name of the profile.
 PROFILES: dict[str, tuple[tuple[str, ...], int]] = {
-    "quick": (("nominal",), 25),
-    "full": (tuple(SCENARIOS), 500),
+    "quick": (("nominal", "population-usual"), 25),
+    "full": (tuple(CATALOGUE), 500),
 }
 
 
@@ -56,7 +56,7 @@ class Study:
         The methods' labels, which identify them in tables and in the store.
     """
 
-    scenarios: tuple[Scenario, ...]
+    scenarios: tuple[AnyScenario, ...]
     methods: tuple[Method, ...]
     replications: int
     seed: int
@@ -65,14 +65,14 @@ class Study:
 
     def __init__(
         self,
-        scenarios: Iterable[Scenario | str],
+        scenarios: Iterable[AnyScenario | str],
         methods: Iterable[Method | str],
         replications: int = PROFILES["quick"][1],
         seed: int = DEFAULT_SEED,
     ) -> None:
         typed = [(s, text) for given in _each(scenarios) for s, text in _scenarios_of(given)]
         tried = [(method_named(m), m) if isinstance(m, str) else (m, "") for m in _each(methods)]
-        names = [checked(scenario).name for scenario, _ in typed]
+        names = [sound(scenario).name for scenario, _ in typed]
         labels = [label_of(method) for method, _ in tried]
         _require_different("scenarios", names)
         _require_different("methods", labels)
@@ -148,7 +148,9 @@ class Study:
         store.describe(about)
         for scenario, entry in zip(self.scenarios, scenarios, strict=True):
             store.add_scenario(entry)
-            store.describe({f"remnant ratio {entry.name}": f"{remnant_ratio(scenario):.4f}"})
+            if isinstance(scenario, Scenario):
+                share = f"{remnant_ratio(scenario):.4f}"
+                store.describe({f"remnant ratio {entry.name}": share})
         for method in methods:
             store.add_method(method)
         fits = store.done()
@@ -273,7 +275,7 @@ def _each(given: Any) -> list[Any]:
     return list(given) if isinstance(given, Iterable) and not isinstance(given, str) else [given]
 
 
-def _scenarios_of(given: Scenario | str) -> list[tuple[Scenario, str]]:
+def _scenarios_of(given: AnyScenario | str) -> list[tuple[AnyScenario, str]]:
     """Scenarios, and what was typed for them."""
     if isinstance(given, str):
         return [(scenario, given) for scenario in scenarios_named(given)]
@@ -297,7 +299,7 @@ def _changed(
     ]
 
 
-def _content(scenario: Scenario, method: Method, label: str) -> bytes:
+def _content(scenario: AnyScenario, method: Method, label: str) -> bytes:
     """A scenario and a method for another process, which must understand them."""
     main = getattr(sys.modules["__main__"], "__file__", None)
     for name, thing in ((scenario.name, scenario), (label, method)):

@@ -9,15 +9,23 @@ from pathlib import Path
 
 from pilotid.disk import write_file
 from pilotid.study.comparison import ESTIMATE_COLUMNS, SUMMARY_COLUMNS, Comparison
+from pilotid.study.population import POPULATION_COLUMNS
 
 ESTIMATES = "estimates.csv"
 SUMMARY = "summary.csv"
+POPULATION = "population.csv"
 
 
 def write_tables(folder: Path, study: Comparison) -> None:
-    """Write estimates and summary as CSV, numbers with as many digits as restore them."""
+    """Write estimates and summary as CSV, numbers with as many digits as restore them.
+
+    What methods did on populations has a table of its own, if there are any.
+    """
     head = ["scenario", "method", *SUMMARY_COLUMNS]
     write_file(folder / SUMMARY, _csv(head, study.summary_rows()))
+    if study.populations:
+        head = ["scenario", "method", *POPULATION_COLUMNS]
+        write_file(folder / POPULATION, _csv(head, study.population_rows()))
     write_file(folder / ESTIMATES, _csv(ESTIMATE_COLUMNS, study.estimate_rows()))
 
 

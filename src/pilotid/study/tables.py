@@ -1,8 +1,8 @@
 """The tables of a store, and the checksums without which nothing in them is believed.
 
 A row and its parts (a fit and its estimates, a scenario and its parameters) have one
-checksum; seals tell how many rows there are and hold the sum of their checksums, so that
-no row can vanish unnoticed either.
+checksum, and so has what a population drew for a replication; seals tell how many rows
+there are and hold the sum of their checksums, so that no row can vanish unnoticed either.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from hashlib import blake2b
 from typing import Any, NamedTuple
 
 #: Raised when the tables change, so that an older store is refused and not misread.
-FORMAT = 3
+FORMAT = 4
 
 SCHEMA = """
 CREATE TABLE about (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
@@ -31,11 +31,14 @@ CREATE TABLE methods (
 CREATE TABLE fits (
     scenario TEXT, method TEXT, replication INTEGER, outcome TEXT, message TEXT,
     usable INTEGER, vaf REAL, iterations INTEGER, posterior INTEGER, seconds REAL,
-    checksum INTEGER, PRIMARY KEY (scenario, method, replication)) WITHOUT ROWID;
+    excess REAL, checksum INTEGER, PRIMARY KEY (scenario, method, replication)) WITHOUT ROWID;
 CREATE TABLE estimates (
     scenario TEXT, method TEXT, replication INTEGER, parameter TEXT,
     value REAL, std_error REAL, lower REAL, upper REAL,
     PRIMARY KEY (scenario, method, replication, parameter)) WITHOUT ROWID;
+CREATE TABLE draws (
+    scenario TEXT, replication INTEGER, model TEXT, parameters TEXT, facts TEXT,
+    checksum INTEGER, PRIMARY KEY (scenario, replication)) WITHOUT ROWID;
 CREATE TABLE seals (name TEXT PRIMARY KEY, rows INTEGER, checksum INTEGER) WITHOUT ROWID;
 """
 #: Of a new store: one that finds the tables, and one for each of them.
@@ -49,7 +52,12 @@ Reader = Callable[[sqlite3.Connection, str, str, Row], list[Row]]
 
 FIT_KEY = ("scenario", "method", "replication")
 #: Tables whose rows have checksums: their keys, and the tables of their parts.
-KEYS = {"scenarios": ("name",), "methods": ("label",), "fits": FIT_KEY}
+KEYS = {
+    "scenarios": ("name",),
+    "methods": ("label",),
+    "draws": ("scenario", "replication"),
+    "fits": FIT_KEY,
+}
 PARTS = {"scenarios": "parameters", "fits": "estimates"}
 PART_KEYS = {"parameters": ("scenario", "parameter"), "estimates": (*FIT_KEY, "parameter")}
 #: The row of `about` that holds the checksum of the others.

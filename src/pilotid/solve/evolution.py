@@ -1,0 +1,97 @@
+"""A global search: differential evolution over all that a pilot may be.
+
+R. Storn and K. Price, *Differential evolution*, J. Global Optimization 11, 1997, as scipy has
+it, in the place of the genetic algorithm of the field.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pilotid.pilot.model import PilotModel
+from pilotid.solve.least_squares import Gram, Minima, minimise, solve_linear
+from pilotid.solve.scale import Scale
+from pilotid.types import FloatArray
+
+#: How far evolution looks: positive parameters are below and above their usual range by this
+#: factor, the range of others is as many times as wide.
+WIDER = 2.0
+
+
+def evolve(
+    gram: Gram,
+    model: PilotModel,
+    rng: np.random.Generator,
+    *,
+    population: int,
+    generations: int,
+    tolerance: float = 1e-3,
+) -> Minima:
+    """Minimise from the best point that differential evolution finds.
+
+    It looks in the parameters' usual ranges and somewhat beyond, within the bounds.  Gains
+    enter linearly: they are solved for, and evolution is left with the others, positive ones on
+    a logarithmic scale.  The model's start plays no part.
+
+    Parameters
+    ----------
+    gram
+        Gram matrices of the residual to minimise and its Jacobian.
+    model
+        Gives the ranges, and the bounds of the last search.
+    rng
+        Draws the first population and its offspring.
+    population
+        Points for each parameter that evolves.
+    generations
+        Largest number of generations.
+    tolerance
+        Passed to `minimise`.
+    """
+    scale = Scale(model.positive)
+    low, high = (scale.enter(ends) for ends in _widened(model))
+    free = [i for i in range(len(low)) if i not in model.linear]
+    # Where a gain would have to be negative, a tenth of this is taken for it.
+    base = np.where(model.positive, 10.0 * model.lower, 0.0)
+
+    def solved(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Whole parameter sets for evolving ones, shape (sets, free), and their costs."""
+        values = np.tile(base, (len(points), 1))
+        inner = np.tile(low, (len(points), 1))
+        inner[:, free] = points
+        values[:, free] = scale.leave(inner)[:, free]
+        grams = gram(values)
+        if not model.linear:
+            return values, grams[:, -1, -1]
+        return solve_linear(grams, values, model.linear, model.lower)
+
+    def cost(points: FloatArray, /) -> Any:  # one for each column: scipy's types do not know
+        costs = solved(points.T)[1]
+        return np.where(np.isnan(costs), np.inf, costs)
+
+    best = np.zeros(0)
+    if free:
+        from scipy.optimize import Bounds, differential_evolution
+
+        best = differential_evolution(
+            cost,
+            Bounds(low[free], high[free]),
+            popsize=population,
+            maxiter=generations,
+            polish=False,
+            updating="deferred",
+            vectorized=True,
+            seed=rng,
+        ).x
+    return minimise(gram, solved(best[None])[0], model, tolerance=tolerance)
+
+
+def _widened(model: PilotModel) -> FloatArray:
+    """Lower and upper ends of the usual ranges made wider, shape (2, parameters)."""
+    low, high = np.array([p.usual for p in model.parameters]).T
+    beyond = 0.5 * (WIDER - 1.0) * (high - low)
+    low = np.where(model.positive, low / WIDER, low - beyond)
+    high = np.where(model.positive, high * WIDER, high + beyond)
+    return np.array([np.maximum(low, model.lower), np.minimum(high, model.upper)])
