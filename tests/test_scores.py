@@ -27,16 +27,20 @@ def test_bias_std_error_is_the_spread_over_root_n() -> None:
     assert scores.bias_std_error(VALUES) == pytest.approx(math.sqrt(14.0 / 3.0) / 2.0)
 
 
-def test_t_of_the_bias_is_student_s_without_skewness_and_hall_s_with_it() -> None:
-    # mean 2, s = 1, symmetric: (2 - 1)/1 * sqrt(3)
-    assert scores.bias_t(VALUES[:3], 1.0) == pytest.approx(math.sqrt(3.0))
-    # deviations -1, -1, -1, 3: s = 2, third moment (27 - 3)/4 = 6 over 3**1.5; share (1 - 0)/2
-    skew = 6.0 / 3.0**1.5
-    by_hand = 2.0 * (0.5 + skew / 12.0 + skew**2 / 216.0 + skew / 24.0)
-    assert scores.bias_t(np.array([0.0, 0.0, 0.0, 4.0]), 0.0) == pytest.approx(by_hand)
-    assert scores.bias_t(np.ones(3), 2.0) == -math.inf
-    assert scores.bias_t(np.ones(3), 1.0) == 0.0
-    assert math.isnan(scores.bias_t(np.ones(2), 1.0))
+def test_skewness_by_hand() -> None:
+    # deviations -1, -1, -1, 3: second moment 3, third (27 - 3)/4 = 6
+    assert scores.skewness(np.array([0.0, 0.0, 0.0, 4.0])) == pytest.approx(6.0 / 3.0**1.5)
+    assert scores.skewness(VALUES[:3]) == pytest.approx(0.0, abs=1e-12)
+    assert scores.skewness(np.ones(3)) == 0.0
+    assert math.isnan(scores.skewness(np.zeros(0)))
+
+
+def test_t_is_student_s_without_skewness_and_hall_s_with_it() -> None:
+    assert scores.skewed_t(1.0, 1.0, 0.0, 3) == pytest.approx(math.sqrt(3.0))
+    # share 1/2, skew 1.2: 2 (.5 + 1.2/12 + 1.44/216 + 1.2/24)
+    assert scores.skewed_t(1.0, 2.0, 1.2, 4) == pytest.approx(2.0 * (0.65 + 1.44 / 216.0))
+    assert scores.skewed_t(-1.0, 0.0, 0.0, 3) == -math.inf
+    assert scores.skewed_t(0.0, 0.0, 0.0, 3) == 0.0
 
 
 def test_rmse_holds_bias_and_scatter() -> None:
@@ -136,6 +140,7 @@ def test_percentages_are_of_the_truth_whatever_its_sign() -> None:
     assert (score.bound, score.claimed) == (5.0, 12.5)
     assert score.ratio == pytest.approx(score_of(4.0).ratio)
     assert (mirrored.bias, mirrored.bias_all, mirrored.std) == (-50.0, -25.0, 25.0)
+    assert mirrored.skew == pytest.approx(score.skew, abs=1e-12)
     assert math.isnan(score_of(0.0).percent.bias)
 
 

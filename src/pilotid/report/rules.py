@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 from pilotid.study.comparison import Cell
 from pilotid.study.score import Score
+from pilotid.study.scores import skewed_t
 
 #: Fewer fits than this allow no verdict.
 ENOUGH = 10
@@ -28,6 +29,9 @@ FAILURES = 0.05
 FAMILY = 0.05
 #: Probability of overlooking what matters; and of not settling it with the recordings asked for.
 OVERLOOKED, UNSETTLED = 0.05, 0.1
+#: How many times more accurate an estimate is asked for at most, so that a bias which by chance
+#: lies where it starts to matter does not ask for millions of recordings.
+MOST = 2.0
 
 
 @dataclass(frozen=True)
@@ -49,12 +53,14 @@ class Rules:
         return -math.expm1(math.log1p(-FAMILY) / max(self.comparisons, 1))
 
     def biased(self, score: Score) -> bool:
-        """Whether a bias counts: it matters, and chance hardly makes one like it."""
+        """Whether a bias counts: it is certain to be one that matters."""
         from scipy.special import stdtr
 
-        if not abs(score.bias) > matters(score):
+        beyond = abs(score.bias) - matters(score)
+        if not beyond > 0.0:
             return False
-        return bool(2.0 * stdtr(score.n - 1, -abs(score.bias_t)) <= self.level)
+        t = skewed_t(math.copysign(beyond, score.bias), score.std, score.skew, score.n)
+        return bool(stdtr(score.n - 1, -abs(t)) <= self.level)
 
     def narrow(self, score: Score) -> bool:
         """Whether intervals hold the truth too seldom."""
@@ -74,10 +80,12 @@ class Rules:
         found, limit = abs(score.bias), matters(score)
         if found - stdtrit(score.n - 1, OVERLOOKED) * score.bias_se <= limit:
             return 0
-        # To prove small, or, if it is as large as found, to pass the test of all comparisons.
-        errors = -(ndtri([OVERLOOKED, 0.5 * self.level]) + ndtri(UNSETTLED))
-        wanted = errors[0] / limit, (errors[1] / found if found > limit else 0.0)
-        return _about((max(wanted) * score.std) ** 2, score.n)
+        # To prove small; or, if it is as large as found, to be certain in all comparisons.
+        errors = -(ndtri([OVERLOOKED, self.level]) + ndtri(UNSETTLED))
+        wanted = errors[0] / limit
+        if found > limit:
+            wanted = max(wanted, min(errors[1] / (found - limit), MOST * wanted))
+        return _about((wanted * score.std) ** 2, score.n)
 
     @property
     def words(self) -> str:
@@ -85,8 +93,8 @@ class Rules:
         return " ".join(
             (
                 f"A bias matters if it exceeds {BIAS_PERCENT:.0f} % of the true value and a "
-                "quarter of the Cramér-Rao bound; it counts if besides chance hardly makes one "
-                "like it (Student's t, corrected for skewness by Hall's transformation). "
+                "quarter of the Cramér-Rao bound; it counts if chance hardly makes one like it of "
+                "a smaller one (Student's t, corrected for skewness by Hall's transformation). "
                 f"Intervals are too narrow if fewer than {100 * COVERAGE:.0f} % of the 95 % "
                 "intervals hold the truth, and chance hardly makes honest ones fall that short. "
                 f"Hardly: this report makes {self.comparisons} such comparisons, and each has the "

@@ -26,8 +26,8 @@ class Score:
     bias, bias_se, std, std_se, rmse, rmse_se, claimed, bound, posterior
         Over the fits that count, in the parameter's unit; ``_se`` is the Monte Carlo standard
         error, `claimed` the mean standard error, `posterior` that of a posterior.
-    bias_t
-        Bias over its error, corrected for skewness, see `pilotid.study.scores.bias_t`.
+    skew
+        Skewness of the estimates, see `pilotid.study.scores.skewness`.
     coverage, coverage_interval
         Share of the 95 % intervals that hold the truth, and its own 95 % interval.
     coverage_all, coverage_all_interval
@@ -58,7 +58,7 @@ class Score:
     bias_all: float
     bias_all_se: float
     std_all: float
-    bias_t: float
+    skew: float
 
     @property
     def bias_percent(self) -> float:
@@ -94,6 +94,7 @@ class Score:
             bias_all=math.copysign(scale, self.truth) * self.bias_all,
             bias_all_se=scale * self.bias_all_se,
             std_all=scale * self.std_all,
+            skew=math.copysign(1.0, self.truth) * self.skew,
         )
 
 
@@ -151,5 +152,5 @@ def scored(
         bias_all=scores.bias(every, truth),
         bias_all_se=scores.bias_std_error(every),
         std_all=scores.spread(every),
-        bias_t=scores.bias_t(values, truth),
+        skew=scores.skewness(values),
     )

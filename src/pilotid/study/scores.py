@@ -24,27 +24,37 @@ def bias_std_error(values: FloatArray) -> float:
     return spread(values) / math.sqrt(values.size) if values.size else math.nan
 
 
-def bias_t(values: FloatArray, truth: float) -> float:
-    """Student's t of the bias, by Hall's transformation, which skewed values need.
+def skewness(values: FloatArray) -> float:
+    """Third moment of the deviations over the cube of their RMS; 0 for equal values."""
+    if not values.size:
+        return math.nan
+    deviations = values - np.mean(values)
+    size = float(np.sqrt(np.mean(deviations**2)))
+    return float(np.mean((deviations / size) ** 3)) if size > 0.0 else 0.0
+
+
+def skewed_t(error: float, deviation: float, skew: float, count: int) -> float:
+    """Student's t of a mean, by Hall's transformation, which skewed values need.
 
     Mean and spread of skewed values, as estimates of a gain are, vary together, which makes the
     plain ratio too large on one side and too small on the other.
-    NaN for fewer than three values; infinite for equal ones that are not the truth.
+
+    Parameters
+    ----------
+    error
+        Mean less the value that is tested.
+    deviation, skew, count
+        Standard deviation, skewness and number of the values.
 
     References
     ----------
     P. Hall, *On the removal of skewness by transformation*, J. R. Statist. Soc. B 54(1) 1992.
     """
-    n, error, deviation = values.size, bias(values, truth), spread(values)
-    if n < 3:
-        return math.nan
     if not deviation > 0.0:
         return math.copysign(math.inf, error) if error else 0.0
     share = error / deviation
-    skew = float(np.mean(((values - np.mean(values)) / np.std(values)) ** 3))
-    return math.sqrt(n) * (
-        share + skew * share**2 / 3.0 + skew**2 * share**3 / 27.0 + skew / (6.0 * n)
-    )
+    corrected = share + skew * share**2 / 3.0 + skew**2 * share**3 / 27.0 + skew / (6.0 * count)
+    return math.sqrt(count) * corrected
 
 
 def spread(values: FloatArray) -> float:
