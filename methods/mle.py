@@ -24,8 +24,9 @@ from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_of
 from pilotid.solve.intervals import Profile, profile_intervals
 from pilotid.time_domain.conclusion import concluded
-from pilotid.time_domain.maximum_likelihood import Maximum, maximise_likelihood
+from pilotid.time_domain.maximum_likelihood import Maximum, criteria_from, maximise_likelihood
 from pilotid.time_domain.settings import LikelihoodSettings
+from pilotid.types import FloatArray
 
 #: How often a profile that comes upon a better optimum moves the estimate there.
 MOVES = 3
@@ -88,8 +89,18 @@ class MLE(LikelihoodSettings):
         if profile is not None:
             estimate = replace(estimate, intervals=profile.intervals)
         return replace(
-            estimate, iterations=found.iterations, starts=found.starts, remnant=found.remnant
+            estimate,
+            iterations=found.iterations,
+            starts=found.starts,
+            remnant=found.remnant,
+            criterion=found.criterion,
         )
+
+    def criteria_from(
+        self, recording: Recording, model: PilotModel, sets: FloatArray
+    ) -> FloatArray:
+        """Criteria of the optima reached from pilots alone, see `Searching`."""
+        return criteria_from(recording, model, self, sets)
 
 
 def _profile(found: Maximum) -> Profile | None:

@@ -56,16 +56,16 @@ class Fake:
         values = np.ones(len(model.keys))
         covariance = np.diag(values)
         intervals = symmetric_intervals(values, covariance)
-        criterion = 105.0 if len(model.keys) == 5 else 101.0
-        return Estimate(
-            self.name, model, Outcome.CONVERGED, values, covariance, intervals, criterion=criterion
-        )
+        return Estimate(self.name, model, Outcome.CONVERGED, values, covariance, intervals)
 
-    def criterion_from(self, recording: Recording, model: PilotModel, values: FloatArray) -> float:
+    def criteria_from(
+        self, recording: Recording, model: PilotModel, sets: FloatArray
+    ) -> FloatArray:
         # The study alone knows the truth.
-        assert values.shape == (len(model.keys),)
-        assert not np.allclose(values, model.start)
-        return 100.0
+        assert sets.shape == (2, len(model.keys))
+        assert np.all(sets[0] == 1.0)
+        assert not np.allclose(sets[1], model.start)
+        return np.array([105.0 if len(model.keys) == 5 else 101.0, 100.0])
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,9 @@ class Dies(Fake):
 
     name: ClassVar[str] = "dies"
 
-    def criterion_from(self, recording: Recording, model: PilotModel, values: FloatArray) -> float:
+    def criteria_from(
+        self, recording: Recording, model: PilotModel, sets: FloatArray
+    ) -> FloatArray:
         raise ValueError("no such start")
 
 

@@ -45,19 +45,22 @@ class Method(Protocol):
 class Searching(Protocol):
     """A method that searches for the optimum of a criterion, and can say what it missed.
 
-    Its estimates have a `criterion`.  A study sets it against that of a search from the truth;
-    a fit never knows of it.
+    A study sets the end of a fit against that of a search from the truth; a fit never knows
+    of it.
     """
 
-    def criterion_from(self, recording: Recording, model: PilotModel, values: FloatArray) -> float:
-        """The criterion that a search reaches which starts at `values` alone.
+    def criteria_from(
+        self, recording: Recording, model: PilotModel, sets: FloatArray
+    ) -> FloatArray:
+        """The criteria that searches reach which start at each of these alone, shape (sets,).
 
         Parameters
         ----------
         recording, model
             As for `Method.fit`.
-        values
-            Parameters in model order, shape (parameters,).
+        sets
+            Parameters in model order, shape (sets, parameters); whatever is chosen before a
+            search, such as a band, is chosen as suits the first.
         """
         ...
 

@@ -73,11 +73,12 @@ def excess_of(
     None where the method has no criterion, or where that search fails, which is no fault of
     the fit.
     """
-    if not (isinstance(method, Searching) and np.isfinite(estimate.criterion)):
+    if not (isinstance(method, Searching) and estimate.outcome.usable):
         return None
     try:
-        best = method.criterion_from(recording, estimate.model, scenario.values)
-        return number(estimate.criterion - best)
+        sets = np.array([estimate.values, scenario.values])
+        own, best = method.criteria_from(recording, estimate.model, sets)
+        return number(own - best)
     except Exception:
         return None
 

@@ -24,7 +24,7 @@ from pilotid.time_domain.prediction import Prediction
 from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.reduced import reduced
 from pilotid.time_domain.remnant_choice import guessed
-from pilotid.time_domain.remnant_models import Band, LowPass, NoiseModel
+from pilotid.time_domain.remnant_models import Band, LowPass
 from pilotid.time_domain.settings import LikelihoodSettings
 from pilotid.types import FloatArray
 
@@ -99,6 +99,15 @@ def explore(
     return Explored(candidates, terms, Starts(swept.cost / swept.cost[0], agreeing))
 
 
+def terms_at(
+    prediction: Prediction, band: Band, pilot: FloatArray, settings: LikelihoodSettings
+) -> tuple[float, ...]:
+    """The nuisance terms that the recording shows beside a pilot, shape (parameters,)."""
+    joint = PredictionErrors(reduced(prediction), settings.noise or FIRST, band)
+    end = _own_remnant(joint, prediction, pilot[None])
+    return OutputErrors(prediction, joint.whitener(end.values[0])).noticeable_terms(pilot)
+
+
 def _starts(
     model: PilotModel, best: FloatArray, rng: np.random.Generator, count: int
 ) -> FloatArray:
@@ -135,12 +144,11 @@ def optima(ends: Minima, samples: int, far: float) -> tuple[FloatArray, int]:
     limit = ends.cost[0] * np.exp(far / samples)
     kept: list[int] = []
     agreeing = 0
-    for index in np.flatnonzero(ends.cost <= limit):
-        apart = [_apart(ends, int(index), other, samples) for other in kept]
-        if all(distance > SAME for distance in apart):
-            if len(kept) < MOST:
-                kept.append(int(index))
-        agreeing += not kept or index == kept[0] or (bool(apart) and apart[0] <= SAME)
+    for index in np.flatnonzero(ends.cost <= limit).tolist():
+        near = [_apart(ends, index, other, samples) <= SAME for other in kept]
+        agreeing += not kept or near[0]
+        if not any(near) and len(kept) < MOST:
+            kept.append(index)
     return ends.values[kept], agreeing
 
 

@@ -15,7 +15,7 @@ from pilotid.estimates.remnant import RemnantEstimate
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Minima, minimise
-from pilotid.time_domain.exploration import explore
+from pilotid.time_domain.exploration import explore, terms_at
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction, predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
@@ -129,11 +129,35 @@ def maximise_likelihood(
     return found
 
 
-def criterion_from(values: FloatArray, like: Maximum, settings: LikelihoodSettings) -> float:
-    """The criterion of the optimum that is reached from a pilot, in the band of another one."""
-    prediction = like.joint.prediction
-    joint, ends = _estimated(prediction, like.joint.band, values[None], settings)
-    return Maximum(joint, ends[-1], like.starts, 0).criterion
+def criteria_from(
+    recording: Recording, model: PilotModel, settings: LikelihoodSettings, sets: FloatArray
+) -> FloatArray:
+    """Criteria of the optima that are reached from pilots alone, shape (sets,).
+
+    Parameters
+    ----------
+    recording, model, settings
+        As for `maximise_likelihood`.
+    sets
+        Pilot parameters, shape (sets, parameters); band and nuisance terms are those that
+        suit the first.
+    """
+
+    def reached(rate: float | None) -> list[Maximum]:
+        prediction, band = predict(recording, model, rate), analysis_band(recording.dt, rate)
+        terms: tuple[float, ...] | None = None
+        found = []
+        for values in sets:
+            if terms is None:
+                terms = terms_at(prediction, band, values, settings)
+            narrowed = replace(prediction, terms=terms)
+            found.append(_maximum(narrowed, band, values, settings))
+        return found
+
+    found = reached(settings.band)
+    if _too_narrow(found[0], recording, settings):
+        found = reached(settings.wide)
+    return np.array([maximum.criterion for maximum in found])
 
 
 def _too_narrow(found: Maximum, recording: Recording, settings: LikelihoodSettings) -> bool:
@@ -153,13 +177,18 @@ def _maximised(
     prediction = predict(recording, model, rate)
     band = analysis_band(recording.dt, rate)
     explored = explore(prediction, band, rng, settings)
-    prediction = replace(prediction, terms=explored.terms)
-    tried = []
-    for candidate in explored.candidates:
-        joint, ends = _estimated(prediction, band, candidate[None], settings)
-        iterations = sum(e.iterations for e in ends)
-        tried.append(Maximum(joint, ends[-1], explored.starts, iterations))
-    return min(tried, key=lambda maximum: maximum.criterion)
+    narrowed = replace(prediction, terms=explored.terms)
+    tried = [_maximum(narrowed, band, values, settings) for values in explored.candidates]
+    best = min(tried, key=lambda maximum: maximum.criterion)
+    return replace(best, starts=explored.starts)
+
+
+def _maximum(
+    prediction: Prediction, band: Band, values: FloatArray, settings: LikelihoodSettings
+) -> Maximum:
+    joint, ends = _estimated(prediction, band, values[None], settings)
+    alone = Starts(cost=np.ones(1), agreeing=1)
+    return Maximum(joint, ends[-1], alone, sum(end.iterations for end in ends))
 
 
 def _estimated(

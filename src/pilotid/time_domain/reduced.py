@@ -68,7 +68,7 @@ def reduced(prediction: Prediction) -> Reduced:
     window = np.sqrt(8.0 / 3.0) * np.sin(np.pi * (np.arange(scored) + 0.5) / scored) ** 2
     given = np.array([*prediction.spectra, prediction.control_spectrum])
     signals = np.fft.rfft(prediction.samples_of(given) * window)
-    omega = 2.0 * np.pi * np.fft.rfftfreq(scored, prediction.dt)
+    omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(scored, prediction.dt), dtype=float)
     groups = _groups(omega)
     sizes = np.sqrt(np.mean(np.abs(signals) ** 2, axis=(1, 2)))
     sizes[sizes == 0.0] = 1.0
