@@ -65,6 +65,7 @@ def check(session: nox.Session) -> None:
         "nonsense": "nonsense.py",
         "machines": "machines.py",
         "stores": "damaged_stores.py",
+        "population": "population.py",
     }
     names = [name for name in session.posargs[:1] if name in scripts]
     if not names:
