@@ -59,6 +59,7 @@ class Fourier:
     neighbours: int = 16
     trend: int | None = 1
     rounds: int = 8
+    removed: float = 0.5
     name: ClassVar[str] = "fourier"
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
@@ -112,7 +113,8 @@ class Fourier:
             step = minimum.values[0] - end[0]
             end = minimum.values[:1]
             residuals = coefficients.residuals(model.response(coefficients.omega, end[0]))
-            problem = Equations(coefficients, model, coefficients.power(residuals))
+            power = coefficients.power(residuals)
+            problem = Equations(coefficients, model, power, self.removed, end[0])
             settled = bool(step @ information @ step < 1e-3 * len(step))
             if settled:
                 break
@@ -164,6 +166,13 @@ def _with_interpolation_error(
 class Equations(Problem):
     """Residuals of U = sum of H I at the lines, less the trend of those at the bins beside.
 
+    What the loop makes of the remnant is part of the inputs as well.  Least squares on this
+    equation weighs a line by its inputs with that part, and finds the inverse of the
+    controlled element where the forcing functions are weaker than the remnant.  With `control`
+    the residual is the control less what the forcing functions make of it in the loop, the same
+    multiplied by the sensitivity S = 1/(1 - sum of H G), G being the loop's way from the control
+    to the inputs: its derivative holds what the forcing functions excite alone.
+
     Parameters
     ----------
     coefficients
@@ -172,16 +181,32 @@ class Equations(Problem):
         The pilot model.
     power
         Power of the remnant in each equation, shape (n,).
+    fitted
+        Parameters whose sensitivity scales the weights, shape (parameters,); None for the
+        equation itself.
     """
 
-    def __init__(self, coefficients: Coefficients, model: PilotModel, power: FloatArray) -> None:
+    def __init__(
+        self,
+        coefficients: Coefficients,
+        model: PilotModel,
+        power: FloatArray,
+        removed: float = 0.0,
+        fitted: FloatArray | None = None,
+    ) -> None:
         self.model, self.omega = model, coefficients.omega
         # Real and imaginary parts have half the power each.
         scale = np.sqrt(2.0 / power)
+        lines = coefficients.lines
+        self._paths, self._removed = coefficients.paths, removed
+        if fitted is not None:
+            responses = model.response(self.omega[:lines], fitted)
+            around = np.sum(responses * coefficients.paths, axis=0)
+            scale = scale * np.abs(1.0 - around) ** removed
 
         def combined(signal: ComplexArray) -> ComplexArray:
             """What multiplies responses at lines and bins, shape (n, all)."""
-            lines, count = coefficients.lines, len(self.omega)
+            count = len(self.omega)
             matrix = np.zeros((lines, count), dtype=complex)
             rows = np.arange(lines)
             matrix[rows, rows] = coefficients.at_lines(signal[:, :lines])
@@ -205,4 +230,9 @@ class Equations(Problem):
         everything = np.concatenate([slopes, responses[:, :, None]], axis=2)
         rows = sum(everything[:, c] @ inputs.T for c, inputs in enumerate(self._inputs))
         rows[:, -1] = self._control - rows[:, -1]
+        if self._removed:
+            around = np.einsum("scpn,cn->spn", everything[..., : self._control.size], self._paths)
+            sensitivity = 1.0 / (1.0 - around[:, -1:])
+            rows[:, :-1] -= self._removed * sensitivity * around[:, :-1] * rows[:, -1:]
+            rows *= sensitivity**self._removed
         return np.concatenate([rows.real, rows.imag], axis=-1)
