@@ -16,9 +16,16 @@ sec. 7.2).  With `trend=None` it stays in, as in 1998.
 Assumes whole periods of the forcing in the window, a pilot who does not change, and, for
 two channels, both a target and a disturbance.  It uses the lines alone: the remnant that
 circulates between them excites the pilot as well, so that methods which use all of the
-recording know gain and lead time better.  Where the remnant exceeds the response to the
-forcing functions the estimate is biased towards the inverse of the controlled element, as
-all direct estimates in a closed loop.
+recording know gain and lead time better.
+
+The remnant is in the inputs as well, through the loop.  Where it exceeds the response to the
+forcing functions, least squares on that equation tends to the inverse of the controlled
+element, as all direct estimates in a closed loop.  To compare the control with what the
+forcing functions make of it in the loop instead (whose way through the loop the bins tell
+without noise) is free of that, and knows as little of gain and lead time as the lines alone
+do: in some recordings of `nominal` nothing keeps the lead time from its bound.  What is minimised
+is the geometric mean of both (`removed`), a k-class estimator in the words of econometrics
+(Theil, *Economic Forecasts and Policy*, 1958); docs/two-step.md has the figures.
 """
 
 from __future__ import annotations
@@ -54,6 +61,9 @@ class Fourier:
     rounds
         How often leakage and power are found anew at most, with the fitted model's response
         between the lines.
+    removed
+        Share of the remnant that is taken out of the inputs, from 0 (least squares on the
+        equations at the lines, as published) to 1.
     """
 
     neighbours: int = 16
@@ -166,12 +176,10 @@ def _with_interpolation_error(
 class Equations(Problem):
     """Residuals of U = sum of H I at the lines, less the trend of those at the bins beside.
 
-    What the loop makes of the remnant is part of the inputs as well.  Least squares on this
-    equation weighs a line by its inputs with that part, and finds the inverse of the
-    controlled element where the forcing functions are weaker than the remnant.  With `control`
-    the residual is the control less what the forcing functions make of it in the loop, the same
-    multiplied by the sensitivity S = 1/(1 - sum of H G), G being the loop's way from the control
-    to the inputs: its derivative holds what the forcing functions excite alone.
+    Times the sensitivity S = 1/(1 - sum of H G), with G the loop's way from the control to the
+    inputs, this is the control less what the forcing functions make of it in the loop, and
+    its derivative holds what the forcing functions excite alone.  Times a power of S it holds
+    the rest of the remnant in the inputs.
 
     Parameters
     ----------
@@ -181,9 +189,11 @@ class Equations(Problem):
         The pilot model.
     power
         Power of the remnant in each equation, shape (n,).
+    removed
+        That power, from 0 to 1.
     fitted
-        Parameters whose sensitivity scales the weights, shape (parameters,); None for the
-        equation itself.
+        Parameters whose sensitivity the weights are told by, shape (parameters,); needed if
+        `removed` is not 0.
     """
 
     def __init__(
@@ -199,7 +209,7 @@ class Equations(Problem):
         scale = np.sqrt(2.0 / power)
         lines = coefficients.lines
         self._paths, self._removed = coefficients.paths, removed
-        if fitted is not None:
+        if removed and fitted is not None:
             responses = model.response(self.omega[:lines], fitted)
             around = np.sum(responses * coefficients.paths, axis=0)
             scale = scale * np.abs(1.0 - around) ** removed

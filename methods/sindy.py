@@ -36,6 +36,7 @@ import numpy as np
 
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.response import FrequencyResponse
+from pilotid.frequency.consistency import against_recording, output_at_once
 from pilotid.frequency.regression import (
     BlackBox,
     Regression,
@@ -94,7 +95,7 @@ class SINDy:
     name: ClassVar[str] = "sindy"
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
-        """Why no black box can tell the channels apart: error and output are one signal."""
+        """Why no black box can tell the pilot: the inputs are one signal, or hold the control."""
         # Imported here, before the fit is timed, since it takes longer than the fit.
         import pysindy  # noqa: F401
 
@@ -104,7 +105,7 @@ class SINDy:
                 "without a target the error is the output turned round, and a black box cannot "
                 "tell one channel from the other"
             )
-        return None
+        return output_at_once(recording)
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
         """Find a sparse model, and fit the pilot model to its response.
@@ -135,7 +136,8 @@ class SINDy:
             reason = undetermined(response, model)
         if reason:
             return failed(self.name, model, Outcome.UNSTABLE_MODEL, reason)
-        return second_step(self.name, recording, model, response, rng)
+        estimate = second_step(self.name, recording, model, response, rng)
+        return against_recording(estimate, library.prediction, rng)
 
     def regress(self, library: Library, structure: Structure, rng: np.random.Generator) -> BlackBox:
         """The sparse model of one structure, with the covariance of its ensemble."""
@@ -171,7 +173,7 @@ class Library:
     """The candidate terms of a recording: signals on the analysis grid, and their lags."""
 
     def __init__(self, settings: SINDy, recording: Recording, model: PilotModel) -> None:
-        prediction = predict(recording, model, settings.band)
+        self.prediction = prediction = predict(recording, model, settings.band)
         self.dt = prediction.dt
         self._poles = settings.own_lags
         self._reach = max(2, math.floor(settings.memory / self.dt + 1e-9))
