@@ -26,9 +26,15 @@ Three things that decide over success:
   loop, what the inputs tell of the control is the inverse of the controlled element, since e
   and x carry no noise of their own; a lag of one sample lets a regression find it.
 
-Assumes at least as many forcing functions as signals that the channels act on.  Use `mle`
-for Kvis and tlead, which a memory of 1.4 s tells apart less well (their intervals cover 0.83
-to 0.93), and for many runs together, where a remaining bias of 1 to 3 % shows.
+No structure holds every pilot: delays may be shorter, lags longer than the memory.  What that
+does to the estimate, the recording tells (`pilotid.frequency.consistency`): errors hold how far
+prediction errors move it, and one that they move by five claimed errors is refused.
+Shorter lags, finer sampling, more poles and a longer memory, on pilots drawn at random, did not
+make up for it.
+
+Assumes at least as many forcing functions as signals that the channels act on, and a
+controlled element that is no mere gain.  Use `mle` for Kvis and tlead, which a memory of
+1.4 s tells apart less well.
 """
 
 from __future__ import annotations

@@ -115,7 +115,7 @@ class Fourier:
         coefficients = coefficients_of(recording, model, self.neighbours, self.trend)
         residuals = coefficients.first_residuals()
         problem = Equations(coefficients, model, coefficients.power(residuals))
-        end = search(problem.gram, model, rng, candidates=12, refined=4).values[:1]
+        end = search(problem.gram, model, rng, candidates=48, refined=6).values[:1]
         settled = False
         for _ in range(self.rounds):
             minimum = minimise(problem.gram, end, model, tolerance=1e-6)

@@ -18,8 +18,11 @@ What a pilot makes of the textbook's recipe:
   pole, within 0.02 of the unit circle, cost nine tenths of the vestibular gain.
 - Thresholds apply to standardised columns and stay low.  A pilot with a coloured remnant
   is not sparse in lags: every term has its small share, and to prune more costs accuracy.
+- The estimate is held against the recording, as that of `arx` is
+  (`pilotid.frequency.consistency`).
 
-Assumes that the lags describe the remnant as well.  Two channels need two forcing functions.
+Assumes that the lags describe the remnant as well.  Two channels need two forcing functions, and
+no black box can do with a controlled element that is a mere gain.
 Do not use it for results, where `mle` is more accurate; use it to see what sparse regression
 makes of a pilot.
 """
