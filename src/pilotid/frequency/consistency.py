@@ -100,7 +100,8 @@ def moved(values: FloatArray, prediction: Prediction, rng: np.random.Generator) 
         values = minimise(errors.gram, values[None], model, tolerance=1e-5, iterations=20).values[0]
     # An optimum of both steps may be a local one.
     best = search(errors.gram, model, rng, known=values[None], candidates=12, refined=3)
-    return np.asarray(best.values[0])
+    # Starts that end in one optimum end at one point, whichever comes first.
+    return np.asarray(minimise(errors.gram, best.values[:1], model).values[0])
 
 
 def whitener(residual: FloatArray, order: int) -> FloatArray:
