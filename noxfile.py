@@ -66,6 +66,7 @@ def check(session: nox.Session) -> None:
         "machines": "machines.py",
         "stores": "damaged_stores.py",
         "verdicts": "verdict_rules.py",
+        "population": "population.py",
     }
     names = [name for name in session.posargs[:1] if name in scripts]
     if not names:

@@ -26,9 +26,15 @@ Three things that decide over success:
   loop, what the inputs tell of the control is the inverse of the controlled element, since e
   and x carry no noise of their own; a lag of one sample lets a regression find it.
 
-Assumes at least as many forcing functions as signals that the channels act on.  Use `mle`
-for Kvis and tlead, which a memory of 1.4 s tells apart less well (their intervals cover 0.83
-to 0.93), and for many runs together, where a remaining bias of 1 to 3 % shows.
+No structure holds every pilot: delays may be shorter, lags longer than the memory.  What that
+does to the estimate, the recording tells (`pilotid.frequency.consistency`): errors hold how far
+prediction errors move it, and one that they move by five claimed errors is refused.
+Shorter lags, finer sampling, more poles and a longer memory, on pilots drawn at random, did not
+make up for it.
+
+Assumes at least as many forcing functions as signals that the channels act on, and a
+controlled element that is no mere gain.  Use `mle` for Kvis and tlead, which a memory of
+1.4 s tells apart less well.
 """
 
 from __future__ import annotations
@@ -36,6 +42,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -43,6 +50,7 @@ import numpy as np
 from pilotid.chance import SELDOM, chi_squared_limit
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.response import FrequencyResponse
+from pilotid.frequency.consistency import against_recording, output_at_once
 from pilotid.frequency.regression import (
     BlackBox,
     Regression,
@@ -67,10 +75,14 @@ class FirstStep:
 
     Attributes
     ----------
-    search
-        The criterion surface of orders and delays.
+    regression
+        All lags of all signals.
+    structures
+        The orders and delays that a search tries.
     fit
         The black-box model used, and its covariance.
+    prediction
+        The signals that it was estimated from.
     model
         The pilot model, whose channels are the inputs.
     dt
@@ -81,12 +93,19 @@ class FirstStep:
         See `ARX`.
     """
 
-    search: StructureSearch
+    regression: Regression
+    structures: tuple[Structure, ...]
     fit: BlackBox
+    prediction: Prediction
     model: PilotModel
     dt: float
     omega: FloatArray
     misfit: float
+
+    @cached_property
+    def search(self) -> StructureSearch:
+        """The criterion surface of orders and delays."""
+        return self.regression.search(self.structures)
 
     def response(self, values: FloatArray | None = None) -> FrequencyResponse:
         """Response of the black-box model.
@@ -154,7 +173,7 @@ class ARX:
     name: ClassVar[str] = "arx"
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
-        """Why least squares cannot tell the channels apart: a forcing function is missing."""
+        """Why least squares cannot tell the pilot: no forcing function, or an output at once."""
         signals_used = {c.input for c in model.channels}
         if len(signals_used) > 1:
             for name, forcing in (
@@ -166,7 +185,7 @@ class ARX:
                         f"the channels of model {model.name} act on {len(signals_used)} signals, "
                         f"which takes as many forcing functions, and there is no {name}"
                     )
-        return None
+        return output_at_once(recording)
 
     def first_step(self, recording: Recording, model: PilotModel) -> FirstStep:
         """The black-box model, with the criterion surface of its search."""
@@ -186,12 +205,15 @@ class ARX:
             for z in self.zeros
             for delays in itertools.product(range(low, high + 1), repeat=inputs)
         ]
-        found = regression.search(structures)
-        best = found.best(self.criterion)
-        if self.memory is not None:
+        if self.memory is None:
+            best = regression.search(structures).best(self.criterion)
+        else:
             best = Structure(self.long_poles, (longest - low + 1,) * inputs, (low,) * inputs)
         omega = np.geomspace(self.lowest, min(self.highest, 0.75 * math.pi / dt), self.points)
-        return FirstStep(found, regression.fit(best), model, dt, omega, self.misfit)
+        fit = regression.fit(best)
+        return FirstStep(
+            regression, tuple(structures), fit, prediction, model, dt, omega, self.misfit
+        )
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
         """Fit a long ARX model, and the pilot model to its response.
@@ -207,12 +229,12 @@ class ARX:
         """
         first = self.first_step(recording, model)
         used = first.fit.structure
-        if first.search.samples < LEAST_ROWS * used.parameters:
+        if first.regression.samples < LEAST_ROWS * used.parameters:
             return failed(
                 self.name,
                 model,
                 Outcome.NOT_APPLICABLE,
-                f"{first.search.samples} samples in the analysis band are too few for "
+                f"{first.regression.samples} samples in the analysis band are too few for "
                 f"{used.parameters} coefficients; use a longer recording or more runs",
             )
         unstable = first.fit.unstable(first.dt)
@@ -238,7 +260,7 @@ class ARX:
             )
             values = minimise(problem.gram, starts, model, tolerance=1e-5).values[:1]
             response = first.response(values[0])
-        return second_step(
+        estimate = second_step(
             self.name,
             recording,
             model,
@@ -248,6 +270,7 @@ class ARX:
             candidates=self.candidates,
             refined=self.refined,
         )
+        return against_recording(estimate, first.prediction, rng)
 
 
 def _moves(recording: Recording, forcing: FloatArray) -> bool:

@@ -18,8 +18,11 @@ What a pilot makes of the textbook's recipe:
   pole, within 0.02 of the unit circle, cost nine tenths of the vestibular gain.
 - Thresholds apply to standardised columns and stay low.  A pilot with a coloured remnant
   is not sparse in lags: every term has its small share, and to prune more costs accuracy.
+- The estimate is held against the recording, as that of `arx` is
+  (`pilotid.frequency.consistency`).
 
-Assumes that the lags describe the remnant as well.  Two channels need two forcing functions.
+Assumes that the lags describe the remnant as well.  Two channels need two forcing functions, and
+no black box can do with a controlled element that is a mere gain.
 Do not use it for results, where `mle` is more accurate; use it to see what sparse regression
 makes of a pilot.
 """
@@ -36,6 +39,7 @@ import numpy as np
 
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.response import FrequencyResponse
+from pilotid.frequency.consistency import against_recording, output_at_once
 from pilotid.frequency.regression import (
     BlackBox,
     Regression,
@@ -94,7 +98,7 @@ class SINDy:
     name: ClassVar[str] = "sindy"
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
-        """Why no black box can tell the channels apart: error and output are one signal."""
+        """Why no black box can tell the pilot: the inputs are one signal, or hold the control."""
         # Imported here, before the fit is timed, since it takes longer than the fit.
         import pysindy  # noqa: F401
 
@@ -104,7 +108,7 @@ class SINDy:
                 "without a target the error is the output turned round, and a black box cannot "
                 "tell one channel from the other"
             )
-        return None
+        return output_at_once(recording)
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
         """Find a sparse model, and fit the pilot model to its response.
@@ -135,7 +139,8 @@ class SINDy:
             reason = undetermined(response, model)
         if reason:
             return failed(self.name, model, Outcome.UNSTABLE_MODEL, reason)
-        return second_step(self.name, recording, model, response, rng)
+        estimate = second_step(self.name, recording, model, response, rng)
+        return against_recording(estimate, library.prediction, rng)
 
     def regress(self, library: Library, structure: Structure, rng: np.random.Generator) -> BlackBox:
         """The sparse model of one structure, with the covariance of its ensemble."""
@@ -171,7 +176,7 @@ class Library:
     """The candidate terms of a recording: signals on the analysis grid, and their lags."""
 
     def __init__(self, settings: SINDy, recording: Recording, model: PilotModel) -> None:
-        prediction = predict(recording, model, settings.band)
+        self.prediction = prediction = predict(recording, model, settings.band)
         self.dt = prediction.dt
         self._poles = settings.own_lags
         self._reach = max(2, math.floor(settings.memory / self.dt + 1e-9))

@@ -10,13 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from pilotid.datasets import SCENARIOS, Scenario, simulate
-from pilotid.estimates.estimate import Estimate
+from pilotid.datasets import POPULATIONS, SCENARIOS, Scenario, simulate
+from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import Method, identify
 from pilotid.pilot.catalogue import GAIN_ONLY, LEAD_LAG, RATE
 from pilotid.pilot.element import double_integrator, single_integrator
 from pilotid.recordings.recording import SIGNALS, Recording
-from pilotid.seeds import fit_rng, recording_rng
+from pilotid.seeds import fit_rng, recording_rng, start_rng
+from pilotid.types import FloatArray
 
 NOMINAL = SCENARIOS["nominal"]
 SINGLE_LOOP = SCENARIOS["single"]
@@ -73,6 +74,24 @@ def fit_of(method: Method, scenario: Scenario, replication: int = 0, seed: int =
 @cache
 def monte_carlo(method: Method, scenario: Scenario, replications: int) -> list[Estimate]:
     return [fit_of(method, scenario, i) for i in range(replications)]
+
+
+@cache
+def population_fits(method: Method, name: str, count: int) -> list[tuple[Scenario, Estimate]]:
+    """Fits of recordings of pilots drawn at random, with their scenarios."""
+    fits = []
+    for replication in range(count):
+        scenario = POPULATIONS[name].drawn(start_rng(7, name, replication))
+        fits.append((scenario, fit_of(method, scenario, replication, seed=7)))
+    return fits
+
+
+def population_scores(fits: list[tuple[Scenario, Estimate]]) -> tuple[float, FloatArray]:
+    """Coverage of the converged, and their errors over the claimed ones."""
+    used = [(s.values, e) for s, e in fits if e.outcome is Outcome.CONVERGED]
+    inside = [(e.intervals[:, 0] <= truth) & (truth <= e.intervals[:, 1]) for truth, e in used]
+    errors = [(e.values - truth) / e.std_error for truth, e in used]
+    return float(np.mean(np.concatenate(inside))), np.concatenate(errors)
 
 
 def part_of(

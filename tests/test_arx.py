@@ -14,6 +14,8 @@ from helpers import (
     fit_of,
     monte_carlo,
     part_of,
+    population_fits,
+    population_scores,
     recording_of,
     running_away,
     without_remnant,
@@ -55,6 +57,16 @@ def test_bias_and_coverage(name: str) -> None:
         allowed = 0.15 * truth if loose else 0.02 * truth
         assert abs(scores.bias(values, truth)) < allowed + 3.0 * scores.bias_std_error(values), key
         assert scores.coverage(intervals, truth) >= (0.75 if loose else 0.85), key
+
+
+def test_holds_on_pilots_drawn_at_random_or_says_that_it_does_not() -> None:
+    fits = population_fits(ARX(), "population-usual", 20)
+    covered, errors = population_scores(fits)
+    assert len(errors) >= 10 * 5
+    assert covered > 0.85
+    assert np.max(np.abs(errors)) < 8.0
+    allowed = {Outcome.CONVERGED, Outcome.AT_BOUND, Outcome.CONTRADICTED, Outcome.NOT_APPLICABLE}
+    assert sum(e.outcome not in allowed for _, e in fits) <= 3
 
 
 def test_the_structure_that_a_search_settles_for_is_biased() -> None:

@@ -13,6 +13,8 @@ from helpers import (
     SINGLE_LOOP,
     fit_of,
     part_of,
+    population_fits,
+    population_scores,
     recording_of,
     running_away,
     without_remnant,
@@ -147,6 +149,13 @@ def test_a_recording_without_remnant_gives_the_truth(name: str, own_lags: int) -
     response = response_of(estimate)
     truth = scenario.model.response(response.omega, scenario.values)
     assert np.median(np.abs(response.value / truth - 1.0)) < 5e-3
+
+
+def test_holds_on_pilots_drawn_at_random_or_says_that_it_does_not() -> None:
+    covered, errors = population_scores(population_fits(SINDy(), "population-usual", 20))
+    assert len(errors) >= 8 * 5
+    assert covered > 0.85
+    assert np.max(np.abs(errors)) < 8.0
 
 
 def test_a_library_of_redundant_lags_is_not_believed() -> None:

@@ -34,6 +34,7 @@ class Outcome(enum.Enum):
     DIVERGED = "failed: the model's response diverged"
     SINGULAR = "failed: the information matrix is singular"
     UNSTABLE_MODEL = "failed: the first-step model is unusable"
+    CONTRADICTED = "failed: the recording contradicts the estimate"
     NOT_APPLICABLE = "not applicable to this recording"
     CRASHED = "failed: an error ended the fit"
     INVALID = "failed: the method returned no sound estimate"

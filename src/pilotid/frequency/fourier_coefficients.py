@@ -17,6 +17,8 @@ from pilotid.types import BoolArray, ComplexArray, FloatArray, IntArray
 QUIETEST = 1e-12
 #: Adjacent lines whose scatter between runs is averaged.
 POOLED = 5
+#: Order of the polynomial in frequency that a way through the loop is taken for beside a line.
+PATH = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +46,9 @@ class Coefficients:
         (n, beside, beside).
     freedom
         Degrees of freedom of the power beside a line in one run.
+    paths
+        Responses of each channel's signed input to the control, through the loop, at the lines;
+        shape (channels, n).
     """
 
     omega: FloatArray
@@ -55,6 +60,7 @@ class Coefficients:
     trend: FloatArray
     detrend: FloatArray
     freedom: int
+    paths: ComplexArray
 
     @property
     def lines(self) -> int:
@@ -105,8 +111,9 @@ class Coefficients:
             shared /= np.convolve(np.ones_like(ratio), window, "same")
             power[ascending] *= shared
             power = np.maximum(power, least)
-        # Makes its inverse, the information, right on average (for complex normal residuals).
-        return np.asarray(power * freedom / (freedom - 1.0))
+        # Right weights would do with freedom - 1, which makes the information right on average
+        # (for complex normal residuals); estimated ones scatter, and cost as much again.
+        return np.asarray(power * freedom / (freedom - 2.0))
 
     def residuals(self, responses: ComplexArray) -> ComplexArray:
         """Control less what channels with these responses, (channels, all), make of it."""
@@ -209,17 +216,52 @@ def coefficients_of(
     powers = ((between[nearest] - lines[:, None]) / neighbours)[:, :, None] ** orders
     fitting = np.linalg.pinv(powers) if orders.size else np.zeros((lines.size, 0, neighbours))
     weights = fitting[:, 0] if orders.size else np.zeros((lines.size, neighbours))
+    omega = 2.0 * np.pi * everywhere / recording.duration
+    beside = lines.size + index.reshape(nearest.shape)
+    control = transformed(recording.u)
+    inputs = np.array([c.sign * transformed(recording.input(c.input)) for c in model.channels])
     return Coefficients(
-        omega=2.0 * np.pi * everywhere / recording.duration,
+        omega=omega,
         disturbance=disturbance,
-        control=transformed(recording.u),
-        inputs=np.array([c.sign * transformed(recording.input(c.input)) for c in model.channels]),
+        control=control,
+        inputs=inputs,
         phases=_phases(recording, by_signal),
-        beside=lines.size + index.reshape(nearest.shape),
+        beside=beside,
         trend=weights,
         detrend=(np.eye(neighbours) - powers @ fitting) / (neighbours - orders.size),
         freedom=neighbours - orders.size,
+        paths=_paths(omega, beside, control, inputs),
     )
+
+
+def _paths(
+    omega: FloatArray, beside: IntArray, control: ComplexArray, inputs: ComplexArray
+) -> ComplexArray:
+    """What the loop makes of the control, from the bins beside each line.
+
+    No forcing function is there, so that each input is the control's product with the way
+    through the loop, which is known without noise, and a trend that transients leave.  Both are
+    smooth in frequency once multiplied by its square, whatever integrators there are.
+
+    Returns
+    -------
+    Array of shape (channels, n).
+    """
+    lines = len(beside)
+    square = (omega[beside] / omega[:lines, None]) ** 2
+    distance = omega[beside] - omega[:lines, None]
+    distance = distance / np.max(np.abs(distance), axis=1, keepdims=True)
+    smooth = distance[..., None] ** np.arange(PATH + 1)
+    trend = np.linalg.qr(smooth[..., :2]).Q
+
+    def detrended(columns: ComplexArray) -> ComplexArray:
+        """Columns at all bins beside a line in all runs, from (runs, n, beside, columns)."""
+        left = columns - trend @ (trend.swapaxes(-1, -2) @ columns)
+        return np.asarray(np.moveaxis(left, 0, 1).reshape(lines, -1, columns.shape[-1]))
+
+    found = np.linalg.pinv(detrended(control[:, beside, None] * smooth), rcond=1e-9)
+    ways = [detrended((signal[:, beside] * square)[..., None]) for signal in inputs]
+    return np.array([(found @ way)[:, 0, 0] for way in ways])
 
 
 def _phases(recording: Recording, by_signal: dict[str, IntArray]) -> ComplexArray:
