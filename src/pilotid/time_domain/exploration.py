@@ -33,8 +33,9 @@ FIRST = LowPass(2)
 
 #: Deviance by which a candidate may be worse than the best one.  The sweep's whitening is that
 #: of one pilot and favours it; with a remnant of its own each candidate has the same chance.
-SWEPT, LIKELY = 400.0, 120.0
-MOST = 4  # candidates that are looked at closely
+SWEPT, LIKELY = 1000.0, 120.0
+MOST = 5  # candidates that are looked at closely
+SWEEP = 10  # iterations of the sweep
 #: Ends are one optimum where they lie so close, in squared standard errors.
 SAME = 4.0
 
@@ -89,7 +90,7 @@ def explore(
     starts = _starts(model, best, rng, settings.candidates)
     starts, _ = solve_linear(whitened.gram(starts), starts, model.linear, model.lower)
     swept = minimise(
-        whitened.gram, np.concatenate([best[None], starts]), model, tolerance=1e-3, iterations=14
+        whitened.gram, np.concatenate([best[None], starts]), model, tolerance=1e-3, iterations=SWEEP
     )
     candidates, agreeing = optima(swept, coarse.samples, SWEPT)
     if len(candidates) > 1:
@@ -126,7 +127,7 @@ def _own_remnant(joint: PredictionErrors, prediction: Prediction, pilots: FloatA
     """Each pilot with the remnant that it leaves, both estimated together."""
     residuals = [OutputErrors(prediction).residual(pilot) for pilot in pilots]
     guesses = [guessed(joint.noise, residual, joint.band) for residual in residuals]
-    return minimise(joint.gram, np.hstack([pilots, guesses]), joint, tolerance=1e-3, iterations=20)
+    return minimise(joint.gram, np.hstack([pilots, guesses]), joint, tolerance=3e-3, iterations=12)
 
 
 def optima(ends: Minima, samples: int, far: float) -> tuple[FloatArray, int]:

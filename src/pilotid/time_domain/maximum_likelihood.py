@@ -102,7 +102,7 @@ class Maximum:
 
     def moved(self, start: FloatArray) -> Maximum:
         """The optimum that a better point leads to, pilot and remnant, shape (parameters,)."""
-        end = minimise(self.joint.gram, start[None], self.joint, tolerance=1e-5)
+        end = minimise(self.joint.gram, start[None], self.joint, tolerance=1e-6)
         return replace(self, end=end, iterations=self.iterations + end.iterations)
 
 
@@ -204,7 +204,7 @@ def _estimated(
         residual = OutputErrors(prediction).residual(candidates[0])
         models = [settings.noise] if settings.noise else contenders(residual, band)
         joints = [PredictionErrors(prediction, model, band) for model in models]
-        fits = [(joint, _fitted(joint, candidates, residual, 1e-5)) for joint in joints]
+        fits = [(joint, _fitted(joint, candidates, residual, 1e-6)) for joint in joints]
         joint, end = min(fits, key=lambda fit: _criterion(*fit))
         ends.append(end)
         candidates = end.values[:1, : joint.pilot]

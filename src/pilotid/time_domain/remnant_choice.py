@@ -34,7 +34,7 @@ def lagged_products(residual: FloatArray) -> FloatArray:
 
 
 #: Contenders lie this close: the residual of a first estimate decides no more than that.
-CLOSE = 10.0
+CLOSE = 20.0
 
 
 def criterion(model: NoiseModel, power: float, samples: int, pilot: int = 0) -> float:
@@ -66,7 +66,9 @@ def guessed(model: NoiseModel, residual: FloatArray, band: Band) -> FloatArray:
 
 
 def contenders(residual: FloatArray, band: Band) -> list[NoiseModel]:
-    """The one or two noise models that suit a residual best; all lie within `CLOSE`.
+    """The noise model that suits a residual best, and the best of the other kind if it is close.
+
+    The kinds are low-pass filters and autoregressions.
 
     Parameters
     ----------
@@ -76,12 +78,13 @@ def contenders(residual: FloatArray, band: Band) -> list[NoiseModel]:
         The analysis band.
     """
     products = lagged_products(residual)
-    scored = []
+    best: dict[bool, tuple[float, int]] = {}
     for rank, model in enumerate(NOISE_MODELS):
         values = model.guess(products, band)
         taps = model.taps(values[None], band)[0][0]
         power = float(taps @ products[: taps.size, : taps.size] @ taps)
-        scored.append((criterion(model, power, residual.size), rank))
-    scored.sort()
+        score = criterion(model, power, residual.size), rank
+        best[model.regressive] = min(best.get(model.regressive, score), score)
+    scored = sorted(best.values())
     limit = scored[0][0] + CLOSE
-    return [NOISE_MODELS[rank] for score, rank in scored[:2] if score < limit]
+    return [NOISE_MODELS[rank] for score, rank in scored if score < limit]
