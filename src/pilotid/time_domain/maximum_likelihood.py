@@ -20,7 +20,7 @@ from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction, predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.prepare import decimation
-from pilotid.time_domain.remnant_choice import contenders, criterion, guessed
+from pilotid.time_domain.remnant_choice import contenders, criterion, guessed, neighbours
 from pilotid.time_domain.remnant_models import Band, analysis_band, remnant_estimate
 from pilotid.time_domain.settings import LikelihoodSettings
 from pilotid.types import FloatArray
@@ -31,6 +31,12 @@ from pilotid.types import FloatArray
 #: shows too, would otherwise bias delays and neuromuscular parameters by 5 to 15 %.
 UPPER, EDGE = 0.6, 0.01
 
+
+#: Candidates whose criterion, on a first look, is higher than the lowest by more are left out.
+NEAR = 20.0
+
+#: By how much the criterion of a longer or shorter autoregression must be lower.
+CLEARLY = 0.1
 
 #: Likelihood ratios are larger than chi-squared says in short recordings, since pilot and remnant
 #: share what little there is: by this many seconds over the scored time (Bartlett's correction,
@@ -178,8 +184,21 @@ def _maximised(
     band = analysis_band(recording.dt, rate)
     explored = explore(prediction, band, rng, settings)
     narrowed = replace(prediction, terms=explored.terms)
-    tried = [_maximum(narrowed, band, values, settings) for values in explored.candidates]
+    candidates = explored.candidates
+    if len(candidates) > 1:
+        firsts = [_chosen(narrowed, band, c[None], settings, 1e-3) for c in candidates]
+        reached = np.array([_criterion(*first) for first in firsts])
+        near = reached < np.min(reached) + NEAR
+        ends = [end.values[0, : joint.pilot] for joint, end in firsts]
+        candidates = np.array(ends)[near]
+    tried = [_maximum(narrowed, band, values, settings) for values in candidates]
     best = min(tried, key=lambda maximum: maximum.criterion)
+    # The terms were chosen beside a first estimate; at the optimum the choice may be another.
+    pilot = best.end.values[0, : best.joint.pilot]
+    whitened = OutputErrors(prediction, best.joint.whitener(best.end.values[0]))
+    terms = whitened.noticeable_terms(pilot)
+    if terms != explored.terms:
+        best = _maximum(replace(prediction, terms=terms), band, pilot, settings)
     return replace(best, starts=explored.starts)
 
 
@@ -201,17 +220,39 @@ def _estimated(
     ends: list[Minima] = []
     chosen = None
     for _ in range(settings.rounds):
-        residual = OutputErrors(prediction).residual(candidates[0])
-        models = [settings.noise] if settings.noise else contenders(residual, band)
-        joints = [PredictionErrors(prediction, model, band) for model in models]
-        fits = [(joint, _fitted(joint, candidates, residual, 1e-6)) for joint in joints]
-        joint, end = min(fits, key=lambda fit: _criterion(*fit))
+        joint, end = _chosen(prediction, band, candidates, settings, 1e-6)
         ends.append(end)
         candidates = end.values[:1, : joint.pilot]
         if joint.noise == chosen or settings.noise:
             break
         chosen = joint.noise
+    # Of many long autoregressions the first that suits depends on where the search came from.
+    while not settings.noise:
+        residual = OutputErrors(prediction).residual(ends[-1].values[0, : joint.pilot])
+        others = [PredictionErrors(prediction, m, band) for m in neighbours(joint.noise)]
+        starts = ends[-1].values[:1, : joint.pilot]
+        fits = [(other, _fitted(other, starts, residual, 1e-6)) for other in others]
+        better = min(fits, key=lambda fit: _criterion(*fit), default=(joint, ends[-1]))
+        if not _criterion(*better) < _criterion(joint, ends[-1]) - CLEARLY:
+            break
+        joint = better[0]
+        ends.append(better[1])
     return joint, ends
+
+
+def _chosen(
+    prediction: Prediction,
+    band: Band,
+    candidates: FloatArray,
+    settings: LikelihoodSettings,
+    tolerance: float,
+) -> tuple[PredictionErrors, Minima]:
+    """The remnant's model that suits what the first candidate leaves, and the optimum with it."""
+    residual = OutputErrors(prediction).residual(candidates[0])
+    models = [settings.noise] if settings.noise else contenders(residual, band)
+    joints = [PredictionErrors(prediction, model, band) for model in models]
+    fits = [(joint, _fitted(joint, candidates, residual, tolerance)) for joint in joints]
+    return min(fits, key=lambda fit: _criterion(*fit))
 
 
 def _fitted(

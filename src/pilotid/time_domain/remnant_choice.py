@@ -88,3 +88,12 @@ def contenders(residual: FloatArray, band: Band) -> list[NoiseModel]:
     scored = sorted(best.values())
     limit = scored[0][0] + CLOSE
     return [NOISE_MODELS[rank] for score, rank in scored if score < limit]
+
+
+def neighbours(model: NoiseModel) -> list[NoiseModel]:
+    """The next shorter and the next longer autoregression; none for another kind of model."""
+    if not model.regressive or model not in NOISE_MODELS:
+        return []
+    place = NOISE_MODELS.index(model)
+    beside = [NOISE_MODELS[place - 1], *NOISE_MODELS[place + 1 : place + 2]]
+    return [other for other in beside if other.regressive]
