@@ -8,12 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pilotid.datasets import SCENARIOS, simulate
 from pilotid.disk import strict_json
 from pilotid.estimates.draws import Draws
 from pilotid.estimates.estimate import Estimate, Outcome, symmetric_intervals
+from pilotid.estimates.method import identify, one_signal
 from pilotid.estimates.remarks import remarks_on
-from pilotid.pilot.catalogue import LEAD_LAG, SINGLE
+from pilotid.methods import MLE
+from pilotid.pilot.catalogue import LEAD_LAG, MULTI, SINGLE
 from pilotid.pilot.model import PilotModel
+
+pytestmark = pytest.mark.numerical
 
 PILOTS = {
     "single": {"Kvis": 0.5, "tlead": 2.0, "tdvis": 0.3, "fnm": 12.0, "dnm": 0.2},
@@ -182,3 +187,17 @@ def test_nothing_is_said_of_what_failed_or_means_nothing() -> None:
     assert remarks_on(replace(short, outcome=Outcome.NOT_CONVERGED)) == ()
     (remark,) = remarks_on(replace(short, vaf=10.0))
     assert "explains 10.0 %" in remark
+
+
+def test_channels_that_act_on_one_signal() -> None:
+    alone, both, step = (
+        simulate(SCENARIOS[name], np.random.default_rng(1))
+        for name in ("disturbance-only", "nominal", "disturbance-step")
+    )
+    word = "there is no target, so that e = -x and the visual and vestibular channels act on one"
+    assert word in (one_signal(alone, MULTI) or "")
+    assert one_signal(alone, SINGLE) is one_signal(both, MULTI) is None
+    rng = np.random.default_rng(1)
+    assert any(word in remark for remark in identify(MLE(), alone, MULTI, rng).remarks)
+    # A step tells so much that form is enough.
+    assert not any(word in remark for remark in identify(MLE(), step, MULTI, rng).remarks)

@@ -12,13 +12,16 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.estimates.remarks import remarks_on
+from pilotid.estimates.remarks import remarks_on, vague
 from pilotid.estimates.sound import fault_of, one_line
 from pilotid.naming.code import reason
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
 from pilotid.recordings.recording import INPUTS, Recording
 from pilotid.types import FloatArray, InputError
+
+#: Standard deviation of e + x over that of e below which there is no target.
+SAME = 0.01
 
 #: The environment variable that asks for tracebacks of methods that raise.
 TRACEBACK = "PILOTID_TRACEBACK"
@@ -93,6 +96,9 @@ def identify(
             traceback.print_exc()
         estimate = failed(name, model, *_outcome_of(error))
     seconds = float("nan") if begin is None else time.perf_counter() - begin
+    alone = one_signal(recording, model) if begin is not None else None
+    if alone and vague(estimate):
+        estimate = replace(estimate, remarks=(*estimate.remarks, alone))
     return replace(
         estimate,
         message=one_line(estimate.message),
@@ -108,6 +114,21 @@ def motionless_input(recording: Recording, model: PilotModel) -> str | None:
         if motionless(recording, name):
             return f"{name} does not move, so that the {channel.name} channel has no input"
     return None
+
+
+def one_signal(recording: Recording, model: PilotModel) -> str | None:
+    """Why channels on error and output can hardly be told apart: there is no target."""
+    if {channel.input for channel in model.channels} < set(INPUTS):
+        return None
+    e, x = recording.window(recording.e), recording.window(recording.x)
+    if np.any(np.std(e + x, axis=1) > SAME * np.std(e, axis=1)):
+        return None
+    names = " and ".join(channel.name for channel in model.channels)
+    return (
+        f"there is no target, so that e = -x and the {names} channels act on one signal: only "
+        "what they do together is measured, and nothing but their form tells them apart; record "
+        "with a target and a disturbance, or fit one channel"
+    )
 
 
 def _outcome_of(error: BaseException) -> tuple[Outcome, str]:

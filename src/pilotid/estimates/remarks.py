@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from pilotid.estimates.cancellation import cancellations
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.intervals import little_known, short_delays
@@ -10,6 +12,17 @@ from pilotid.estimates.intervals import little_known, short_delays
 #: of human pilots the least well described, by a pilot with a breakout, has 34 %; with the
 #: control recorded a second late the best fit has 12 %.
 NOTHING = 20.0
+
+
+#: Standard error over value from which a parameter is not known.
+UNKNOWN = 0.25
+
+
+def vague(estimate: Estimate) -> bool:
+    """Whether a fit failed, or knows little of a parameter."""
+    if not estimate.outcome.usable:
+        return True
+    return bool(np.any(estimate.std_error > UNKNOWN * np.abs(estimate.values)))
 
 
 def remarks_on(estimate: Estimate) -> tuple[str, ...]:
