@@ -130,6 +130,8 @@ def test_a_delay_that_people_do_not_have() -> None:
     assert remark.startswith("tdvis is 0.013 s, but people's delays are not below 0.1 s: another")
     (remark,) = remarks_on(with_interval(estimate_of(SINGLE, tdvis=0.09), "tdvis", 0.06, 0.12))
     assert "though its interval goes up to 0.12 s" in remark
+    (remark,) = remarks_on(with_interval(estimate_of(SINGLE, tdvis=0.05), "tdvis", 0.0, 0.12))
+    assert remark.startswith("tdvis is 0.05 s")
     assert remarks_on(estimate_of(SINGLE, tdvis=0.11)) == ()
 
 
@@ -148,6 +150,8 @@ def test_what_is_known_where_an_interval_ends_at_a_bound() -> None:
     assert remark == (
         "the recording does not tell dnm: its interval holds all values allowed, 0.02 .. 3"
     )
+    no_lead = with_interval(estimate_of(SINGLE, tlead=0.02), "tlead", 0.01, 0.06)
+    assert remarks_on(no_lead)[0].endswith("reaches the bound 0.01 s")
     (remark,) = remarks_on(with_interval(at_bound, "fnm", 39.99, 40.0))
     assert "fnm is pressed against its bound 40 rad/s" in remark
 

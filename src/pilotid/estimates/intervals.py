@@ -25,9 +25,9 @@ def short_delays(estimate: Estimate) -> list[str]:
         key, value = estimate.model.keys[i], float(estimate.values[i])
         if value < SHORTEST_DELAY:
             end = float(estimate.intervals[i, 1])
-            reach = f", though its interval goes up to {end:.2g} s" if end > SHORTEST_DELAY else ""
+            reach = f", though its interval goes up to {end:.3g} s" if end > SHORTEST_DELAY else ""
             found.append(
-                f"{key} is {value:.2g} s, but people's delays are not below {SHORTEST_DELAY:g} s"
+                f"{key} is {value:.3g} s, but people's delays are not below {SHORTEST_DELAY:g} s"
                 f"{reach}: another parameter may have taken its part (a lag, a slow neuromuscular "
                 "system), or u was recorded early"
             )
@@ -44,6 +44,8 @@ def little_known(estimate: Estimate) -> list[str]:
     ):
         if not parameter.lower <= value <= parameter.upper:
             continue  # of a method without bounds, which says so itself
+        if parameter.delay and value < SHORTEST_DELAY and not is_high:
+            continue  # `short_delays` says so
         if is_low or is_high:
             found.append(_at_bound(parameter, interval.tolist(), is_low, is_high))
             continue
@@ -88,6 +90,8 @@ def _at_bound(parameter: Parameter, interval: list[float], is_low: bool, is_high
         f"its interval reaches the bound {bound:g}{unit}"
     )
     low, high = parameter.usual
-    if not parameter.linear and (end < low if is_low else end > high):
+    # A lead or lag that is next to none is no wonder; one beyond all that is published is.
+    strange = end > high if is_high else end < low and parameter.unit != "s"
+    if strange and not parameter.linear:
         told += f"; {low:g} .. {high:g}{unit} are published, so it may stand for something else"
     return told

@@ -96,13 +96,10 @@ def identify(
             traceback.print_exc()
         estimate = failed(name, model, *_outcome_of(error))
     seconds = float("nan") if begin is None else time.perf_counter() - begin
-    alone = one_signal(recording, model) if begin is not None else None
-    if alone and vague(estimate):
-        estimate = replace(estimate, remarks=(*estimate.remarks, alone))
     return replace(
         estimate,
         message=one_line(estimate.message),
-        remarks=tuple(one_line(remark) for remark in remarks_on(estimate)),
+        remarks=tuple(one_line(remark) for remark in all_remarks(estimate, recording)),
         seconds=seconds,
     )
 
@@ -114,6 +111,15 @@ def motionless_input(recording: Recording, model: PilotModel) -> str | None:
         if motionless(recording, name):
             return f"{name} does not move, so that the {channel.name} channel has no input"
     return None
+
+
+def all_remarks(estimate: Estimate, recording: Recording) -> tuple[str, ...]:
+    """What a user must know of an estimate, also for what the recording lacks."""
+    found = remarks_on(estimate)
+    if estimate.outcome is not Outcome.NOT_APPLICABLE and vague(estimate):
+        alone = one_signal(recording, estimate.model)
+        found = (*found, alone) if alone else found
+    return found
 
 
 def one_signal(recording: Recording, model: PilotModel) -> str | None:
