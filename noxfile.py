@@ -63,6 +63,7 @@ def check(session: nox.Session) -> None:
         "sbc": "sbc.py",
         "samplers": "samplers.py",
         "nonsense": "nonsense.py",
+        "remarks": "remarks.py",
         "machines": "machines.py",
         "stores": "damaged_stores.py",
         "verdicts": "verdict_rules.py",

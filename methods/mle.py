@@ -18,10 +18,11 @@ from typing import ClassVar
 
 import numpy as np
 
+from pilotid.estimates.bounds import at_bounds
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.solve.covariance import covariance_of
+from pilotid.solve.covariance import covariance_at_bounds, covariance_of
 from pilotid.solve.intervals import Profile, profile_intervals
 from pilotid.time_domain.conclusion import concluded
 from pilotid.time_domain.maximum_likelihood import Maximum, criteria_from, maximise_likelihood
@@ -88,6 +89,11 @@ class MLE(LikelihoodSettings):
         )
         if profile is not None:
             estimate = replace(estimate, intervals=profile.intervals)
+            held = np.logical_or(*at_bounds(model, estimate.values, estimate.values))
+            if held.any():
+                information = np.asarray(np.linalg.inv(covariance[pilot, pilot]))
+                inside = covariance_at_bounds(information, held, profile.intervals)
+                estimate = estimate if inside is None else replace(estimate, covariance=inside)
         return replace(
             estimate,
             iterations=found.iterations,

@@ -8,19 +8,22 @@ import numpy as np
 import pytest
 from helpers import NOMINAL, fit_of, part_of, without_remnant
 
-from pilotid.chance import CHI_SQUARED_95
+from pilotid.chance import CHI_SQUARED_95, Z95
 from pilotid.datasets import SCENARIOS, Scenario, simulate
 from pilotid.estimates.estimate import Outcome
 from pilotid.estimates.method import identify
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.pilot.catalogue import MULTI
+from pilotid.solve.covariance import covariance_at_bounds
 from pilotid.solve.intervals import profile_intervals
 from pilotid.solve.least_squares import minimise
+from pilotid.solve.walk import walk
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.remnant_models import Autoregressive, Band, LowPass, NoiseModel
+from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical
 
@@ -89,6 +92,47 @@ def test_profile_intervals_of_a_linear_problem_are_the_quadratic_ones() -> None:
     reach = np.sqrt(CHI_SQUARED_95 * inverse)
     np.testing.assert_allclose(known[:, 0], minimum.values[0] - reach, rtol=1e-6)
     np.testing.assert_allclose(known[:, 1], minimum.values[0] + reach, rtol=1e-6)
+
+
+def test_profile_intervals_beside_a_parameter_at_its_bound() -> None:
+    # Two correlated columns; the second's coefficient may not reach its optimum.  The deviance
+    # is (a - a0)^2 + 2 r (a - a0)(b - b0) + (b - b0)^2 with b up to 1, a0 = 1, b0 = 3, r = .8.
+    r, centre = 0.8, np.array([1.0, 3.0])
+    root = np.linalg.cholesky(np.array([[1.0, r], [r, 1.0]])).T
+
+    class Plane:
+        lower, upper = np.full(2, -50.0), np.array([50.0, 1.0])
+        positive = np.zeros(2, dtype=bool)
+
+    def gram(sets: FloatArray) -> FloatArray:
+        rows = np.stack([np.vstack([root.T, root @ (centre - v)]) for v in sets])
+        return np.asarray(rows @ rows.transpose(0, 2, 1))
+
+    minimum = minimise(gram, np.zeros((1, 2)), Plane(), tolerance=1e-14)
+    # At b = 1 the best a is 1 + .8 * 2 = 2.6, and the least deviance (1 - .64) * 4 = 1.44.
+    np.testing.assert_allclose(minimum.values[0], [2.6, 1.0], atol=1e-6)
+    found = profile_intervals(gram, Plane(), minimum, 1.0, 2, tolerance=1e-9).intervals
+    # Of a: b stays at its bound, so that the deviance rises by (a - 2.6)^2 on either side as
+    # long as the free optimum of b, 3 - .8 (a - 1), is above 1: up to a = 3.5, a rise of .81.
+    # From there it is (1 - .64)(a - 1)^2 = 1.44 + 3.84 at a = 1 + sqrt(5.28/.36).
+    reach = np.sqrt(CHI_SQUARED_95)
+    beyond = 1.0 + np.sqrt((1.44 + CHI_SQUARED_95) / 0.36)
+    np.testing.assert_allclose(found[0], [2.6 - reach, beyond], rtol=1e-3)
+    # Of b: the deviance is (1 - .64)(b - 3)^2 down to the lower end.
+    np.testing.assert_allclose(found[1], [3.0 - np.sqrt((1.44 + CHI_SQUARED_95) / 0.36), 1.0])
+    for k, end in ((0, found[0, 0]), (0, found[0, 1]), (1, found[1, 0]), (1, found[1, 1])):
+        start, target = minimum.values[0], 1.44 + CHI_SQUARED_95
+        side = -1.0 if end < start[k] else 1.0
+        point, cost = walk(gram, Plane(), start, 1.44, target, k, side)
+        # Within 4 % of the way, and never beyond it.
+        assert 0.95 * abs(end - start[k]) <= abs(point[k] - start[k]) <= abs(end - start[k]) + 1e-6
+        assert cost <= target
+    held = np.array([False, True])
+    covariance = covariance_at_bounds(gram(minimum.values)[0, :2, :2], held, found)
+    assert covariance is not None
+    length = np.diff(found, axis=1)[:, 0]
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), length / (2.0 * Z95))
+    assert covariance[0, 1] == 0.0
 
 
 def test_profile_intervals_end_where_the_profile_likelihood_does() -> None:

@@ -8,8 +8,7 @@ from pathlib import Path
 
 from pilotid.estimates.estimate import Outcome, failed
 from pilotid.estimates.fitted import Fitted
-from pilotid.estimates.method import motionless_input
-from pilotid.estimates.remarks import remarks_on
+from pilotid.estimates.method import all_remarks, motionless_input
 from pilotid.methods.bayes import Bayes
 from pilotid.pilot.element import ControlledElement, parsed_element
 from pilotid.pilot.model import PilotModel
@@ -60,7 +59,7 @@ def infer(
     with sampling_bar() as watch:
         estimate, likelihood = method.infer(recording, model, rng, watch)
     seconds = time.perf_counter() - begin
-    estimate = replace(estimate, seconds=seconds, remarks=remarks_on(estimate))
+    estimate = replace(estimate, seconds=seconds, remarks=all_remarks(estimate, recording))
     fit = Fitted(recording, model, (estimate,), told)
     draws = estimate.draws
     if draws is None:

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pilotid.chance import Z95
+from pilotid.estimates.bounds import bounds_reached
 from pilotid.estimates.draws import Draws
+from pilotid.estimates.inseparable import Pair, inseparable
 from pilotid.estimates.quantities import Quantity, product_spreads, products_by_delta
 from pilotid.estimates.remnant import RemnantEstimate
 from pilotid.estimates.response import FrequencyResponse
@@ -28,7 +30,7 @@ class Outcome(enum.Enum):
     """How a fit ended; the value is the sentence that tables and reports show."""
 
     CONVERGED = "converged"
-    AT_BOUND = "converged with a parameter at its bound, where intervals mean little"
+    AT_BOUND = "converged with a parameter at its bound"
     NOT_CONVERGED = "did not converge within the iteration limit"
     NEGATIVE_DELAY = "failed: a time delay was driven negative"
     DIVERGED = "failed: the model's response diverged"
@@ -162,6 +164,15 @@ class Estimate:
         ]
 
     @property
+    def inseparable(self) -> list[Pair]:
+        """Pairs of parameters that the recording cannot tell apart."""
+        model = self.model
+        units = tuple(p.unit for p in model.parameters)
+        return inseparable(
+            model.keys, units, model.positive, self.values, self.covariance, self.draws
+        )
+
+    @property
     def quantities(self) -> list[Quantity]:
         """Parameters, and products of them."""
         return [*self.parameters, *self.derived]
@@ -226,6 +237,7 @@ class Estimate:
             "parameters": {q.key: q.to_dict() for q in self.parameters},
             "derived": {q.key: q.to_dict() for q in self.derived},
             "correlation": self.correlation.tolist(),
+            "inseparable": [pair.to_dict() for pair in self.inseparable],
             "vaf": self.vaf,
             "iterations": self.iterations,
             "starts": starts and {"total": len(starts.cost), "agreeing": starts.agreeing},
@@ -275,22 +287,7 @@ def symmetric_intervals(values: FloatArray, covariance: FloatArray) -> FloatArra
 
 def outcome_of(model: PilotModel, values: FloatArray, converged: bool) -> tuple[Outcome, str]:
     """Outcome of a search that ended at `values`, and the bounds it ended at, in words."""
-    bounds = _at_bound(model, values)
+    bounds = bounds_reached(model, values)
     if not converged:
         return Outcome.NOT_CONVERGED, bounds
     return (Outcome.AT_BOUND if bounds else Outcome.CONVERGED), bounds
-
-
-def _at_bound(model: PilotModel, values: FloatArray) -> str:
-    """Names of the parameters that lie at a bound, empty if none does."""
-    margin = 1e-6 * (model.upper - model.lower)
-    low = values <= model.lower + np.minimum(margin, 1e-6 * np.abs(model.lower) + 1e-9)
-    high = values >= model.upper - margin
-    named = [
-        f"{key} at its {'lower' if is_low else 'upper'} bound {bound:g}"
-        for key, is_low, is_high, bound in zip(
-            model.keys, low, high, np.where(low, model.lower, model.upper), strict=True
-        )
-        if is_low or is_high
-    ]
-    return ", ".join(named)

@@ -12,13 +12,16 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.estimates.remarks import remarks_on
+from pilotid.estimates.remarks import remarks_on, vague
 from pilotid.estimates.sound import fault_of, one_line
 from pilotid.naming.code import reason
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
 from pilotid.recordings.recording import INPUTS, Recording
 from pilotid.types import FloatArray, InputError
+
+#: Standard deviation of e + x over that of e below which there is no target.
+SAME = 0.01
 
 #: The environment variable that asks for tracebacks of methods that raise.
 TRACEBACK = "PILOTID_TRACEBACK"
@@ -96,7 +99,7 @@ def identify(
     return replace(
         estimate,
         message=one_line(estimate.message),
-        remarks=tuple(one_line(remark) for remark in remarks_on(estimate)),
+        remarks=tuple(one_line(remark) for remark in all_remarks(estimate, recording)),
         seconds=seconds,
     )
 
@@ -108,6 +111,30 @@ def motionless_input(recording: Recording, model: PilotModel) -> str | None:
         if motionless(recording, name):
             return f"{name} does not move, so that the {channel.name} channel has no input"
     return None
+
+
+def all_remarks(estimate: Estimate, recording: Recording) -> tuple[str, ...]:
+    """What a user must know of an estimate, also for what the recording lacks."""
+    found = remarks_on(estimate)
+    if estimate.outcome is not Outcome.NOT_APPLICABLE and vague(estimate):
+        alone = one_signal(recording, estimate.model)
+        found = (*found, alone) if alone else found
+    return found
+
+
+def one_signal(recording: Recording, model: PilotModel) -> str | None:
+    """Why channels on error and output can hardly be told apart: there is no target."""
+    if {channel.input for channel in model.channels} < set(INPUTS):
+        return None
+    e, x = recording.window(recording.e), recording.window(recording.x)
+    if np.any(np.std(e + x, axis=1) > SAME * np.std(e, axis=1)):
+        return None
+    names = " and ".join(channel.name for channel in model.channels)
+    return (
+        f"there is no target, so that e = -x and the {names} channels act on one signal: only "
+        "what they do together is measured, and nothing but their form tells them apart; record "
+        "with a target and a disturbance, or fit one channel"
+    )
 
 
 def _outcome_of(error: BaseException) -> tuple[Outcome, str]:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from pilotid.estimates.cancellation import cancellations
 from pilotid.estimates.estimate import Estimate
+from pilotid.estimates.intervals import little_known, short_delays
 
 #: Variance accounted for [%] below which a model explains next to nothing.  Of 110 recordings
 #: of human pilots the least well described, by a pilot with a breakout, has 34 %; with the
@@ -10,13 +14,31 @@ from pilotid.estimates.estimate import Estimate
 NOTHING = 20.0
 
 
+#: Standard error over value from which a parameter is not known.
+UNKNOWN = 0.25
+
+
+def vague(estimate: Estimate) -> bool:
+    """Whether a fit failed, or knows little of a parameter."""
+    if not estimate.outcome.usable:
+        return True
+    return bool(np.any(estimate.std_error > UNKNOWN * np.abs(estimate.values)))
+
+
 def remarks_on(estimate: Estimate) -> tuple[str, ...]:
     """The method's own remarks, and those that its numbers call for."""
     found = list(estimate.remarks)
-    if estimate.outcome.usable and estimate.vaf < NOTHING:
+    if not estimate.outcome.usable:
+        return tuple(found)
+    if estimate.vaf < NOTHING:
         found.append(
             f"the model explains {estimate.vaf:.1f} % of the control, so the values mean nothing: "
             "see whether u, e and x belong together (one shifted in time, a wrong name, a wrong "
             "sign), or choose another model"
         )
+        return tuple(found)
+    found += [pair.words for pair in estimate.inseparable]
+    found += short_delays(estimate)
+    found += little_known(estimate)
+    found += cancellations(estimate)
     return tuple(found)

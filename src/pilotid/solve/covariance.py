@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from pilotid.chance import Z95
 from pilotid.solve.least_squares import Gram
-from pilotid.types import FloatArray
+from pilotid.types import BoolArray, FloatArray
 
 #: Ratio of the smallest to the largest eigenvalue below which rounding decides.
 SINGULAR = 1e-13
@@ -31,6 +32,34 @@ def covariance_of(hessian: FloatArray, variance: float) -> FloatArray | None:
         return None
     inverse, scale = found
     return np.asarray(variance * inverse / np.outer(scale, scale))
+
+
+def covariance_at_bounds(
+    hessian: FloatArray, held: BoolArray, intervals: FloatArray
+) -> FloatArray | None:
+    """Covariance of an estimate of which some parameters lie at bounds, None if it is singular.
+
+    There the inverse of the information tells nothing: it lets the parameters pass their
+    bounds.  Standard errors are those of which the profile intervals would be 3.92; correlations
+    are those of the parameters inside, given the others.
+
+    Parameters
+    ----------
+    hessian
+        Inner products J'J, shape (parameters, parameters).
+    held
+        Which parameters lie at a bound, shape (parameters,).
+    intervals
+        95 % profile-likelihood intervals, shape (parameters, 2).
+    """
+    conditional = np.where(held[:, None] | held, np.diag(np.diag(hessian)), hessian)
+    found = _scaled_inverse(conditional)
+    error = np.diff(intervals, axis=1)[:, 0] / (2.0 * Z95)
+    if found is None or not (error > 0.0).all():
+        return None
+    scaled, _ = found
+    size = np.sqrt(np.diag(scaled))
+    return np.asarray(scaled * np.outer(error / size, error / size))
 
 
 def _scaled_inverse(matrix: FloatArray) -> tuple[FloatArray, FloatArray] | None:

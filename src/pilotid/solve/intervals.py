@@ -16,9 +16,11 @@ import numpy as np
 from pilotid.chance import CHI_SQUARED_95
 from pilotid.solve.least_squares import Gram, Minima, Space
 from pilotid.solve.scale import Scale
-from pilotid.types import FloatArray, IntArray
+from pilotid.solve.walk import walk
+from pilotid.types import BoolArray, FloatArray, IntArray
 
 LONGEST_STEP = 1.0  # standard errors an iteration may move the profiled parameter
+FIRST_STEP = 1.5  # the same of the first one, in lengths of the quadratic interval
 BETTER = 0.2  # deviance by which a point must be lower than the minimum to take its place
 
 
@@ -53,7 +55,7 @@ def profile_intervals(
 
     All end points are sought at once by Newton steps (Venzon & Moolgavkar, Applied
     Statistics 37, 1988): along the profiled parameter to the sought level, in all
-    others to their conditional optimum.
+    others to their conditional optimum.  Ends that are not found that way are sought by `walk`.
 
     Parameters
     ----------
@@ -85,16 +87,19 @@ def profile_intervals(
         # The variance is then one more parameter, maximised over as well.
         target = lowest * math.exp(sought / estimated)
 
-    hessian = scale.inner(minimum.gram[:1], minimum.values[:1])[0, :-1, :-1]
-    covariance = np.linalg.inv(hessian) * variance
-    error = np.sqrt(np.diag(covariance))[:count]
+    gram_there = scale.inner(minimum.gram[:1], minimum.values[:1])
+    error = _errors(gram_there[0], _blocked(gram_there, best, lower, upper)[0], variance)[:count]
     which = np.tile(np.arange(count), 2)
     side = np.repeat([-1.0, 1.0], count)
-    reach = math.sqrt(sought)
     # On the ridge of the quadratic approximation.
-    ridge = covariance[which] / error[which, None]
-    points = np.clip(best + side[:, None] * reach * ridge, lower, upper)
+    points = np.repeat(best, 2 * count, axis=0)
+    grams = np.repeat(gram_there, 2 * count, axis=0)
+    longest = FIRST_STEP * math.sqrt(sought) * error[which]
+    blocked = _blocked(grams, points, lower, upper)
+    ridge, _ = _step(grams, blocked, which, side, longest, target)
+    points = np.clip(points + ridge, lower, upper)
     active = np.arange(2 * count)
+    found = np.zeros(2 * count, dtype=bool)
     better, least = None, lowest - BETTER * variance
     for _ in range(iterations):
         values = scale.leave(points[active])
@@ -104,18 +109,32 @@ def profile_intervals(
             best_of_all = int(np.nanargmin(costs))
             better, least = values[best_of_all], float(costs[best_of_all])
         k, direction = which[active], side[active]
-        step, off = _step(grams, k, direction, error[k], target)
+        blocked = _blocked(grams, points[active], lower, upper)
+        step, off = _step(grams, blocked, k, direction, LONGEST_STEP * error[k], target)
         deviance_off = np.abs(grams[:, -1, -1] - target) / variance
         at_bound = (points[active, k] <= lower[k]) & (direction < 0)
         at_bound |= (points[active, k] >= upper[k]) & (direction > 0)
-        done = ((deviance_off < tolerance) & (off < tolerance * variance)) | at_bound
+        # A bound that was overshot to, where the deviance is too high, is left again.
+        at_bound &= step[np.arange(len(k)), k] * direction >= 0.0
+        reached = (deviance_off < tolerance) & (off < tolerance * variance)
+        found[active] = reached | (at_bound & (costs <= target))
+        done = reached | at_bound
         moved = np.clip(points[active] + step, lower, upper)
         points[active] = np.where(at_bound[:, None], points[active], moved)
         active = active[~done]
         if not active.size:
             break
-    ends = scale.leave(points)[np.arange(2 * count), which]
     # Where the likelihood has another summit the search may end on its side.
+    found &= (points[np.arange(2 * count), which] - best[0, which]) * side >= 0.0
+    ends = scale.leave(points)[np.arange(2 * count), which]
+    if better is None:
+        for i in np.flatnonzero(~found):
+            index = int(which[i])
+            reach = float(side[i]) * math.sqrt(sought) * float(error[index])
+            point, cost = walk(gram, space, minimum.values[0], lowest, target, index, reach)
+            ends[i] = point[index]
+            if cost < least:
+                better, least = point, cost
     best_values = minimum.values[0, :count]
     intervals = np.stack(
         [np.minimum(ends[:count], best_values), np.maximum(ends[count:], best_values)], axis=1
@@ -123,21 +142,43 @@ def profile_intervals(
     return Profile(intervals, better)
 
 
+def _blocked(
+    grams: FloatArray, points: FloatArray, lower: FloatArray, upper: FloatArray
+) -> BoolArray:
+    """Which parameters lie at a bound that descent leads beyond, shape (points, parameters)."""
+    descent = grams[:, :-1, -1]
+    return np.asarray(((points <= lower) & (descent < 0.0)) | ((points >= upper) & (descent > 0.0)))
+
+
+def _errors(gram: FloatArray, blocked: BoolArray, variance: float) -> FloatArray:
+    """Standard errors, each with all other parameters free but those held by their bounds."""
+    hessian = gram[:-1, :-1]
+    errors = np.empty(len(hessian))
+    for k in range(len(hessian)):
+        held = blocked & (np.arange(len(hessian)) != k)
+        free = np.where(held[:, None] | held, np.eye(len(hessian)), hessian)
+        errors[k] = math.sqrt(np.linalg.inv(free)[k, k] * variance)
+    return errors
+
+
 def _step(
-    grams: FloatArray, which: IntArray, side: FloatArray, error: FloatArray, target: float
+    grams: FloatArray,
+    blocked: BoolArray,
+    which: IntArray,
+    side: FloatArray,
+    longest: FloatArray,
+    target: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Steps to the level sought, and what the other parameters still promise."""
     index = np.arange(len(grams))
     hessian, descent = grams[:, :-1, :-1], grams[:, :-1, -1]
-    # Rows and columns of the profiled parameter are replaced by those of the identity.
-    others = hessian.copy()
-    others[index, which, :] = 0.0
-    others[index, :, which] = 0.0
-    others[index, which, which] = 1.0
-    across = hessian[index, which].copy()
-    across[index, which] = 0.0
-    right = descent.copy()
-    right[index, which] = 0.0
+    # Rows and columns of the profiled parameter, and of those that a bound holds, are replaced
+    # by those of the identity.
+    held = blocked.copy()
+    held[index, which] = True
+    others = np.where(held[:, :, None] | held[:, None, :], np.eye(held.shape[1]), hessian)
+    across = np.where(held, 0.0, hessian[index, which])
+    right = np.where(held, 0.0, descent)
     solved = _solved(others, np.stack([right, across], axis=-1))
     to_optimum, along_ridge = solved[..., 0], solved[..., 1]
     gained = np.einsum("sp,sp->s", right, to_optimum)
@@ -147,7 +188,7 @@ def _step(
     # cost - gained - 2 slope t + curvature t^2 = target, the root on the outer side
     excess = grams[:, -1, -1] - gained - target
     root = np.sqrt(np.maximum(slope**2 - curvature * excess, 0.0))
-    move = np.clip((slope + side * root) / curvature, -LONGEST_STEP * error, LONGEST_STEP * error)
+    move = np.clip((slope + side * root) / curvature, -longest, longest)
     step = to_optimum - move[:, None] * along_ridge
     step[index, which] = move
     return step, gained

@@ -1,0 +1,207 @@
+"""What estimates say in words, on numbers that can be worked out by hand."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pilotid.datasets import SCENARIOS, simulate
+from pilotid.disk import strict_json
+from pilotid.estimates.draws import Draws
+from pilotid.estimates.estimate import Estimate, Outcome, symmetric_intervals
+from pilotid.estimates.method import identify, one_signal
+from pilotid.estimates.remarks import remarks_on
+from pilotid.methods import MLE
+from pilotid.pilot.catalogue import LEAD_LAG, MULTI, SINGLE
+from pilotid.pilot.model import PilotModel
+
+pytestmark = pytest.mark.numerical
+
+PILOTS = {
+    "single": {"Kvis": 0.5, "tlead": 2.0, "tdvis": 0.3, "fnm": 12.0, "dnm": 0.2},
+    "lead-lag": {"Kvis": 0.5, "tlead": 2.0, "tlag": 0.5, "tdvis": 0.3, "fnm": 12.0, "dnm": 0.2},
+}
+
+
+def estimate_of(
+    model: PilotModel,
+    errors: dict[str, float] | None = None,
+    correlated: tuple[str, str, float] | None = None,
+    **values: float,
+) -> Estimate:
+    """An estimate with relative standard errors, 0.02 unless given."""
+    vector = model.vector(PILOTS[model.name] | values)
+    error = vector * np.array([(errors or {}).get(key, 0.02) for key in model.keys])
+    correlation = np.eye(len(error))
+    if correlated:
+        i, j = (model.keys.index(key) for key in correlated[:2])
+        correlation[i, j] = correlation[j, i] = correlated[2]
+    covariance = correlation * np.outer(error, error)
+    intervals = symmetric_intervals(vector, covariance)
+    return Estimate("mine", model, Outcome.CONVERGED, vector, covariance, intervals, vaf=80.0)
+
+
+def with_interval(estimate: Estimate, key: str, low: float, high: float) -> Estimate:
+    intervals = estimate.intervals.copy()
+    intervals[estimate.model.keys.index(key)] = low, high
+    return replace(estimate, intervals=intervals)
+
+
+def test_an_estimate_with_nothing_wrong_says_nothing() -> None:
+    assert remarks_on(estimate_of(SINGLE)) == remarks_on(estimate_of(LEAD_LAG)) == ()
+
+
+def test_a_product_better_known_than_its_factors_is_named() -> None:
+    errors = {"Kvis": 0.2, "tlead": 0.2}
+    estimate = estimate_of(SINGLE, errors, ("Kvis", "tlead", -0.99))
+    assert remarks_on(estimate) == (
+        # .2 sqrt(2 (1 - .99)) = .0283
+        "Kvis and tlead cannot be told apart (correlation -0.99): it is their product "
+        "Kvis tlead = 1.000 +- 0.028 s that is known",
+    )
+    (pair,) = estimate.inseparable
+    assert pair.combination is not None
+    assert pair.combination.interval == pytest.approx(np.exp([-0.05544, 0.05544]), rel=1e-4)
+    (told,) = json.loads(strict_json(estimate.to_dict()))["inseparable"]
+    assert (told["parameters"], told["combination"]["key"]) == (["Kvis", "tlead"], "Kvis*tlead")
+
+
+def test_parameters_that_rise_together_have_a_known_ratio() -> None:
+    errors = {"Kvis": 0.2, "tlag": 0.2}
+    (remark,) = remarks_on(estimate_of(LEAD_LAG, errors, ("Kvis", "tlag", 0.99)))
+    assert remark.startswith("Kvis and tlag cannot be told apart (correlation 0.99): it is their")
+    assert "ratio Kvis/tlag = 1.000 +- 0.028 1/s" in remark
+    errors = {"tlead": 0.12, "tlag": 0.12}
+    (remark,) = remarks_on(estimate_of(LEAD_LAG, errors, ("tlead", "tlag", 0.99)))
+    assert "ratio tlead/tlag = 4.000 +- 0.068 that" in remark
+
+
+def test_a_pair_of_which_no_product_is_better_known() -> None:
+    # Errors of .2 and .4: the product's is .2 sqrt(1 + 4 - 4 * .99) = .204.
+    errors = {"Kvis": 0.2, "tlead": 0.4}
+    estimate = estimate_of(SINGLE, errors, ("Kvis", "tlead", -0.99))
+    assert [pair.combination for pair in estimate.inseparable] == [None]
+    assert "as far as one of them is wrong, so is the other" in remarks_on(estimate)[0]
+    # A delay that may be zero has no logarithm.
+    errors = {"tdvis": 0.12, "fnm": 0.12}
+    (pair,) = estimate_of(SINGLE, errors, ("tdvis", "fnm", 0.99)).inseparable
+    assert (pair.first, pair.second, pair.combination) == ("tdvis", "fnm", None)
+
+
+@pytest.mark.parametrize(("error", "correlation"), [(0.09, -0.99), (0.2, -0.94)])
+def test_pairs_that_are_known_or_hardly_correlated_are_not_named(
+    error: float, correlation: float
+) -> None:
+    errors = {"Kvis": error, "tlead": error}
+    assert estimate_of(SINGLE, errors, ("Kvis", "tlead", correlation)).inseparable == []
+
+
+def test_correlations_come_from_the_draws_where_there_are_some() -> None:
+    rng = np.random.default_rng(1)
+    inner = rng.standard_normal((4000, 5)) * 0.02
+    common = 0.5 * rng.standard_normal(4000)
+    inner[:, 0] += common
+    inner[:, 1] -= common
+    estimate = estimate_of(SINGLE)
+    ones = np.ones(5)
+    draws = Draws(
+        "importance",
+        SINGLE.keys,
+        SINGLE.positive,
+        estimate.values * np.exp(inner),
+        np.zeros(4000),
+        np.full(4000, 1.0 / 4000),
+        (1, 4000, 1),
+        4000.0 * ones,
+        np.nan * ones,
+        ones,
+    )
+    (pair,) = replace(estimate, draws=draws).inseparable
+    assert (pair.first, pair.second) == ("Kvis", "tlead")
+    assert pair.combination is not None
+    assert pair.combination.std_error == pytest.approx(0.02 * np.sqrt(2.0), rel=0.05)
+
+
+def test_a_delay_that_people_do_not_have() -> None:
+    (remark,) = remarks_on(estimate_of(SINGLE, tdvis=0.013))
+    assert remark.startswith("tdvis is 0.013 s, but people's delays are not below 0.1 s: another")
+    (remark,) = remarks_on(with_interval(estimate_of(SINGLE, tdvis=0.09), "tdvis", 0.06, 0.12))
+    assert "though its interval goes up to 0.12 s" in remark
+    (remark,) = remarks_on(with_interval(estimate_of(SINGLE, tdvis=0.05), "tdvis", 0.0, 0.12))
+    assert remark.startswith("tdvis is 0.05 s")
+    assert remarks_on(estimate_of(SINGLE, tdvis=0.11)) == ()
+
+
+def test_what_is_known_where_an_interval_ends_at_a_bound() -> None:
+    at_bound = replace(estimate_of(SINGLE, fnm=39.0), outcome=Outcome.AT_BOUND)
+    (remark,) = remarks_on(with_interval(at_bound, "fnm", 12.0, 40.0))
+    assert remark == (
+        "fnm is at least 12 rad/s, and the recording does not tell more: its interval reaches "
+        "the bound 40 rad/s"
+    )
+    (remark,) = remarks_on(with_interval(at_bound, "fnm", 21.0, 40.0))
+    assert remark.endswith("; 6 .. 20 rad/s are published, so it may stand for something else")
+    (remark,) = remarks_on(with_interval(estimate_of(SINGLE), "tdvis", 0.0, 0.41))
+    assert remark.startswith("tdvis is at most 0.41 s, and the recording does not tell more")
+    (remark,) = remarks_on(with_interval(estimate_of(SINGLE), "dnm", 0.02, 3.0))
+    assert remark == (
+        "the recording does not tell dnm: its interval holds all values allowed, 0.02 .. 3"
+    )
+    no_lead = with_interval(estimate_of(SINGLE, tlead=0.02), "tlead", 0.01, 0.06)
+    assert remarks_on(no_lead)[0].endswith("reaches the bound 0.01 s")
+    (remark,) = remarks_on(with_interval(at_bound, "fnm", 39.99, 40.0))
+    assert "fnm is pressed against its bound 40 rad/s" in remark
+
+
+def test_wide_and_lopsided_intervals() -> None:
+    (remark,) = remarks_on(with_interval(estimate_of(SINGLE), "tlead", 0.5, 5.5))
+    assert remark.startswith("hardly known is tlead (0.5 .. 5.5): the 95 % interval spans more")
+    # ln 2 below, ln 1.2 above; of a delay .1 s below and .02 s above
+    estimate = with_interval(estimate_of(SINGLE), "tlead", 1.0, 2.4)
+    estimate = with_interval(estimate, "tdvis", 0.2, 0.32)
+    (remark,) = remarks_on(estimate)
+    assert remark.startswith("the 95 % interval of tlead (below), tdvis (below) lies mostly")
+    # ln 2 below, ln 1.3 above
+    assert remarks_on(with_interval(estimate_of(SINGLE), "tlead", 1.0, 2.6)) == ()
+
+
+def test_a_lead_that_a_lag_cancels() -> None:
+    errors = {"tlead": 0.12, "tlag": 0.09}
+    (remark,) = remarks_on(estimate_of(LEAD_LAG, errors, tlag=1.6))
+    # ln(2/1.6) = .223 < 1.96 sqrt(.12^2 + .09^2) = .294; 1.25 * .15 = .1875
+    assert "tlead and tlag cancel to within their errors (1.25 +- 0.19 times as long)" in remark
+    assert remarks_on(estimate_of(LEAD_LAG, errors, tlag=1.4)) == ()
+
+
+def test_a_lead_that_an_overdamped_neuromuscular_system_cancels() -> None:
+    # Poles of dnm 1.25: time constants (1.25 +- .75)/fnm; with fnm 4 the slow one is .5 s.
+    slow = estimate_of(SINGLE, {"tlead": 0.05}, fnm=4.0, dnm=1.25, tlead=0.5)
+    (remark,) = remarks_on(slow)
+    assert "tlead and the neuromuscular system (fnm, dnm) cancel" in remark
+    # d ln T = -.02 for fnm, 1.25/.75 * .02 for dnm, .05 for tlead: .0633 together
+    assert "(1.00 +- 0.06 times as long)" in remark
+    assert remarks_on(estimate_of(SINGLE, {"tlead": 0.05}, fnm=4.0, dnm=1.25, tlead=0.6)) == ()
+
+
+def test_nothing_is_said_of_what_failed_or_means_nothing() -> None:
+    short = estimate_of(SINGLE, tdvis=0.013)
+    assert remarks_on(replace(short, outcome=Outcome.NOT_CONVERGED)) == ()
+    (remark,) = remarks_on(replace(short, vaf=10.0))
+    assert "explains 10.0 %" in remark
+
+
+def test_channels_that_act_on_one_signal() -> None:
+    alone, both, step = (
+        simulate(SCENARIOS[name], np.random.default_rng(1))
+        for name in ("disturbance-only", "nominal", "disturbance-step")
+    )
+    word = "there is no target, so that e = -x and the visual and vestibular channels act on one"
+    assert word in (one_signal(alone, MULTI) or "")
+    assert one_signal(alone, SINGLE) is one_signal(both, MULTI) is None
+    rng = np.random.default_rng(1)
+    assert any(word in remark for remark in identify(MLE(), alone, MULTI, rng).remarks)
+    # A step tells so much that form is enough.
+    assert not any(word in remark for remark in identify(MLE(), step, MULTI, rng).remarks)
