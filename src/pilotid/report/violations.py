@@ -27,10 +27,11 @@ LONGEST_WORDS = 60  # characters of a remark that the table shows
 
 TEXT = (
     "Not in the paper: the nominal case with one assumption violated, in the loop or in the "
-    "recorder. Truth and bound are those of the pilot without it. **Bias / claim** is the mean "
-    "error of a parameter over the mean standard error that the method claims, of the parameter "
-    "where it is largest. **Told** counts the recordings of which a user of `pilotid fit` would be "
-    "told something: a remark on the recording or on the estimate, or that the fit failed; behind "
+    "recorder; `nominal` itself, where the study has it, is the control: a method that is silent "
+    "there is so without any violation. Truth and bound are those of the pilot without it. "
+    "**Bias / claim** is the mean error of a parameter over the mean standard error that the "
+    "method claims, of the parameter where it is largest. **Told** counts the recordings of "
+    "which a user of `pilotid fit` would be told something: a remark on the recording or on the estimate, or that the fit failed; behind "
     "it stand the first words of the commonest remarks, and how often they came."
 )
 RULES = (
