@@ -18,6 +18,7 @@ from pilotid.datasets.forcing import (
     paper_target,
 )
 from pilotid.datasets.remnant import Remnant, white
+from pilotid.datasets.violations import Kind, Violation
 from pilotid.pilot.catalogue import MULTI, SINGLE
 from pilotid.pilot.element import ControlledElement, double_integrator
 from pilotid.pilot.model import PilotModel
@@ -54,9 +55,12 @@ class Scenario:
         drawn within this share of the truth, for each replication the same for all methods.
     one_recording
         Whether all replications fit the same recording.
+    violation
+        What in the loop or in the recorder is not as the truth says, None for nothing.
     family, varied
         Scenarios of one family differ in one number alone, such as ``duration`` or
-        ``remnant.level``; reports draw errors over it.
+        ``remnant.level``; reports draw errors over it.  Those of the family ``violation``
+        differ in that.
     """
 
     name: str
@@ -73,6 +77,7 @@ class Scenario:
     runs: int = 1
     start_spread: float = 0.0
     one_recording: bool = False
+    violation: Violation | None = None
     family: str = ""
     varied: str = ""
 
@@ -184,8 +189,47 @@ def _beyond_the_paper() -> list[Scenario]:
     ]
 
 
+def _violated() -> list[Scenario]:
+    nominal = Scenario("nominal", "", family="violation")
+    gain, lead, *others = nominal.truth
+    # From the nominal pilot to one of 40 % less gain and 60 % more lead; the truth is the mean.
+    mean = (0.8 * gain, 1.3 * lead, *others)
+    change = (("Kvis", -0.2 / 0.8), ("tlead", 0.3 / 1.3))
+    cases: dict[Kind, tuple[str, float]] = {
+        "threshold": (
+            "a control that is zero while the command is below a quarter of its rms",
+            0.25,
+        ),
+        "quantised": ("a control in steps of a fifth of its rms", 0.2),
+        "saturated": ("a control that is clipped at 1.5 times its rms", 1.5),
+        "drift": ("a recorded control that drifts by 1.5 times its rms", 1.5),
+        "lost": ("5 % of the control's samples lost, in bursts, and replaced by the last", 0.05),
+    }
+    return [
+        replace(
+            nominal,
+            name="violation-change",
+            description="nominal with a pilot who loses 40 % gain and gains 60 % lead half-way; "
+            "the truth is the mean",
+            truth=mean,
+            violation=Violation("change", change=change),
+        ),
+        *(
+            replace(
+                nominal,
+                name=f"violation-{kind}",
+                description=f"nominal with {words}",
+                violation=Violation(kind, size),
+            )
+            for kind, (words, size) in cases.items()
+        ),
+    ]
+
+
 #: Scenarios by the name that the command line takes.
-SCENARIOS: dict[str, Scenario] = {s.name: s for s in (*_of_the_paper(), *_beyond_the_paper())}
+SCENARIOS: dict[str, Scenario] = {
+    s.name: s for s in (*_of_the_paper(), *_beyond_the_paper(), *_violated())
+}
 
 
 def require_name(name: object) -> None:

@@ -3,6 +3,8 @@
 Everything passes through closed-loop frequency responses with true delays: the
 forcing functions line by line, the remnant on a grid so long that it is not
 periodic in the recording.  There is no integration step and no Pade approximant.
+Only what is not linear, or not constant, is stepped through time, see
+`pilotid.datasets.stepping`.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import numpy as np
 from pilotid.datasets.forcing import Forcing, Multisine, Response
 from pilotid.datasets.remnant import UNIT_LEVEL
 from pilotid.datasets.scenarios import Scenario
+from pilotid.datasets.stepping import stepped
 from pilotid.pilot.factors import Neuromuscular
 from pilotid.pilot.loops import margins, pilot_on, unstable_poles
 from pilotid.recordings.recording import Recording
@@ -197,6 +200,13 @@ def remnant_ratio(scenario: Scenario) -> float:
     return power_n / (power_u + float(np.var(shared.u_forced[shared.run_in :])))
 
 
+def linear_rms(scenario: Scenario) -> float:
+    """Expected root mean square of the control in the window, without any violation."""
+    shared = _prepared(scenario)
+    of_remnant = shared.level**2 * _power(shared.remnant_to_n * shared.loop.u_of_remnant)
+    return float(np.sqrt(of_remnant + np.var(shared.u_forced[shared.run_in :])))
+
+
 def white_level(scenario: Scenario) -> float:
     """Standard deviation of the sampled white noise that drives the scenario's remnant."""
     return _prepared(scenario).level
@@ -227,6 +237,11 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> Recording:
     spectrum = np.fft.rfft(noise) * shared.remnant_to_n
     u = shared.u_forced + np.fft.irfft(spectrum * shared.loop.u_of_remnant)[:, :samples]
     x = shared.x_forced + np.fft.irfft(spectrum * shared.loop.x_of_remnant)[:, :samples]
+    if scenario.violation is not None:
+        rms = linear_rms(scenario)
+        if scenario.violation.in_loop:
+            u, x = stepped(scenario, np.fft.irfft(spectrum), rms)
+        u = scenario.violation.recorded(u, shared.time / scenario.duration, rms, rng)
     zero = np.zeros(samples)
     target = zero if shared.target is None else shared.target
     forcing = {"ft": scenario.target, "fd": scenario.disturbance}

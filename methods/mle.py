@@ -26,6 +26,7 @@ from pilotid.solve.covariance import covariance_at_bounds, covariance_of
 from pilotid.solve.intervals import Profile, profile_intervals
 from pilotid.time_domain.conclusion import concluded
 from pilotid.time_domain.maximum_likelihood import Maximum, criteria_from, maximise_likelihood
+from pilotid.time_domain.residual_tests import tested
 from pilotid.time_domain.settings import LikelihoodSettings
 from pilotid.types import FloatArray
 
@@ -100,6 +101,7 @@ class MLE(LikelihoodSettings):
             starts=found.starts,
             remnant=found.remnant,
             criterion=found.criterion,
+            remarks=tested(found, recording),
         )
 
     def criteria_from(

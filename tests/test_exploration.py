@@ -130,9 +130,9 @@ def position_pilot() -> Scenario:
     return replace(
         PILOTS["lead-lag"],
         name="position",
-        truth=(1.2, 0.35, 2.5, 0.2, 10.0, 0.4),
-        element=position_control(2.0),
-        remnant=Remnant(1, 4.0, 0.7, 0.12, "ratio"),
+        truth=(0.46, 0.4, 2.8, 0.23, 10.5, 0.5),
+        element=position_control(6.0),
+        remnant=Remnant(1, 11.0, 0.7, 0.12, "ratio"),
     )
 
 

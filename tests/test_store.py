@@ -117,7 +117,8 @@ def test_a_pilot_that_was_drawn_is_kept_once_for_all_methods(tmp_path: Path) -> 
     truth = (ParameterTruth("b", "s", 0.1 + 0.2, None), ParameterTruth("a", "", 1e-300, 0.4))
     draw = Draw("own", truth, {"element": "K/s", "dt": 0.01})
     numbers = (("b", 0.2, 0.1, 0.0, 0.4), ("a", 3.0, None, None, None))
-    whole = replace(result("any", "first", 7), estimates=numbers, excess=1e-3, draw=draw)
+    whole = replace(result("any", "first", 7), estimates=numbers, excess=1e-3, draw=draw,
+                    remarks="recording: u drifts | mind the gap")  # fmt: skip
     with filled(tmp_path) as store:
         store.add_scenario(replace(entry("any", 3), parameters=()))
         store.add(whole)
@@ -141,11 +142,12 @@ def test_a_pilot_that_was_drawn_is_kept_once_for_all_methods(tmp_path: Path) -> 
 
 
 def test_a_store_of_the_format_before_is_refused_in_a_sentence(tmp_path: Path) -> None:
-    """It had no draws, and a column less in the table of fits."""
+    """It had no draws, and fewer columns in the table of fits."""
     filled(tmp_path).close()
     base = sqlite3.connect(tmp_path / STORE)
     base.execute("DROP TABLE draws")
     base.execute("ALTER TABLE fits DROP COLUMN excess")
+    base.execute("ALTER TABLE fits DROP COLUMN remarks")
     base.execute("UPDATE about SET value = '3' WHERE key = 'format'")  # its checksum fails now
     base.commit()
     base.close()

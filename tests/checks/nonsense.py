@@ -3,7 +3,8 @@
     nox -s check -- nonsense [--recordings 200]
 
 Every kind of nonsense is planted in as many recordings of `nominal`; false alarms are counted
-on as many of every scenario, and on the recordings of human pilots that PILOTID_MEASURED names.
+on as many of every scenario without a violation, and on the recordings of human pilots that
+PILOTID_MEASURED names.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from pilotid.recordings.checks import remarks
 from pilotid.recordings.files import load_recording
 from pilotid.recordings.recording import Recording
 
+SOUND = {name: scenario for name, scenario in SCENARIOS.items() if scenario.violation is None}
 ALL = ("e", "u", "x", "ft", "fd")
 
 
@@ -116,7 +118,7 @@ def main() -> None:
         print(f"{what:26} named in {hits} of {count}")
     false = {
         name: sum(bool(remarks(simulate(scenario, np.random.default_rng(i)))) for i in range(count))
-        for name, scenario in SCENARIOS.items()
+        for name, scenario in SOUND.items()
     }
     worst = {name: alarms for name, alarms in false.items() if alarms} or "none"
     print(f"false alarms on {count} recordings of each of {len(false)} scenarios: {worst}")

@@ -23,6 +23,7 @@ SHORT = {
     "disturbance-step": "dist. step",
     "target-step": "target step",
 }
+VIOLATION = "violation"  # family of the scenarios that violate an assumption
 MONTE_CARLO = "Bars: 95 % Monte Carlo intervals."
 
 
@@ -54,7 +55,7 @@ class Chapter:
 
 
 def chapters(study: Comparison, about: Mapping[str, str]) -> list[Chapter]:
-    """The experiments whose scenarios are in the store; every scenario is in one of them."""
+    """The experiments whose scenarios are in the store; every other scenario is one by itself."""
     parts: list[Callable[[Comparison, Mapping[str, str]], Chapter | None]] = [
         _nominal,
         _starts,
@@ -67,6 +68,7 @@ def chapters(study: Comparison, about: Mapping[str, str]) -> list[Chapter]:
     ]
     found = [chapter for part in parts if (chapter := part(study, about))]
     told = {name for chapter in found for name in chapter.tabled}
+    told |= set(_family(study, VIOLATION))  # in a chapter of their own, see `violations`
     return found + [_other(study, name) for name in study.names if name not in told]
 
 

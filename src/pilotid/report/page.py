@@ -29,6 +29,7 @@ from pilotid.report.population_verdicts import RULES as POPULATION_RULES
 from pilotid.report.population_verdicts import population_verdicts
 from pilotid.report.rules import Rules, rules_for
 from pilotid.report.verdicts import CODES, in_short, judge, sentence
+from pilotid.report.violations import violation_chapters
 from pilotid.show.page import templates_of
 from pilotid.study.comparison import Comparison
 from pilotid.study.store import Store
@@ -126,7 +127,7 @@ def _sections(study: Comparison, store: Store) -> list[Section]:
     about = store.about()
     if not study.every:
         return [Section("summary", "Summary", [Text("The study holds no fits yet.")])]
-    told = [*chapters(study, about), *population_chapters(study)]
+    told = [*chapters(study, about), *violation_chapters(study), *population_chapters(study)]
     return [
         _summary(study, about, told),
         *(_chapter(study, about, chapter) for chapter in told),

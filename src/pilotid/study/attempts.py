@@ -42,9 +42,14 @@ class Attempts:
         return int(np.sum(self.counted))
 
     @property
-    def tried(self) -> int:
+    def attempts(self) -> list[Result]:
         """Fits of recordings that the method can treat."""
-        return sum(r.outcome != Outcome.NOT_APPLICABLE.slug for r in self.results)
+        return [r for r in self.results if r.outcome != Outcome.NOT_APPLICABLE.slug]
+
+    @property
+    def tried(self) -> int:
+        """How many these are."""
+        return len(self.attempts)
 
     @property
     def milliseconds(self) -> float:

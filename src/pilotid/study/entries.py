@@ -77,6 +77,9 @@ class Result:
         `pilotid.estimates.method.Searching`.
     draw
         What a population drew for the recording.
+    remarks
+        What a user would have been told of the recording and of the estimate, on one line, see
+        `pilotid.study.fits.told`; empty for nothing.
     """
 
     unit: Unit
@@ -90,6 +93,7 @@ class Result:
     estimates: tuple[tuple[str, float | None, float | None, float | None, float | None], ...] = ()
     excess: float | None = None
     draw: Draw | None = None
+    remarks: str = ""
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from pilotid.estimates.method import Method, Searching, identify
 from pilotid.estimates.sound import one_line
 from pilotid.naming.code import reason, unpacked
 from pilotid.pilot.model import PilotModel
+from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import fit_rng, recording_rng, start_rng
 from pilotid.study.draws import scenario_of
@@ -23,6 +24,8 @@ LOST = {Loss.DIED: Outcome.DIED, Loss.TIMED_OUT: Outcome.TIMED_OUT}
 
 #: Outcomes that another try may mend; an error that the code makes comes again.
 OUTSIDE = (Outcome.CRASHED, Outcome.OUT_OF_MEMORY, Outcome.TIMED_OUT, Outcome.DIED)
+
+LONGEST_TOLD = 300  # characters of remarks that a study keeps of a fit
 
 
 @dataclass(frozen=True)
@@ -58,11 +61,21 @@ def run_task(task: Task) -> Result:
         rng = fit_rng(seed, unit.method, unit.scenario, unit.replication)
         estimate = identify(method, recording, model, rng)
         excess = None if draw is None else excess_of(method, recording, estimate, scenario)
-        return _result(unit, estimate, excess, draw)
+        return replace(_result(unit, estimate, excess, draw), remarks=told(recording, estimate))
     except MemoryError as error:
         return Result(unit, Outcome.OUT_OF_MEMORY.slug, one_line(str(error)), draw=draw)
     except BaseException as error:  # an interruption too: the user's go to another process
         return Result(unit, Outcome.CRASHED.slug, one_line(reason(error)), draw=draw)
+
+
+def told(recording: Recording, estimate: Estimate) -> str:
+    """What a user would be told of a recording and of an estimate, on one line.
+
+    Remarks on the recording come first and begin with ``recording:``, as `pilotid fit` has them.
+    """
+    found = [*(f"recording: {remark}" for remark in remarks(recording)), *estimate.remarks]
+    line = " | ".join(found)
+    return line if len(line) <= LONGEST_TOLD else f"{line[: LONGEST_TOLD - 4]} ..."
 
 
 def excess_of(

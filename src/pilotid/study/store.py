@@ -124,7 +124,7 @@ class Store:
         """
         r, unit = result, astuple(result.unit)
         row = (*unit, r.outcome, r.message, int(r.usable), real(r.vaf), int(r.iterations))
-        row = (*row, int(r.posterior), real(r.seconds), real(r.excess))
+        row = (*row, int(r.posterior), real(r.seconds), real(r.excess), r.remarks)
         estimates = [(*unit, name, *map(real, numbers)) for name, *numbers in r.estimates]
         with self._transaction():
             if r.draw is not None:
@@ -211,7 +211,7 @@ class Store:
 
 
 def _result(row: Row, parts: list[Row], draw: Draw | None, order: list[str]) -> Result:
-    *unit, outcome, message, usable, vaf, count, posterior, seconds, excess = row
+    *unit, outcome, message, usable, vaf, count, posterior, seconds, excess, remarks = row
     known = [part for part in parts if part[3] in order]
     return Result(
         Unit(*unit),
@@ -225,6 +225,7 @@ def _result(row: Row, parts: list[Row], draw: Draw | None, order: list[str]) -> 
         tuple(part[3:] for part in sorted(known, key=lambda part: order.index(part[3]))),
         excess,
         draw,
+        remarks,
     )
 
 

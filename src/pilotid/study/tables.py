@@ -31,7 +31,8 @@ CREATE TABLE methods (
 CREATE TABLE fits (
     scenario TEXT, method TEXT, replication INTEGER, outcome TEXT, message TEXT,
     usable INTEGER, vaf REAL, iterations INTEGER, posterior INTEGER, seconds REAL,
-    excess REAL, checksum INTEGER, PRIMARY KEY (scenario, method, replication)) WITHOUT ROWID;
+    excess REAL, remarks TEXT, checksum INTEGER,
+    PRIMARY KEY (scenario, method, replication)) WITHOUT ROWID;
 CREATE TABLE estimates (
     scenario TEXT, method TEXT, replication INTEGER, parameter TEXT,
     value REAL, std_error REAL, lower REAL, upper REAL,

@@ -1,0 +1,183 @@
+"""Simulation by time stepping, of loops that are not linear or not constant.
+
+Every channel of a pilot answers after a delay: what it commands within a block of time as
+long as the shortest delay follows from signals that are known already, whatever the stick does.
+So the loop is open within a block, and every linear part runs through it at once, discretised
+exactly but for signals that are taken to be straight between steps (first-order hold).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from pilotid.datasets.forcing import Forcing
+from pilotid.datasets.scenarios import Scenario
+from pilotid.pilot.factors import TimeDelay
+from pilotid.pilot.model import Channel
+from pilotid.types import FloatArray, InputError, IntArray
+
+STEP = 0.005  # seconds, at most
+RUN_UP = 60.0  # seconds before the recording, in which the start from rest is forgotten
+PASSING = 2.0  # seconds in which a pilot who changes passes from one to the other
+
+
+def stepped(
+    scenario: Scenario, remnant: FloatArray, rms: float, step: float = STEP
+) -> tuple[FloatArray, FloatArray]:
+    """Control and output of a loop, with the scenario's violation in it.
+
+    Parameters
+    ----------
+    scenario
+        The scenario.
+    remnant
+        Remnant at the control from the first sample of the recording on, periodic, and so
+        much longer than the recording that there is a run-up to it, shape (runs, period).
+    rms
+        Root mean square of the linear loop's control.
+    step
+        The longest step [s].
+
+    Returns
+    -------
+    u, x
+        At the recording's samples, shape (runs, samples).
+
+    Raises
+    ------
+    InputError
+        If a channel of the pilot answers at once.
+    """
+    dt = scenario.dt
+    fine = math.ceil(dt / step - 1e-9)  # steps a sample
+    h = dt / fine
+    samples = round(scenario.run_in / dt) + round(scenario.duration / dt)
+    before = min(round(RUN_UP / dt), remnant.shape[1] - samples)
+    count = (before + samples) * fine
+    time = np.arange(count) * h - (before + round(scenario.run_in / dt)) * dt
+    noise = _finer(remnant, fine)[:, np.arange(-before * fine, samples * fine)]
+    target, disturbance = _at(scenario.target, time), _at(scenario.disturbance, time)
+
+    pilots, share = _pilots(scenario, time)
+    channels = [
+        (weight, [_Path(channel, pilot, h) for channel in scenario.model.channels])
+        for pilot, weight in zip(pilots, share, strict=True)
+    ]
+    block = min(math.floor(path.delay + 1e-9) for _, paths in channels for path in paths)
+    if block < 1:
+        raise InputError(
+            f"scenario {scenario.name}: a violation inside the loop is simulated in blocks of the "
+            f"pilot's delays, which must be at least {h:g} s each; give it longer ones"
+        )
+    element = _Linear(scenario.element.numerator, scenario.element.denominator, h)
+    late = scenario.element.delay / h
+    e, u, y = (np.zeros((len(noise), count)) for _ in range(3))
+    x = y if late == 0.0 else np.zeros_like(y)
+    for begin in range(0, count, block):
+        now = np.arange(begin, min(begin + block, count))
+        command = noise[:, now]
+        for weight, paths in channels:
+            for path in paths:
+                given = e if path.input == "error" else x
+                command = command + weight[now] * path.through(given, now)
+        violation = scenario.violation
+        u[:, now] = command if violation is None else violation.stick(command, rms)
+        y[:, now] = element.through(u[:, now] + disturbance[now])
+        if late > 0.0:
+            x[:, now] = _delayed(y, now - late)
+        e[:, now] = target[now] - x[:, now]
+    recorded = slice(before * fine, None, fine)
+    return u[:, recorded], x[:, recorded]
+
+
+def _pilots(
+    scenario: Scenario, time: FloatArray
+) -> tuple[list[dict[str, float]], list[FloatArray]]:
+    """Parameters of the pilots of a scenario, and the share of each in the command by time."""
+    violation, keys = scenario.violation, scenario.model.keys
+    truth = dict(zip(keys, scenario.values.tolist(), strict=True))
+    if violation is None or not violation.change:
+        return [truth], [np.ones(time.size)]
+    shares = dict(violation.change)
+    if unknown := set(shares) - set(keys):
+        raise InputError(
+            f"scenario {scenario.name}: {', '.join(sorted(unknown))} cannot change, since model "
+            f"{scenario.model.name} has {', '.join(keys)}"
+        )
+    passed = np.clip((time - 0.5 * scenario.duration) / PASSING + 0.5, 0.0, 1.0)
+    second = 0.5 - 0.5 * np.cos(np.pi * passed)
+    pilots = [
+        {key: value * (1.0 + side * shares.get(key, 0.0)) for key, value in truth.items()}
+        for side in (-1.0, 1.0)
+    ]
+    return pilots, [1.0 - second, second]
+
+
+class _Linear:
+    """A rational transfer function that signals run through in blocks."""
+
+    def __init__(self, top: Sequence[float], bottom: Sequence[float], h: float) -> None:
+        from scipy.signal import cont2discrete
+
+        self.state: FloatArray | None = None
+        if len(bottom) == 1:
+            self.top, self.bottom = np.array([top[0] / bottom[0]]), np.ones(1)
+            return
+        plain = np.trim_zeros(np.asarray(top, dtype=float), "f")
+        found = cont2discrete((plain, np.asarray(bottom, dtype=float)), h, method="foh")
+        self.top, self.bottom = np.ravel(found[0]), np.ravel(found[1])
+
+    def through(self, signal: FloatArray) -> FloatArray:
+        """The answer to the next block of a signal, shape (runs, steps)."""
+        from scipy.signal import lfilter
+
+        if self.state is None:
+            order = max(self.top.size, self.bottom.size) - 1
+            self.state = np.zeros((len(signal), order))
+        answer, self.state = lfilter(self.top, self.bottom, signal, zi=self.state)
+        return np.asarray(answer)
+
+
+class _Path:
+    """A channel of a pilot: its delay, and the rest of it."""
+
+    def __init__(self, channel: Channel, values: dict[str, float], h: float) -> None:
+        delay, top, bottom = 0.0, [float(channel.sign)], [1.0]
+        for factor in channel.factors:
+            own = [values[p.key] for p in factor.parameters]
+            if isinstance(factor, TimeDelay):
+                delay += float(factor.seconds([np.array(v) for v in own]))
+                continue
+            above, below = factor.rational(own, 1)
+            top = np.polymul(top, above).tolist()
+            bottom = np.polymul(bottom, below).tolist()
+        self.input, self.delay = channel.input, delay / h
+        self.linear = _Linear(top, bottom, h)
+
+    def through(self, given: FloatArray, now: IntArray) -> FloatArray:
+        """Its part of the command at these steps, from all of its input before them."""
+        return self.linear.through(_delayed(given, np.asarray(now - self.delay)))
+
+
+def _delayed(signal: FloatArray, places: FloatArray) -> FloatArray:
+    """A signal (runs, steps) between its steps, at rest before the first."""
+    near = np.round(places)
+    places = np.where(np.abs(places - near) < 1e-6, near, places)
+    below = np.floor(places).astype(int)
+    above = np.minimum(below + (places > below), signal.shape[1] - 1)
+    part = places - below
+    at = (1.0 - part) * signal[:, np.maximum(below, 0)] + part * signal[:, np.maximum(above, 0)]
+    return np.asarray(np.where(below >= 0, at, 0.0))
+
+
+def _finer(signal: FloatArray, factor: int) -> FloatArray:
+    """A periodic signal (runs, samples) at as many times its samples, nothing above its band."""
+    length = factor * signal.shape[1]
+    return np.asarray(factor * np.fft.irfft(np.fft.rfft(signal), n=length))
+
+
+def _at(forcing: Forcing | None, time: FloatArray) -> FloatArray:
+    return np.zeros(time.size) if forcing is None else forcing.at(time)

@@ -1,0 +1,184 @@
+"""What the prediction errors of a fit say against its assumptions, in words.
+
+Under the model, prediction errors at the optimum are white, as large in one half of the
+recording as in the other, and each half alone asks for the same pilot; the control does not
+drift, and where it moves it does not rest.  Each test is at a chance of `SELDOM`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from pilotid.chance import SELDOM, chi_squared_limit
+from pilotid.recordings.recording import Recording
+from pilotid.solve.covariance import covariance_of
+from pilotid.time_domain.drift import drift_left
+from pilotid.time_domain.maximum_likelihood import Maximum
+from pilotid.types import FloatArray
+
+LAGS = 40  # samples of the analysis band over which prediction errors must not be correlated
+#: Share of the samples at which the control keeps its value, or one value, from which on that
+#: is no accident.  A recording to 16 bits of the stick's range keeps it in 1 of 1000.
+HELD = 0.02
+
+
+def tested(found: Maximum, recording: Recording) -> tuple[str, ...]:
+    """What speaks against the fit of pilot and remnant, a sentence each; empty for nothing."""
+    rows = found.joint.rows(found.end.values[:1])[0]
+    remarks = [
+        _held(recording),
+        _changed(rows, found.joint.pilot),
+        _uneven(rows[-1]),
+        _drifting(found),
+        _coloured(rows[-1]),
+    ]
+    return tuple(remark for remark in remarks if remark)
+
+
+def _held(recording: Recording) -> str | None:
+    share = held_share(recording.window(recording.u))
+    if share < HELD:
+        return None
+    return (
+        f"u keeps its value from one sample to the next in {100.0 * share:.2g} % of the recording: "
+        "a stick with a threshold, levels or stops, or lost samples; the fit takes that for "
+        "remnant and knows no bias from it"
+    )
+
+
+def _changed(rows: FloatArray, pilot: int) -> str | None:
+    statistic = score_of_halves(rows, pilot)
+    if statistic <= chi_squared_limit(pilot, SELDOM):
+        return None
+    return (
+        "the first half of the recording asks for another pilot than the second (score test: "
+        f"{statistic:.0f}, where chance gives {pilot}): the pilot or the recorder changed; the "
+        "values are a mixture, so fit the halves apart"
+    )
+
+
+def _uneven(errors: FloatArray) -> str | None:
+    ratio, deviations = ratio_of_halves(errors)
+    if deviations**2 <= chi_squared_limit(1, SELDOM):
+        return None
+    return (
+        f"the prediction errors of the second half have {ratio:.2g} times the variance of those of "
+        "the first: the remnant or the pilot changed; fit the halves apart"
+    )
+
+
+def _drifting(found: Maximum) -> str | None:
+    statistic, drifts = drift_left(found.joint, found.end.values[0])
+    if statistic <= chi_squared_limit(drifts.size, SELDOM):
+        return None
+    run = int(np.argmax(np.abs(drifts)))
+    return (
+        f"u drifts by about {drifts[run]:.2g} over run {run + 1} (F-test: {statistic:.0f}, "
+        f"where chance gives {drifts.size}), which the fit takes for slow remnant and which biases "
+        "gain and lead: take the drift out"
+    )
+
+
+def _coloured(errors: FloatArray) -> str | None:
+    statistic = portmanteau(errors, LAGS)
+    if statistic <= chi_squared_limit(LAGS, SELDOM):
+        return None
+    return (
+        f"the prediction errors are not white (Ljung-Box over {LAGS} lags: {statistic:.0f}, where "
+        f"chance gives {LAGS}): neither pilot nor remnant explains all of the control, so errors "
+        "may be larger than claimed; try another model"
+    )
+
+
+def held_share(u: FloatArray) -> float:
+    """Share of the samples (runs, samples) that are equal to the one before."""
+    return float(np.mean(np.diff(u, axis=1) == 0.0))
+
+
+def portmanteau(errors: FloatArray, lags: int) -> float:
+    """Ljung and Box's statistic of prediction errors, all runs together.
+
+    Chi-squared with `lags` degrees of freedom if they are white, or less, since parameters
+    were estimated (Ljung and Box, Biometrika 65(2), 1978).
+
+    Parameters
+    ----------
+    errors
+        Prediction errors, shape (runs, samples).
+    lags
+        Number of lags, from 1 on.
+    """
+    runs, samples = errors.shape
+    power = float(np.sum(errors**2))
+    total = 0.0
+    for lag in range(1, min(lags, samples - 1) + 1):
+        correlation = float(np.sum(errors[:, lag:] * errors[:, :-lag])) / power
+        total += correlation**2 / (samples - lag)
+    return float(runs * samples * (samples + 2.0) * total)
+
+
+def score_of_halves(rows: FloatArray, pilot: int) -> float:
+    """Whether the first half of a recording asks for other pilot parameters than the whole.
+
+    The score of the whole is zero at the optimum.  That of a half has the covariance
+    I1 - I1 I^-1 I1, with I1 and I the information of half and whole; weighted by it, its part
+    of the pilot is chi-squared with as many degrees of freedom as there are parameters (a
+    Lagrange multiplier test of a change at a known time; Andrews, Econometrica 61(4), 1993).
+
+    Parameters
+    ----------
+    rows
+        Jacobian by pilot and remnant, and last the prediction error, all whitened, shape
+        (parameters + 1, runs, samples).
+    pilot
+        Number of pilot parameters, which come first.
+
+    Returns
+    -------
+    float
+        The statistic; 0 where the information is singular.
+    """
+    jacobian, errors = rows[:-1], rows[-1]
+    half = errors.shape[1] // 2
+    size = np.sqrt(np.sum(jacobian**2, axis=(1, 2)))
+    if not np.all(size > 0.0):
+        return 0.0
+    jacobian = jacobian / size[:, None, None]
+    variance = float(np.sum(errors**2)) / (errors.size - len(jacobian))
+    score = np.einsum("irt,rt->i", jacobian[..., :half], errors[:, :half])
+    first = np.einsum("irt,jrt->ij", jacobian[..., :half], jacobian[..., :half])
+    whole = np.einsum("irt,jrt->ij", jacobian, jacobian)
+    inverse = covariance_of(whole, 1.0)
+    if inverse is None:
+        return 0.0
+    covariance = (first - first @ inverse @ first)[:pilot, :pilot]
+    weight = covariance_of(0.5 * (covariance + covariance.T), 1.0)
+    if weight is None:
+        return 0.0
+    own = score[:pilot]
+    return float(own @ weight @ own / variance)
+
+
+def ratio_of_halves(errors: FloatArray) -> tuple[float, float]:
+    """How much larger the variance of prediction errors is in the second half.
+
+    Parameters
+    ----------
+    errors
+        Prediction errors, shape (runs, samples).
+
+    Returns
+    -------
+    ratio, deviations
+        Variance of the second half over that of the first, and its logarithm in standard
+        deviations, which the errors' own kurtosis gives.
+    """
+    half = errors.shape[1] // 2
+    first, second = errors[:, :half] ** 2, errors[:, half:] ** 2
+    ratio = float(np.mean(second) / np.mean(first))
+    square = errors**2
+    spread = float(np.var(square) / np.mean(square) ** 2)  # 2 for a normal distribution
+    deviation = math.sqrt(spread * (1.0 / first.size + 1.0 / second.size))
+    return ratio, math.log(ratio) / deviation

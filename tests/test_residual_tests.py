@@ -1,0 +1,133 @@
+"""Tests of prediction errors: statistics by hand and by chance, and what `mle` says with them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import NOMINAL, fit_of, recording_of
+
+from pilotid.chance import SELDOM, chi_squared_limit
+from pilotid.datasets import SCENARIOS, Scenario
+from pilotid.datasets.violations import Violation
+from pilotid.estimates.method import identify
+from pilotid.methods.mle import MLE
+from pilotid.recordings.recording import Recording
+from pilotid.time_domain.drift import drift_left
+from pilotid.time_domain.maximum_likelihood import maximise_likelihood
+from pilotid.time_domain.remnant_models import LowPass
+from pilotid.time_domain.residual_tests import (
+    held_share,
+    portmanteau,
+    ratio_of_halves,
+    score_of_halves,
+)
+from pilotid.types import FloatArray
+
+pytestmark = pytest.mark.numerical
+
+
+def test_the_portmanteau_by_hand() -> None:
+    # Squares sum to 4; products at lag 1 sum to -3, at lag 2 to 2, of 4 samples.
+    errors = np.array([[1.0, -1.0, 1.0, -1.0]])
+    by_hand = 4.0 * 6.0 * ((3.0 / 4.0) ** 2 / 3.0 + (2.0 / 4.0) ** 2 / 2.0)
+    assert portmanteau(errors, 2) == pytest.approx(by_hand)
+    assert portmanteau(errors, 50) > by_hand  # no more lags than there are
+
+
+def test_the_share_of_held_samples_by_hand() -> None:
+    assert held_share(np.array([[1.0, 1.0, 2.0, 2.0, 2.0], [1.0, 2.0, 3.0, 4.0, 5.0]])) == 3 / 8
+
+
+def test_the_ratio_of_halves_by_hand() -> None:
+    errors = np.array([[1.0, -1.0, 2.0, -2.0]])
+    # Squares 1, 1, 4, 4: mean 2.5, variance 2.25, of two in each half.
+    ratio, deviations = ratio_of_halves(errors)
+    assert ratio == 4.0
+    assert deviations == pytest.approx(np.log(4.0) / np.sqrt(2.25 / 2.5**2))
+
+
+def regression(rng: np.random.Generator, *, change: float = 0.0) -> FloatArray:
+    """Jacobian and residual of a straight regression, which may change half-way."""
+    jacobian = rng.normal(size=(5, 2, 150)).cumsum(axis=2)
+    jacobian[1] = 50.0 * (jacobian[0] + 0.1 * jacobian[1])  # hard to tell apart, of other units
+    y = rng.normal(size=(2, 150))
+    y[:, 75:] += change * jacobian[2, :, 75:]
+    table = jacobian.reshape(5, -1)
+    found = np.linalg.lstsq(table.T, y.ravel())[0]
+    errors = (y.ravel() - found @ table).reshape(1, 2, 150)
+    return np.concatenate([jacobian, errors])
+
+
+def test_the_score_of_halves_is_what_chance_says_and_finds_a_change() -> None:
+    rng = np.random.default_rng(5)
+    found = np.array([score_of_halves(regression(rng), 3) for _ in range(400)])
+    # Chi-squared with 3 degrees of freedom has the mean 3 and the deviation 6^(1/2).
+    assert np.mean(found) == pytest.approx(3.0, abs=4.0 * np.sqrt(6.0 / 400.0))
+    assert np.mean(found > chi_squared_limit(3, 0.05)) < 0.10
+    changed = [score_of_halves(regression(rng, change=0.3), 3) for _ in range(20)]
+    assert min(changed) > chi_squared_limit(3, SELDOM)
+
+
+def test_nothing_is_said_of_parameters_that_cannot_be_told_apart() -> None:
+    rows = regression(np.random.default_rng(6))
+    rows[1] = rows[0]
+    assert score_of_halves(rows, 3) == 0.0
+    rows[1] = 0.0
+    assert score_of_halves(rows, 3) == 0.0
+
+
+@pytest.mark.parametrize(("size", "seen"), [(0.0, False), (1.0, True)])
+def test_a_drift_is_measured(size: float, seen: bool) -> None:
+    recording = recording_of(replace(NOMINAL, runs=2))
+    ramp = size * recording.time / recording.duration
+    drifting = replace(recording, u=recording.u + np.array([[1.0], [-0.5]]) * ramp)
+    found = maximise_likelihood(drifting, NOMINAL.model, np.random.default_rng(1), MLE())
+    statistic, drifts = drift_left(found.joint, found.end.values[0])
+    assert (statistic > chi_squared_limit(2, SELDOM)) is seen
+    if seen:
+        assert drifts == pytest.approx([1.0, -0.5], abs=0.4)
+
+
+@pytest.mark.parametrize("runs", [1, 3])
+def test_sound_recordings_have_no_remarks(runs: int) -> None:
+    for replication in range(5):
+        assert fit_of(MLE(), replace(NOMINAL, runs=runs), replication).remarks == ()
+
+
+@pytest.mark.parametrize("kind", ["threshold", "quantised", "saturated", "lost"])
+def test_a_control_that_rests_is_remarked_on(kind: str) -> None:
+    for replication in range(3):
+        estimate = fit_of(MLE(), SCENARIOS[f"violation-{kind}"], replication)
+        assert "u keeps its value from one sample to the next in" in estimate.remarks[0]
+
+
+def told(recording: Recording, method: MLE | None = None) -> str:
+    model = NOMINAL.model
+    return " ".join(identify(method or MLE(), recording, model, np.random.default_rng(1)).remarks)
+
+
+def test_a_pilot_who_changes_much_is_remarked_on() -> None:
+    change = (("Kvis", -0.4), ("Kvest", -0.3), ("tdvis", 0.15))
+    own: Scenario = replace(NOMINAL, violation=Violation("change", change=change))
+    assert "the first half of the recording asks for another pilot" in told(recording_of(own))
+
+
+def test_a_remnant_that_grows_is_remarked_on() -> None:
+    recording = recording_of(NOMINAL)
+    noise = np.random.default_rng(2).normal(size=recording.u.shape)
+    noise[:, recording.time < 0.5 * recording.duration] = 0.0
+    louder = replace(recording, u=recording.u + 0.5 * np.std(recording.u) * noise)
+    assert "the prediction errors of the second half have" in told(louder)
+
+
+def test_a_drift_is_remarked_on() -> None:
+    recording = recording_of(NOMINAL)
+    ramp = 3.0 * np.std(recording.u) * recording.time / recording.duration
+    assert "u drifts by about" in told(replace(recording, u=recording.u + ramp))
+
+
+def test_a_remnant_that_is_not_as_the_method_was_told_is_remarked_on() -> None:
+    words = told(recording_of(NOMINAL), MLE(noise=LowPass(0)))
+    assert "the prediction errors are not white" in words
