@@ -132,6 +132,7 @@ def position_pilot() -> Scenario:
         name="position",
         truth=(0.46, 0.4, 2.8, 0.23, 10.5, 0.5),
         element=position_control(6.0),
+        disturbance=None,
         remnant=Remnant(1, 11.0, 0.7, 0.12, "ratio"),
     )
 

@@ -202,7 +202,7 @@ def test_an_offset_of_the_control_is_noticed_and_taken_out() -> None:
     plain = identify(MLE(), recording, MULTI, np.random.default_rng(6))
     shifted = identify(MLE(), moved, MULTI, np.random.default_rng(6))
     # Gain and lead time live at low frequencies, of which the offset takes a part.
-    moves = np.abs(shifted.values - plain.values) / plain.std_error
+    moves = np.abs(shifted.values - plain.values) / np.hypot(plain.std_error, shifted.std_error)
     assert (moves[:2] < 3.0).all()
     assert (moves[2:] < 1.0).all()
     problem = OutputErrors(predict(moved, MULTI, 50.0))

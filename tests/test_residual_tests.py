@@ -91,9 +91,11 @@ def test_a_drift_is_measured(size: float, seen: bool) -> None:
 
 
 @pytest.mark.parametrize("runs", [1, 3])
-def test_sound_recordings_have_no_remarks(runs: int) -> None:
+def test_sound_recordings_have_no_remarks_but_a_true_one(runs: int) -> None:
     for replication in range(5):
-        assert fit_of(MLE(), replace(NOMINAL, runs=runs), replication).remarks == ()
+        remarks = fit_of(MLE(), replace(NOMINAL, runs=runs), replication).remarks
+        # Gain and lead time of this pilot trade off at -.99.
+        assert [r for r in remarks if "Kvis and tlead cannot be told apart" not in r] == []
 
 
 @pytest.mark.parametrize("kind", ["threshold", "quantised", "saturated", "lost"])
