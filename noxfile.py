@@ -68,6 +68,7 @@ def check(session: nox.Session) -> None:
         "stores": "damaged_stores.py",
         "verdicts": "verdict_rules.py",
         "population": "population.py",
+        "constants": "constants.py",
     }
     names = [name for name in session.posargs[:1] if name in scripts]
     if not names:

@@ -1,14 +1,16 @@
 """Time-domain maximum likelihood with the remnant's own spectrum.
 
 The prediction error is whitened by a model of the remnant that is estimated together
-with the pilot: a low-pass filter of order 0 to 3 or, where the residual demands it, an
-autoregressive spectrum.  That is the direct prediction-error method (Ljung, System
-Identification, 2nd ed., sec. 13.4), consistent in the closed loop for any remnant whose
-spectrum the model can take, and efficient.
+with the pilot: a low-pass filter of order 0 to 3 or an autoregression of order 2 to 20,
+whichever predicts best by Akaike's criterion.  That is the direct prediction-error method
+(Ljung, System Identification, 2nd ed., sec. 13.4), consistent in the closed loop for any
+remnant whose spectrum the model can take, and efficient.
 
 Assumes that the pilot is linear and time-invariant over the recording, and that its
 delays are longer than the sampling interval of the analysis band.  Gain and lead time
-are skewed for short recordings; the profile-likelihood intervals say so.
+are skewed for short recordings; the profile-likelihood intervals say so, and are widened
+for what pilot and remnant, estimated from the same few seconds, take from one another.
+What is left is tested; remarks say what the pilot did that no such model does.
 """
 
 from __future__ import annotations

@@ -35,7 +35,8 @@ FIRST = LowPass(2)
 #: of one pilot and favours it; with a remnant of its own each candidate has the same chance.
 SWEPT, LIKELY = 1000.0, 120.0
 MOST = 5  # candidates that are looked at closely
-SWEEP = 10  # iterations of the sweep
+SWEEP = 8  # iterations of the sweep, after which the `PROMISING` best go on
+PROMISING = 9
 #: Ends are one optimum where they lie so close, in squared standard errors.
 SAME = 4.0
 
@@ -83,21 +84,25 @@ def explore(
     white = OutputErrors(coarse.below(settings.search_band))
     found = search(white.gram, model, rng, candidates=settings.candidates, refined=settings.refined)
     joint = PredictionErrors(coarse, settings.noise or FIRST, band)
-    first = _own_remnant(joint, prediction, found.distinct())
-    taps = joint.whitener(first.values[0])
-    best = first.values[0, : joint.pilot]
+    end = _own_remnant(joint, prediction, found.distinct())
+    taps = joint.whitener(end.values[0])
+    best = end.values[0, : joint.pilot]
     whitened = OutputErrors(coarse, taps)
     starts = _starts(model, best, rng, settings.candidates)
     starts, _ = solve_linear(whitened.gram(starts), starts, model.linear, model.lower)
+    starts = np.concatenate([best[None], starts])
+    first = minimise(whitened.gram, starts, model, tolerance=1e-3, iterations=SWEEP)
+    # What is far behind by then is given up.
     swept = minimise(
-        whitened.gram, np.concatenate([best[None], starts]), model, tolerance=1e-3, iterations=SWEEP
+        whitened.gram, first.values[:PROMISING], model, tolerance=1e-3, iterations=2 * SWEEP
     )
     candidates, agreeing = optima(swept, coarse.samples, SWEPT)
     if len(candidates) > 1:
         ends = _own_remnant(joint, prediction, candidates)
         candidates = optima(ends, coarse.samples, LIKELY)[0][:, : joint.pilot]
     terms = OutputErrors(prediction, taps).noticeable_terms(candidates[0])
-    return Explored(candidates, terms, Starts(swept.cost / swept.cost[0], agreeing))
+    cost = np.sort(np.concatenate([swept.cost, first.cost[PROMISING:]]))
+    return Explored(candidates, terms, Starts(cost / cost[0], agreeing))
 
 
 def terms_at(
@@ -112,12 +117,16 @@ def terms_at(
 def _starts(
     model: PilotModel, best: FloatArray, rng: np.random.Generator, count: int
 ) -> FloatArray:
-    """The best pilot with one parameter moved far away, and usual pilots."""
+    """The best pilot with one parameter moved far away, and usual pilots.
+
+    A delay that is wrong by a period of the strongest line is the commonest wrong optimum.
+    """
     low, high = np.array([p.usual for p in model.parameters]).T
     moved = []
     for index, parameter in enumerate(model.parameters):
         if not parameter.linear:  # gains are solved for
-            for value in (low[index], high[index]):
+            between = (0.5 * (low[index] + high[index]),) if parameter.delay else ()
+            for value in (low[index], *between, high[index]):
                 moved.append(best.copy())
                 moved[-1][index] = value
     return np.array([*moved, *draw_starts(model, rng, count), model.start])
