@@ -4,8 +4,8 @@
     nox -s check -- constants band [--pilots 8] [--seed 1000]
 
 ``ratio``: twice the log-likelihood ratio of the truth over its number of parameters, which
-chi-squared puts at 1, on pilots drawn at random; values above 4 count as 4, so that a wrong
-optimum does not decide the mean.  ``band``: bias of pilots in position control over 40 runs
+chi-squared puts at 1, on pilots drawn at random; values outside 0 to 4 count as these, so that
+a wrong optimum does not decide the mean.  ``band``: bias of pilots in position control over 40 runs
 fitted jointly, by analysis band; the search starts at the truth and the remnant's family is
 given, so that nothing but the band differs.
 """
@@ -60,7 +60,7 @@ def ratio(name: str, recordings: int, seed: int) -> None:
         seconds = best.joint.prediction.runs * best.joint.prediction.scored
         found.append((deviance / best.joint.pilot, seconds * best.joint.prediction.dt))
     ratios, seconds = np.array(found).T
-    ratios = np.minimum(ratios, 4.0)
+    ratios = np.clip(ratios, 0.0, 4.0)
     error = np.std(ratios) / np.sqrt(recordings)
     print(
         f"{name}: likelihood ratio over chi-squared {np.mean(ratios):.3f} +- {error:.3f}, "

@@ -28,7 +28,7 @@ from pilotid.types import FloatArray
 #: A band is wide enough if its upper part, from this share on, holds no more than this share of
 #: what the recording tells of any parameter.  Filter and decimation reach into the future a
 #: little; in a loop that answers at once (position control) the remnant there, which the error
-#: shows too, would otherwise bias delays and neuromuscular parameters by 5 to 15 %.
+#: shows too, would otherwise bias delays and neuromuscular parameters by up to 10 %.
 UPPER, EDGE = 0.6, 0.01
 
 
