@@ -79,7 +79,7 @@ class Bayes(LikelihoodSettings):
     priors: tuple[tuple[str, Prior], ...] = ()
     intervals: Literal["equal-tailed", "highest-density"] = "equal-tailed"
     draws: int = 4000
-    wanted: float = 1000.0
+    wanted: float = 400.0
     run: Run = DEFAULT_RUN
 
     @property
