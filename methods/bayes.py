@@ -69,7 +69,9 @@ class Bayes(LikelihoodSettings):
     intervals
         ``equal-tailed`` or ``highest-density``, the shortest.
     draws, wanted
-        Draws of the importance sampler, and how many effective ones it must give.
+        Draws of the importance sampler, and how many effective ones it must give.  With 400
+        the Monte-Carlo error of the ends of intervals is 0.13 standard errors, which costs
+        0.2 % of coverage.
     run
         Length of an emcee run.
     """
@@ -79,7 +81,7 @@ class Bayes(LikelihoodSettings):
     priors: tuple[tuple[str, Prior], ...] = ()
     intervals: Literal["equal-tailed", "highest-density"] = "equal-tailed"
     draws: int = 4000
-    wanted: float = 1000.0
+    wanted: float = 400.0
     run: Run = DEFAULT_RUN
 
     @property

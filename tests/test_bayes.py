@@ -9,6 +9,7 @@ import pytest
 from scipy import stats
 
 from pilotid.datasets import SCENARIOS, simulate
+from pilotid.datasets.population import POPULATIONS
 from pilotid.estimates.draws import Draws
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import identify
@@ -19,6 +20,7 @@ from pilotid.pilot.catalogue import MULTI, SINGLE
 from pilotid.posterior.ensembles import Run
 from pilotid.posterior.likelihood import Likelihood
 from pilotid.posterior.priors import HalfCauchy, LogNormal, Normal, default_prior, priors_of
+from pilotid.seeds import fit_rng, recording_rng, start_rng
 from pilotid.time_domain.fast_residuals import Residuals
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
@@ -223,6 +225,18 @@ def test_importance_sampling_that_fails_gives_way_to_emcee() -> None:
     assert alone.outcome is Outcome.NOT_CONVERGED
     assert "effective draws only" in alone.message
     assert np.isfinite(alone.values).all()
+
+
+def test_a_posterior_that_no_single_distribution_follows_is_drawn_by_mixtures() -> None:
+    # The gain of motion is nearly nil, which leaves its delay open: a single distribution has a
+    # few tens of effective draws here, and ensembles of 500 steps do not converge.
+    name = "population-usual"
+    scenario = POPULATIONS[name].drawn(start_rng(1000, name, 10))
+    recording = simulate(scenario, recording_rng(1000, name, 10))
+    method = Bayes(sampler="importance")
+    estimate = identify(method, recording, scenario.model, fit_rng(1000, "bayes", name, 10))
+    assert estimate.outcome is Outcome.CONVERGED, estimate.sentence
+    assert drawn(estimate).effective.min() >= method.wanted
 
 
 def test_a_run_that_is_too_short_is_an_outcome() -> None:

@@ -9,7 +9,8 @@ from scipy import stats
 from pilotid.estimates.draws import Draws, quantiles, shortest_interval
 from pilotid.posterior.convergence import autocorrelation_times, effective_sizes, r_hat
 from pilotid.posterior.ensembles import Run, ensembles
-from pilotid.posterior.importance import StudentT, importance
+from pilotid.posterior.importance import LogDensity, importance
+from pilotid.posterior.mixtures import StudentT, fitted
 from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical
@@ -47,6 +48,72 @@ def test_importance_sampling_gives_the_closed_form_posterior() -> None:
     offset = found.points - found.weights @ found.points
     spread = np.sqrt(found.weights @ offset**2)
     np.testing.assert_allclose(spread / deviation, 1.0, atol=4.0 / np.sqrt(2.0 * found.effective))
+
+
+def funnel(points: FloatArray) -> FloatArray:
+    """A standard normal variable, and four whose spread it decides: exp of half of it."""
+    first, rest = points[:, 0], points[:, 1:]
+    return np.asarray(
+        -0.5 * first**2 - 0.5 * np.sum(rest**2, axis=1) * np.exp(-first) - 2.0 * first
+    )
+
+
+def two_summits(points: FloatArray) -> FloatArray:
+    """Unit normals in four dimensions, a share of 0.3 at -3 and of 0.7 at 3 along the first."""
+    first, rest = points[:, 0], points[:, 1:]
+    summits = [np.log(0.3) - 0.5 * (first + 3.0) ** 2, np.log(0.7) - 0.5 * (first - 3.0) ** 2]
+    return np.asarray(np.logaddexp(*summits) - 0.5 * np.sum(rest**2, axis=1))
+
+
+@pytest.mark.parametrize(
+    ("target", "centre", "spread", "mean", "variance"),
+    [
+        (funnel, np.zeros(5), 1.0, 0.0, 1.0),
+        (two_summits, np.array([-3.0, 0.0, 0.0, 0.0]), 1.0, 1.2, 1.0 + 9.0 * 0.84),
+    ],
+    ids=["funnel", "two summits"],
+)
+def test_mixtures_follow_a_density_that_no_single_distribution_does(
+    target: LogDensity, centre: FloatArray, spread: float, mean: float, variance: float
+) -> None:
+    start = centre, spread**2 * np.eye(centre.size)
+    means, variances, sizes = [], [], []
+    for seed in range(8):
+        # More than the single distributions can give, so that mixtures are tried.
+        rng = np.random.default_rng(seed)
+        found = importance(target, *start, rng, count=1000, wanted=3200.0)
+        assert found.effective >= 3200.0
+        first = found.points[:, 0]
+        means.append(found.weights @ first)
+        variances.append(found.weights @ (first - mean) ** 2)
+        sizes.append(found.effective)
+    total = float(np.sum(sizes))
+    # Four Monte-Carlo errors; the kurtosis of neither is above 3.
+    assert np.mean(means) == pytest.approx(mean, abs=4.0 * np.sqrt(variance / total))
+    assert np.mean(variances) == pytest.approx(variance, rel=4.0 * np.sqrt(2.0 / total))
+
+
+def test_a_mixture_draws_what_its_density_says() -> None:
+    rng = np.random.default_rng(10)
+    points = np.concatenate([rng.standard_normal((600, 2)), 6.0 + rng.standard_normal((300, 2))])
+    mixture = fitted(points, np.full(900, 1.0 / 900), np.cov(points.T), rng)
+    assert mixture.shares.sum() == pytest.approx(1.0)
+    drawn = mixture.draw(rng, 40_000)
+    # Weighted by one Student-t distribution over the mixture, draws are of that distribution.
+    other = StudentT(np.array([1.0, 2.0]), np.array([[2.0, 0.5], [0.5, 1.0]]))
+    weights = np.exp(other.log_density(drawn) - mixture.log_density(drawn))
+    assert weights.mean() == pytest.approx(1.0, abs=4.0 * weights.std() / 200.0)
+    assert weights @ drawn / weights.sum() == pytest.approx(other.centre, abs=0.1)
+    # Both heaps, in the proportion they have.
+    near = np.sum((drawn - 6.0) ** 2, axis=1) < np.sum(drawn**2, axis=1)
+    assert np.mean(near) == pytest.approx(1.0 / 3.0, abs=0.05)
+
+
+def test_a_mixture_copes_with_draws_of_which_one_has_all_the_weight() -> None:
+    rng = np.random.default_rng(11)
+    points, weights = rng.standard_normal((50, 3)), np.eye(50)[7]
+    drawn = fitted(points, weights, np.eye(3), rng).draw(rng, 4000)
+    np.testing.assert_allclose(np.median(drawn, axis=0), points[7], atol=0.1)
 
 
 @pytest.mark.parametrize("independent", [0.0, 0.5])

@@ -18,7 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pilotid.posterior.convergence import autocorrelation_times, r_hat
-from pilotid.posterior.importance import LogDensity, StudentT
+from pilotid.posterior.importance import LogDensity
+from pilotid.posterior.mixtures import StudentT
 from pilotid.types import FloatArray
 
 OVERDISPERSED = 1.5  # start of the walkers: standard deviations over those expected

@@ -3,21 +3,26 @@
 Draws come from a Student-t distribution around the optimum, and then from others with the
 mean and covariance that the weights so far have shown.  All draws are weighted by the
 mixture of all these distributions, so that none is lost (Cornuet, Marin, Mira and Robert,
-Adaptive Multiple Importance Sampling, Scandinavian Journal of Statistics 39, 2012).
+Adaptive Multiple Importance Sampling, Scandinavian Journal of Statistics 39, 2012).  Where
+one Student-t distribution does not follow the posterior's shape, mixtures of them do.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pilotid.posterior.mixtures import Proposal, StudentT, fitted
 from pilotid.types import FloatArray
 
-FREEDOM = 6.0  # of the Student-t distributions: tails heavier than a likelihood's
 SCOUTS = 0.25  # share of the draws that the first distribution gives
-STAGES = 4  # distributions at most
+STAGES = 4  # single distributions at most
+MIXTURES = 16  # mixtures at most, after those
+#: Effective draws by dimension that a mixture is fitted to: weights that leave fewer, because
+#: few points have them all, are flattened for the fit, and for that alone.
+FIT_TO = 40.0
 
 #: Maps points (sets, dimensions) to log-densities (sets,), -inf outside the bounds.
 LogDensity = Callable[[FloatArray], FloatArray]
@@ -55,38 +60,6 @@ class Weighted:
         return centre + trust * (mean - centre), covariance + trust * (found - covariance)
 
 
-class StudentT:
-    """A multivariate Student-t distribution.
-
-    Parameters
-    ----------
-    centre
-        Shape (dimensions,).
-    scale
-        Its scale matrix, positive definite; the covariance is larger by f/(f - 2).
-    freedom
-        Degrees of freedom f.
-    """
-
-    def __init__(self, centre: FloatArray, scale: FloatArray, freedom: float = FREEDOM) -> None:
-        self.centre, self.freedom = centre, freedom
-        self._root = np.linalg.cholesky(scale)
-        self._inverse = np.linalg.inv(self._root)
-        self._constant = -float(np.sum(np.log(np.diag(self._root))))
-
-    def draw(self, rng: np.random.Generator | np.random.RandomState, count: int) -> FloatArray:
-        """Random points, shape (count, dimensions)."""
-        normal = rng.standard_normal((count, self.centre.size))
-        stretch = np.sqrt(self.freedom / rng.chisquare(self.freedom, count))
-        return np.asarray(self.centre + stretch[:, None] * (normal @ self._root.T))
-
-    def log_density(self, points: FloatArray) -> FloatArray:
-        """Up to a constant, the same for all with these dimensions and degrees of freedom."""
-        distance = np.sum(((points - self.centre) @ self._inverse.T) ** 2, axis=1)
-        power = -0.5 * (self.freedom + self.centre.size)
-        return np.asarray(self._constant + power * np.log1p(distance / self.freedom))
-
-
 def importance(
     log_density: LogDensity,
     centre: FloatArray,
@@ -109,33 +82,78 @@ def importance(
     count
         Number of draws of the first two distributions; each further one gives as many.
     wanted
-        Effective number of draws; more are made, from other distributions, until there are
-        that many or the last distribution was tried.
+        Effective number of draws; more are made, from other distributions and then from
+        mixtures of them, until there are that many or the last mixture was tried.  What a
+        mixture reaches, the next one must confirm: a shape that is not followed shows by a
+        few draws of great weight, which may be late to come.
     """
     scouts = max(1, round(SCOUTS * count))
-    proposals = [StudentT(centre, covariance)]
+    proposals: list[Proposal] = [StudentT(centre, covariance)]
     counts = [scouts]
     points = proposals[0].draw(rng, scouts)
     target = log_density(points)
-    result = Weighted(points, target, _weights(points, target, proposals, counts))
-    for stage in range(1, STAGES):
-        proposals.append(StudentT(*result.moments(centre, covariance)))
+    logs = proposals[0].log_density(points)[None]
+    result = Weighted(points, target, _weights(target, logs, counts))
+    confirmed = False
+    for stage in range(1, STAGES + MIXTURES):
+        single = stage < STAGES
+        proposals.append(_next(result, centre, covariance, rng, single=single))
         counts.append(count - scouts if stage == 1 else count)
         more = proposals[-1].draw(rng, counts[-1])
+        # Earlier distributions at the new points, and the new one at all points.
+        new = np.array([proposal.log_density(more) for proposal in proposals[:-1]])
         points = np.concatenate([points, more])
+        logs = np.concatenate([logs, new], axis=1)
+        logs = np.concatenate([logs, proposals[-1].log_density(points)[None]])
         target = np.concatenate([target, log_density(more)])
-        result = Weighted(points, target, _weights(points, target, proposals, counts))
-        if result.effective >= wanted:
+        result = Weighted(points, target, _weights(target, logs, counts))
+        enough = result.effective >= wanted
+        if enough and (single or confirmed):
             break
+        confirmed = enough
     return result
 
 
-def _weights(
-    points: FloatArray, target: FloatArray, proposals: list[StudentT], counts: list[int]
-) -> FloatArray:
-    """Weights of draws from a mixture of proposals, which sum to 1."""
-    logs = [p.log_density(points) + np.log(n) for p, n in zip(proposals, counts, strict=True)]
-    weights = target - np.logaddexp.reduce(logs, axis=0)
+def _next(
+    found: Weighted,
+    centre: FloatArray,
+    covariance: FloatArray,
+    rng: np.random.Generator,
+    *,
+    single: bool,
+) -> Proposal:
+    """The next distribution to draw from, by what the weights show."""
+    if single:
+        return StudentT(*found.moments(centre, covariance))
+    flat = replace(found, weights=_flattened(found.weights, FIT_TO * centre.size))
+    return fitted(flat.points, flat.weights, flat.moments(centre, covariance)[1], rng)
+
+
+def _flattened(weights: FloatArray, effective: float) -> FloatArray:
+    """A power of the weights, at most the first, that leaves so many effective draws."""
+    # Lowered step by step until they suffice: it only guides a fit.
+    logs = np.log(weights[weights > 0.0])
+    flat, power = weights.copy(), 1.0
+    while 1.0 / np.sum(flat**2) < min(effective, 0.5 * logs.size) and power > 1e-3:
+        power *= 0.7
+        own = np.exp(power * (logs - logs.max()))
+        flat[weights > 0.0] = own / own.sum()
+    return flat
+
+
+def _weights(target: FloatArray, proposed: FloatArray, counts: list[int]) -> FloatArray:
+    """Weights of draws from several proposals, which sum to 1.
+
+    Parameters
+    ----------
+    target
+        Log-densities of the target, shape (draws,).
+    proposed
+        Those of the proposals, shape (proposals, draws).
+    counts
+        Draws of each proposal.
+    """
+    weights = target - np.logaddexp.reduce(proposed + np.log(counts)[:, None], axis=0)
     highest = np.max(weights)
     if not np.isfinite(highest):
         # None has any weight: one that has it all says that there is no second one.
