@@ -30,6 +30,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate, Outcome, failed
+from pilotid.estimates.method import one_signal
+from pilotid.estimates.remarks import vague
 from pilotid.pilot.model import PilotModel
 from pilotid.posterior.density import Posterior
 from pilotid.posterior.ensembles import DEFAULT_RUN, Run
@@ -41,6 +43,13 @@ from pilotid.time_domain.conclusion import concluded
 from pilotid.time_domain.maximum_likelihood import maximise_likelihood
 from pilotid.time_domain.remnant_models import LowPass
 from pilotid.time_domain.settings import LikelihoodSettings
+
+#: Measured on the scenario disturbance-only: samplers that start from different summits end with
+#: posteriors that do not agree, each with draws enough.
+SUMMITS = (
+    "without a target the posterior has several summits, and no sampler here finds them all "
+    "reliably; record with a target and a disturbance, or fit one channel"
+)
 
 
 class Inference(NamedTuple):
@@ -168,4 +177,7 @@ class Bayes(LikelihoodSettings):
             remnant=found.remnant,
             draws=draws,
         )
+        if estimate.outcome.usable and vague(estimate) and one_signal(recording, model):
+            # Several summits, far apart: draws about one of them look as good as any others.
+            estimate = replace(estimate, outcome=Outcome.NOT_CONVERGED, message=SUMMITS)
         return Inference(estimate, likelihood)

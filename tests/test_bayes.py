@@ -228,8 +228,7 @@ def test_importance_sampling_that_fails_gives_way_to_emcee() -> None:
 
 
 def test_a_posterior_that_no_single_distribution_follows_is_drawn_by_mixtures() -> None:
-    # The gain of motion is nearly nil, which leaves its delay open: a single distribution has a
-    # few tens of effective draws here, and ensembles of 500 steps do not converge.
+    # A single distribution has some tens of effective draws here.
     name = "population-usual"
     scenario = POPULATIONS[name].drawn(start_rng(1000, name, 10))
     recording = simulate(scenario, recording_rng(1000, name, 10))
@@ -237,6 +236,14 @@ def test_a_posterior_that_no_single_distribution_follows_is_drawn_by_mixtures() 
     estimate = identify(method, recording, scenario.model, fit_rng(1000, "bayes", name, 10))
     assert estimate.outcome is Outcome.CONVERGED, estimate.sentence
     assert drawn(estimate).effective.min() >= method.wanted
+
+
+def test_without_a_target_a_vague_posterior_does_not_count() -> None:
+    scenario = SCENARIOS["disturbance-only"]
+    for seed in range(2):
+        estimate = fit_of(Bayes(), scenario, seed)
+        assert estimate.outcome is Outcome.NOT_CONVERGED
+        assert "no target" in " ".join(estimate.remarks)
 
 
 def test_a_run_that_is_too_short_is_an_outcome() -> None:
