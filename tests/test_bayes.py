@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers import fit_of
 from scipy import stats
 
 from pilotid.datasets import SCENARIOS, simulate
