@@ -37,8 +37,10 @@ def remarks_on(estimate: Estimate) -> tuple[str, ...]:
             "sign), or choose another model"
         )
         return tuple(found)
-    found += [pair.words for pair in estimate.inseparable]
-    found += short_delays(estimate)
-    found += little_known(estimate)
-    found += cancellations(estimate)
+    found += [*short_delays(estimate), *cancellations(estimate), *what_is_open(estimate)]
     return tuple(found)
+
+
+def what_is_open(estimate: Estimate) -> list[str]:
+    """What the recording leaves open; no fault of recording, model or fit."""
+    return [*(pair.words for pair in estimate.inseparable), *little_known(estimate)]

@@ -31,7 +31,7 @@ TEXT = (
     "there is so without any violation. Truth and bound are those of the pilot without it. "
     "**Bias / claim** is the mean error of a parameter over the mean standard error that the "
     "method claims, of the parameter where it is largest. **Told** counts the recordings of "
-    "which a user of `pilotid fit` would be told something: a remark on the recording or on the "
+    "which a user of `pilotid fit` would be warned: a remark against the recording or the "
     "estimate, or that the fit failed; behind it stand the first words of the commonest remarks, "
     "and how often they came."
 )

@@ -10,6 +10,7 @@ from pilotid.datasets import Scenario, simulate
 from pilotid.datasets.named import AnyScenario
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import Method, Searching, identify
+from pilotid.estimates.remarks import what_is_open
 from pilotid.estimates.sound import one_line
 from pilotid.naming.code import reason, unpacked
 from pilotid.pilot.model import PilotModel
@@ -69,11 +70,15 @@ def run_task(task: Task) -> Result:
 
 
 def told(recording: Recording, estimate: Estimate) -> str:
-    """What a user would be told of a recording and of an estimate, on one line.
+    """What a user would be told against a recording and an estimate, on one line.
 
     Remarks on the recording come first and begin with ``recording:``, as `pilotid fit` has them.
+    What a sound recording leaves open, such as a gain and a lead that trade off, is left out.
     """
-    found = [*(f"recording: {remark}" for remark in remarks(recording)), *estimate.remarks]
+    left_open = what_is_open(estimate) if estimate.outcome.usable else []
+    told_of = {one_line(remark) for remark in left_open}
+    own = [remark for remark in estimate.remarks if remark not in told_of]
+    found = [*(f"recording: {remark}" for remark in remarks(recording)), *own]
     line = " | ".join(found)
     return line if len(line) <= LONGEST_TOLD else f"{line[: LONGEST_TOLD - 4]} ..."
 
