@@ -143,11 +143,6 @@ class PilotModel:
         """Which parameters are searched on a logarithmic scale, shape (parameters,)."""
         return np.array([p.positive for p in self.parameters])
 
-    def within_usual(self, values: FloatArray) -> bool:
-        """Whether all parameters lie in the ranges of published values."""
-        low, high = np.array([p.usual for p in self.parameters]).T
-        return bool(np.all((low <= values) & (values <= high)))
-
     @property
     def delays(self) -> tuple[int, ...]:
         """Indices of the parameters that are time delays."""

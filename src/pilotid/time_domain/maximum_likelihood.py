@@ -6,6 +6,7 @@ chosen, and estimated along with the pilot, in the analysis band.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +22,7 @@ from pilotid.time_domain.prediction import Prediction, predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.prepare import decimation
 from pilotid.time_domain.remnant_choice import contenders, criterion, guessed, neighbours
-from pilotid.time_domain.remnant_models import Band, analysis_band, remnant_estimate
+from pilotid.time_domain.remnant_models import Band, NoiseModel, analysis_band, remnant_estimate
 from pilotid.time_domain.settings import LikelihoodSettings
 from pilotid.types import FloatArray
 
@@ -31,9 +32,10 @@ from pilotid.types import FloatArray
 #: shows too, would otherwise bias delays and neuromuscular parameters by up to 10 %.
 UPPER, EDGE = 0.6, 0.01
 
-
 #: Candidates whose criterion, on a first look, is higher than the lowest by more are left out.
 NEAR = 20.0
+
+FINE = 1e-6  # tolerance of the last search
 
 #: By how much the criterion of a longer or shorter autoregression must be lower.
 CLEARLY = 0.1
@@ -80,9 +82,7 @@ class Maximum:
     @property
     def criterion(self) -> float:
         """The criterion that chose the remnant's model, of pilot and remnant together."""
-        joint = self.joint
-        power = float(self.end.cost[0]) / joint.residuals
-        return criterion(joint.noise, power, joint.residuals, joint.pilot)
+        return _criterion(self.joint, self.end)
 
     @property
     def remnant(self) -> RemnantEstimate:
@@ -108,7 +108,7 @@ class Maximum:
 
     def moved(self, start: FloatArray) -> Maximum:
         """The optimum that a better point leads to, pilot and remnant, shape (parameters,)."""
-        end = minimise(self.joint.gram, start[None], self.joint, tolerance=1e-6)
+        end = minimise(self.joint.gram, start[None], self.joint, tolerance=FINE)
         return replace(self, end=end, iterations=self.iterations + end.iterations)
 
 
@@ -151,14 +151,8 @@ def criteria_from(
 
     def reached(rate: float | None) -> list[Maximum]:
         prediction, band = predict(recording, model, rate), analysis_band(recording.dt, rate)
-        terms: tuple[float, ...] | None = None
-        found = []
-        for values in sets:
-            if terms is None:
-                terms = terms_at(prediction, band, values, settings)
-            narrowed = replace(prediction, terms=terms)
-            found.append(_maximum(narrowed, band, values, settings))
-        return found
+        narrowed = replace(prediction, terms=terms_at(prediction, band, sets[0], settings))
+        return [_maximum(narrowed, band, values, settings) for values in sets]
 
     found = reached(settings.band)
     if _too_narrow(found[0], recording, settings):
@@ -186,7 +180,7 @@ def _maximised(
     narrowed = replace(prediction, terms=explored.terms)
     candidates = explored.candidates
     if len(candidates) > 1:
-        firsts = [_chosen(narrowed, band, c[None], settings, 1e-3) for c in candidates]
+        firsts = [_chosen(narrowed, band, pilot, settings, 1e-3) for pilot in candidates]
         reached = np.array([_criterion(*first) for first in firsts])
         near = reached < np.min(reached) + NEAR
         ends = [end.values[0, : joint.pilot] for joint, end in firsts]
@@ -203,64 +197,57 @@ def _maximised(
 
 
 def _maximum(
-    prediction: Prediction, band: Band, values: FloatArray, settings: LikelihoodSettings
+    prediction: Prediction, band: Band, pilot: FloatArray, settings: LikelihoodSettings
 ) -> Maximum:
-    joint, ends = _estimated(prediction, band, values[None], settings)
-    alone = Starts(cost=np.ones(1), agreeing=1)
-    return Maximum(joint, ends[-1], alone, sum(end.iterations for end in ends))
-
-
-def _estimated(
-    prediction: Prediction,
-    band: Band,
-    candidates: FloatArray,
-    settings: LikelihoodSettings,
-) -> tuple[PredictionErrors, list[Minima]]:
-    """Pilot and remnant together: the problem solved last, and the end of every round."""
-    ends: list[Minima] = []
-    chosen = None
+    """Pilot and remnant together from one pilot, the remnant's model chosen as they move."""
+    chosen, iterations = None, 0
     for _ in range(settings.rounds):
-        joint, end = _chosen(prediction, band, candidates, settings, 1e-6)
-        ends.append(end)
-        candidates = end.values[:1, : joint.pilot]
+        joint, end = _chosen(prediction, band, pilot, settings, FINE)
+        iterations += end.iterations
+        pilot = end.values[0, : joint.pilot]
         if joint.noise == chosen or settings.noise:
             break
         chosen = joint.noise
     # Of many long autoregressions the first that suits depends on where the search came from.
-    while not settings.noise:
-        residual = OutputErrors(prediction).residual(ends[-1].values[0, : joint.pilot])
-        others = [PredictionErrors(prediction, m, band) for m in neighbours(joint.noise)]
-        starts = ends[-1].values[:1, : joint.pilot]
-        fits = [(other, _fitted(other, starts, residual, 1e-6)) for other in others]
-        better = min(fits, key=lambda fit: _criterion(*fit), default=(joint, ends[-1]))
-        if not _criterion(*better) < _criterion(joint, ends[-1]) - CLEARLY:
+    while not settings.noise and (others := neighbours(joint.noise)):
+        residual = OutputErrors(prediction).residual(pilot)
+        better = _best(prediction, band, pilot, residual, others, FINE)
+        if not _criterion(*better) < _criterion(joint, end) - CLEARLY:
             break
-        joint = better[0]
-        ends.append(better[1])
-    return joint, ends
+        joint, end = better
+        iterations += end.iterations
+        pilot = end.values[0, : joint.pilot]
+    return Maximum(joint, end, Starts(cost=np.ones(1), agreeing=1), iterations)
 
 
 def _chosen(
     prediction: Prediction,
     band: Band,
-    candidates: FloatArray,
+    pilot: FloatArray,
     settings: LikelihoodSettings,
     tolerance: float,
 ) -> tuple[PredictionErrors, Minima]:
-    """The remnant's model that suits what the first candidate leaves, and the optimum with it."""
-    residual = OutputErrors(prediction).residual(candidates[0])
+    """The remnant's model that suits what a pilot leaves, and the optimum with it."""
+    residual = OutputErrors(prediction).residual(pilot)
     models = [settings.noise] if settings.noise else contenders(residual, band)
-    joints = [PredictionErrors(prediction, model, band) for model in models]
-    fits = [(joint, _fitted(joint, candidates, residual, tolerance)) for joint in joints]
+    return _best(prediction, band, pilot, residual, models, tolerance)
+
+
+def _best(
+    prediction: Prediction,
+    band: Band,
+    pilot: FloatArray,
+    residual: FloatArray,
+    models: Sequence[NoiseModel],
+    tolerance: float,
+) -> tuple[PredictionErrors, Minima]:
+    """The best of some models of the remnant that a pilot leaves, each estimated with it."""
+    fits = []
+    for model in models:
+        joint = PredictionErrors(prediction, model, band)
+        start = np.concatenate([pilot, guessed(model, residual, band)])
+        fits.append((joint, minimise(joint.gram, start[None], joint, tolerance=tolerance)))
     return min(fits, key=lambda fit: _criterion(*fit))
-
-
-def _fitted(
-    joint: PredictionErrors, candidates: FloatArray, residual: FloatArray, tolerance: float
-) -> Minima:
-    guess = guessed(joint.noise, residual, joint.band)
-    starts = np.concatenate([candidates, np.tile(guess, (len(candidates), 1))], axis=1)
-    return minimise(joint.gram, starts, joint, tolerance=tolerance)
 
 
 def _criterion(joint: PredictionErrors, end: Minima) -> float:
