@@ -70,7 +70,10 @@ def test_what_is_wrong_with_a_recording_is_told(run: Run, tmp_path: Path) -> Non
     ("arguments", "sentence"),
     [
         (["a.csv", "b.csv"], "several files need --joint"),
-        (["a.csv", "--element", "four"], "the controlled element 'four' cannot be read: at character 1, 'four'"),
+        (
+            ["a.csv", "--element", "four"],
+            "the controlled element 'four' cannot be read: at character 1, 'four'",
+        ),
     ],
 )
 def test_wrong_use_ends_with_a_sentence(run: Run, arguments: list[str], sentence: str) -> None:

@@ -109,13 +109,13 @@ def _well_known(found: Ratio) -> ControlledElement | None:
         return None
     match bottom[1:]:
         case []:
-            return position_control(*top)
+            return position_control(top[0])
         case [0.0]:
-            return single_integrator(*top)
+            return single_integrator(top[0])
         case [0.0, 0.0]:
-            return double_integrator(*top)
+            return double_integrator(top[0])
         case [a, 0.0]:
-            return integrator_with_lag(*top, a)
+            return integrator_with_lag(top[0], a)
     return None
 
 

@@ -12,8 +12,10 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pilotid.types import FloatArray
 
@@ -96,12 +98,13 @@ def _constant(value: float) -> Ratio:
     return Ratio(np.array([value]), np.ones(1))
 
 
-def _ratio(top: FloatArray, bottom: FloatArray, delay: float) -> Ratio:
+def _ratio(above: NDArray[Any], below: NDArray[Any], delay: float) -> Ratio:
+    top, bottom = (np.atleast_1d(np.asarray(p, dtype=float)) for p in (above, below))
     if max(len(top), len(bottom)) > HIGHEST + 1:
         raise NotTransferFunctionError(f"it has powers of s above {HIGHEST}")
     if not (np.isfinite(top).all() and np.isfinite(bottom).all()):
         raise NotTransferFunctionError("a number is too large")
-    return Ratio(np.atleast_1d(top), np.atleast_1d(bottom), delay)
+    return Ratio(top, bottom, delay)
 
 
 def transfer_function(text: str) -> Ratio:
