@@ -7,13 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from pilotid.estimates.loops import LoopElement
-from pilotid.frequency.element_fit import IdentifiedElement, identified_element
+from pilotid.frequency.element_fit import OMEGA, IdentifiedElement, identified_element
 from pilotid.pilot.element import ControlledElement, parsed_element
 from pilotid.recordings.recording import Recording
 from pilotid.types import FloatArray
 
-#: Where loops cross over [rad/s].
-OMEGA = np.geomspace(0.5, 6.0, 40)
 #: Root mean square of the relative difference of two responses from which they are different
 #: elements: a delay of a sample or two between the recorder's channels is less.
 DIFFERENT = 0.1
@@ -93,7 +91,6 @@ def differs(
     gain, phase = np.abs(ratio[middle]), round(float(np.angle(ratio[middle], deg=True)))
     return (
         f"the controlled element {what} is {given.name or 'another'}, but {by} "
-        f"{found.name or 'another'}: at {omega[middle]:.2g} rad/s the gain of the former is "
-        f"{gain:.3g} of the latter's and its phase {phase:+d} deg from it; margins with the "
-        "wrong one are wrong"
+        f"{found.name or 'another'}: at {omega[middle]:.2g} rad/s their gains are as {gain:.3g} to "
+        f"1 and their phases {phase:+d} deg apart; margins with the wrong one mislead"
     )

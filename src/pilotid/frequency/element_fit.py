@@ -25,9 +25,11 @@ from pilotid.recordings.recording import Recording
 from pilotid.types import FloatArray
 
 HIGHEST = 25.0  # rad/s; pilots leave next to nothing above
-#: Share of the power of x that an element must explain, in all and in every band, for loops to be
-#: drawn with it without being asked for.
-SOUND, SOUND_BAND = 0.98, 0.8
+#: What an element must do for loops to be drawn with it unasked: explain this share of x [%], and
+#: have a response known to within this share where loops cross over.
+SOUND, KNOWN = 98.0, 0.1
+#: Where loops cross over [rad/s].
+OMEGA = np.geomspace(0.5, 6.0, 40)
 #: Share of x [%] that each half of the window must explain by itself to say that the element
 #: changes.
 HALVES = 95.0
@@ -37,6 +39,7 @@ ADVICE = (
 )
 #: Delays from which a search starts where one from none ends badly [s].
 LATER = (0.15, 0.3, 0.45)
+LATE = 0.05  # s, of a delay that a search from none may miss with a simpler form
 
 
 @dataclass(frozen=True)
@@ -64,8 +67,8 @@ class IdentifiedElement:
         recorder's channels; the element then has none.
     explained
         Share of the power of x [%] that it explains, up to 25 rad/s.
-    worst
-        The same in the band where it is least.
+    response_error
+        Largest relative standard error of its frequency response from 0.5 to 6 rad/s.
     candidates
         All that was tried, the best first.
     remark
@@ -79,7 +82,7 @@ class IdentifiedElement:
     values: FloatArray | None = None
     covariance: FloatArray | None = None
     explained: float = float("nan")
-    worst: float = float("nan")
+    response_error: float = float("nan")
     candidates: tuple[Candidate, ...] = ()
     remark: str = ""
 
@@ -108,7 +111,7 @@ class IdentifiedElement:
             "form": self.form,
             "parameters": {q.key: q.to_dict() for q in self.parameters},
             "explained": self.explained,
-            "worst_band": self.worst,
+            "response_error": self.response_error,
             "candidates": [
                 {"form": c.form, "criterion": c.criterion, "explained": c.explained}
                 for c in self.candidates
@@ -119,35 +122,37 @@ class IdentifiedElement:
 
 def identified_element(recording: Recording) -> IdentifiedElement:
     """The controlled element of a recording, by its signals alone."""
-    whole = _identified(recording, slice(recording.run_in, None))
-    if whole.element is None or not whole.remark or recording.duration < 20.0:
+    begin, middle = recording.run_in, recording.run_in + recording.samples // 2
+    whole = _identified(recording, slice(begin, None))
+    if whole.element is None or whole.explained >= SOUND:
         return whole
-    middle = recording.run_in + recording.samples // 2
-    first = _identified(recording, slice(recording.run_in, middle))
+    first = _identified(recording, slice(begin, middle))
     second = _identified(recording, slice(middle, None))
-    return _with_halves(whole, first, second)
+    if whole.explained < HALVES <= min(first.explained, second.explained):
+        return _changing(whole, first, second)
+    return _identified(recording, slice(begin, None), LATER)
 
 
-def _identified(recording: Recording, part: slice) -> IdentifiedElement:
+def _identified(
+    recording: Recording, part: slice, later: tuple[float, ...] = ()
+) -> IdentifiedElement:
     control, output = recording.u[:, part], recording.x[:, part]
     given = control if recording.fd is None else control + recording.fd[:, part]
     for name, signal in (("x", output), ("u + fd", given)):
-        if not np.ptp(signal, axis=1).all():
+        if not np.ptp(signal, axis=1).any():
             return IdentifiedElement(None, remark=f"{name} does not move")
     zeros = 2  # for one zero, and the derivative by the delay
     spectra = spectra_of(recording.dt, given, output, HIGHEST, zeros)
     bands = Bands(spectra)
-    fits = _fitted(spectra, bands, recording.dt)
+    fits = _fitted(spectra, bands, recording.dt, later)
     if not fits:
         return IdentifiedElement(None, remark="no form of element suits u, fd and x")
     chosen = simplest(fits)
     shares = [_explained(fit, bands) for fit in fits]
     ranked = sorted(zip(fits, shares, strict=True), key=lambda pair: pair[0].criterion)
     least = ranked[0][0].criterion
-    explained, worst = (
-        _explained(chosen, bands),
-        max(0.0, 100.0 * (1.0 - float(chosen.unexplained.max()))),
-    )
+    explained = _explained(chosen, bands)
+    error = float(chosen.form.response_error(chosen.values, chosen.covariance, OMEGA).max())
     element = chosen.form.element(*rounded(chosen.values, chosen.covariance))
     return IdentifiedElement(
         element,
@@ -157,19 +162,24 @@ def _identified(recording: Recording, part: slice) -> IdentifiedElement:
         chosen.values,
         chosen.covariance,
         explained,
-        worst,
+        error,
         tuple(Candidate(str(f.form), f.criterion - least, share) for f, share in ranked),
-        _remark(element, explained, worst),
+        _remark(element, explained, error),
     )
 
 
-def _fitted(spectra: Spectra, bands: Bands, dt: float) -> list[FormFit]:
+def _fitted(spectra: Spectra, bands: Bands, dt: float, later: tuple[float, ...]) -> list[FormFit]:
     """Forms from the simplest on, up to where one describes the recording."""
     fits = _pass(spectra, bands, dt, FORMS)
-    if fits and all(_poor(fit) for fit in fits):
-        plain = [form for form in FORMS if not form.zero and _size(form) <= 3]
-        for delay in LATER:
-            fits += _pass(spectra, bands, dt, plain, delay)
+    if not fits:
+        return []
+    best = simplest(fits)
+    plain = [form for form in FORMS if not form.zero and _size(form) <= 3]
+    for delay in later:
+        fits += _pass(spectra, bands, dt, plain, delay)
+    if best.values[-1] > LATE:
+        simpler = [form for form in FORMS if _size(form) < _size(best.form)]
+        fits += _pass(spectra, bands, dt, simpler, float(best.values[-1]))
     # Of each form the best.
     fits.sort(key=lambda fit: fit.criterion)
     return list({fit.form: fit for fit in reversed(fits)}.values())
@@ -189,10 +199,6 @@ def _pass(
 
 def _size(form: Form) -> int:
     return len(form.keys)
-
-
-def _poor(fit: FormFit) -> bool:
-    return float(fit.unexplained.max()) > 1.0 - SOUND_BAND
 
 
 def simplest(fits: Sequence[FormFit]) -> FormFit:
@@ -246,11 +252,16 @@ def _short(value: float, error: float) -> tuple[float, int]:
     return round(value, first + 7), first + 7
 
 
-def _remark(element: ControlledElement, explained: float, worst: float) -> str:
-    if explained < 100.0 * SOUND or worst < 100.0 * SOUND_BAND:
-        share = f"{explained:.0f} %" if explained < 100.0 * SOUND else f"{worst:.0f} % of a band"
-        return f"{POOR}: the best of low order explains {share} of x; {ADVICE}"
-    if element.numerator[-1] * element.denominator[_integrators(element)] < 0.0:
+def _remark(element: ControlledElement, explained: float, error: float) -> str:
+    if explained < SOUND:
+        return f"{POOR}: the best of low order explains {explained:.0f} % of x; {ADVICE}"
+    if error > KNOWN:
+        return (
+            f"u, fd and x tell the controlled element, {element.name}, to within "
+            f"{100.0 * error:.0f} % only where loops cross over"
+        )
+    top, bottom = (np.trim_zeros(np.array(p)) for p in (element.numerator, element.denominator))
+    if top[0] * bottom[0] < 0.0 and top[-1] * bottom[-1] < 0.0:
         return (
             f"u, fd and x follow {element.name}, whose gain is negative: u or x seems to have the "
             "wrong sign"
@@ -258,19 +269,12 @@ def _remark(element: ControlledElement, explained: float, worst: float) -> str:
     return ""
 
 
-def _integrators(element: ControlledElement) -> int:
-    """Index of the lowest power of s in the denominator."""
-    return int(np.flatnonzero(element.denominator)[-1])
-
-
-def _with_halves(
+def _changing(
     whole: IdentifiedElement, first: IdentifiedElement, second: IdentifiedElement
 ) -> IdentifiedElement:
-    """Say so if each half of the window has an element of its own."""
-    if first.element is None or second.element is None:
-        return whole
-    if whole.explained > HALVES or min(first.explained, second.explained) < HALVES:
-        return whole
+    """Say that each half of the window has an element of its own."""
+    assert first.element is not None
+    assert second.element is not None
     halves = (
         f"it changes within a run, as the first half follows {first.element.name} and the second "
         f"{second.element.name}"

@@ -89,6 +89,20 @@ class Form:
             below.append(np.convolve(np.convolve(free, slope), power))
         return above, below
 
+    def response_error(
+        self, values: FloatArray, covariance: FloatArray, omega: FloatArray
+    ) -> FloatArray:
+        """Relative standard error of the frequency response, shape (n,)."""
+        s = 1j * omega
+        top, bottom = (np.polyval(p, s) for p in self.polynomials(values))
+        above, below = self.slopes(values)
+        slopes = [np.polyval(p, s) / top for p in above] + [
+            -np.polyval(p, s) / bottom for p in below
+        ]
+        gradient = np.array([*slopes, -s])
+        power = np.einsum("in,ij,jn->n", gradient.conj(), covariance, gradient)
+        return np.asarray(np.sqrt(np.abs(power.real)))
+
     def element(self, values: FloatArray, digits: tuple[int, ...]) -> ControlledElement:
         """The element with a name that `element_named` reads.
 

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from pilotid.frequency.element_forms import Form
-from pilotid.frequency.element_spectra import Spectra
-from pilotid.types import ComplexArray, FloatArray
+from pilotid.frequency.element_spectra import INDEPENDENT, Spectra
+from pilotid.types import ComplexArray, FloatArray, IntArray
 
 #: Relative error below which two responses count as one: nobody misses it, and few recordings
 #: are better than that, as signals are held, integrated and stored.
 UNNOTICED = 5e-3
 BANDS = 8  # of frequency, each with a level of noise of its own
+FEWEST = 10.0  # independent observations from which a level of noise is told
 ITERATIONS = 25
 ENOUGH = 0.01  # of -2 log-likelihood that the last step gains
 LONGEST = 0.6  # s, of a delay
@@ -44,30 +45,65 @@ class FormFit:
 
 
 class Bands:
-    """Levels of noise by band: what is left, and what counts as exact."""
+    """Levels of noise by band of frequency: what is left, and what counts as exact.
+
+    Attributes
+    ----------
+    fine
+        Band of each observation, even in the logarithm of frequency, shape (n,).
+    wide
+        The same with enough observations in each to tell a level from what is fitted.
+    output
+        Mean power of the output in the fine bands.
+    count
+        Independent complex observations in the fine bands.
+    """
 
     def __init__(self, spectra: Spectra) -> None:
         omega = spectra.omega
-        edges = np.geomspace(omega.min(), omega.max() * (1.0 + 1e-9), BANDS + 1)
-        place = np.searchsorted(edges, omega, side="right")
-        _, self.band = np.unique(place, return_inverse=True)
-        #: Independent complex observations in each.
-        self.count = spectra.independent * np.bincount(self.band)
-        self.output = self.power(spectra.output[0])
-        self.floor = UNNOTICED**2 * self.output
+        self.each = spectra.each
+        self.fine = _bands(omega, 1.0)
+        self.wide = _bands(omega, FEWEST / (self.each * INDEPENDENT))
+        self.output = self.power(spectra.output[0], self.fine)
+        self.count = INDEPENDENT * self.each * np.bincount(self.fine)
+        self._floor = (UNNOTICED**2 * self.output)[self.fine]
+        self._size = np.log(self.output)[self.fine]
 
-    def power(self, signal: ComplexArray) -> FloatArray:
+    def power(self, signal: ComplexArray, band: IntArray) -> FloatArray:
         """Mean power in each band."""
-        square = signal.real**2 + signal.imag**2
-        return np.asarray(np.bincount(self.band, square) / self.count)
+        square = np.bincount(band, signal.real**2 + signal.imag**2)
+        return np.asarray(square / (self.each * np.bincount(band)))
+
+    def unexplained(self, residual: ComplexArray) -> FloatArray:
+        """Share of the output's power that is left, in each fine band."""
+        return self.power(residual, self.fine) / self.output
 
     def level(self, residual: ComplexArray) -> FloatArray:
-        """Variance of the noise in each band."""
-        return self.power(residual) + self.floor
+        """Variance of the noise at each observation."""
+        return self.power(residual, self.wide)[self.wide] + self._floor
+
+    def claimed(self, residual: ComplexArray) -> FloatArray:
+        """The variance that counts in standard errors.
+
+        What counts as exact is no noise that averages out over a band: its error is one.
+        """
+        exact = self.count[self.fine] * self._floor
+        return np.asarray(self.power(residual, self.wide)[self.wide] + exact)
 
     def cost(self, level: FloatArray) -> float:
         """-2 log-likelihood, the levels at their best."""
-        return float(2.0 * np.sum(self.count * np.log(level / self.output)))
+        return float(2.0 * INDEPENDENT * self.each * np.sum(np.log(level) - self._size))
+
+
+def _bands(omega: FloatArray, fewest: float) -> IntArray:
+    """The band of every observation, from 0 on, each with so many at the least, shape (n,)."""
+    edges: list[float] = []
+    for edge in np.geomspace(omega.min(), omega.max(), BANDS + 1)[1:-1].tolist():
+        begin = edges[-1] if edges else 0.0
+        inside, beyond = (omega >= begin) & (omega < edge), omega >= edge
+        if min(inside.sum(), beyond.sum()) >= fewest:
+            edges.append(edge)
+    return np.searchsorted(edges, omega, side="right")
 
 
 def _equation(
@@ -103,7 +139,7 @@ def _start(spectra: Spectra, form: Form, bands: Bands, delay: float) -> FloatArr
     power, degree = form.integrators, form.free + 2 * form.lags
     s, output = spectra.s, spectra.output[power:]
     below = (1.0 + s / 3.0) ** degree * s**power
-    weight = 1.0 / np.sqrt(bands.output)[bands.band]
+    weight = 1.0 / np.sqrt(bands.output)[bands.fine]
     inputs = spectra.delayed(1 + form.zero, delay)
     columns = np.concatenate([inputs[::-1], -output[:degree][::-1]])
     for _ in range(5 if degree else 1):
@@ -166,7 +202,7 @@ def _searched(
     level = bands.level(_equation(spectra, form, values)[0])
     cost, damping = bands.cost(level), 1e-4
     for _ in range(ITERATIONS):
-        gradient, information = _step(spectra, form, values, 1.0 / level[bands.band])
+        gradient, information = _step(spectra, form, values, 1.0 / level)
         scale = np.sqrt(np.diag(information))
         matrix, gain = information / np.outer(scale, scale), 0.0
         while damping < 1e4:
@@ -183,17 +219,17 @@ def _searched(
         if not gain > ENOUGH:
             break
     residual = _equation(spectra, form, values)[0]
-    # What counts as exact is no noise that averages out over a band: its error is one.
-    noise = bands.power(residual) + bands.count * bands.floor
-    _, information = _step(spectra, form, values, 1.0 / noise[bands.band])
+    _, information = _step(spectra, form, values, 1.0 / bands.claimed(residual))
     scale = np.sqrt(np.diag(information))
     covariance = np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale)
-    if not (np.isfinite(values).all() and np.isfinite(covariance).all()):
+    if form.lags and values[-2] <= 0.0:
+        return None
+    if not (np.isfinite([cost, *values]).all() and np.isfinite(covariance).all()):
         return None
     return FormFit(
         form,
         values,
-        covariance / (2.0 * spectra.independent),
+        covariance / (2.0 * INDEPENDENT),
         cost + len(values) * float(np.log(2.0 * bands.count.sum())),
-        bands.power(residual) / bands.output,
+        bands.unexplained(residual),
     )

@@ -23,11 +23,11 @@ from pilotid.types import ComplexArray, FloatArray, IntArray
 COSINES = (3.0 / 8.0, -1.0 / 2.0, 1.0 / 8.0)
 HIGHEST = 4  # derivative of the output
 TAYLOR = 3  # order to which the window is expanded for a delay
-#: Independent observations per bin: the window makes neighbours alike,
-#: (mean of w^2)^2 / mean of w^4.
-INDEPENDENT = (35.0 / 128.0) ** 2 / (6435.0 / 32768.0)
 #: Of so many bins one is used: those between are nearly their sum.
 EACH = 2
+#: Independent observations per bin used: the window makes neighbours alike,
+#: (mean of w^2)^2 / mean of w^4 for each bin.
+INDEPENDENT = EACH * (35.0 / 128.0) ** 2 / (6435.0 / 32768.0)
 #: A constant offset reaches the bins below.
 FIRST = len(COSINES)
 
@@ -71,22 +71,19 @@ class Spectra:
     ----------
     omega
         Frequencies [rad/s], shape (n,).
-    runs
-        Number of runs that the observations are of.
     output
         Of the derivatives of x, shape (`HIGHEST` + 1, n).
     parts
         Of the derivatives of v(t - delay), by powers of the delay, but for the factor
         e^{-s delay}; shape (derivatives, `TAYLOR` + 1, n).
-    independent
-        Independent complex observations for each of the n.
+    each
+        Bins of runs that stand behind each of the n.
     """
 
     omega: FloatArray
-    runs: int
     output: ComplexArray
     parts: ComplexArray
-    independent: float
+    each: float
 
     @cached_property
     def s(self) -> ComplexArray:
@@ -133,7 +130,6 @@ def spectra_of(
     bare, delayed = columns[: HIGHEST + 1], columns[HIGHEST + 1 :]
     return Spectra(
         omega,
-        runs,
         np.array([_derivative(bare, i, omega) for i in range(HIGHEST + 1)]),
         np.array(
             [
@@ -141,7 +137,7 @@ def spectra_of(
                 for i in range(zeros + 1)
             ]
         ),
-        EACH * INDEPENDENT * runs / rows,
+        runs / rows,
     )
 
 
