@@ -128,7 +128,7 @@ def test_claimed_errors_hold_where_noise_is_what_limits() -> None:
         values.append(fit.values)
         errors.append(np.sqrt(np.diag(fit.covariance)))
     scatter, claimed = np.std(values, axis=0, ddof=1), np.mean(errors, axis=0)
-    print(claimed/scatter)
+    print(claimed / scatter)
     # The scatter is known to a tenth; the claim includes what counts as exact.
     assert np.all(claimed > 0.75 * scatter), claimed / scatter
     assert np.all(claimed < 1.5 * scatter), claimed / scatter
