@@ -1,0 +1,229 @@
+"""All conditions at once: repeated-measures analysis of variance, and a linear mixed model.
+
+Both by statsmodels, the extra `statistics`.  The analysis of variance takes the subjects with a
+usable estimate in every condition and corrects p for unequal variances of the differences by
+Greenhouse and Geisser (1959); the mixed model takes all usable estimates.  Its likelihood-ratio
+test trusts large numbers: with fewer than ten subjects or so its p is too small.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pilotid.analysis.cells import Chosen, Layout, Stratum, layouts
+from pilotid.analysis.combine import NAN, ROUNDING
+from pilotid.analysis.rows import Row
+from pilotid.types import FloatArray, InputError
+
+
+@dataclass(frozen=True)
+class Repeated:
+    """One parameter over all conditions; what cannot be worked out is NaN, and `notes` say why.
+
+    Attributes
+    ----------
+    stratum, method, parameter, unit
+        What was estimated, and how.
+    conditions, models
+        The conditions, and the model of each.
+    subjects
+        Those with a usable estimate in every condition.
+    f, df1, df2, p
+        F of the analysis of variance, its degrees of freedom, and its p.
+    epsilon, p_corrected
+        Greenhouse and Geisser's epsilon, and p with both degrees of freedom times that.
+    estimates
+        Number of estimates in the mixed model.
+    likelihood_ratio, mixed_p
+        Twice the gain in log-likelihood by letting conditions differ, and its p.
+    between_subjects, residual
+        Standard deviations of the mixed model: of subjects, and within them (REML).
+    notes
+        Who is left out and why, and what statsmodels had to say.
+    """
+
+    stratum: Stratum
+    method: str
+    parameter: str
+    unit: str
+    conditions: tuple[str, ...]
+    models: tuple[str, ...]
+    subjects: tuple[str, ...]
+    f: float = NAN
+    df1: float = NAN
+    df2: float = NAN
+    p: float = NAN
+    epsilon: float = NAN
+    p_corrected: float = NAN
+    estimates: int = 0
+    likelihood_ratio: float = NAN
+    mixed_p: float = NAN
+    between_subjects: float = NAN
+    residual: float = NAN
+    notes: tuple[str, ...] = ()
+
+
+def repeated(rows: Sequence[Row], chosen: Chosen | None = None) -> list[Repeated]:
+    """Whether conditions differ, for each stratum, method, model and parameter.
+
+    Parameters
+    ----------
+    rows
+        Rows of estimates.csv and loops.csv; only fits of all runs together are used.
+    chosen
+        The model of each stratum and condition, as for `contrasts`.
+
+    Returns
+    -------
+    One for each quantity with two conditions or more.
+
+    Raises
+    ------
+    InputError
+        Without statsmodels.
+    """
+    try:
+        import statsmodels.api  # noqa: F401 - whether it is there
+    except ImportError:
+        raise InputError(
+            "repeated-measures analysis and mixed models need statsmodels: "
+            "pip install 'pilotid[statistics]'"
+        ) from None
+    return [_repeated(layout) for layout in layouts(rows, chosen) if len(layout.conditions) > 1]
+
+
+def _repeated(layout: Layout) -> Repeated:
+    usable = {
+        condition: {s: cell.value for s, cell in cells.items() if not cell.fault}
+        for condition, cells in layout.cells.items()
+    }
+    empty = [condition for condition, values in usable.items() if not values]
+    conditions = tuple(c for c in layout.conditions if c not in empty)
+    notes = [f"left out: {c} (no usable estimate)" for c in empty]
+    subjects, out = layout.split(conditions)
+    if out:
+        notes.append(f"not in the analysis of variance: {'; '.join(out)}")
+    result = Repeated(
+        layout.stratum,
+        layout.method,
+        layout.parameter,
+        layout.unit,
+        conditions,
+        tuple(layout.models[c] for c in conditions),
+        tuple(subjects),
+        notes=tuple(notes),
+    )
+    if len(conditions) < 2 or "," in layout.unit:
+        why = "the units differ" if "," in layout.unit else "fewer than two conditions are left"
+        return replace(result, notes=(*result.notes, f"no analysis: {why}"))
+    table = np.array([[usable[c][s] for c in conditions] for s in subjects])
+    return _mixed(_variance(result, table), usable)
+
+
+def _variance(result: Repeated, table: FloatArray) -> Repeated:
+    """With the analysis of variance of a table, shape (subjects, conditions)."""
+    if len(table) < 2:
+        return replace(
+            result,
+            notes=(*result.notes, "no analysis of variance: fewer than two subjects are complete"),
+        )
+    within = table - table.mean(axis=1, keepdims=True)
+    residual = within - within.mean(axis=0)
+    if np.abs(residual).max() <= ROUNDING * np.abs(table).max():
+        told = "no analysis of variance: all subjects differ alike between the conditions"
+        return replace(result, notes=(*result.notes, told))
+    from pandas import DataFrame
+    from scipy.special import fdtrc
+    from statsmodels.stats.anova import AnovaRM
+
+    count, conditions = table.shape
+    frame = DataFrame(
+        {
+            # statsmodels takes numbers: names of conditions may hold anything
+            "value": table.ravel(),
+            "subject": np.repeat(np.arange(count), conditions),
+            "condition": np.tile(np.arange(conditions), count),
+        }
+    )
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        found = AnovaRM(frame, "value", "subject", within=["condition"]).fit().anova_table
+    f, df1, df2, p = (
+        float(found.loc["condition", name]) for name in ("F Value", "Num DF", "Den DF", "Pr > F")
+    )
+    epsilon = sphericity(table)
+    return replace(
+        result,
+        f=f,
+        df1=df1,
+        df2=df2,
+        p=p,
+        epsilon=epsilon,
+        p_corrected=float(fdtrc(epsilon * df1, epsilon * df2, f)),
+        notes=(*result.notes, *_words(heard)),
+    )
+
+
+def sphericity(table: FloatArray) -> float:
+    """Greenhouse and Geisser's epsilon of a table, shape (subjects, conditions).
+
+    1 if all differences between conditions scatter alike, 1/(conditions - 1) at the worst.
+    """
+    within = table - table.mean(axis=1, keepdims=True)  # the contrasts of the conditions
+    covariance = np.cov(within, rowvar=False)
+    trace = float(np.trace(covariance))
+    return trace**2 / ((table.shape[1] - 1) * float(np.sum(covariance**2)))
+
+
+def _mixed(result: Repeated, usable: dict[str, dict[str, float]]) -> Repeated:
+    """With a mixed model of all usable estimates: conditions, and an intercept for each subject."""
+    entries = [(c, s, usable[c][s]) for c in result.conditions for s in usable[c]]
+    values = np.array([value for _, _, value in entries])
+    subjects = np.array([subject for _, subject, _ in entries])
+    result = replace(result, estimates=len(entries))
+    scale = float(np.std(values))
+    count = len(set(subjects.tolist()))
+    free = len(entries) - len(result.conditions) - count + 1
+    if count < 2 or free < 1 or scale <= ROUNDING * float(np.abs(values).max()):
+        return replace(result, notes=(*result.notes, "no mixed model: too few estimates"))
+    from scipy.special import chdtrc
+    from statsmodels.regression.mixed_linear_model import MixedLM
+
+    # In units of their own scatter, the optimiser's steps suit every parameter.
+    scaled = (values - values.mean()) / scale
+    level = np.ones((len(entries), 1))
+    named = np.array([condition for condition, _, _ in entries])
+    effects = np.column_stack([level, *(named == c for c in result.conditions[1:])]).astype(float)
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        try:
+            full, null, restricted = (
+                MixedLM(scaled, design, groups=subjects).fit(reml=reml)
+                for design, reml in ((effects, False), (level, False), (effects, True))
+            )
+            gain = max(0.0, 2.0 * float(full.llf - null.llf))
+            between, residual = float(restricted.cov_re[0, 0]), float(restricted.scale)
+        except (np.linalg.LinAlgError, ValueError, ZeroDivisionError, FloatingPointError) as error:
+            told = f"no mixed model: statsmodels says {' '.join(str(error).split())}"
+            return replace(result, notes=(*result.notes, told))
+    if not all(math.isfinite(number) for number in (gain, between, residual)):
+        return replace(result, notes=(*result.notes, "no mixed model: it has no finite fit"))
+    return replace(
+        result,
+        likelihood_ratio=gain,
+        mixed_p=float(chdtrc(len(result.conditions) - 1, gain)),
+        between_subjects=scale * math.sqrt(max(between, 0.0)),
+        residual=scale * math.sqrt(residual),
+        notes=(*result.notes, *_words(heard)),
+    )
+
+
+def _words(heard: Sequence[warnings.WarningMessage]) -> list[str]:
+    """What statsmodels warned of, each once, on one line."""
+    texts = dict.fromkeys(" ".join(str(warning.message).split()) for warning in heard)
+    return [f"statsmodels: {text}" for text in texts]
