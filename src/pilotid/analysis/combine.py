@@ -65,11 +65,11 @@ def mean_of(value: float, std_error: float, freedom: float) -> Mean:
     from scipy.special import stdtr, stdtrit
 
     if not (std_error > 0.0 and freedom > 0.0):
-        return Mean(value, std_error, freedom, NAN, NAN, NAN, NAN)
+        return Mean(value, std_error, float(freedom), NAN, NAN, NAN, NAN)
     t = value / std_error
     reach = float(stdtrit(freedom, 0.975)) * std_error
     p = 2.0 * float(stdtr(freedom, -abs(t)))
-    return Mean(value, std_error, freedom, t, p, value - reach, value + reach)
+    return Mean(value, std_error, float(freedom), t, p, value - reach, value + reach)
 
 
 def plain_mean(values: FloatArray, scale: float = 0.0) -> Mean:
@@ -105,8 +105,8 @@ def random_effects(values: FloatArray, errors: FloatArray) -> RandomEffects:
     The spread is that of Paule and Mandel (1982): with it, the numbers scatter about their mean
     as much as errors and spread say.  It assumes no distribution and needs no iteration that
     could fail.  The mean's error is that of Hartung and Knapp (2001) with Student's t of n - 1
-    degrees of freedom, without the floor that some put under it: with a floor, intervals of few
-    numbers are too long where the errors explain all (`nox -s check -- findings`).
+    degrees of freedom, without the floor that some put under it: with the floor, intervals of few
+    numbers are far too long where the errors explain all.
     """
     from scipy.special import chdtri
 

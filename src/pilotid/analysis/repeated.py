@@ -1,14 +1,13 @@
 """All conditions at once: repeated-measures analysis of variance, and a linear mixed model.
 
-Both by statsmodels, the extra `statistics`.  The analysis of variance takes the subjects with a
-usable estimate in every condition and corrects p for unequal variances of the differences by
-Greenhouse and Geisser (1959); the mixed model takes all usable estimates.  Its likelihood-ratio
-test trusts large numbers: with fewer than ten subjects or so its p is too small.
+The analysis of variance, by statsmodels (the extra `statistics`), takes the subjects with a usable
+estimate in every condition; p is corrected for unequal variances of the differences by Greenhouse
+and Geisser (1959).  The mixed model takes all usable estimates.  Its likelihood-ratio test trusts
+large numbers: with few subjects its p is too small, and the corrected p is the one to report.
 """
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,6 +16,7 @@ import numpy as np
 
 from pilotid.analysis.cells import Chosen, Layout, Stratum, layouts
 from pilotid.analysis.combine import NAN, ROUNDING
+from pilotid.analysis.mixed import random_intercept
 from pilotid.analysis.rows import Row
 from pilotid.types import FloatArray, InputError
 
@@ -88,7 +88,7 @@ def repeated(rows: Sequence[Row], chosen: Chosen | None = None) -> list[Repeated
         Without statsmodels.
     """
     try:
-        import statsmodels.api  # noqa: F401 - whether it is there
+        import statsmodels.stats.anova  # noqa: F401 - whether it is there
     except ImportError:
         raise InputError(
             "repeated-measures analysis and mixed models need statsmodels: "
@@ -132,8 +132,7 @@ def _variance(result: Repeated, table: FloatArray) -> Repeated:
             result,
             notes=(*result.notes, "no analysis of variance: fewer than two subjects are complete"),
         )
-    within = table - table.mean(axis=1, keepdims=True)
-    residual = within - within.mean(axis=0)
+    residual = table - table.mean(axis=1, keepdims=True) - table.mean(axis=0) + table.mean()
     if np.abs(residual).max() <= ROUNDING * np.abs(table).max():
         told = "no analysis of variance: all subjects differ alike between the conditions"
         return replace(result, notes=(*result.notes, told))
@@ -189,37 +188,32 @@ def _mixed(result: Repeated, usable: dict[str, dict[str, float]]) -> Repeated:
     scale = float(np.std(values))
     count = len(set(subjects.tolist()))
     free = len(entries) - len(result.conditions) - count + 1
-    if count < 2 or free < 1 or scale <= ROUNDING * float(np.abs(values).max()):
+    if count < 2 or free < 1:
         return replace(result, notes=(*result.notes, "no mixed model: too few estimates"))
-    from scipy.special import chdtrc
-    from statsmodels.regression.mixed_linear_model import MixedLM
-
-    # In units of their own scatter, the optimiser's steps suit every parameter.
-    scaled = (values - values.mean()) / scale
-    level = np.ones((len(entries), 1))
     named = np.array([condition for condition, _, _ in entries])
+    level = np.ones((len(entries), 1))
     effects = np.column_stack([level, *(named == c for c in result.conditions[1:])]).astype(float)
-    with warnings.catch_warnings(record=True) as heard:
-        warnings.simplefilter("always")
-        try:
-            full, null, restricted = (
-                MixedLM(scaled, design, groups=subjects).fit(reml=reml)
-                for design, reml in ((effects, False), (level, False), (effects, True))
-            )
-            gain = max(0.0, 2.0 * float(full.llf - null.llf))
-            between, residual = float(restricted.cov_re[0, 0]), float(restricted.scale)
-        except (np.linalg.LinAlgError, ValueError, ZeroDivisionError, FloatingPointError) as error:
-            told = f"no mixed model: statsmodels says {' '.join(str(error).split())}"
-            return replace(result, notes=(*result.notes, told))
-    if not all(math.isfinite(number) for number in (gain, between, residual)):
-        return replace(result, notes=(*result.notes, "no mixed model: it has no finite fit"))
+    groups = np.unique(subjects, return_inverse=True)[1]
+    additive = np.column_stack([effects, groups[:, None] == np.arange(1, count)])
+    rest = values - additive @ np.linalg.lstsq(additive, values)[0]
+    if np.abs(rest).max() <= ROUNDING * np.abs(values).max():
+        told = "no mixed model: all subjects differ alike between the conditions"
+        return replace(result, notes=(*result.notes, told))
+    from scipy.special import chdtrc
+
+    # In units of their own scatter, rounding is the same for every parameter.
+    scaled = (values - values.mean()) / scale
+    full, none = (
+        random_intercept(scaled, design, groups, restricted=False) for design in (effects, level)
+    )
+    spread = random_intercept(scaled, effects, groups, restricted=True)
+    gain = max(0.0, 2.0 * (full.log_likelihood - none.log_likelihood))
     return replace(
         result,
         likelihood_ratio=gain,
         mixed_p=float(chdtrc(len(result.conditions) - 1, gain)),
-        between_subjects=scale * math.sqrt(max(between, 0.0)),
-        residual=scale * math.sqrt(residual),
-        notes=(*result.notes, *_words(heard)),
+        between_subjects=scale * spread.between,
+        residual=scale * spread.within,
     )
 
 

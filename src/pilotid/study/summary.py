@@ -22,14 +22,14 @@ def write_tables(folder: Path, study: Comparison) -> None:
     What methods did on populations has a table of its own, if there are any.
     """
     head = ["scenario", "method", *SUMMARY_COLUMNS]
-    write_file(folder / SUMMARY, _csv(head, study.summary_rows()))
+    write_file(folder / SUMMARY, csv_table(head, study.summary_rows()))
     if study.populations:
         head = ["scenario", "method", *POPULATION_COLUMNS]
-        write_file(folder / POPULATION, _csv(head, study.population_rows()))
-    write_file(folder / ESTIMATES, _csv(ESTIMATE_COLUMNS, study.estimate_rows()))
+        write_file(folder / POPULATION, csv_table(head, study.population_rows()))
+    write_file(folder / ESTIMATES, csv_table(ESTIMATE_COLUMNS, study.estimate_rows()))
 
 
-def _csv(head: Sequence[str], rows: Iterable[Sequence[object]]) -> bytes:
+def csv_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> bytes:
     """A table as CSV; NaN is an empty cell."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
