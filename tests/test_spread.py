@@ -9,13 +9,14 @@ import pytest
 from scipy.stats import chi2, t
 from tidy_rows import row
 
+from pilotid.analysis.combine import ratio_of
 from pilotid.analysis.rows import Row
 from pilotid.analysis.spread import (
     RunSpread,
     condition_spreads,
-    ratio_of,
     run_spreads,
     spread_sentence,
+    with_variation,
 )
 from pilotid.analysis.tables import SPREAD_COLUMNS, spread_table
 
@@ -104,6 +105,16 @@ def test_without_a_fit_of_all_runs_there_is_a_ratio_alone() -> None:
     found = only(runs(VALUES)[:-1])
     assert found.ratio.value > 1.0
     assert math.isnan(found.value)
+
+
+def test_errors_that_include_the_variation() -> None:
+    rows = [*runs(VALUES), row("2", "C3", 1.0)]
+    found = run_spreads(rows)
+    wider = with_variation(rows, found)
+    assert wider[:5] == rows[:5]  # single runs
+    assert (wider[5].std_error, wider[5].lower) == (found[0].std_error, found[0].lower)
+    assert wider[5].value == rows[5].value
+    assert wider[6] == rows[6]  # no runs that were fitted one by one
 
 
 def test_a_condition_is_pooled_over_its_subjects() -> None:

@@ -55,7 +55,9 @@ def rows_of(
         fits += [(i + 1, run_of(recording, i)) for i in range(recording.runs)]
     for run, part in fits:
         estimate = identify("mle", part, name)
-        found = [(q.key, q.unit, *quantity_numbers(q)) for q in estimate.parameters]
+        found = [
+            (q.key, q.unit, q.value, q.std_error, q.lower, q.upper) for q in estimate.parameters
+        ]
         if "axis" not in fields and run is None:
             loop = margins(MODELS[name], estimate.values, element_named(ELEMENT))[1].crossover
             nan = math.nan
@@ -75,14 +77,6 @@ def rows_of(
                 outcome.usable,
                 estimate.remarks,
             )
-
-
-def quantity_numbers(quantity: object) -> tuple[float, float, float, float]:
-    """Value, standard error and ends of the interval."""
-    value, error, low, high = (
-        float(getattr(quantity, name)) for name in ("value", "std_error", "lower", "upper")
-    )
-    return value, error, low, high
 
 
 def run_of(recording: Recording, run: int) -> Recording:

@@ -173,18 +173,20 @@ def _contrast(layout: Layout, a: str, b: str) -> Contrast:
     notes = [f"left out: {'; '.join(out)}"] if out else []
     pairs = []
     for subject in subjects:
-        cells = [layout.cells[condition][subject] for condition in (a, b)]
-        pairs.append(Pair(subject, *(c.value for c in cells), *(c.std_error for c in cells)))
+        one, two = layout.cells[a][subject], layout.cells[b][subject]
+        pairs.append(Pair(subject, one.value, two.value, one.std_error, two.std_error))
         notes += [
             f"{who(subject)} in {condition}: mean of {cell.recordings} recordings"
-            for condition, cell in zip((a, b), cells, strict=True)
+            for condition, cell in ((a, one), (b, two))
             if cell.recordings > 1
         ]
+    some_model = next(iter(layout.models.values()))
     contrast = Contrast(
         layout.stratum,
         a,
         b,
-        *(layout.models.get(c, next(iter(layout.models.values()))) for c in (a, b)),
+        layout.models.get(a, some_model),
+        layout.models.get(b, some_model),
         layout.method,
         layout.parameter,
         layout.unit,

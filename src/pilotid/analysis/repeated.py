@@ -175,8 +175,8 @@ def sphericity(table: FloatArray) -> float:
     """
     within = table - table.mean(axis=1, keepdims=True)  # the contrasts of the conditions
     covariance = np.cov(within, rowvar=False)
-    trace = float(np.trace(covariance))
-    return trace**2 / ((table.shape[1] - 1) * float(np.sum(covariance**2)))
+    worst = 1.0 / (table.shape[1] - 1)
+    return float(worst * np.trace(covariance) ** 2 / np.sum(covariance**2))
 
 
 def _mixed(result: Repeated, usable: dict[str, dict[str, float]]) -> Repeated:

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pilotid.analysis.cells import Stratum
-from pilotid.analysis.combine import NAN, random_effects
+from pilotid.analysis.combine import NAN, Ratio, random_effects, ratio_of
 from pilotid.analysis.rows import CONDITION, Row
 from pilotid.chance import Z95
 from pilotid.types import FloatArray
@@ -24,50 +24,6 @@ from pilotid.types import FloatArray
 LEFT_OUT = 0.01
 #: Fewer runs than these cannot tell which of them is the odd one.
 FEWEST_TO_JUDGE = 4
-
-
-@dataclass(frozen=True)
-class Ratio:
-    """How many times as much as claimed runs differ.
-
-    Attributes
-    ----------
-    value, lower, upper
-        The ratio and its 95 % interval, by chi-squared; NaN where there are not two runs.
-    p
-        Chance of so large a ratio if the runs differ as claimed.
-    """
-
-    value: float
-    lower: float
-    upper: float
-    p: float
-
-    @property
-    def words(self) -> str:
-        """A sentence for reports; empty where nothing is known."""
-        if not math.isfinite(self.value):
-            return ""
-        verdict = "people vary" if self.lower > 1.0 else "chance may do that"
-        if self.value <= 1.0:
-            verdict = "no more than claimed"
-        return (
-            f"the runs differ {self.value:.1f} times as much as claimed "
-            f"({self.lower:.1f} .. {self.upper:.1f}): {verdict}"
-        )
-
-
-def ratio_of(chi_squared: float, freedom: int) -> Ratio:
-    """The ratio that a sum of squares over claimed variances tells of."""
-    from scipy.special import chdtrc, chdtri
-
-    if not freedom:
-        return Ratio(NAN, NAN, NAN, NAN)
-    value, lower, upper = (
-        math.sqrt(chi_squared / scale)
-        for scale in (freedom, float(chdtri(freedom, 0.025)), float(chdtri(freedom, 0.975)))
-    )
-    return Ratio(value, lower, upper, float(chdtrc(freedom, chi_squared)))
 
 
 @dataclass(frozen=True)
@@ -164,6 +120,30 @@ def run_spreads(rows: Sequence[Row]) -> list[RunSpread]:
     return [_spread_of(mine, pooled.get(key)) for key, mine in single.items()]
 
 
+def with_variation(rows: Sequence[Row], spreads: Sequence[RunSpread]) -> list[Row]:
+    """Rows whose errors and intervals include the variation from run to run, where it is known.
+
+    Parameters
+    ----------
+    rows
+        Rows of any fits; those of single runs stay as they are.
+    spreads
+        What `run_spreads` makes of them.
+    """
+    known = {
+        (spread.file, spread.model, spread.method, spread.parameter): spread
+        for spread in spreads
+        if math.isfinite(spread.std_error)
+    }
+    result = []
+    for row in rows:
+        spread = known.get((row.file, row.model, row.method, row.parameter))
+        if spread is not None and row.run is None:
+            row = replace(row, std_error=spread.std_error, lower=spread.lower, upper=spread.upper)
+        result.append(row)
+    return result
+
+
 def condition_spreads(spreads: Sequence[RunSpread]) -> list[ConditionSpread]:
     """The spread of runs over the subjects of every condition."""
     groups: dict[tuple[Stratum, str, str, str, str], list[RunSpread]] = {}
@@ -217,7 +197,10 @@ def _spread_of(rows: Sequence[Row], pooled: Row | None) -> RunSpread:
         chi_squared = float(np.sum(weights * (values - np.average(values, weights=weights)) ** 2))
         between = random_effects(values, errors).between
     first = rows[0]
-    believed = pooled is not None and pooled.usable
+    value = claim = error = lower = upper = NAN
+    if pooled is not None and pooled.usable:
+        value, claim = pooled.value, pooled.std_error
+        error, lower, upper = _widened(pooled, between, len(sound))
     return RunSpread(
         first.file,
         first.stratum,
@@ -229,8 +212,12 @@ def _spread_of(rows: Sequence[Row], pooled: Row | None) -> RunSpread:
         tuple(row.run or 0 for row in sound),
         chi_squared,
         between,
-        *(_widened(pooled, between, len(sound)) if pooled and believed else [NAN] * 5),
-        notes=tuple(notes),
+        value,
+        claim,
+        error,
+        lower,
+        upper,
+        tuple(notes),
     )
 
 
@@ -260,20 +247,19 @@ def _odd_one(values: FloatArray, errors: FloatArray) -> int | None:
     return farthest if distances[farthest] > limit else None
 
 
-def _widened(row: Row, between: float, runs: int) -> list[float]:
-    """Value, claimed error, and error and interval with the variation from run to run."""
+def _widened(row: Row, between: float, runs: int) -> tuple[float, float, float]:
+    """Standard error and interval of an estimate with the variation from run to run."""
     from scipy.special import stdtrit
 
     value, claim = row.value, row.std_error
     if not (claim > 0.0 and math.isfinite(between)):
-        return [value, claim, NAN, NAN, NAN]
+        return NAN, NAN, NAN
     if between == 0.0:
-        return [value, claim, claim, row.lower, row.upper]
+        return claim, row.lower, row.upper
     error = math.sqrt(claim**2 + between**2 / runs)
     # The interval keeps its shape: profile intervals are longer on one side.
     longer = error / claim * float(stdtrit(runs - 1, 0.975)) / Z95
-    lower = value - longer * (value - row.lower)
-    return [value, claim, error, lower, value + longer * (row.upper - value)]
+    return error, value - longer * (value - row.lower), value + longer * (row.upper - value)
 
 
 def _over_subjects(spreads: Sequence[RunSpread]) -> ConditionSpread:

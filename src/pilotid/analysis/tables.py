@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar
 
-from pilotid.analysis.cells import Stratum
 from pilotid.analysis.contrasts import Contrast
 from pilotid.analysis.repeated import Repeated
 from pilotid.analysis.spread import RunSpread
@@ -112,14 +111,12 @@ def spread_table(spreads: Sequence[RunSpread]) -> Table:
 
 
 def _table(lines: Sequence[Line], columns: Mapping[str, Callable[[Line], object]]) -> Table:
-    fields = list(dict.fromkeys(name for line in lines for name, _ in line.stratum))
-    rows = [
-        [*_values(line.stratum, fields), *(value(line) for value in columns.values())]
-        for line in lines
-    ]
+    fields: list[str] = []
+    for line in lines:
+        fields += [name for name, _ in line.stratum if name not in fields]
+    rows: list[list[object]] = []
+    for line in lines:
+        found = dict(line.stratum)
+        own: list[object] = [found.get(name, "") for name in fields]
+        rows.append(own + [value(line) for value in columns.values()])
     return [*fields, *columns], rows
-
-
-def _values(stratum: Stratum, fields: Sequence[str]) -> list[str]:
-    found = dict(stratum)
-    return [found.get(name, "") for name in fields]
