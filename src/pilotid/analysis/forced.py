@@ -83,8 +83,8 @@ def forced(recording: Recording, models: Sequence[PilotModel], seed: int) -> lis
     """
     fits = [_fitted(recording, model, seed) for model in models]
     # The power of the remnant as the model has it that leaves the least.
-    _, values, power = min(
-        ((_misfit(c, m, v, p), v, p) for m, (c, v, p) in zip(models, fits, strict=True)),
+    _, power = min(
+        ((_misfit(c, m, v, p), p) for m, (c, v, p) in zip(models, fits, strict=True)),
         key=lambda entry: entry[0],
     )
     return [
