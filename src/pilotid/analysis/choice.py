@@ -14,6 +14,7 @@ from pilotid.estimates.method import motionless_input
 from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
+from pilotid.recordings.names import listed
 from pilotid.recordings.recording import Recording
 from pilotid.time_domain.evidence import Evidence, evidence
 from pilotid.types import InputError
@@ -257,7 +258,7 @@ def _reason(
     what = "at the lines of the forcing functions" if by_lines else "by the errors of prediction"
     judge = f"{units} runs, each left out of its fit" if units > 1 else "one fit"
     names = sorted(least, key=lambda name: sum(least[name]))
-    told = [f"{taken} was chosen among {', '.join(names)} {what} ({judge})."]
+    told = [f"{taken} was chosen among {listed(names)} {what} ({judge})."]
     own, pilot = held[0], held[0][taken].pilot
     for name in names:
         differences = [a - b for a, b in zip(least[name], least[taken], strict=True)]
@@ -293,12 +294,16 @@ def _warnings(
         told.append(f"BIC of the whole control prefers {likeliest}, by {lower:.0f}")
         lost = max(own[taken].vaf - own[likeliest].vaf for own in held)
         told[-1] += f", though its VAF is up to {lost:.0f} points lower." if lost > LOST else "."
-    for name in names:
-        disguised = sum(own[name].overdamped for own in held)
-        if name != taken and 2 * disguised > len(held):
-            told.append(
-                f"{name} makes do with an overdamped neuromuscular system in place of a lag."
-            )
+    disguised = [
+        name
+        for name in names
+        if name != taken and 2 * sum(own[name].overdamped for own in held) > len(held)
+    ]
+    if disguised:
+        told.append(
+            f"{listed(disguised)} {'makes' if len(disguised) == 1 else 'make'} do with an "
+            "overdamped neuromuscular system in place of a lag."
+        )
     bounds = [own[taken].bounds for own in held if own[taken].bounds]
     if bounds:
         told.append(f"With {taken}, {len(bounds)} of {len(held)} end at a bound ({bounds[0]}).")
