@@ -26,8 +26,9 @@ AUTO = "auto"
 #: the likelihood judges: beyond, it describes the loop and not the pilot.
 LOST = 10.0
 
-#: A model with more parameters is taken where it is better by more than so many standard errors.
-CLEARLY = 2.0
+#: A model with more parameters is taken where it is better by more than so many standard errors,
+#: and by so much in deviance: of few runs the standard error itself is hardly known.
+CLEARLY, LEAST = 2.0, 4.0
 
 #: Where no run can be left out, it is taken where it is better by more than this in deviance.
 CLOSE = 2.0
@@ -203,7 +204,9 @@ def chosen(recordings: Sequence[Sequence[Candidate]]) -> Choice:
     best = min(credible, key=lambda name: (sum(deficits[name]), held[0][name].pilot))
     least = {n: [a - b for a, b in zip(deficits[n], deficits[best], strict=True)] for n in credible}
     units = len(least[best])
-    limit = {n: CLEARLY * _standard_error(least[n]) if units > 1 else CLOSE for n in credible}
+    limit = {
+        n: max(LEAST, CLEARLY * _standard_error(least[n])) if units > 1 else CLOSE for n in credible
+    }
     close = [n for n in credible if sum(least[n]) <= limit[n] or n == best]
     taken = min(close, key=lambda name: (held[0][name].pilot, sum(least[name])))
     told = _reason(held, taken, best, least, by_lines)

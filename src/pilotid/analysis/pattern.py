@@ -28,8 +28,8 @@ class Pattern:
 
     Fields are in braces and stand for letters, digits and other signs than ``_`` and ``/``; all
     else stands for itself, in any case of letters.  The pattern may match any part of the name
-    without its suffix; one with a ``/`` is matched against the whole path, so that folders may
-    be fields.
+    without its suffix; one with a ``/`` is matched against the end of the whole path, so that
+    folders may be fields.
 
     Parameters
     ----------
@@ -76,9 +76,11 @@ class Pattern:
             f"(?P<{part}>[^_/]+?)" if index % 2 else re.escape(part)
             for index, part in enumerate(parts)
         )
-        # The last field takes all that it can: its value must not end in mid-word.
-        end = "(?![^_/])" if not parts[-1] else ""
-        found = re.search(expression + end, name, re.IGNORECASE)
+        if whole:
+            expression = f"(?:^|/){expression}$"
+        elif not parts[-1]:  # the last field takes all that it can
+            expression += "(?![^_])"
+        found = re.search(expression, name, re.IGNORECASE)
         return found.groupdict() if found else None
 
 
