@@ -11,9 +11,9 @@ import pytest
 from scipy.stats import ttest_rel
 from tidy_rows import row, table
 
+from pilotid.analysis.columns import CONTRAST_COLUMNS, contrast_table
 from pilotid.analysis.contrasts import Contrast, contrasts
-from pilotid.analysis.tables import CONTRAST_COLUMNS, contrast_table
-from pilotid.study.summary import csv_table
+from pilotid.disk import table_bytes
 from pilotid.types import InputError
 
 A = (1.1, 1.4, 0.9, 2.0, 1.3)
@@ -182,7 +182,7 @@ def test_the_table_restores_every_number() -> None:
     found = contrasts(rows)
     head, lines = contrast_table(found)
     assert head == ["axis", *CONTRAST_COLUMNS]
-    (read,) = csv.DictReader(io.StringIO(csv_table(head, lines).decode()))
+    (read,) = csv.DictReader(io.StringIO(table_bytes(head, lines).decode()))
     assert read["axis"] == "roll"
     assert float(read["p"]) == found[0].p
     assert read["subjects"] == "2"

@@ -12,9 +12,9 @@ import pytest
 from scipy.stats import ttest_rel
 from tidy_rows import row, table
 
+from pilotid.analysis.columns import REPEATED_COLUMNS, repeated_table
 from pilotid.analysis.mixed import random_intercept
 from pilotid.analysis.repeated import Repeated, repeated, sphericity
-from pilotid.analysis.tables import REPEATED_COLUMNS, repeated_table
 from pilotid.types import FloatArray, InputError
 
 #: Six subjects under three conditions, with sums of squares worked out below.

@@ -9,6 +9,7 @@ import pytest
 from scipy.stats import chi2, t
 from tidy_rows import row
 
+from pilotid.analysis.columns import SPREAD_COLUMNS, spread_table
 from pilotid.analysis.combine import ratio_of
 from pilotid.analysis.rows import Row
 from pilotid.analysis.spread import (
@@ -18,7 +19,6 @@ from pilotid.analysis.spread import (
     spread_sentence,
     with_variation,
 )
-from pilotid.analysis.tables import SPREAD_COLUMNS, spread_table
 
 VALUES = (1.0, 1.3, 0.8, 1.5, 0.9)
 

@@ -1,122 +1,83 @@
-"""Contrasts, analyses of all conditions and spreads of runs as tables for CSV files.
-
-Each function gives the names of the columns and the rows; numbers are floats, NaN where there is
-none, and several notes are one text.
-"""
+"""The tidy tables of an analysis: estimates.csv and models.csv."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import TypeVar
+from collections.abc import Sequence
+from pathlib import Path
 
-from pilotid.analysis.contrasts import Contrast
-from pilotid.analysis.repeated import Repeated
-from pilotid.analysis.spread import RunSpread
+from pilotid.analysis.analyse import Analysis, group_of
+from pilotid.analysis.pattern import Part
+from pilotid.analysis.rows import Row
+from pilotid.disk import table_bytes, write_file
 
-Line = TypeVar("Line", Contrast, Repeated, RunSpread)
-Table = tuple[list[str], list[list[object]]]
+ESTIMATES, MODELS = "estimates.csv", "models.csv"
 
-#: Columns of contrasts.csv behind those of the stratum's fields.
-CONTRAST_COLUMNS: Mapping[str, Callable[[Contrast], object]] = {
-    "condition_a": lambda c: c.condition_a,
-    "condition_b": lambda c: c.condition_b,
-    "model_a": lambda c: c.model_a,
-    "model_b": lambda c: c.model_b,
-    "method": lambda c: c.method,
-    "parameter": lambda c: c.parameter,
-    "unit": lambda c: c.unit,
-    "subjects": lambda c: c.subjects,
-    "mean_a": lambda c: c.mean_a,
-    "mean_b": lambda c: c.mean_b,
-    "difference": lambda c: c.difference,
-    "std_error": lambda c: c.std_error,
-    "t": lambda c: c.t,
-    "freedom": lambda c: c.freedom,
-    "p": lambda c: c.p,
-    "p_holm": lambda c: c.p_holm,
-    "lower_95": lambda c: c.lower,
-    "upper_95": lambda c: c.upper,
-    "effect_size": lambda c: c.effect_size,
-    "weighted_difference": lambda c: c.weighted_difference,
-    "weighted_std_error": lambda c: c.weighted_std_error,
-    "weighted_p": lambda c: c.weighted_p,
-    "weighted_p_holm": lambda c: c.weighted_p_holm,
-    "weighted_lower_95": lambda c: c.weighted_lower,
-    "weighted_upper_95": lambda c: c.weighted_upper,
-    "between_subjects": lambda c: c.between_subjects,
-    "between_lower_95": lambda c: c.between_lower,
-    "between_upper_95": lambda c: c.between_upper,
-    "claimed_error": lambda c: c.claimed_error,
-    "notes": lambda c: "; ".join(c.notes),
-}
+QUANTITY_COLUMNS = ("unit", "value", "std_error", "lower_95", "upper_95", "outcome", "remarks")
 
-#: Columns of the table of analyses of all conditions.
-REPEATED_COLUMNS: Mapping[str, Callable[[Repeated], object]] = {
-    "conditions": lambda r: " ".join(r.conditions),
-    "models": lambda r: " ".join(dict.fromkeys(r.models)),
-    "method": lambda r: r.method,
-    "parameter": lambda r: r.parameter,
-    "unit": lambda r: r.unit,
-    "subjects": lambda r: len(r.subjects),
-    "F": lambda r: r.f,
-    "df1": lambda r: r.df1,
-    "df2": lambda r: r.df2,
-    "p": lambda r: r.p,
-    "epsilon": lambda r: r.epsilon,
-    "p_corrected": lambda r: r.p_corrected,
-    "estimates": lambda r: r.estimates,
-    "likelihood_ratio": lambda r: r.likelihood_ratio,
-    "mixed_p": lambda r: r.mixed_p,
-    "between_subjects": lambda r: r.between_subjects,
-    "residual": lambda r: r.residual,
-    "notes": lambda r: "; ".join(r.notes),
-}
-
-#: Columns of the table of spreads from run to run.
-SPREAD_COLUMNS: Mapping[str, Callable[[RunSpread], object]] = {
-    "file": lambda s: s.file,
-    "condition": lambda s: s.condition,
-    "model": lambda s: s.model,
-    "method": lambda s: s.method,
-    "parameter": lambda s: s.parameter,
-    "unit": lambda s: s.unit,
-    "runs": lambda s: len(s.runs),
-    "ratio": lambda s: s.ratio.value,
-    "ratio_lower_95": lambda s: s.ratio.lower,
-    "ratio_upper_95": lambda s: s.ratio.upper,
-    "ratio_p": lambda s: s.ratio.p,
-    "between_runs": lambda s: s.between_runs,
-    "value": lambda s: s.value,
-    "claimed_error": lambda s: s.claimed_error,
-    "std_error": lambda s: s.std_error,
-    "lower_95": lambda s: s.lower,
-    "upper_95": lambda s: s.upper,
-    "notes": lambda s: "; ".join(s.notes),
-}
+MODEL_COLUMNS = (
+    "model", "chosen", "pilot_parameters", "parameters", "remnant", "samples", "log_likelihood",
+    "aicc", "bic", "vaf", "left_out_vaf", "left_out_log_likelihood", "chi_squared", "freedom",
+    "chi_squared_per_freedom", "left_out_chi_squared", "remarks",
+)  # fmt: skip
 
 
-def contrast_table(contrasts: Sequence[Contrast]) -> Table:
-    """Columns and rows of contrasts.csv."""
-    return _table(contrasts, CONTRAST_COLUMNS)
+def write_tables(folder: Path, analysis: Analysis) -> None:
+    """Write the tables, numbers with as many digits as restore them."""
+    names = field_names(analysis.parts)
+    head = ["file", *names, "run", "model", "method", "parameter", *QUANTITY_COLUMNS]
+    rows = [_estimate_cells(row, names) for row in analysis.rows]
+    write_file(folder / ESTIMATES, table_bytes(head, rows))
+    models = [cells for part in analysis.parts for cells in _model_cells(analysis, part, names)]
+    write_file(folder / MODELS, table_bytes(["file", *names, *MODEL_COLUMNS], models))
 
 
-def repeated_table(analyses: Sequence[Repeated]) -> Table:
-    """Columns and rows of analyses of all conditions."""
-    return _table(analyses, REPEATED_COLUMNS)
+def field_names(parts: Sequence[Part]) -> list[str]:
+    """The fields of the pattern, which are columns of every table."""
+    return [field for field, _ in parts[0].fields] if parts else []
 
 
-def spread_table(spreads: Sequence[RunSpread]) -> Table:
-    """Columns and rows of spreads from run to run."""
-    return _table(spreads, SPREAD_COLUMNS)
+def _estimate_cells(row: Row, names: Sequence[str]) -> list[object]:
+    return [
+        row.file,
+        *(row.field(name) for name in names),
+        "" if row.run is None else row.run,
+        row.model,
+        row.method,
+        row.parameter,
+        row.unit,
+        row.value,
+        row.std_error,
+        row.lower,
+        row.upper,
+        row.outcome,
+        " | ".join(row.remarks),
+    ]
 
 
-def _table(lines: Sequence[Line], columns: Mapping[str, Callable[[Line], object]]) -> Table:
-    fields: list[str] = []
-    for line in lines:
-        fields += [name for name, _ in line.stratum if name not in fields]
-    rows: list[list[object]] = []
-    for line in lines:
-        found = dict(line.stratum)
-        own: list[object] = [found.get(name, "") for name in fields]
-        rows.append(own + [value(line) for value in columns.values()])
-    return [*fields, *columns], rows
+def _model_cells(analysis: Analysis, part: Part, names: Sequence[str]) -> list[list[object]]:
+    fields = dict(part.fields)
+    chosen = analysis.choices[group_of(part)].model
+    return [
+        [
+            part.name,
+            *(fields[name] for name in names),
+            c.model,
+            "yes" if c.model == chosen else "no",
+            c.pilot,
+            c.parameters,
+            c.remnant,
+            c.samples,
+            c.log_likelihood,
+            c.aicc,
+            c.bic,
+            c.vaf,
+            c.left_out_vaf,
+            sum(c.left_out_log_likelihood) if c.left_out_log_likelihood else "",
+            c.misfit,
+            c.freedom or "",
+            c.excess,
+            sum(c.left_out_misfit) if c.left_out_misfit else "",
+            c.bounds,
+        ]
+        for c in analysis.candidates(part)
+    ]
