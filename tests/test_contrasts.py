@@ -137,6 +137,14 @@ def test_two_recordings_of_a_subject_are_one() -> None:
     assert found.notes == ("subject 1 in C1: mean of 2 recordings",)
 
 
+def test_a_fit_at_a_bound_counts_and_is_named() -> None:
+    rows = table({"C1": A, "C2": B})
+    rows[0] = row("1", "C1", A[0], outcome="at-bound")
+    found = only(contrasts(rows))
+    assert found.subjects == 5
+    assert found.notes == ("subject 1 in C1: a parameter is at its bound",)
+
+
 def test_single_runs_are_passed_over() -> None:
     rows = [*table({"C1": A, "C2": B}), row("1", "C1", 99.0, run=1)]
     assert only(contrasts(rows)).mean_a == pytest.approx(np.mean(A))

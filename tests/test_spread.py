@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.stats import chi2, t
+from scipy.stats import chi2, norm, t
 from tidy_rows import row
 
 from pilotid.analysis.columns import SPREAD_COLUMNS, spread_table
@@ -132,16 +132,17 @@ def test_a_condition_is_pooled_over_its_subjects() -> None:
 @pytest.mark.numerical
 @pytest.mark.parametrize("between", [0.0, 0.5, 1.0, 3.0])
 def test_intervals_with_the_variation_hold(between: float) -> None:
-    # What the claim alone covers: .95, .91, .81, .43.  Binomial error of 1000 trials: .007.
+    # Binomial error of 1000 trials: .007.
     rng = np.random.default_rng(8)
-    inside = sum(
-        found.lower <= 0.0 <= found.upper
-        for found in (
-            only(runs(tuple(rng.normal(scale=math.hypot(1.0, between), size=5)), 1.0))
-            for _ in range(1000)
-        )
-    )
+    inside = claimed = 0
+    for _ in range(1000):
+        found = only(runs(tuple(rng.normal(scale=math.hypot(1.0, between), size=5)), 1.0))
+        inside += found.lower <= 0.0 <= found.upper
+        claimed += abs(found.value) <= 1.96 * found.claimed_error
     assert 0.92 <= inside / 1000 <= 0.99
+    # The claim alone: sqrt(1 + between^2) times too short.
+    expected = 1.0 - 2.0 * norm.sf(1.96 / math.hypot(1.0, between))
+    assert claimed / 1000 == pytest.approx(expected, abs=0.05)
 
 
 def test_its_table() -> None:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from pilotid.analysis.rows import CONDITION, SUBJECT, Row, in_order
+from pilotid.estimates.estimate import Outcome
 
 #: All fields of a row but subject and condition.
 Stratum = tuple[tuple[str, str], ...]
@@ -26,12 +27,15 @@ class Cell:
         Why the value may not be used; empty if it may.
     recordings
         Recordings of the subject in the condition; of several it is the mean.
+    at_bound
+        Whether the fit ended with a parameter, this or another, at its bound.
     """
 
     value: float
     std_error: float
     fault: str = ""
     recordings: int = 1
+    at_bound: bool = False
 
 
 @dataclass(frozen=True)
@@ -137,4 +141,5 @@ def _cell(rows: Sequence[Row]) -> Cell:
     count = len(sound)
     value = math.fsum(row.value for row in sound) / count
     error = math.sqrt(math.fsum(row.std_error**2 for row in sound)) / count
-    return Cell(value, error if error > 0.0 else math.nan, "", count)
+    at_bound = any(row.outcome == Outcome.AT_BOUND.slug for row in sound)
+    return Cell(value, error if error > 0.0 else math.nan, "", count, at_bound)

@@ -2,7 +2,9 @@
 
 Values are compared as they are.  Gains and lead times are positive and skewed, and some would
 compare their logarithms; a difference in the parameter's own unit is what papers report, and
-differences between conditions are less skewed than what they are made of.
+differences between conditions are less skewed than what they are made of.  Claimed errors of such
+parameters grow with their values, so that a weighted mean leans to those who have small ones;
+where it departs from the plain mean, the plain one is the average subject's.
 """
 
 from __future__ import annotations
@@ -175,11 +177,10 @@ def _contrast(layout: Layout, a: str, b: str) -> Contrast:
     for subject in subjects:
         one, two = layout.cells[a][subject], layout.cells[b][subject]
         pairs.append(Pair(subject, one.value, two.value, one.std_error, two.std_error))
-        notes += [
-            f"{who(subject)} in {condition}: mean of {cell.recordings} recordings"
-            for condition, cell in ((a, one), (b, two))
-            if cell.recordings > 1
-        ]
+        for condition, cell in ((a, one), (b, two)):
+            where = f"{who(subject)} in {condition}"
+            notes += [f"{where}: mean of {cell.recordings} recordings"] * (cell.recordings > 1)
+            notes += [f"{where}: a parameter is at its bound"] * cell.at_bound
     some_model = next(iter(layout.models.values()))
     contrast = Contrast(
         layout.stratum,
