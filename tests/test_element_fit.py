@@ -210,6 +210,29 @@ def test_an_offset_of_the_control_is_no_part_of_the_element() -> None:
     assert deviation(found.element, SINGLE_LOOP.element) < 0.01
 
 
+@pytest.mark.parametrize(("control", "output"), [(1e-45, 1e45), (1e45, 1e-45), (1e90, 1e90)])
+def test_no_unit_is_too_large_or_too_small(control: float, output: float) -> None:
+    true = element_named("64/(s^2+11s+64)")
+    u, x = driven(true, 30.0)
+    recording = Recording(dt=DT, e=-x * output, u=u * control, x=x * output)
+    found = identified_element(recording)
+    assert found.sound
+    assert found.element is not None
+    ratio = found.element.response(WIDE) / true.response(WIDE) / (output / control)
+    np.testing.assert_allclose(np.abs(ratio - 1.0), 0.0, atol=0.01)
+    assert len(found.element.name) < 60
+    np.testing.assert_allclose(
+        element_named(found.element.name).response(WIDE), found.element.response(WIDE), rtol=1e-9
+    )
+
+
+def test_a_gain_beyond_all_units_is_refused() -> None:
+    u, x = driven(element_named("4/s"), 20.0)
+    found = identified_element(Recording(dt=DT, e=-x, u=1e-90 * u, x=1e90 * x))
+    assert found.element is None
+    assert found.remark == "no unit explains the sizes of u and x"
+
+
 def test_numbers_are_rounded_to_their_errors_and_move_together() -> None:
     values = np.array([67.8734, 5.4291, -0.004])
     covariance = np.array([[0.01, 0.0009, 0.0], [0.0009, 0.0001, 0.0], [0.0, 0.0, 1e-8]])
@@ -259,7 +282,7 @@ def test_elements_that_differ_are_said_to() -> None:
         "the controlled element given is 4/s^2, but u, fd and x of the recording follow 15/s^2"
         in sentence
     )
-    assert "at 2 rad/s their gains are as 0.267 to 1 and their phases +0 deg apart" in sentence
+    assert "at 2 rad/s their gains are as 0.267 to 1 and their phases 0 deg apart" in sentence
 
 
 def test_the_element_is_the_user_s_else_the_file_s_else_the_signals() -> None:

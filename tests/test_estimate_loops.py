@@ -11,8 +11,8 @@ from helpers import NOMINAL, SINGLE_LOOP, Run, fit_of, monte_carlo, recording_of
 
 from pilotid.datasets import Scenario
 from pilotid.estimates.estimate import Estimate, Outcome, failed, symmetric_intervals
+from pilotid.estimates.loop import LoopElement
 from pilotid.estimates.loops import (
-    LoopElement,
     loop_quantities,
     loops_of,
     margin_slopes,

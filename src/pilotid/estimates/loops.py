@@ -14,6 +14,7 @@ import numpy as np
 from pilotid.chance import Z95
 from pilotid.estimates.draws import spread_of
 from pilotid.estimates.estimate import Estimate
+from pilotid.estimates.loop import Loop, Loops, loop_keys, no_loop
 from pilotid.estimates.quantities import Quantity, quantity_of
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.loops import (
@@ -37,116 +38,6 @@ STEPS = 4  # from an estimate to a draw whose crossing is not near
 LOST = 0.02  # share of draws without the crossing that is worth a word
 
 
-@dataclass(frozen=True, eq=False)
-class LoopElement:
-    """The controlled element that loops are drawn with.
-
-    Attributes
-    ----------
-    element
-        None if none is known.
-    origin
-        ``given``, named by the ``recording``, or ``identified`` from its signals.
-    why
-        Why none is known, in a sentence.
-    """
-
-    element: ControlledElement | None = None
-    origin: str = ""
-    why: str = ""
-
-    @property
-    def words(self) -> str:
-        """The element and where it comes from."""
-        if self.element is None:
-            return self.why
-        origins = {"recording": "named by the recording", "identified": "identified from u, fd, x"}
-        name = self.element.name or "user-defined"
-        return f"loops with the controlled element {name}, {origins.get(self.origin, 'as given')}"
-
-
-@dataclass(frozen=True, eq=False)
-class Loop:
-    """One open loop of an estimate.
-
-    Attributes
-    ----------
-    name
-        ``target`` or ``disturbance``.
-    crossover, phase_margin
-        NaN where there is none.
-    others
-        Further frequencies where the magnitude falls through one [rad/s].
-    remark
-        Why there is no crossover, or what else should be known; empty if nothing should.
-    """
-
-    name: str
-    crossover: Quantity
-    phase_margin: Quantity
-    others: tuple[float, ...] = ()
-    remark: str = ""
-
-    @property
-    def notes(self) -> list[str]:
-        """What should be known of it, a sentence each."""
-        found = [f"{self.name} loop: {self.remark}"] if self.remark else []
-        if self.others:
-            where = ", ".join(f"{w:.3g}" for w in self.others)
-            found.append(f"the {self.name} loop falls through one again at {where} rad/s")
-        return found
-
-    def to_dict(self) -> dict[str, object]:
-        """Plain objects, as JSON has them."""
-        return {
-            "crossover": self.crossover.to_dict(),
-            "phase_margin": self.phase_margin.to_dict(),
-            "others": list(self.others),
-            "remark": self.remark,
-        }
-
-
-@dataclass(frozen=True, eq=False)
-class Loops:
-    """Both open loops of an estimate with a controlled element.
-
-    Attributes
-    ----------
-    element
-        The controlled element.
-    target, disturbance
-        The loops, see `pilotid.pilot.loops`.
-    remarks
-        What speaks against them, a sentence each.
-    """
-
-    element: ControlledElement
-    target: Loop
-    disturbance: Loop
-    remarks: tuple[str, ...] = ()
-
-    @property
-    def quantities(self) -> list[Quantity]:
-        """Crossover frequency and phase margin of the target, then of the disturbance loop."""
-        return [
-            q for lp in (self.target, self.disturbance) for q in (lp.crossover, lp.phase_margin)
-        ]
-
-    @property
-    def notes(self) -> list[str]:
-        """What should be known of the margins, a sentence each."""
-        return [*self.target.notes, *self.disturbance.notes]
-
-    def to_dict(self) -> dict[str, object]:
-        """Plain objects, as JSON has them; NaN where there is none."""
-        return {
-            "element": self.element.name,
-            "target": self.target.to_dict(),
-            "disturbance": self.disturbance.to_dict(),
-            "remarks": list(self.remarks),
-        }
-
-
 def loop_quantities(estimate: Estimate, element: ControlledElement) -> list[Quantity]:
     """Four quantities, of the loops that an estimate makes with an element; see `loops_of`."""
     return loops_of(estimate, element).quantities
@@ -167,7 +58,7 @@ def loops_of(estimate: Estimate, element: ControlledElement) -> Loops:
     """
     model, values = estimate.model, estimate.values
     if not np.isfinite(values).all():
-        target, disturbance = (_none(name, "the fit failed") for name in NAMES)
+        target, disturbance = (no_loop(name, "the fit failed") for name in NAMES)
         return Loops(element, target, disturbance)
     remarks = []
     if unstable_poles(model, values, element):
@@ -184,16 +75,6 @@ def loops_of(estimate: Estimate, element: ControlledElement) -> Loops:
     return Loops(element, target, disturbance, tuple(remarks))
 
 
-def _none(name: str, why: str, others: tuple[float, ...] = ()) -> Loop:
-    nan = float("nan")
-    crossover, phase_margin = (Quantity(k, u, nan, nan, nan, nan) for k, u in _keys(name))
-    return Loop(name, crossover, phase_margin, others, why)
-
-
-def _keys(name: str) -> tuple[tuple[str, str], tuple[str, str]]:
-    return (f"{name}_crossover", "rad/s"), (f"{name}_phase_margin", "deg")
-
-
 # ------------------------------------------------------------------ to first order
 
 
@@ -205,14 +86,14 @@ def _by_delta(estimate: Estimate, element: ControlledElement) -> list[Loop]:
     ):
         found = margin(GRID, loop)
         if math.isnan(found.crossover):
-            result.append(_none(name, why_no_crossing(GRID, loop)))
+            result.append(no_loop(name, why_no_crossing(GRID, loop)))
             continue
         slopes = margin_slopes(model, values, element, found.crossover)[i]
         errors = np.sqrt(np.einsum("qi,ij,qj->q", slopes, covariance, slopes))
         crossover, phase_margin = (
             Quantity(key, unit, value, error, value - Z95 * error, value + Z95 * error)
             for (key, unit), value, error in zip(
-                _keys(name), (found.crossover, found.phase_margin), errors.tolist(), strict=True
+                loop_keys(name), (found.crossover, found.phase_margin), errors.tolist(), strict=True
             )
         )
         result.append(Loop(name, crossover, phase_margin, found.others))
@@ -280,11 +161,11 @@ class TracedLoop:
     def loop(self) -> Loop:
         """Means, deviations and equal-tailed intervals over the sets."""
         if not self.crossover.size:
-            return _none(self.name, self.remark, self.at.others)
+            return no_loop(self.name, self.remark, self.at.others)
         crossover, phase_margin = (
             quantity_of(spread_of(key, unit, values))
             for (key, unit), values in zip(
-                _keys(self.name), (self.crossover, self.phase_margin), strict=True
+                loop_keys(self.name), (self.crossover, self.phase_margin), strict=True
             )
         )
         return Loop(self.name, crossover, phase_margin, self.at.others, self.remark)

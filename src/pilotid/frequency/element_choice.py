@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pilotid.estimates.loops import LoopElement
+from pilotid.estimates.loop import LoopElement
 from pilotid.frequency.element_fit import OMEGA, IdentifiedElement, identified_element
 from pilotid.pilot.element import ControlledElement, parsed_element
 from pilotid.recordings.recording import Recording
@@ -83,14 +83,14 @@ def differs(
     by
         Where the second comes from, with its verb.
     """
-    ratio = given.response(omega) / found.response(omega)
-    apart = np.abs(ratio - 1.0)
-    if float(np.sqrt(np.mean(apart**2))) <= DIFFERENT:
-        return None
+    with np.errstate(all="ignore"):  # a pole or a zero may lie at one of them
+        ratio = given.response(omega) / found.response(omega)
+        if float(np.sqrt(np.mean(np.abs(ratio - 1.0) ** 2))) <= DIFFERENT:
+            return None
     middle = int(np.argmin(np.abs(omega - 2.0)))
-    gain, phase = np.abs(ratio[middle]), round(float(np.angle(ratio[middle], deg=True)))
+    gain, phase = np.abs(ratio[middle]), np.nan_to_num(np.angle(ratio[middle], deg=True))
     return (
         f"the controlled element {what} is {given.name or 'another'}, but {by} "
         f"{found.name or 'another'}: at {omega[middle]:.2g} rad/s their gains are as {gain:.3g} to "
-        f"1 and their phases {phase:+d} deg apart; margins with the wrong one mislead"
+        f"1 and their phases {round(float(phase)):d} deg apart; margins with the wrong one mislead"
     )

@@ -25,6 +25,7 @@ from pilotid.recordings.recording import Recording
 from pilotid.types import FloatArray
 
 HIGHEST = 25.0  # rad/s; pilots leave next to nothing above
+LARGEST = 1e100  # of a gain, whose square must not overflow
 #: What an element must do for loops to be drawn with it unasked: explain this share of x [%], and
 #: have a response known to within this share where loops cross over.
 SOUND, KNOWN = 98.0, 0.1
@@ -142,9 +143,14 @@ def _identified(
         if not np.ptp(signal, axis=1).any():
             return IdentifiedElement(None, remark=f"{name} does not move")
     zeros = 2  # for one zero, and the derivative by the delay
-    spectra = spectra_of(recording.dt, given, output, HIGHEST, zeros)
+    # Of unit size, so that no unit is too large or too small to reckon with.
+    size = float(np.std(given))
+    gain = float(np.std(output)) / size
+    if not 1.0 / LARGEST < gain < LARGEST:
+        return IdentifiedElement(None, remark="no unit explains the sizes of u and x")
+    spectra = spectra_of(recording.dt, given / size, output / (gain * size), HIGHEST, zeros)
     bands = Bands(spectra)
-    fits = _fitted(spectra, bands, recording.dt, later)
+    fits = [fit.scaled(gain) for fit in _fitted(spectra, bands, recording.dt, later)]
     if not fits:
         return IdentifiedElement(None, remark="no form of element suits u, fd and x")
     chosen = simplest(fits)

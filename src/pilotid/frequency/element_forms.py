@@ -9,6 +9,8 @@ import numpy as np
 from pilotid.pilot.element import ControlledElement
 from pilotid.types import FloatArray
 
+LONG = 9  # decimals, or zeros, that are written out
+
 
 @dataclass(frozen=True)
 class Form:
@@ -113,9 +115,9 @@ class Form:
         digits
             Decimals of each, negative for zeros before the point.
         """
-        numbers = [f"{round(v, d):.{max(d, 0)}f}" for v, d in zip(values, digits, strict=True)]
+        numbers = [_number(v, d) for v, d in zip(values.tolist(), digits, strict=True)]
         rounded = np.array([float(n) for n in numbers])
-        shown = dict(zip(self.keys, (_plain(n) for n in numbers), strict=True))
+        shown = dict(zip(self.keys, numbers, strict=True))
         top, bottom = self.polynomials(rounded)
         return ControlledElement(
             tuple(top.tolist()), tuple(bottom.tolist()), float(rounded[-1]), self._name(shown)
@@ -145,8 +147,12 @@ class Form:
         return self._name({**keys, "delay": "0"})
 
 
-def _plain(number: str) -> str:
-    return number.rstrip("0").rstrip(".") if "." in number else number
+def _number(value: float, decimals: int) -> str:
+    """A number with so many decimals, an exponent where it would be long."""
+    if not -LONG <= decimals <= LONG:
+        return f"{value:.6g}"
+    text = f"{round(value, decimals):.{max(decimals, 0)}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
 
 
 def _signed(number: str) -> str:

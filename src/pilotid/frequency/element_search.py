@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -42,6 +42,13 @@ class FormFit:
     covariance: FloatArray
     criterion: float
     unexplained: FloatArray
+
+    def scaled(self, gain: float) -> FormFit:
+        """The same for an output that is larger by a factor."""
+        by = np.ones(len(self.values))
+        by[0] = gain
+        covariance = self.covariance * np.outer(by, by)
+        return replace(self, values=self.values * by, covariance=covariance)
 
 
 class Bands:
