@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pilotid.analysis.cells import Layout
+from pilotid.analysis.cells import Cell, Layout
 from pilotid.analysis.rows import in_order
 from pilotid.analysis.spread import ConditionSpread
-from pilotid.chance import Z95
 from pilotid.show.style import GRID, INK, WIDTH, journal_style, log_ticks
 
 if TYPE_CHECKING:
@@ -66,7 +65,7 @@ def _panel(axes: Axes, layout: Layout, conditions: Sequence[str], subjects: Sequ
         ]
         x = [place for place, _ in found]
         y = [cell.value for _, cell in found]
-        reach = [Z95 * e if math.isfinite(e := cell.std_error) else 0.0 for _, cell in found]
+        reach = np.array([_reach(cell) for _, cell in found]).reshape(-1, 2).T
         axes.plot(x, y, color=colour, linewidth=0.5, alpha=0.5)
         axes.errorbar(
             x, y, reach, fmt=marker, color=colour, markersize=3.0, elinewidth=0.9, capsize=0.0,
@@ -88,6 +87,14 @@ def _panel(axes: Axes, layout: Layout, conditions: Sequence[str], subjects: Sequ
     axes.grid(axis="y", color=GRID, linewidth=0.5)
     axes.set_axisbelow(True)
     _scale(axes, shown)
+
+
+def _reach(cell: Cell) -> tuple[float, float]:
+    """How far the interval reaches below and above the value."""
+    low, high = cell.interval
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return 0.0, 0.0
+    return max(cell.value - low, 0.0), max(high - cell.value, 0.0)
 
 
 def _scale(axes: Axes, values: Sequence[float]) -> None:
