@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from pilotid.analysis.rows import CONDITION, SUBJECT, Row, in_order
+from pilotid.chance import Z95
 from pilotid.estimates.estimate import Outcome
 
 #: All fields of a row but subject and condition.
@@ -29,6 +30,8 @@ class Cell:
         Recordings of the subject in the condition; of several it is the mean.
     at_bound
         Whether the fit ended with a parameter, this or another, at its bound.
+    interval
+        The claimed 95 % interval; that of several recordings is symmetric.
     """
 
     value: float
@@ -36,6 +39,7 @@ class Cell:
     fault: str = ""
     recordings: int = 1
     at_bound: bool = False
+    interval: tuple[float, float] = (math.nan, math.nan)
 
 
 @dataclass(frozen=True)
@@ -142,4 +146,8 @@ def _cell(rows: Sequence[Row]) -> Cell:
     value = math.fsum(row.value for row in sound) / count
     error = math.sqrt(math.fsum(row.std_error**2 for row in sound)) / count
     at_bound = any(row.outcome == Outcome.AT_BOUND.slug for row in sound)
-    return Cell(value, error if error > 0.0 else math.nan, "", count, at_bound)
+    error = error if error > 0.0 else math.nan
+    interval = (value - Z95 * error, value + Z95 * error)
+    if count == 1 and math.isfinite(sound[0].lower) and math.isfinite(sound[0].upper):
+        interval = (sound[0].lower, sound[0].upper)
+    return Cell(value, error, "", count, at_bound, interval)

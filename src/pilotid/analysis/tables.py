@@ -1,4 +1,4 @@
-"""The tidy tables of an analysis: estimates.csv and models.csv."""
+"""The tables of an analysis: tidy CSV files, and LaTeX for papers."""
 
 from __future__ import annotations
 
@@ -6,11 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pilotid.analysis.analyse import Analysis, group_of
+from pilotid.analysis.columns import contrast_table, repeated_table, spread_table
+from pilotid.analysis.latex import tables_tex
 from pilotid.analysis.pattern import Part
+from pilotid.analysis.results import Results
 from pilotid.analysis.rows import Row
 from pilotid.disk import table_bytes, write_file
 
-ESTIMATES, MODELS = "estimates.csv", "models.csv"
+ESTIMATES, MODELS, CONTRASTS = "estimates.csv", "models.csv", "contrasts.csv"
+CONDITIONS, RUNS, TEX = "conditions.csv", "runs.csv", "tables.tex"
 
 QUANTITY_COLUMNS = ("unit", "value", "std_error", "lower_95", "upper_95", "outcome", "remarks")
 
@@ -21,14 +25,33 @@ MODEL_COLUMNS = (
 )  # fmt: skip
 
 
-def write_tables(folder: Path, analysis: Analysis) -> None:
-    """Write the tables, numbers with as many digits as restore them."""
+def write_tables(folder: Path, results: Results, command: str) -> None:
+    """Write the tables, numbers with as many digits as restore them.
+
+    Parameters
+    ----------
+    folder
+        Where to write.
+    results
+        What was found.
+    command
+        The command that found it, for the head of tables.tex.
+    """
+    analysis = results.analysis
     names = field_names(analysis.parts)
     head = ["file", *names, "run", "model", "method", "parameter", *QUANTITY_COLUMNS]
-    rows = [_estimate_cells(row, names) for row in analysis.rows]
+    rows = [_estimate_cells(row, names) for row in results.rows]
     write_file(folder / ESTIMATES, table_bytes(head, rows))
     models = [cells for part in analysis.parts for cells in _model_cells(analysis, part, names)]
     write_file(folder / MODELS, table_bytes(["file", *names, *MODEL_COLUMNS], models))
+    write_file(folder / CONTRASTS, table_bytes(*contrast_table(results.contrasts)))
+    if results.repeated:
+        write_file(folder / CONDITIONS, table_bytes(*repeated_table(results.repeated)))
+    if results.spreads:
+        write_file(folder / RUNS, table_bytes(*spread_table(results.spreads)))
+    rows_shown = results.wider or [row for row in results.rows if row.run is None]
+    text = tables_tex(rows_shown, results.contrasts, results.chosen, command)
+    write_file(folder / TEX, text.encode("utf-8", "replace"))
 
 
 def field_names(parts: Sequence[Part]) -> list[str]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import shlex
+import sys
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -38,6 +40,10 @@ def analyse(
         ),
     ] = None,
     method: MethodOption = None,
+    contrast: Annotated[
+        list[str] | None,
+        typer.Option(metavar="A:B", help="Conditions to compare, B less A; repeat; all if none."),
+    ] = None,
     per_run: Annotated[
         bool, typer.Option("--per-run", help="Fit every run on its own as well.")
     ] = False,
@@ -60,16 +66,20 @@ def analyse(
     from pilotid.analysis.choice import AUTO
     from pilotid.analysis.pattern import Pattern, parts_of
     from pilotid.analysis.reading import Reading
+    from pilotid.analysis.report import write_report
+    from pilotid.analysis.results import results_of
     from pilotid.analysis.tables import write_tables
     from pilotid.disk import make_folder
     from pilotid.pilot.catalogue import model_named
     from pilotid.recordings.files import parse_mapping
+    from pilotid.study.facts import about_this
 
     names = names_of(model, [AUTO], [AUTO])
     models = {m.name: m for m in (model_named(name) for name in names if name != AUTO)}
     settings = Settings(
         models, AUTO in names, methods_of(method, [default_method()]), per_run, seed
     )
+    pairs = _pairs(contrast)
     signals = tuple((parse_mapping(",".join(mapping)) if mapping else {}).items())
     parts, refused = parts_of(files, Pattern(pattern) if pattern else None)
     if not parts:
@@ -90,13 +100,31 @@ def analyse(
         ) from None
     if not analysis.parts:
         raise InputError("; ".join(analysis.refused))
-    write_tables(out, analysis)
+    results = results_of(analysis, pairs)
+    command = shlex.join(["pilotid", *sys.argv[1:]])
+    write_tables(out, results, command)
+    about = {k: v for k, v in about_this(seed).items() if k not in ("seed", "code")}
+    path = write_report(out, results, command, about)
     console = make_console()
     for group, choice in analysis.choices.items():
         words = " ".join(value for _, value in group)
-        console.print(f"{words}: {choice.reason}" if words else choice.reason, soft_wrap=True)
+        console.print(f"{words}: {choice.reason}", soft_wrap=True)
+    for note in results.notes:
+        console.print(note, soft_wrap=True)
+    console.print(f"report: {path}", soft_wrap=True)
     if analysis.refused:
         raise InputError("; ".join(analysis.refused))
+
+
+def _pairs(texts: Sequence[str] | None) -> list[tuple[str, str]]:
+    """The conditions in texts such as ``C3:C6``."""
+    pairs = []
+    for text in (part for given in texts or () for part in given.split(",")):
+        first, colon, second = (part.strip() for part in text.partition(":"))
+        if not (colon and first and second):
+            raise InputError(f"--contrast {text}: must be two conditions, as in C3:C6")
+        pairs.append((first, second))
+    return pairs
 
 
 def _bar(answers: Iterable[Any], what: str, total: int) -> Iterator[Any]:
