@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-import sys
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -107,7 +106,18 @@ def analyse(
     if not analysis.parts:
         raise InputError("; ".join(analysis.refused))
     results = results_of(analysis, pairs)
-    command = shlex.join(["pilotid", *sys.argv[1:]])
+    options = {
+        "--pattern": [pattern] if pattern else [],
+        "--model": model or [],
+        "--method": method or [],
+        "--contrast": contrast or [],
+        "--map": mapping or [],
+        "--element": [element] if element else [],
+        "--seed": [str(seed)] if seed != DEFAULT_SEED else [],
+    }
+    said = [word for name, values in options.items() for value in values for word in (name, value)]
+    said += ["--per-run"] if per_run else []
+    command = shlex.join(["pilotid", "analyse", *map(str, files), *said, "--out", str(out)])
     write_tables(out, results, command)
     about = {k: v for k, v in about_this(seed).items() if k not in ("seed", "code")}
     path = write_report(out, results, command, about)
