@@ -42,7 +42,7 @@ class MLE(LikelihoodSettings):
 
     Attributes
     ----------
-    search_band, candidates, refined, band, rounds, noise
+    search_band, candidates, refined, band, wide, rounds, noise, derivatives
         See `pilotid.time_domain.settings.LikelihoodSettings`.
     """
 
@@ -102,6 +102,7 @@ class MLE(LikelihoodSettings):
             iterations=found.iterations,
             starts=found.starts,
             remnant=found.remnant,
+            likelihood=found.likelihood,
             criterion=found.criterion,
             remarks=tested(found, recording),
         )

@@ -6,12 +6,14 @@ chosen, and estimated along with the pilot, in the analysis band.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pilotid.estimates.estimate import Starts
+from pilotid.estimates.likelihood import Likelihood
 from pilotid.estimates.remnant import RemnantEstimate
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
@@ -85,6 +87,20 @@ class Maximum:
         return _criterion(self.joint, self.end)
 
     @property
+    def likelihood(self) -> Likelihood:
+        """The likelihood, with the nuisance terms counted as parameters of every run."""
+        prediction = self.joint.prediction
+        samples = prediction.runs * prediction.scored
+        power = max(float(self.end.cost[0]) / samples, 1e-300)
+        nuisances = prediction.runs * len(prediction.terms)
+        return Likelihood(
+            logarithm=-0.5 * samples * (math.log(2.0 * math.pi * power) + 1.0),
+            parameters=int(self.end.values.shape[1]) + 1 + nuisances,
+            samples=samples,
+            dt=prediction.dt,
+        )
+
+    @property
     def remnant(self) -> RemnantEstimate:
         """The remnant at the optimum."""
         joint = self.joint
@@ -150,7 +166,8 @@ def criteria_from(
     """
 
     def reached(rate: float | None) -> list[Maximum]:
-        prediction, band = predict(recording, model, rate), analysis_band(recording.dt, rate)
+        prediction = predict(recording, model, rate, settings.derivatives)
+        band = analysis_band(recording.dt, rate)
         narrowed = replace(prediction, terms=terms_at(prediction, band, sets[0], settings))
         return [_maximum(narrowed, band, values, settings) for values in sets]
 
@@ -174,7 +191,7 @@ def _maximised(
     settings: LikelihoodSettings,
     rate: float | None,
 ) -> Maximum:
-    prediction = predict(recording, model, rate)
+    prediction = predict(recording, model, rate, settings.derivatives)
     band = analysis_band(recording.dt, rate)
     explored = explore(prediction, band, rng, settings)
     narrowed = replace(prediction, terms=explored.terms)
