@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import NOMINAL, PILOTS, without_remnant
+from helpers import NOMINAL, PILOTS, Run, strict, without_remnant
 
 from pilotid.datasets import SCENARIOS, Scenario, simulate
 from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.simulation import remnant_shaping
+from pilotid.estimates.estimate import Outcome, failed
 from pilotid.estimates.likelihood import Likelihood
 from pilotid.estimates.method import (
     Method,
@@ -29,10 +30,12 @@ from pilotid.pilot.factors import Delay, Gain, Lead, Neuromuscular
 from pilotid.pilot.loops import margins, open_loops, pilot_on, pilot_on_each
 from pilotid.pilot.model import Channel, PilotModel
 from pilotid.pilot.own import fault_of
+from pilotid.recordings.files import save_recording
 from pilotid.recordings.recording import Recording
 from pilotid.testing import check_estimate
 from pilotid.theory.bounds import bounds
 from pilotid.time_domain.fast_residuals import Residuals
+from pilotid.time_domain.model_comparison import likelihoods_on_the_same_samples
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.remnant_models import LowPass
 from pilotid.types import InputError
@@ -286,6 +289,35 @@ def test_a_nested_model_is_never_more_likely() -> None:
     assert more.bic < less.bic  # the motion channel is there
 
 
+def test_estimates_in_several_bands_are_compared_in_the_widest() -> None:
+    recording = recording_of(PILOTS["rate"])
+    narrow, wide = replace(MLE(), wide=None), replace(MLE(), band=120.0, wide=None)
+    given = [("single", narrow), ("rate", wide), ("multi", narrow)]
+    fits = [identify(m, recording, MODELS[name], np.random.default_rng(2)) for name, m in given]
+    fits.append(failed("mle", PURSUIT, Outcome.NOT_CONVERGED))
+    *found, none = likelihoods_on_the_same_samples(recording, fits, MLE())
+    assert none is None
+    single, rate, multi = found
+    assert single is not None
+    assert rate is not None
+    assert multi is not None
+    assert single.comparable(rate)
+    assert single.comparable(multi)
+    assert single.dt == recording.dt
+    assert rate.bic < single.bic  # the motion channel is there, and it is one on the rate
+    # ... with the same nuisance terms: what is counted differs by pilot and remnant alone.
+    estimate = identify(
+        replace(wide, derivatives=2), recording, MODELS["rate"], np.random.default_rng(2)
+    )
+    assert estimate.likelihood is not None
+    assert rate.logarithm == pytest.approx(estimate.likelihood.logarithm, abs=3.0)
+
+
+def test_nothing_to_compare_is_nothing() -> None:
+    fits = [failed("mle", SINGLE, Outcome.SINGULAR)]
+    assert likelihoods_on_the_same_samples(recording_of(NOMINAL), fits, MLE()) == [None]
+
+
 # ------------------------------------------------------------------- models of one's own
 
 LAGGED = """
@@ -332,6 +364,20 @@ def test_a_model_in_a_file_of_one_s_own(own: Path) -> None:
     assert (model.name, model.keys) == ("lagged", ("Kvis", "tlag", "tdvis", "fnm", "dnm"))
     assert model_named(f"{own}:LAGGED(name=mine)").name == "mine"
     assert model_named("pilotid.pilot.catalogue:RATE") is RATE
+
+
+def test_the_command_line_fits_a_model_of_one_s_own(own: Path, run: Run) -> None:
+    file = own.with_name("run.csv")
+    save_recording(recording_of(PILOTS["gain"]), file)
+    answer = run("fit", file, "--model", f"{own}:LAGGED", "--method", "mle-white", "--json", "-")
+    assert answer.status == 0, answer.err
+    held = strict(answer.out)
+    assert held["model"] == "lagged"
+    assert list(held["estimates"][0]["parameters"]) == ["Kvis", "tlag", "tdvis", "fnm", "dnm"]
+    for command in ("fit", "posterior"):
+        refused = run(command, file, "--model", f"{own}:PARTS")
+        assert (refused.status, refused.out) == (2, "")
+        assert "is no PilotModel" in refused.err
 
 
 def test_a_catalogue_s_model_with_settings_has_a_name_of_its_own() -> None:

@@ -11,6 +11,10 @@ from typing import Any
 import pytest
 from helpers import Run, strict
 
+from pilotid import identify, load_recording
+from pilotid.methods.mle import MLE
+from pilotid.time_domain.model_comparison import likelihoods_on_the_same_samples
+
 pytestmark = pytest.mark.numerical
 
 
@@ -32,6 +36,20 @@ def test_yaw(run: Run, measured: Path, condition: str, model: str) -> None:
     assert 0.15 < values["tdvis"] < 0.40
     assert 8.0 < values["fnm"] < 15.0
     assert 60.0 < estimate["vaf"] < 95.0
+
+
+def test_motion_in_position_control_is_a_rate_beside_lead_and_lag(measured: Path) -> None:
+    file = measured / "yaw" / "ae2224I_measurement_data_subj4_C4.mat"
+    recording = load_recording(file)
+    names = ("single", "lead-lag", "rate", "lead-lag-motion")
+    fits = [identify("mle", recording, name, 1) for name in names]
+    found = likelihoods_on_the_same_samples(recording, fits, MLE())
+    bic = {name: held.bic for name, held in zip(names, found, strict=True) if held is not None}
+    assert set(bic) == set(names)
+    # 10 is very strong evidence by Kass and Raftery's scale; there are about 100.
+    assert bic["lead-lag-motion"] < bic["lead-lag"] - 10.0
+    assert bic["lead-lag"] < bic["single"] - 10.0
+    assert bic["lead-lag-motion"] < bic["rate"] - 10.0
 
 
 def test_rollpitch(run: Run, measured: Path) -> None:

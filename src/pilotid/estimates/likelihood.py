@@ -11,8 +11,7 @@ class Likelihood:
     """The largest likelihood of pilot and remnant, and what it took.
 
     Models of one recording can be compared if all were scored on the same samples in the same
-    band (`comparable`): fit them with ``mle(derivatives=2, wide=none)``, and with
-    ``mle(derivatives=2, band=120)`` if one of them needs the wide band.
+    band (`comparable`), as `pilotid.time_domain.model_comparison` does.
 
     Attributes
     ----------

@@ -177,6 +177,29 @@ def criteria_from(
     return np.array([maximum.criterion for maximum in found])
 
 
+def likelihood_from(
+    recording: Recording,
+    model: PilotModel,
+    settings: LikelihoodSettings,
+    pilot: FloatArray,
+    terms: tuple[float, ...],
+) -> Likelihood:
+    """The likelihood at the optimum that is reached from a pilot in the band of the settings.
+
+    Parameters
+    ----------
+    recording, model, settings
+        As for `maximise_likelihood`.
+    pilot
+        Pilot parameters, shape (parameters,).
+    terms
+        Poles of the nuisance terms, see `pilotid.time_domain.prediction.Prediction`.
+    """
+    prediction = predict(recording, model, settings.band, settings.derivatives)
+    band = analysis_band(recording.dt, settings.band)
+    return _maximum(replace(prediction, terms=terms), band, pilot, settings).likelihood
+
+
 def _too_narrow(found: Maximum, recording: Recording, settings: LikelihoodSettings) -> bool:
     if settings.band is None or settings.wide is None or settings.wide <= settings.band:
         return False
