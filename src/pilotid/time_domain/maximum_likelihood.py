@@ -177,14 +177,14 @@ def criteria_from(
     return np.array([maximum.criterion for maximum in found])
 
 
-def likelihood_from(
+def maximum_from(
     recording: Recording,
     model: PilotModel,
     settings: LikelihoodSettings,
     pilot: FloatArray,
     terms: tuple[float, ...],
-) -> Likelihood:
-    """The likelihood at the optimum that is reached from a pilot in the band of the settings.
+) -> Maximum:
+    """The optimum that is reached from a pilot in the band of the settings.
 
     Parameters
     ----------
@@ -197,7 +197,7 @@ def likelihood_from(
     """
     prediction = predict(recording, model, settings.band, settings.derivatives)
     band = analysis_band(recording.dt, settings.band)
-    return _maximum(replace(prediction, terms=terms), band, pilot, settings).likelihood
+    return _maximum(replace(prediction, terms=terms), band, pilot, settings)
 
 
 def _too_narrow(found: Maximum, recording: Recording, settings: LikelihoodSettings) -> bool:

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.likelihood import Likelihood
 from pilotid.recordings.recording import Recording
-from pilotid.time_domain.maximum_likelihood import likelihood_from
+from pilotid.time_domain.maximum_likelihood import Maximum, maximum_from
 from pilotid.time_domain.prepare import decimation
 from pilotid.time_domain.settings import LikelihoodSettings
 
@@ -22,8 +22,8 @@ def likelihoods_on_the_same_samples(
     Estimates of `mle` choose band and nuisance terms by themselves, and channels on derivatives
     cost samples at both ends; criteria of likelihoods that differ in that do not compare.  Here
     each is maximised anew from its estimate, on samples that suit all, with the same nuisance
-    terms: an offset, and the free decays of all models.  A likelihood is that of the optimum next
-    to the estimate: where the fit itself ended in a wrong one, so does this.
+    terms: an offset, and the free decays of all models.  A second start has what the most likely
+    of them says of the parameters that they share: an estimate may be that of a wrong optimum.
 
     Parameters
     ----------
@@ -51,7 +51,22 @@ def likelihoods_on_the_same_samples(
         derivatives=max(c.derivative for e in estimates for c in e.model.channels),
     )
     terms = (0.0, *sorted({pole for e in estimates for pole in e.model.fixed_poles}))
-    return [
-        None if e.likelihood is None else likelihood_from(recording, e.model, same, e.values, terms)
-        for e in estimates
-    ]
+    known = [e for e in estimates if e.likelihood is not None]
+    found = [maximum_from(recording, e.model, same, e.values, terms) for e in known]
+    trusted = [i for i, e in enumerate(known) if e.outcome.usable] or range(len(known))
+    best = max(trusted, key=lambda i: found[i].likelihood.logarithm)
+    shared = dict(zip(known[best].model.keys, _pilot(found[best]), strict=True))
+    for i, estimate in enumerate(known):
+        if i != best:
+            own = dict(zip(estimate.model.keys, estimate.values.tolist(), strict=True))
+            start = estimate.model.vector({key: shared.get(key, own[key]) for key in own})
+            other = maximum_from(recording, estimate.model, same, start, terms)
+            found[i] = max(found[i], other, key=lambda m: m.likelihood.logarithm)
+    likelihoods = iter(found)
+    return [None if e.likelihood is None else next(likelihoods).likelihood for e in estimates]
+
+
+def _pilot(maximum: Maximum) -> list[float]:
+    """The pilot's parameters at an optimum."""
+    values: list[float] = maximum.end.values[0, : maximum.joint.pilot].tolist()
+    return values
