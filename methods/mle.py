@@ -42,7 +42,7 @@ class MLE(LikelihoodSettings):
 
     Attributes
     ----------
-    search_band, candidates, refined, band, wide, rounds, noise, derivatives
+    search_band, candidates, refined, band, rounds, noise
         See `pilotid.time_domain.settings.LikelihoodSettings`.
     """
 
@@ -102,7 +102,6 @@ class MLE(LikelihoodSettings):
             iterations=found.iterations,
             starts=found.starts,
             remnant=found.remnant,
-            likelihood=found.likelihood,
             criterion=found.criterion,
             remarks=tested(found, recording),
         )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,8 +12,6 @@ from helpers import NOMINAL, PILOTS, Run, strict, without_remnant
 from pilotid.datasets import SCENARIOS, Scenario, simulate
 from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.simulation import remnant_shaping
-from pilotid.estimates.estimate import Outcome, failed
-from pilotid.estimates.likelihood import Likelihood
 from pilotid.estimates.method import (
     Method,
     dependent_signals,
@@ -35,9 +32,7 @@ from pilotid.recordings.recording import Recording
 from pilotid.testing import check_estimate
 from pilotid.theory.bounds import bounds
 from pilotid.time_domain.fast_residuals import Residuals
-from pilotid.time_domain.model_comparison import likelihoods_on_the_same_samples
 from pilotid.time_domain.prediction import predict
-from pilotid.time_domain.remnant_models import LowPass
 from pilotid.types import InputError
 
 pytestmark = pytest.mark.numerical
@@ -232,90 +227,6 @@ def test_remnant_at_the_error_does_not_pass_the_target_s_channel() -> None:
     expected = at_error.remnant.filter(omega) * shaped
     np.testing.assert_allclose(remnant_shaping(at_error, omega), expected, rtol=1e-12)
     assert np.std(recording.u - quiet_one.u) > 0.0
-
-
-# ------------------------------------------------------------------- comparing models
-
-
-def test_models_are_scored_on_the_same_samples_when_asked() -> None:
-    recording = recording_of(NOMINAL)
-    models = [MODELS[name] for name in ("single", "rate", "multi", "pursuit")]
-    assert len({predict(recording, m, 50.0, 2).scored for m in models}) == 1
-    assert len({predict(recording, m, 50.0).scored for m in models}) > 1
-    method = replace(MLE(), derivatives=2, wide=None)
-    found = [identify(method, recording, m, np.random.default_rng(2)).likelihood for m in models]
-    first = found[0]
-    assert first is not None
-    assert all(other is not None and first.comparable(other) for other in found)
-    usual = identify(MLE(), recording, SINGLE, np.random.default_rng(2)).likelihood
-    assert usual is not None
-    assert not usual.comparable(first)
-
-
-def test_the_likelihood_is_that_of_the_prediction_errors() -> None:
-    scenario = replace(SCENARIOS["single"], remnant=replace(NOMINAL.remnant, order=0))
-    method = replace(MLE(), noise=LowPass(0), band=None)
-    recording = recording_of(scenario)
-    estimate = identify(method, recording, SINGLE, np.random.default_rng(2))
-    prediction = replace(predict(recording, SINGLE), terms=())
-    residual = prediction.residual(estimate.values)
-    variance = np.mean(residual**2)
-    density = -0.5 * np.log(2.0 * np.pi * variance) - 0.5 * residual**2 / variance
-    found = estimate.likelihood
-    assert found is not None
-    assert found.samples == residual.size
-    assert found.parameters == 5 + 1
-    assert found.logarithm == pytest.approx(np.sum(density), rel=1e-6)
-
-
-def test_information_criteria_by_hand() -> None:
-    found = Likelihood(logarithm=-100.0, parameters=4, samples=50, dt=0.06)
-    assert found.bic == pytest.approx(200.0 + 4.0 * math.log(50.0))
-    assert found.aicc == pytest.approx(200.0 + 2.0 * 4.0 + 2.0 * 4.0 * 5.0 / 45.0)
-    assert not found.comparable(replace(found, dt=0.02))
-    assert not found.comparable(replace(found, samples=49))
-
-
-def test_a_nested_model_is_never_more_likely() -> None:
-    recording = recording_of(PILOTS["rate"])
-    method = replace(MLE(), derivatives=2, wide=None, noise=LowPass(2))
-    less, more = (
-        identify(method, recording, MODELS[name], np.random.default_rng(2)).likelihood
-        for name in ("single", "rate")
-    )
-    assert less is not None
-    assert more is not None
-    assert more.logarithm > less.logarithm
-    assert more.bic < less.bic  # the motion channel is there
-
-
-def test_estimates_in_several_bands_are_compared_in_the_widest() -> None:
-    recording = recording_of(PILOTS["rate"])
-    narrow, wide = replace(MLE(), wide=None), replace(MLE(), band=120.0, wide=None)
-    given = [("single", narrow), ("rate", wide), ("multi", narrow)]
-    fits = [identify(m, recording, MODELS[name], np.random.default_rng(2)) for name, m in given]
-    fits.append(failed("mle", PURSUIT, Outcome.NOT_CONVERGED))
-    *found, none = likelihoods_on_the_same_samples(recording, fits, MLE())
-    assert none is None
-    single, rate, multi = found
-    assert single is not None
-    assert rate is not None
-    assert multi is not None
-    assert single.comparable(rate)
-    assert single.comparable(multi)
-    assert single.dt == recording.dt
-    assert rate.bic < single.bic  # the motion channel is there, and it is one on the rate
-    # ... with the same nuisance terms: what is counted differs by pilot and remnant alone.
-    estimate = identify(
-        replace(wide, derivatives=2), recording, MODELS["rate"], np.random.default_rng(2)
-    )
-    assert estimate.likelihood is not None
-    assert rate.logarithm == pytest.approx(estimate.likelihood.logarithm, abs=3.0)
-
-
-def test_nothing_to_compare_is_nothing() -> None:
-    fits = [failed("mle", SINGLE, Outcome.SINGULAR)]
-    assert likelihoods_on_the_same_samples(recording_of(NOMINAL), fits, MLE()) == [None]
 
 
 # ------------------------------------------------------------------- models of one's own

@@ -11,9 +11,8 @@ from typing import Any
 import pytest
 from helpers import Run, strict
 
-from pilotid import identify, load_recording
-from pilotid.methods.mle import MLE
-from pilotid.time_domain.model_comparison import likelihoods_on_the_same_samples
+from pilotid import MODELS, load_recording
+from pilotid.time_domain.evidence import evidence
 
 pytestmark = pytest.mark.numerical
 
@@ -42,11 +41,9 @@ def test_motion_in_position_control_is_a_rate_beside_lead_and_lag(measured: Path
     file = measured / "yaw" / "ae2224I_measurement_data_subj4_C4.mat"
     recording = load_recording(file)
     names = ("single", "lead-lag", "rate", "lead-lag-motion")
-    fits = [identify("mle", recording, name, 1) for name in names]
-    found = likelihoods_on_the_same_samples(recording, fits, MLE())
-    bic = {name: held.bic for name, held in zip(names, found, strict=True) if held is not None}
-    assert set(bic) == set(names)
-    # 10 is very strong evidence by Kass and Raftery's scale; there are about 100.
+    found = evidence(recording, [MODELS[name] for name in names], 1)
+    bic = {held.model.name: held.bic for held in found}
+    # 10 is very strong evidence on the scale of Kass and Raftery (1995).
     assert bic["lead-lag-motion"] < bic["lead-lag"] - 10.0
     assert bic["lead-lag"] < bic["single"] - 10.0
     assert bic["lead-lag-motion"] < bic["rate"] - 10.0

@@ -16,6 +16,7 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
+from pilotid.cli.analyse import analyse
 from pilotid.cli.arguments import (
     MethodOption,
     SeedOption,
@@ -277,5 +278,6 @@ def posterior(
     infer(recording, chosen, white=white, element=plant, seed=seed, folder=out)
 
 
+app.command()(analyse)
 app.command()(compare)
 app.command()(report)

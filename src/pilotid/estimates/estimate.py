@@ -14,7 +14,6 @@ from pilotid.chance import Z95
 from pilotid.estimates.bounds import bounds_reached
 from pilotid.estimates.draws import Draws
 from pilotid.estimates.inseparable import Pair, inseparable
-from pilotid.estimates.likelihood import Likelihood
 from pilotid.estimates.quantities import Quantity, product_spreads, products_by_delta
 from pilotid.estimates.remnant import RemnantEstimate
 from pilotid.estimates.response import FrequencyResponse
@@ -102,8 +101,6 @@ class Estimate:
         The first step of a two-step method.
     draws
         Draws of the posterior, where the method has one.
-    likelihood
-        The largest likelihood, by which models are compared, where the method has one.
     criterion
         What the search made small: -2 log-likelihood up to a constant of the recording, or the
         like; NaN where there is none.
@@ -127,7 +124,6 @@ class Estimate:
     frequency_response: FrequencyResponse | None = None
     draws: Draws | None = None
     remarks: tuple[str, ...] = ()
-    likelihood: Likelihood | None = None
     criterion: float = float("nan")
     seconds: float = float("nan")
 
@@ -248,8 +244,6 @@ class Estimate:
             "seconds": self.seconds,
             "remarks": list(self.remarks),
         }
-        if self.likelihood is not None:
-            result["likelihood"] = self.likelihood.to_dict()
         if self.remnant is not None:
             result["remnant"] = self.remnant.to_dict()
         if self.frequency_response is not None:

@@ -9,7 +9,6 @@ import numpy as np
 
 from pilotid.estimates.draws import Draws
 from pilotid.estimates.estimate import Estimate, Outcome, Starts
-from pilotid.estimates.likelihood import Likelihood
 from pilotid.estimates.remnant import RemnantEstimate
 from pilotid.estimates.response import FrequencyResponse
 from pilotid.pilot.model import PilotModel
@@ -25,7 +24,6 @@ PARTS = {
     "remnant": RemnantEstimate,
     "frequency_response": FrequencyResponse,
     "draws": Draws,
-    "likelihood": Likelihood,
 }
 
 

@@ -6,14 +6,12 @@ chosen, and estimated along with the pilot, in the analysis band.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pilotid.estimates.estimate import Starts
-from pilotid.estimates.likelihood import Likelihood
 from pilotid.estimates.remnant import RemnantEstimate
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
@@ -87,20 +85,6 @@ class Maximum:
         return _criterion(self.joint, self.end)
 
     @property
-    def likelihood(self) -> Likelihood:
-        """The likelihood, with the nuisance terms counted as parameters of every run."""
-        prediction = self.joint.prediction
-        samples = prediction.runs * prediction.scored
-        power = max(float(self.end.cost[0]) / samples, 1e-300)
-        nuisances = prediction.runs * len(prediction.terms)
-        return Likelihood(
-            logarithm=-0.5 * samples * (math.log(2.0 * math.pi * power) + 1.0),
-            parameters=int(self.end.values.shape[1]) + 1 + nuisances,
-            samples=samples,
-            dt=prediction.dt,
-        )
-
-    @property
     def remnant(self) -> RemnantEstimate:
         """The remnant at the optimum."""
         joint = self.joint
@@ -166,9 +150,7 @@ def criteria_from(
     """
 
     def reached(rate: float | None) -> list[Maximum]:
-        prediction = predict(recording, model, rate, settings.derivatives)
-        band = analysis_band(recording.dt, rate)
-        narrowed = replace(prediction, terms=terms_at(prediction, band, sets[0], settings))
+        narrowed, band = _narrowed(recording, model, settings, sets[0], rate)
         return [_maximum(narrowed, band, values, settings) for values in sets]
 
     found = reached(settings.band)
@@ -178,13 +160,9 @@ def criteria_from(
 
 
 def maximum_from(
-    recording: Recording,
-    model: PilotModel,
-    settings: LikelihoodSettings,
-    pilot: FloatArray,
-    terms: tuple[float, ...],
+    recording: Recording, model: PilotModel, settings: LikelihoodSettings, pilot: FloatArray
 ) -> Maximum:
-    """The optimum that is reached from a pilot in the band of the settings.
+    """The optimum that is reached from one pilot alone, in the analysis band of the settings.
 
     Parameters
     ----------
@@ -192,12 +170,21 @@ def maximum_from(
         As for `maximise_likelihood`.
     pilot
         Pilot parameters, shape (parameters,).
-    terms
-        Poles of the nuisance terms, see `pilotid.time_domain.prediction.Prediction`.
     """
-    prediction = predict(recording, model, settings.band, settings.derivatives)
-    band = analysis_band(recording.dt, settings.band)
-    return _maximum(replace(prediction, terms=terms), band, pilot, settings)
+    narrowed, band = _narrowed(recording, model, settings, pilot, settings.band)
+    return _maximum(narrowed, band, pilot, settings)
+
+
+def _narrowed(
+    recording: Recording,
+    model: PilotModel,
+    settings: LikelihoodSettings,
+    pilot: FloatArray,
+    rate: float | None,
+) -> tuple[Prediction, Band]:
+    """The prediction in a band, with the nuisance terms that suit a pilot."""
+    prediction, band = predict(recording, model, rate), analysis_band(recording.dt, rate)
+    return replace(prediction, terms=terms_at(prediction, band, pilot, settings)), band
 
 
 def _too_narrow(found: Maximum, recording: Recording, settings: LikelihoodSettings) -> bool:
@@ -214,7 +201,7 @@ def _maximised(
     settings: LikelihoodSettings,
     rate: float | None,
 ) -> Maximum:
-    prediction = predict(recording, model, rate, settings.derivatives)
+    prediction = predict(recording, model, rate)
     band = analysis_band(recording.dt, rate)
     explored = explore(prediction, band, rng, settings)
     narrowed = replace(prediction, terms=explored.terms)

@@ -167,16 +167,11 @@ class Prediction:
         return signal[..., self.first : self.first + self.scored]
 
 
-def predict(
-    recording: Recording, model: PilotModel, band: float | None = None, derivatives: int = 0
-) -> Prediction:
-    """Prepare the prediction of a recording's control in an analysis band [rad/s].
-
-    Models are compared on the same samples: those that allow for the highest of `derivatives`.
-    """
+def predict(recording: Recording, model: PilotModel, band: float | None = None) -> Prediction:
+    """Prepare the prediction of a recording's control in an analysis band [rad/s]."""
     from scipy.fft import next_fast_len
 
-    prepared: Prepared = prepare(recording, model, band, derivatives=derivatives)
+    prepared: Prepared = prepare(recording, model, band)
     extension = min(round(EXTENSION / prepared.dt), prepared.control.shape[1] - 1)
     length = next_fast_len(prepared.control.shape[1] + 2 * extension, real=True)
 

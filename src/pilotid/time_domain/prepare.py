@@ -67,7 +67,6 @@ def prepare(
     model: PilotModel,
     band: float | None = None,
     unscored: float = UNSCORED,
-    derivatives: int = 0,
 ) -> Prepared:
     """Filter, differentiate and decimate what the model's prediction needs.
 
@@ -81,13 +80,10 @@ def prepare(
         Analysis band [rad/s]; None keeps the full sampling rate, unfiltered.
     unscored
         Least length of the pre-history [s]; a run-in counts towards it.
-    derivatives
-        Highest derivative that the samples kept allow for, whether the model has one or not:
-        its filter costs samples at both ends.
     """
     factor = decimation(recording.dt, band)
     smoothing = lowpass(factor)
-    highest = max(derivatives, *(c.derivative for c in model.channels))
+    highest = max(c.derivative for c in model.channels)
     kernels = {order: _kernel(order, smoothing) for order in range(highest + 1)}
     half = max((k.size - 1) // 2 for k in kernels.values())
 

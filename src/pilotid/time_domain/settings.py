@@ -40,13 +40,9 @@ class LikelihoodSettings(SearchSettings):
         How often the remnant's model is chosen anew at most.
     noise
         The remnant's model, where it is not to be chosen.
-    derivatives
-        Highest derivative of an input that the scored samples allow for; models with channels
-        on different derivatives are scored on the same samples if this holds all of them.
     """
 
     band: float | None = 50.0
     wide: float | None = 120.0
     rounds: int = 3
     noise: NoiseModel | None = None
-    derivatives: int = 0
