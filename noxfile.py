@@ -69,6 +69,7 @@ def check(session: nox.Session) -> None:
         "verdicts": "verdict_rules.py",
         "population": "population.py",
         "constants": "constants.py",
+        "elements": "elements.py",
         "findings": "findings.py",
     }
     names = [name for name in session.posargs[:1] if name in scripts]

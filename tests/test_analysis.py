@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import re
+import shutil
 import sqlite3
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +16,7 @@ from helpers import PILOTS, Run
 from pilotid.analysis.pattern import Pattern, parts_of
 from pilotid.analysis.rows import in_order
 from pilotid.datasets import simulate
+from pilotid.pilot.loops import margins
 from pilotid.recordings.files import save_recording
 from pilotid.seeds import recording_rng
 from pilotid.types import InputError
@@ -84,18 +87,19 @@ def test_models_say_which_was_chosen_and_why(analysed: Path) -> None:
 
 @pytest.mark.numerical
 def test_a_second_call_does_nothing_again(
-    analysed: Path, folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+    analysed: Path, folder: Path, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = (analysed / "estimates.csv").read_bytes()
+    again = shutil.copytree(analysed, tmp_path / "again")
 
     def refuse(*_: object, **__: object) -> None:
         raise AssertionError("work was done again")
 
     monkeypatch.setattr("pilotid.analysis.analyse.run_tasks", refuse)
     files = sorted(folder.glob("s[12]_*.csv"))
-    answer = run("analyse", *files, "--pattern", PATTERN, "--per-run", "--out", analysed)
+    answer = run("analyse", *files, "--pattern", PATTERN, "--per-run", "--out", again)
     assert answer.status == 0, answer.err
-    assert (analysed / "estimates.csv").read_bytes() == before
+    assert (again / "estimates.csv").read_bytes() == before
 
 
 @pytest.mark.numerical
@@ -176,3 +180,79 @@ def test_files_with_the_same_fields_are_refused() -> None:
 
 def test_names_are_ordered_as_people_do() -> None:
     assert in_order(["C10", "C2", "C1", "C2"]) == ["C1", "C2", "C10"]
+
+
+@pytest.mark.numerical
+def test_loops_are_those_of_the_simulated_element(analysed: Path) -> None:
+    rows = table(analysed / "loops.csv")
+    scenario = PILOTS["single"]
+    target, disturbance = margins(scenario.model, scenario.values, scenario.element)
+    truth = {
+        "target_crossover": target.crossover,
+        "target_phase_margin": target.phase_margin,
+        "disturbance_crossover": disturbance.crossover,
+        "disturbance_phase_margin": disturbance.phase_margin,
+    }
+    own = [r for r in rows if r["condition"] == "A" and not r["run"]]
+    assert {r["quantity"] for r in own} == set(truth)
+    for row in own:
+        off = abs(float(row["value"]) - truth[row["quantity"]])
+        assert off < 4.0 * float(row["std_error"]), row
+        assert row["element"] == scenario.element.name
+
+
+@pytest.mark.numerical
+def test_conditions_are_compared_over_subjects(analysed: Path) -> None:
+    """The contrast of two subjects is the mean of two differences, worked out here again."""
+    estimates = table(analysed / "estimates.csv")
+    values = {
+        (r["subject"], r["condition"]): float(r["value"])
+        for r in estimates
+        if r["parameter"] == "tdvis" and not r["run"]
+    }
+    row = next(r for r in table(analysed / "contrasts.csv") if r["parameter"] == "tdvis")
+    differences = [values[s, "B"] - values[s, "A"] for s in ("1", "2")]
+    assert (row["model_a"], row["model_b"], row["subjects"]) == ("single", "lead-lag", "2")
+    assert float(row["difference"]) == pytest.approx(np.mean(differences))
+    assert float(row["std_error"]) == pytest.approx(np.std(differences, ddof=1) / np.sqrt(2.0))
+
+
+@pytest.mark.numerical
+def test_the_report_says_what_was_found(analysed: Path) -> None:
+    page = (analysed / "report.html").read_text(encoding="utf-8")
+    for words in (
+        "4 recordings of 2 subjects, 8 runs",
+        "single was chosen among",
+        "Conditions compared",
+        "From run to run",
+        "s3_A.csv",  # the bad file is named
+        "pilotid analyse",
+    ):
+        assert words in page
+    ids = re.findall(r'\bid="([^"]+)"', page)
+    assert len(ids) == len(set(ids))
+    assert "http://" not in re.sub(r"http://www\.w3\.org/\S+", "", page)
+
+
+@pytest.mark.numerical
+def test_the_same_analysis_gives_the_same_bytes(
+    analysed: Path, folder: Path, run: Run, tmp_path: Path
+) -> None:
+    """On one machine; the store alone may differ."""
+    names = ("estimates.csv", "models.csv", "loops.csv", "contrasts.csv", "runs.csv")
+    files = sorted(folder.glob("s[12]_*.csv"))
+    answer = run(
+        "analyse", *files, "--pattern", PATTERN, "--per-run", "--workers", 1, "--out", tmp_path
+    )
+    assert answer.status == 0, answer.err
+    for name in names:
+        assert (tmp_path / name).read_bytes() == (analysed / name).read_bytes(), name
+
+
+@pytest.mark.parametrize("text", ["C3", "C3:", ":C6", ""])
+def test_contrasts_that_make_no_sense_are_refused(folder: Path, run: Run, text: str) -> None:
+    answer = run(
+        "analyse", folder / "s1_A.csv", "--pattern", PATTERN, "--contrast", text, "--out", folder
+    )
+    assert answer.status == 2
+    assert "--contrast" in answer.err

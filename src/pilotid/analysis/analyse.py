@@ -25,6 +25,7 @@ from pilotid.analysis.tasks import (
 )
 from pilotid.estimates.method import Method
 from pilotid.pilot.catalogue import MODELS
+from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
 from pilotid.study.facts import own_digest
 from pilotid.study.process import USUAL_LIMITS, Limits
@@ -49,6 +50,8 @@ class Settings:
         Methods by their labels.
     per_run
         Whether every run is fitted on its own as well.
+    element
+        The controlled element, where the user names it.
     seed
         Seed of all random numbers.
     """
@@ -57,6 +60,7 @@ class Settings:
     auto: bool
     methods: Mapping[str, Method]
     per_run: bool = False
+    element: ControlledElement | None = None
     seed: int = 0
 
 
@@ -99,7 +103,16 @@ class Analysis:
     @property
     def rows(self) -> list[Row]:
         """Every quantity of every fit."""
-        return [row for fit in self.fits for row in _rows(fit)]
+        return [row for fit in self.fits for row in _rows(fit, "parameters", "remarks")]
+
+    @property
+    def loop_rows(self) -> list[Row]:
+        """Crossover frequencies and phase margins of every fit."""
+        return [row for fit in self.fits for row in _rows(fit, "loops", "loop_remarks")]
+
+    def element(self, file: str) -> str:
+        """The controlled element that a recording's loops are drawn with."""
+        return next((f.content["element"] for f in self.fits if f.part.name == file), "")
 
     def candidates(self, part: Part) -> list[Candidate]:
         """The models compared on a recording."""
@@ -183,7 +196,12 @@ def analyse(
         digests = _digests(readings, code, work)
         looks = {
             reading: look_task(
-                reading, digest, tuple(settings.models.values()), settings.auto, settings.seed
+                reading,
+                digest,
+                tuple(settings.models.values()),
+                settings.auto,
+                settings.element,
+                settings.seed,
             )
             for reading, digest in digests.items()
         }
@@ -195,11 +213,16 @@ def analyse(
             for model in _models(reading, look, settings, choices):
                 runs = range(1, look["recording"]["runs"] + 1) if settings.per_run else ()
                 for run in (None, *(runs if len(runs) > 1 else ())):
-                    figures = folder / "figures" if run is None else None
                     task = fit_task(
-                        reading, digests[reading], model, settings.methods, run, settings.seed,
-                        figures,
-                    )  # fmt: skip
+                        reading,
+                        digests[reading],
+                        model,
+                        settings.methods,
+                        run,
+                        settings.element,
+                        settings.seed,
+                        folder if run is None else None,
+                    )
                     tasks.append((reading, run, task))
         held = work.contents([task for *_, task in tasks], "fitting")
         return Analysis(
@@ -240,7 +263,7 @@ def _models(
     return [{**MODELS, **settings.models}[name]]
 
 
-def _rows(fit: Fit) -> list[Row]:
+def _rows(fit: Fit, what: str, told: str) -> list[Row]:
     return [
         Row(
             file=fit.part.name,
@@ -256,10 +279,10 @@ def _rows(fit: Fit) -> list[Row]:
             upper=_number(upper),
             outcome=estimate["outcome"],
             usable=estimate["usable"],
-            remarks=tuple(estimate["remarks"]),
+            remarks=tuple(estimate[told]),
         )
         for estimate in fit.content["estimates"]
-        for key, unit, value, error, lower, upper in estimate["parameters"]
+        for key, unit, value, error, lower, upper in estimate[what]
     ]
 
 

@@ -187,8 +187,7 @@ def _title(stratum: Stratum, method: str, model: str) -> str:
 
 
 def _estimates(results: Results) -> Iterator[Section]:
-    rows = results.wider or [row for row in results.rows if row.run is None]
-    found = layouts(rows, results.chosen)
+    found = layouts(results.shown, results.chosen)
     groups = _merged(_groups(found)) if results.chosen is not None else _groups(found)
     blocks: list[Block] = []
     for place, ((stratum, method, model), own) in enumerate(groups.items(), start=1):

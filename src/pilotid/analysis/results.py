@@ -31,8 +31,8 @@ class Results:
     chosen
         The model of each stratum and condition, where each has its own; None where all
         recordings were fitted with the same models.
-    rows
-        Every quantity of every fit, of the loops as well.
+    rows, loops
+        Every quantity of every fit, and of its loops.
     wider
         The fits of all runs together, with errors that include the variation from run to run;
         empty where runs were not fitted one by one.
@@ -47,12 +47,18 @@ class Results:
     analysis: Analysis
     chosen: Chosen | None
     rows: Sequence[Row]
+    loops: Sequence[Row]
     wider: Sequence[Row]
     contrasts: Sequence[Contrast]
     repeated: Sequence[Repeated]
     spreads: Sequence[RunSpread]
     by_condition: Sequence[ConditionSpread]
     notes: Sequence[str]
+
+    @property
+    def shown(self) -> Sequence[Row]:
+        """Fits of all runs together, with the wider errors where they are known."""
+        return self.wider or [row for row in (*self.rows, *self.loops) if row.run is None]
 
 
 def results_of(analysis: Analysis, pairs: Sequence[tuple[str, str]] = ()) -> Results:
@@ -70,8 +76,9 @@ def results_of(analysis: Analysis, pairs: Sequence[tuple[str, str]] = ()) -> Res
     InputError
         If a pair names a condition that no recording has.
     """
-    rows = analysis.rows
-    spreads = run_spreads(rows)
+    rows, loops = analysis.rows, analysis.loop_rows
+    both = [*rows, *loops]
+    spreads = run_spreads(both)
     notes: list[str] = []
     differences: list[Contrast] = []
     together: list[Repeated] = []
@@ -88,16 +95,17 @@ def results_of(analysis: Analysis, pairs: Sequence[tuple[str, str]] = ()) -> Res
             "Conditions are not compared: that needs a pattern with {subject} and {condition}."
         )
     else:
-        differences = contrasts(rows, pairs, chosen)
+        differences = contrasts(both, pairs, chosen)
         try:
-            together = repeated(rows, chosen)
+            together = repeated(both, chosen)
         except InputError as error:
             notes.append(f"{error}.")
     return Results(
         analysis=analysis,
         chosen=chosen,
         rows=rows,
-        wider=with_variation([r for r in rows if r.run is None], spreads) if spreads else [],
+        loops=loops,
+        wider=with_variation([r for r in both if r.run is None], spreads) if spreads else [],
         contrasts=differences,
         repeated=together,
         spreads=spreads,

@@ -13,7 +13,7 @@ from pilotid.analysis.results import Results
 from pilotid.analysis.rows import Row
 from pilotid.disk import table_bytes, write_file
 
-ESTIMATES, MODELS, CONTRASTS = "estimates.csv", "models.csv", "contrasts.csv"
+ESTIMATES, MODELS, LOOPS, CONTRASTS = "estimates.csv", "models.csv", "loops.csv", "contrasts.csv"
 CONDITIONS, RUNS, TEX = "conditions.csv", "runs.csv", "tables.tex"
 
 QUANTITY_COLUMNS = ("unit", "value", "std_error", "lower_95", "upper_95", "outcome", "remarks")
@@ -42,6 +42,9 @@ def write_tables(folder: Path, results: Results, command: str) -> None:
     head = ["file", *names, "run", "model", "method", "parameter", *QUANTITY_COLUMNS]
     rows = [_estimate_cells(row, names) for row in results.rows]
     write_file(folder / ESTIMATES, table_bytes(head, rows))
+    head = ["file", *names, "run", "model", "method", "element", "quantity", *QUANTITY_COLUMNS]
+    loops = [_loop_cells(row, names, analysis.element(row.file)) for row in results.loops]
+    write_file(folder / LOOPS, table_bytes(head, loops))
     models = [cells for part in analysis.parts for cells in _model_cells(analysis, part, names)]
     write_file(folder / MODELS, table_bytes(["file", *names, *MODEL_COLUMNS], models))
     write_file(folder / CONTRASTS, table_bytes(*contrast_table(results.contrasts)))
@@ -49,8 +52,7 @@ def write_tables(folder: Path, results: Results, command: str) -> None:
         write_file(folder / CONDITIONS, table_bytes(*repeated_table(results.repeated)))
     if results.spreads:
         write_file(folder / RUNS, table_bytes(*spread_table(results.spreads)))
-    rows_shown = results.wider or [row for row in results.rows if row.run is None]
-    text = tables_tex(rows_shown, results.contrasts, results.chosen, command)
+    text = tables_tex(results.shown, results.contrasts, results.chosen, command)
     write_file(folder / TEX, text.encode("utf-8", "replace"))
 
 
@@ -75,6 +77,12 @@ def _estimate_cells(row: Row, names: Sequence[str]) -> list[object]:
         row.outcome,
         " | ".join(row.remarks),
     ]
+
+
+def _loop_cells(row: Row, names: Sequence[str], element: str) -> list[object]:
+    cells = _estimate_cells(row, names)
+    place = len(names) + 4  # behind file, fields, run, model and method
+    return [*cells[:place], element, *cells[place:]]
 
 
 def _model_cells(analysis: Analysis, part: Part, names: Sequence[str]) -> list[list[object]]:

@@ -19,9 +19,11 @@ from pilotid.estimates.estimate import Outcome, failed
 from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.method import Method
 from pilotid.estimates.sound import one_line
+from pilotid.frequency.element_choice import chosen_element
 from pilotid.naming.code import packed, reason, unpacked
 from pilotid.naming.settings import plain
 from pilotid.naming.sources import code_digest
+from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.study.process import Loss
@@ -89,7 +91,12 @@ class Answer:
 
 
 def look_task(
-    reading: Reading, digest: str, models: tuple[PilotModel, ...], auto: bool, seed: int
+    reading: Reading,
+    digest: str,
+    models: tuple[PilotModel, ...],
+    auto: bool,
+    element: ControlledElement | None,
+    seed: int,
 ) -> Task:
     """The task to look at a recording and to compare models on it.
 
@@ -103,12 +110,14 @@ def look_task(
         Models that the user named.
     auto
         Whether the sensible ones of the catalogue are compared too.
+    element
+        The controlled element that the user names, if any.
     seed
         Seed of the searches.
     """
     own = [code_digest(model) for model in models]
-    key = _key(digest, "look", models, own, auto, seed)
-    return Task(key, "look", reading, None, packed((models, auto)), seed, None)
+    key = _key(digest, "look", models, own, auto, element, seed)
+    return Task(key, "look", reading, None, packed((models, auto, element)), seed, None)
 
 
 def fit_task(
@@ -117,13 +126,14 @@ def fit_task(
     model: PilotModel,
     methods: Mapping[str, Method],
     run: int | None,
+    element: ControlledElement | None,
     seed: int,
     figures: Path | None,
 ) -> Task:
     """The task to fit one model to a recording, or to one run of it, by all methods."""
     told = {label: (plain(method), code_digest(method)) for label, method in methods.items()}
-    key = _key(digest, "fit", run, model, code_digest(model), told, seed, figures)
-    return Task(key, "fit", reading, run, packed((model, dict(methods))), seed, figures)
+    key = _key(digest, "fit", run, model, code_digest(model), told, element, seed, figures is not None)
+    return Task(key, "fit", reading, run, packed((model, dict(methods), element)), seed, figures)
 
 
 def _key(*parts: object) -> str:
@@ -152,14 +162,16 @@ def given_up(task: Task, loss: Loss, why: str) -> Answer:
 
 
 def _look(task: Task) -> Content:
-    named, auto = unpacked(task.code)
+    named, auto, element = unpacked(task.code)
     recording = task.reading.recording()
+    choice = chosen_element(recording, element)
     models = {model.name: model for model in (*(sensible(recording) if auto else ()), *named)}
     candidates = compared(recording, list(models.values()), task.seed)
     return {
         "recording": recording.to_dict(),
         "description": recording.description,
-        "remarks": list(remarks(recording)),
+        "remarks": [*remarks(recording), *choice.remarks],
+        "element": choice.words,
         "candidates": [asdict(candidate) for candidate in candidates],
     }
 
@@ -171,17 +183,19 @@ def candidate_of(content: Mapping[str, Any]) -> Candidate:
 
 
 def _fit(task: Task) -> Content:
-    model, methods = unpacked(task.code)
+    model, methods, element = unpacked(task.code)
     recording = task.reading.recording(task.run)
-    fitted = fit_all(recording, model, methods, task.seed)
-    return content_of(fitted)
+    choice = chosen_element(recording, element)
+    return content_of(fit_all(recording, model, methods, task.seed, choice))
 
 
 def content_of(fitted: Fitted) -> Content:
     """What the tables and the report need of fits."""
+    element = fitted.loop_element
+    loops = fitted.loops or [None] * len(fitted.estimates)
     return {
         "model": fitted.model.name,
-        "remarks": list(fitted.remarks),
+        "element": element.element.name if element and element.element else "",
         "estimates": [
             {
                 "method": e.method,
@@ -191,15 +205,17 @@ def content_of(fitted: Fitted) -> Content:
                 "vaf": _number(e.vaf),
                 "remarks": list(e.remarks),
                 "parameters": [[q.key, q.unit, *_numbers(q)] for q in e.quantities],
+                "loops": [[q.key, q.unit, *_numbers(q)] for q in own.quantities] if own else [],
+                "loop_remarks": [*own.remarks, *own.notes] if own else [],
             }
-            for e in fitted.estimates
+            for e, own in zip(fitted.estimates, loops, strict=True)
         ],
     }
 
 
 def failed_content(task: Task, why: str) -> Content:
     """The same of fits that a process was lost with: rows without numbers."""
-    model, methods = unpacked(task.code)
+    model, methods, _ = unpacked(task.code)
     estimates = tuple(failed(label, model, Outcome.DIED, why) for label in methods)
     return content_of(Fitted(None, model, estimates))  # type: ignore[arg-type]
 

@@ -55,6 +55,10 @@ def analyse(
             help="The files' names for t, e, u, x, ft, fd; a minus before one flips its sign.",
         ),
     ] = None,
+    element: Annotated[
+        str | None,
+        typer.Option(metavar="4/s^2", help="Controlled element; default: what the signals show."),
+    ] = None,
     seed: SeedOption = DEFAULT_SEED,
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes; default: one for each processor.")
@@ -71,13 +75,15 @@ def analyse(
     from pilotid.analysis.tables import write_tables
     from pilotid.disk import make_folder
     from pilotid.pilot.catalogue import model_named
+    from pilotid.pilot.element import element_named
     from pilotid.recordings.files import parse_mapping
     from pilotid.study.facts import about_this
 
     names = names_of(model, [AUTO], [AUTO])
     models = {m.name: m for m in (model_named(name) for name in names if name != AUTO)}
+    plant = element_named(element) if element else None
     settings = Settings(
-        models, AUTO in names, methods_of(method, [default_method()]), per_run, seed
+        models, AUTO in names, methods_of(method, [default_method()]), per_run, plant, seed
     )
     pairs = _pairs(contrast)
     signals = tuple((parse_mapping(",".join(mapping)) if mapping else {}).items())
