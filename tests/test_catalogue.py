@@ -24,7 +24,7 @@ from pilotid.methods.fourier import Fourier
 from pilotid.methods.mle import MLE
 from pilotid.pilot.catalogue import LEAD2_LAG, MODELS, PURSUIT, RATE, SINGLE, model_named
 from pilotid.pilot.factors import Delay, Gain, Lead, Neuromuscular
-from pilotid.pilot.loops import margins, open_loops, pilot_on, pilot_on_each
+from pilotid.pilot.loops import loop_slopes, margins, open_loops, pilot_on, pilot_on_each
 from pilotid.pilot.model import Channel, PilotModel
 from pilotid.pilot.own import fault_of
 from pilotid.recordings.files import save_recording
@@ -146,6 +146,20 @@ def test_a_channel_on_the_target_is_one_on_error_and_output() -> None:
     each = pilot_on_each(PURSUIT, omega, FOLLOWING.values)
     np.testing.assert_allclose(each["error"], visual, rtol=1e-12)
     assert not each["output"].any()
+
+
+def test_slopes_of_the_loops_of_pursuit_equal_differences() -> None:
+    omega, values = np.geomspace(0.3, 20.0, 15), FOLLOWING.values
+    found = loop_slopes(PURSUIT, values, FOLLOWING.element, omega)
+    for i, value in enumerate(values):
+        step = np.zeros(values.size)
+        step[i] = 1e-5 * value
+        ahead, behind = (
+            open_loops(PURSUIT, values + side * step, FOLLOWING.element, omega) for side in (1, -1)
+        )
+        for slopes, after, before in zip(found, ahead, behind, strict=True):
+            expected = np.log(after / before) / (2.0 * step[i])
+            np.testing.assert_allclose(slopes[i], expected, rtol=1e-6, atol=1e-7)
 
 
 def test_the_target_loop_of_pursuit_is_output_over_error_at_the_target_s_lines() -> None:

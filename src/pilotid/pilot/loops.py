@@ -69,10 +69,10 @@ def loop_slopes(
     """Derivatives of the logarithms of both open loops by each parameter, (parameters, n)."""
     on_error, on_output = pilot_on(model, omega, values)
     jacobian = model.jacobian(omega, values)
-    by_input = {"error": np.zeros_like(jacobian[0]), "output": np.zeros_like(jacobian[0])}
+    on: dict[Input, ComplexArray] = {name: np.zeros_like(jacobian[0]) for name in get_args(Input)}
     for channel, slopes in zip(model.channels, jacobian, strict=True):
-        by_input[channel.input] += channel.sign * slopes
-    of_error, of_output = by_input["error"], -by_input["output"]
+        on[channel.input] += channel.sign * slopes
+    of_error, of_output = on["error"] + on["target"], -on["output"] - on["target"]
     plant = element.response(omega)
     target = of_error / on_error - of_output * plant / (1.0 + on_output * plant)
     return target, (of_error + of_output) / (on_error + on_output)
