@@ -50,7 +50,11 @@ app = typer.Typer(
 )
 
 ModelOption = Annotated[
-    str, typer.Option(metavar="NAME", help="Pilot model; multi needs motion of the pilot.")
+    str,
+    typer.Option(
+        metavar="NAME",
+        help="Pilot model: multi (needs motion of the pilot), file.py:NAME for one of your own.",
+    ),
 ]
 MapOption = Annotated[
     list[str] | None,

@@ -20,7 +20,7 @@ SIGNALS = {
     "fd": "disturbance forcing function",
 }
 #: The signal that a channel with each input acts on.
-INPUTS = {"error": "e", "output": "x"}
+INPUTS = {"error": "e", "output": "x", "target": "ft"}
 SHORTEST = 10.0  # seconds of measurement window that an identification needs
 COARSEST = 0.1  # seconds between samples: half that rate is just above the pilot's band
 LARGEST = 1e100  # of a signal in any unit; squares and their sums must not overflow
@@ -193,9 +193,12 @@ class Recording:
         return (np.arange(self.u.shape[1], dtype=float) - self.run_in) * self.dt
 
     def input(self, name: str) -> FloatArray:
-        """The signal that a channel with this input acts on: ``error`` or ``output``."""
-        signal: FloatArray = getattr(self, INPUTS[name])
-        return signal
+        """The signal that a channel with this input acts on: one of `INPUTS`.
+
+        A target that was not recorded is e + x.
+        """
+        signal: FloatArray | None = getattr(self, INPUTS[name])
+        return self.e + self.x if signal is None else signal
 
     def window(self, signal: FloatArray) -> FloatArray:
         """The part of a signal inside the measurement window, shape (runs, samples)."""
