@@ -5,15 +5,20 @@ from __future__ import annotations
 import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from pilotid.cli.arguments import MethodOption, SeedOption, default_method, methods_of, names_of
 from pilotid.cli.stopping import StoppedError
 from pilotid.seeds import DEFAULT_SEED
-from pilotid.terminal import make_console, with_bar
+from pilotid.terminal import make_console, make_table, print_table, with_bar
 from pilotid.types import InputError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from pilotid.analysis.results import Results
 
 
 def analyse(
@@ -124,12 +129,43 @@ def analyse(
     console = make_console()
     for group, choice in analysis.choices.items():
         words = " ".join(value for _, value in group)
-        console.print(f"{words}: {choice.reason}", soft_wrap=True)
+        if choice.reason:
+            console.print(f"{words}: {choice.reason}", soft_wrap=True)
+    if results.contrasts:
+        print_table(console, _contrast_table(results))
     for note in results.notes:
         console.print(note, soft_wrap=True)
     console.print(f"report: {path}", soft_wrap=True)
     if analysis.refused:
         raise InputError("; ".join(analysis.refused))
+
+
+def _contrast_table(results: Results) -> Table:
+    """Differences between conditions for the terminal."""
+    from pilotid.analysis.report import chance, contrast_overview, to_error
+    from pilotid.numbers import MINUS, NONE, number
+
+    table = make_table()
+    shown, table.title = contrast_overview(results)
+    table.title_justify, table.title_style = "left", ""
+    for title in ("", "conditions", "method", "quantity", "unit"):
+        table.add_column(title, no_wrap=True)
+    for title in ("n", "difference", "t", "p", "p Holm", "d_z"):
+        table.add_column(title, justify="right")
+    for c in shown:
+        numbers = (
+            f"{to_error(c.difference, c.std_error)} +- {to_error(c.std_error, c.std_error)}",
+            number(c.t),
+            chance(c.p),
+            chance(c.p_holm),
+            number(c.effect_size, 2),
+        )
+        # A terminal may lack these two signs.
+        plain = (text.replace(MINUS, "-").replace(NONE, "-") for text in numbers)
+        stratum = " ".join(value for _, value in c.stratum)
+        pair = f"{c.condition_a}:{c.condition_b}"
+        table.add_row(stratum, pair, c.method, c.parameter, c.unit, str(c.subjects), *plain)
+    return table
 
 
 def _pairs(texts: Sequence[str] | None) -> list[tuple[str, str]]:
