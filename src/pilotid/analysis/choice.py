@@ -268,8 +268,8 @@ def _reason(
     judge = f"{units} runs, each left out of its fit" if units > 1 else "one fit"
     names = sorted(least, key=lambda name: sum(least[name]))
     told = [f"{taken} was chosen among {listed(names)} {what} ({judge})."]
-    if len(names) == 1:
-        told = []
+    if all(len(candidates) == 1 for candidates in held):
+        return []
     own, pilot = held[0], held[0][taken].pilot
     for name in names:
         differences = [a - b for a, b in zip(least[name], least[taken], strict=True)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from pilotid.analysis.analyse import Analysis, group_of
@@ -305,8 +306,31 @@ def contrast_overview(results: Results) -> tuple[list[Contrast], str]:
 
 def without_repeats(found: Sequence[Contrast]) -> list[Contrast]:
     """Contrasts but those of a disturbance loop that is the target loop, as without motion."""
-    targets = {c.pairs for c in found if c.parameter.startswith("target_")}
-    return [c for c in found if not (c.parameter.startswith("disturbance_") and c.pairs in targets)]
+
+    def place(contrast: Contrast) -> tuple[object, ...]:
+        quantity = contrast.parameter.removeprefix("disturbance_")
+        models = contrast.model_a, contrast.model_b
+        conditions = contrast.condition_a, contrast.condition_b
+        return contrast.stratum, contrast.method, *models, *conditions, quantity
+
+    targets = {
+        place(replace(c, parameter=c.parameter.removeprefix("target_"))): c
+        for c in found
+        if c.parameter.startswith("target_")
+    }
+    kept = []
+    for contrast in found:
+        target = targets.get(place(contrast))
+        if (
+            target is None
+            or not contrast.parameter.startswith("disturbance_")
+            or not all(
+                math.isclose(getattr(contrast, name), getattr(target, name), rel_tol=1e-6)
+                for name in ("mean_a", "mean_b")
+            )
+        ):
+            kept.append(contrast)
+    return kept
 
 
 def _contrast_table(own: Sequence[Contrast], caption: str, *, folded: bool = False) -> Table:

@@ -151,7 +151,7 @@ def _contrast_table(results: Results) -> Table:
     for title in ("", "conditions", "method", "quantity", "unit"):
         table.add_column(title, no_wrap=True)
     for title in ("n", "difference", "t", "p", "p Holm", "d_z"):
-        table.add_column(title, justify="right")
+        table.add_column(title, justify="right", no_wrap=True)
     for c in shown:
         numbers = (
             f"{to_error(c.difference, c.std_error)} +- {to_error(c.std_error, c.std_error)}",
