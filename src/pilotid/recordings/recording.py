@@ -227,6 +227,14 @@ class Recording:
         there = [name for name in SIGNALS if getattr(self, name) is not None]
         return [name for name in there if self.origin.get(name) != ABSENT]
 
+    def flipped(self, *names: str) -> str:
+        """What --map takes to turn the signs of signals round."""
+        pairs = []
+        for name in names:
+            place = self.origin.get(name, name)
+            pairs.append(f"{name}={place[1:] if place.startswith('-') else f'-{place}'}")
+        return ",".join(pairs)
+
     @property
     def description(self) -> str:
         """One line: where it came from, how long and how fast."""
