@@ -109,7 +109,8 @@ def motionless_input(recording: Recording, model: PilotModel) -> str | None:
     for channel in model.channels:
         name = INPUTS[channel.input]
         if motionless(recording, name):
-            return f"{name} does not move, so that the {channel.name} channel has no input"
+            what = "does not move" if name in recording.signals else "is not recorded"
+            return f"{name} {what}, so that the {channel.name} channel has no input"
     return None
 
 

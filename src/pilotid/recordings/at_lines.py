@@ -11,11 +11,11 @@ from pilotid.recordings.recording import Recording
 from pilotid.types import ComplexArray, FloatArray, IntArray
 
 FEWEST = 5  # lines of a target that tell which signal is which
-MEDIAN = 0.6  # of the power of eight bins of noise less their own median, over its mean
+MEDIAN = 0.64  # of the power of eight bins of noise less their own median, over its mean
 BESIDE = 8  # bins beside a line that tell leakage and noise in it
-LOUD = 4.0  # times the noise from which a line stands out
+LOUD = 4.0  # times the noise from which a line of one run stands out
 LONG = 60.0  # seconds from which lines and remnant can be told apart
-ANSWERED = 1.8  # mean power at the lines over that beside them; sound recordings have 2.6
+ANSWERED = 0.5  # by which the median ratio exceeds one in one run; sound ones have 0.9 and more
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,18 +28,22 @@ class Answer:
         Multiples of 2 pi / T, shape (lines,).
     coherence
         Share of the control's power there that is not noise, shape (lines,).
-    ratio
-        Power over that of the noise, a mean of all lines.
+    ratios
+        Power there over that of the noise, shape (lines,).
+    runs
+        Of how many runs powers are means.
     """
 
     lines: IntArray
     coherence: FloatArray
-    ratio: float
+    ratios: FloatArray
+    runs: int
 
     @property
     def loud(self) -> int:
         """Number of lines that stand out of the noise."""
-        return int(np.count_nonzero(self.coherence > 1.0 - 1.0 / LOUD))
+        loud = 1.0 + (LOUD - 1.0) / np.sqrt(self.runs)  # chance scatters less in a mean of runs
+        return int(np.count_nonzero(self.coherence > 1.0 - 1.0 / loud))
 
 
 def answers(recording: Recording) -> dict[str, Answer]:
@@ -56,7 +60,7 @@ def answers(recording: Recording) -> dict[str, Answer]:
         noise = np.mean(np.median(np.abs(beside - leaked[..., None]) ** 2, axis=2), axis=0) / MEDIAN
         noise += 1e-12 * np.max(np.abs(control)) ** 2
         ratio = np.mean(np.abs(control - leaked) ** 2, axis=0) / noise
-        found[name] = Answer(lines, 1.0 - 1.0 / np.maximum(ratio, 1.0), float(np.mean(ratio)))
+        found[name] = Answer(lines, 1.0 - 1.0 / np.maximum(ratio, 1.0), ratio, recording.runs)
     return found
 
 
@@ -65,7 +69,8 @@ def unanswered(recording: Recording) -> str | None:
     if recording.duration < LONG:
         return None
     found = answers(recording)
-    if not found or any(answer.ratio > ANSWERED for answer in found.values()):
+    least = 1.0 + ANSWERED / np.sqrt(recording.runs)
+    if not found or any(float(np.median(a.ratios)) > least for a in found.values()):
         return None
     which = " and ".join(found)
     return (

@@ -82,7 +82,7 @@ def _names(recording: Recording) -> str | None:
         return None
     if recording.origin.get("x") == ABSENT or motionless(recording, "x"):
         return None
-    for check in (not_the_error, units_differ, exchanged, opposed, late, unrelated):
+    for check in (not_the_error, units_differ, exchanged, late, opposed, unrelated):
         if sentence := check(recording):
             return sentence
     return None

@@ -26,8 +26,8 @@ NEGATIVE = -0.3  # polarity below which an element turns the control round; soun
 CLEARLY = 0.05  # by which coherence must be larger for a sign to be the other one
 #: Mean coherence below which an output is not that of the control; it is less where there may be
 #: a disturbance that was not recorded.  Sound recordings have .93 and more, and .46.
-UNRELATED, UNRELATED_WITHOUT_FD = 0.85, 0.25
-STANDS_OUT = 6.0  # times the noise from which a line of the target tells the element's angle
+UNRELATED, UNRELATED_WITHOUT_FD = 0.9, 0.25
+STANDS_OUT = 3.0  # times the noise from which a line of the target tells the element's angle
 SHORT = 60.0  # seconds below which delays cannot be told
 #: How much later than x the control may seem [s], up to when it is looked for, and by how much
 #: smoother the phase must be then, of 1 at the most.  Sound recordings show 0.02 s at the most.
@@ -113,7 +113,7 @@ def _polarity_at_target(recording: Recording, rows: slice) -> float:
     if every is None:
         return 0.0
     lines = every["ft"]
-    omega = lines * 2.0 * np.pi / recording.duration
+    omega = np.asarray(lines * 2.0 * np.pi / recording.duration, dtype=float)
     good = (omega >= LOWEST) & (omega <= HIGHEST)
     values = []
     for signal in (recording.u, recording.x):
@@ -131,10 +131,9 @@ def _products(
     """By bands: mean of one times the other's conjugate, power of the other, power of the one."""
 
     def mean(product: ComplexArray) -> ComplexArray:
-        return np.array([np.mean(product[:, band]) for band in bands])
+        return np.array([np.mean(product[:, band]) for band in bands], dtype=complex)
 
-    powers = (mean((s * s.conj()).astype(complex)).real for s in (other, one))
-    return mean(one * other.conj()), *powers
+    return mean(one * other.conj()), mean(other * other.conj()).real, mean(one * one.conj()).real
 
 
 def _spectrum(recording: Recording, signal: FloatArray) -> ComplexArray:
@@ -148,12 +147,16 @@ def opposed(recording: Recording) -> str | None:
 
     A pilot's response tells nothing: with a negative element he would turn his own sign round.
     """
-    wrong = {run: what for run in range(recording.runs) if (what := _wrong(recording, run))}
+    signs = {run: _signs(recording, run) for run in range(recording.runs)}
+    told = {run: names for run, names in signs.items() if names is not None}
+    wrong = {run: names for run, names in told.items() if names}
+    if not wrong and not told:  # what no run tells may show in all of them together
+        wrong = {0: names} if (names := _signs(recording, None)) else {}
     if not wrong:
         return None
-    first = next(iter(wrong))
-    where = "" if len(wrong) == recording.runs else f" in run {first + 1}"
-    names = wrong[first]
+    first, names = next(iter(wrong.items()))
+    some = len(wrong) < len(told)  # others are told to be right
+    where = f" in run {first + 1}" if some else ""
     because = {
         ("u",): "x answers to -u" if recording.fd is None else "x answers to fd - u",
         ("fd",): "x answers to u - fd",
@@ -167,13 +170,17 @@ def opposed(recording: Recording) -> str | None:
     )
 
 
-def _wrong(recording: Recording, run: int) -> tuple[str, ...]:
-    """The signals of a run whose signs must be turned round for a positive element."""
+def _signs(recording: Recording, run: int | None) -> tuple[str, ...] | None:
+    """The signals of a run whose signs must be turned round for a positive element.
+
+    None if it cannot be told; no run means all of them.
+    """
     plant = plant_of(recording, run)
-    if plant is None or (not plant.opposed and plant.polarity > NEGATIVE):
-        return ()
+    if plant is None or (not plant.opposed and abs(plant.polarity) < -NEGATIVE):
+        return None
     if not plant.opposed:
-        return ("u",) if recording.fd is None else ("u", "fd")
+        wrong = ("u",) if recording.fd is None else ("u", "fd")
+        return wrong if plant.polarity < 0.0 else ()
     return ("fd",) if plant.polarity < NEGATIVE else ("u",)
 
 

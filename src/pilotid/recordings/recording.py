@@ -286,6 +286,13 @@ def joined(recordings: Sequence[Recording]) -> Recording:
                     "so the two cannot be runs of one recording"
                 )
 
+        for name, unit in other.units.items():
+            if first.units.get(name, unit) != unit:
+                raise InputError(
+                    f"{other.source}: the unit of {name} ({unit}) differs from that of "
+                    f"{first.source} ({first.units[name]}), so the two cannot be runs of one "
+                    "recording"
+                )
     _require_different_runs(recordings)
 
     def stacked(name: str) -> FloatArray | None:
