@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypedDict
 
-import numpy as np
 import typer
 
 from pilotid.cli.arguments import methods_of, require_writable
@@ -21,13 +20,13 @@ from pilotid.cli.reading import (
 )
 from pilotid.disk import strict_json, write_file
 from pilotid.estimates.method import Method, motionless_input
+from pilotid.frequency.element_choice import ElementChoice, chosen_element
 from pilotid.methods import methods
 from pilotid.naming.text import split_list
 from pilotid.pilot.catalogue import model_named
-from pilotid.pilot.element import ControlledElement, element_named, parsed_element
+from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
-from pilotid.recordings.plant import COHERENT, plant_of
 from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.recordings.understood import Forcing, Understood, understood
 from pilotid.terminal import make_console, make_table, print_table
@@ -48,8 +47,6 @@ class Entry(TypedDict):
 
 YES = "yes"
 MUCH_REST = 0.2  # share of the time from which a control that rests is worth a line
-FACTOR = 1.3  # between the element that is named and the one that is seen
-CLEAR = 0.95  # coherence from which an element is seen though fd is not recorded
 
 
 def check(
@@ -92,7 +89,7 @@ def check(
         for number, (facts, entry) in enumerate(found):
             if number:
                 console.print()
-            _print(console, recordings[number], facts, entry["remarks"], entry["methods"])
+            _print(console, recordings[number], facts, entry)
     if refused:
         raise InputError("; ".join(refused))
 
@@ -105,8 +102,8 @@ def _checked(
 ) -> tuple[Understood, Entry]:
     facts = understood(recording)
     told = list(remarks(recording))
-    other = other_element(recording, element or parsed_element(recording.controlled_element))
-    told += [other] if other else []
+    choice = chosen_element(recording, element)
+    told += choice.remarks
     able = {
         m.name: {
             label: motionless_input(recording, m) or method.objection(recording, m) or YES
@@ -116,42 +113,26 @@ def _checked(
     }
     entry: Entry = {
         "recording": {**recording.to_dict(), "remarks": told},
-        "understood": facts.to_dict(),
+        "understood": {**facts.to_dict(), "element": _element(choice)},
         "remarks": told,
         "methods": able,
     }
     return facts, entry
 
 
-def other_element(recording: Recording, element: ControlledElement | None) -> str | None:
-    """How the controlled element that is named differs from the one that the signals show."""
-    plant = plant_of(recording) if element is not None else None
-    if plant is None or element is None:
-        return None
-    good = plant.coherence >= COHERENT
-    seen = recording.fd is not None or plant.mean_coherence >= CLEAR
-    if not seen or np.count_nonzero(good) < 4:
-        return None
-    ratio = np.abs(plant.response[good]) / np.abs(element.response(plant.omega[good]))
-    middle, spread = float(np.median(ratio)), float(ratio.max() / ratio.min())
-    if 1.0 / FACTOR < middle < FACTOR and spread < FACTOR**4:
-        return None
-    if spread < FACTOR**4:
-        how = f"answers to u {middle:.2g} times as strongly as {element.name} would"
-    else:
-        how = (
-            f"does not answer to u as {element.name} would: by frequency, {ratio.min():.2g} to "
-            f"{ratio.max():.2g} times as strongly"
-        )
-    return f"x {how}; the element that is named, or a unit, is another"
+def _element(choice: ElementChoice) -> str:
+    """The controlled element and how it is known; why not, if it is not."""
+    if choice.element is None:
+        return choice.why
+    how = {"given": "given", "recording": "the file says", "identified": "from u, fd and x"}
+    return f"{choice.element.name} ({how.get(choice.origin, choice.origin)})"
 
 
 def _print(
     console: Console,
     recording: Recording,
     facts: Understood,
-    told: Sequence[str],
-    able: dict[str, dict[str, str]],
+    entry: Entry,
 ) -> None:
     console.print(recording.description, style="bold", soft_wrap=True)
     console.print()
@@ -167,11 +148,12 @@ def _print(
     console.print()
     for line in _lines(facts):
         console.print(line, soft_wrap=True)
-    for remark in told:
+    console.print(f"controlled element: {entry['understood']['element']}", soft_wrap=True)
+    for remark in entry["remarks"]:
         console.print(f"recording: {remark}", style="yellow", soft_wrap=True)
-    if not told:
+    if not entry["remarks"]:
         console.print("nothing is wrong with the signals")
-    for name, answers in able.items():
+    for name, answers in entry["methods"].items():
         console.print(_methods(name, answers), soft_wrap=True)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import inspect
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +16,7 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
+from pilotid.cli.analyse import analyse
 from pilotid.cli.arguments import (
     MethodOption,
     SeedOption,
@@ -43,8 +44,10 @@ from pilotid.estimates.sound import one_line
 from pilotid.naming.code import PluginWarning
 from pilotid.naming.settings import labelled
 from pilotid.pilot.catalogue import MODELS, model_named
+from pilotid.pilot.element import ControlledElement, element_named
+from pilotid.pilot.model import PilotModel
 from pilotid.recordings.files import save_recording
-from pilotid.recordings.recording import LEAD_IN
+from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.seeds import DEFAULT_SEED, draw_rng, recording_rng
 from pilotid.terminal import make_console, with_bar
 from pilotid.types import InputError
@@ -57,6 +60,13 @@ app = typer.Typer(
 
 ModelOption = Annotated[
     str, typer.Option(metavar="NAME", help="Pilot model; multi needs motion of the pilot.")
+]
+ElementOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="15/s^2",
+        help="Controlled element, for the loops' margins; else the file's, or what u and x show.",
+    ),
 ]
 
 
@@ -165,6 +175,7 @@ def fit(
     joint: JointOption = False,
     detrend: DetrendOption = False,
     lead_in: LeadInOption = LEAD_IN,
+    element: ElementOption = None,
     start: Annotated[
         str | None, typer.Option(metavar="Kvis=0.2,tlead=1.5", help="Initial guesses.")
     ] = None,
@@ -181,6 +192,7 @@ def fit(
     ] = None,
 ) -> None:
     """Identify a pilot model from recordings."""
+    plant = element_named(element) if element else None
     chosen = started(model_named(model), start)
     true = read_truth(truth, chosen) if truth is not None else None
     methods = methods_of(method, [default_method()])
@@ -190,7 +202,7 @@ def fit(
             require_writable(target, files)
     recordings, refused = Reading(mapping, dt, detrend, lead_in).all(files, joint=joint)
     todo = with_bar(recordings, "fitting", len(recordings))
-    fits = [fit_all(recording, chosen, methods, seed) for recording in todo]
+    fits = [_fitted(recording, chosen, methods, seed, plant) for recording in todo]
 
     entries = [f.to_dict() for f in fits]
     text = strict_json(entries[0] if len(entries) == 1 else entries)
@@ -206,6 +218,21 @@ def fit(
         _print(fits)
     if refused:
         raise InputError("; ".join(refused))
+
+
+def _fitted(
+    recording: Recording,
+    model: PilotModel,
+    methods: Mapping[str, Method],
+    seed: int,
+    plant: ControlledElement | None,
+) -> Fitted:
+    """All fits of a recording, and their loops with the controlled element, if it is known."""
+    from pilotid.frequency.element_choice import chosen_element
+
+    choice = chosen_element(recording, plant)
+    fits = fit_all(recording, model, methods, seed, choice)
+    return replace(fits, remarks=(*fits.remarks, *choice.remarks))
 
 
 def _print(fits: Sequence[Fitted]) -> None:
@@ -231,10 +258,7 @@ def posterior(
     joint: JointOption = False,
     detrend: DetrendOption = False,
     lead_in: LeadInOption = LEAD_IN,
-    element: Annotated[
-        str | None,
-        typer.Option(metavar="4/s^2", help="Controlled element, for the loops' margins."),
-    ] = None,
+    element: ElementOption = None,
     seed: SeedOption = DEFAULT_SEED,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Folder for draws, summary and figures.")
@@ -243,7 +267,6 @@ def posterior(
     """Sample the posterior of a pilot model's parameters with emcee."""
     from pilotid.cli.posterior import folders_of, infer
     from pilotid.disk import make_folder
-    from pilotid.pilot.element import element_named
 
     plant = element_named(element) if element else None
     chosen = model_named(model)
@@ -262,5 +285,6 @@ def posterior(
 
 
 app.command()(check)
+app.command()(analyse)
 app.command()(compare)
 app.command()(report)

@@ -133,7 +133,8 @@ def _drifting(recording: Recording) -> str | None:
         if abs(slope) > limit * rest:
             return (
                 f"u drifts by {slope:.3g} over run {run + 1}, {abs(slope) / max(rest, 1e-300):.1f} "
-                "standard deviations of the rest, and no other signal does: take it out with --detrend"
+                "standard deviations of the rest, and no other signal does: take it out with "
+                "--detrend"
             )
     return None
 

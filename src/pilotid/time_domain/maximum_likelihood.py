@@ -150,14 +150,41 @@ def criteria_from(
     """
 
     def reached(rate: float | None) -> list[Maximum]:
-        prediction, band = predict(recording, model, rate), analysis_band(recording.dt, rate)
-        narrowed = replace(prediction, terms=terms_at(prediction, band, sets[0], settings))
+        narrowed, band = _narrowed(recording, model, settings, sets[0], rate)
         return [_maximum(narrowed, band, values, settings) for values in sets]
 
     found = reached(settings.band)
     if _too_narrow(found[0], recording, settings):
         found = reached(settings.wide)
     return np.array([maximum.criterion for maximum in found])
+
+
+def maximum_from(
+    recording: Recording, model: PilotModel, settings: LikelihoodSettings, pilot: FloatArray
+) -> Maximum:
+    """The optimum that is reached from one pilot alone, in the analysis band of the settings.
+
+    Parameters
+    ----------
+    recording, model, settings
+        As for `maximise_likelihood`.
+    pilot
+        Pilot parameters, shape (parameters,).
+    """
+    narrowed, band = _narrowed(recording, model, settings, pilot, settings.band)
+    return _maximum(narrowed, band, pilot, settings)
+
+
+def _narrowed(
+    recording: Recording,
+    model: PilotModel,
+    settings: LikelihoodSettings,
+    pilot: FloatArray,
+    rate: float | None,
+) -> tuple[Prediction, Band]:
+    """The prediction in a band, with the nuisance terms that suit a pilot."""
+    prediction, band = predict(recording, model, rate), analysis_band(recording.dt, rate)
+    return replace(prediction, terms=terms_at(prediction, band, pilot, settings)), band
 
 
 def _too_narrow(found: Maximum, recording: Recording, settings: LikelihoodSettings) -> bool:
