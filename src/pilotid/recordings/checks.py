@@ -24,7 +24,7 @@ STILL = 1e-9  # standard deviation over the size of the signal: it does not move
 LONGEST_HOLD = {"e": 0.3, "x": 8.0, "u": 10.0}  # seconds; pilots rest on a breakout for 6.5
 SPIKE = 100.0  # times the usual size; a control after steps reaches 27, pilots 8
 AT_EXTREME = 0.06  # share of the samples at the largest or smallest value; pilots reach .044
-DRIFT = 2.5  # of the control over the run, in standard deviations of what is left, at 82 s
+DRIFT = 2.0  # of the control over the run, in standard deviations of what is left, at 82 s
 OWN = 0.1  # share of a trend that the signals of the loop must leave, for it to be told from them
 BLOCK = 5.0  # seconds whose mean is one observation of an offset
 OFFSET = 4.0  # standard errors of the mean; simulations stay below 1, pilots below 1.4
@@ -130,7 +130,9 @@ def _drifting(recording: Recording) -> str | None:
             continue  # a signal of the loop is a trend itself
         slope = float(own @ left) / float(own @ own)
         rest = float(np.std(left - slope * own))
-        if abs(slope) > limit * rest:
+        # What the loop's own trends could have made of it as well counts for nothing.
+        share = float(np.sqrt((own @ own) / (trend @ trend)))
+        if abs(slope) * share > limit * rest:
             return (
                 f"u drifts by {slope:.3g} over run {run + 1}, {abs(slope) / max(rest, 1e-300):.1f} "
                 "standard deviations of the rest, and no other signal does: take it out with "
