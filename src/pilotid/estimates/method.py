@@ -116,7 +116,9 @@ def motionless_input(recording: Recording, model: PilotModel) -> str | None:
             if channel.input == "target"
             else motionless(recording, name)
         ):
-            return f"{name} does not move, so that the {channel.name} channel has no input"
+            held = name in recording.signals or channel.input == "target"
+            what = "does not move" if held else "is not recorded"
+            return f"{name} {what}, so that the {channel.name} channel has no input"
     return None
 
 
