@@ -16,11 +16,9 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
 from pilotid.recordings.names import listed
 from pilotid.recordings.recording import Recording
+from pilotid.seeds import DEFAULT_SEED
 from pilotid.time_domain.evidence import Evidence, evidence
 from pilotid.types import InputError
-
-#: The name that asks for a choice.
-AUTO = "auto"
 
 #: Models of the catalogue to be asked for by name: beside `lead-lag` a lead that is squared is
 #: taken by chance where few runs judge, also of pilots who have no lag at all.
@@ -93,6 +91,24 @@ class Candidate:
     def excess(self) -> float:
         """Chi-squared per degree of freedom of the lines."""
         return self.misfit / self.freedom if self.freedom > 0 else math.nan
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain objects, as JSON has them; NaN where there is none."""
+        return {
+            "model": self.model,
+            "pilot_parameters": self.pilot,
+            "parameters": self.parameters,
+            "log_likelihood": self.log_likelihood,
+            "aicc": self.aicc,
+            "bic": self.bic,
+            "vaf": self.vaf,
+            "left_out_vaf": self.left_out_vaf,
+            "left_out_log_likelihood": list(self.left_out_log_likelihood),
+            "chi_squared": self.misfit,
+            "freedom": self.freedom,
+            "left_out_chi_squared": list(self.left_out_misfit),
+            "bounds": self.bounds,
+        }
 
 
 def sensible(recording: Recording) -> list[PilotModel]:
@@ -319,3 +335,42 @@ def _warnings(
     if bounds:
         told.append(f"With {taken}, {len(bounds)} of {len(held)} end at a bound ({bounds[0]}).")
     return told
+
+
+@dataclass(frozen=True)
+class Selection:
+    """A model for one recording, and what was known when it was taken.
+
+    Attributes
+    ----------
+    model
+        The model.
+    reason
+        Why, in sentences.
+    candidates
+        All that were compared.
+    """
+
+    model: PilotModel
+    reason: str
+    candidates: tuple[Candidate, ...]
+
+
+def select(
+    recording: Recording, models: Sequence[PilotModel] = (), seed: int = DEFAULT_SEED
+) -> Selection:
+    """Choose a model for one recording.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    models
+        The candidates; none for those of the catalogue that the recording can tell apart.
+    seed
+        Seed of the searches' random starts.
+    """
+    among = {model.name: model for model in models or sensible(recording)}
+    candidates = compared(recording, list(among.values()), seed)
+    choice = chosen([candidates])
+    return Selection(among[choice.model], choice.reason, tuple(candidates))
