@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pilotid.analysis.choice import Candidate, Choice, chosen
+from pilotid.analysis.candidates import Candidate
+from pilotid.analysis.choice import Choice, chosen
 from pilotid.analysis.pattern import Part
 from pilotid.analysis.rows import SUBJECT, Row
 from pilotid.analysis.source import Source

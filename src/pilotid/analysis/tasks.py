@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from pilotid.analysis.choice import Candidate, compared, sensible
+from pilotid.analysis.candidates import Candidate, compared, sensible
 from pilotid.analysis.source import Source
 from pilotid.estimates.estimate import Outcome, failed
 from pilotid.estimates.fitted import Fitted, fit_all

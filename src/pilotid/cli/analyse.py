@@ -141,7 +141,7 @@ def analyse(
 
 def _contrast_table(results: Results) -> Table:
     """Differences between conditions for the terminal."""
-    from pilotid.analysis.report import chance, contrast_overview, to_error
+    from pilotid.analysis.report_estimates import chance, contrast_overview, to_error
     from pilotid.numbers import MINUS, NONE, number
 
     table = make_table()
