@@ -20,17 +20,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pilotid.frequency.fourier_coefficients import Coefficients, coefficients_of
-from pilotid.methods.fourier import Equations, Fourier
+from pilotid.lines.coefficients import Coefficients
+from pilotid.lines.fit import LinesFit, fit_lines
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import fit_rng
-from pilotid.solve.least_squares import minimise
-from pilotid.solve.search import search
 from pilotid.types import FloatArray
-
-ROUNDS = 8  # in which leakage and power are found anew
-STARTS, REFINED = 48, 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,85 +59,43 @@ class Forced:
         return self.misfit / self.freedom if self.freedom > 0 else math.nan
 
 
-def objection(recording: Recording, model: PilotModel) -> str | None:
-    """Why the lines cannot judge a model, or None."""
-    return Fourier().objection(recording, model)
-
-
 def forced(recording: Recording, models: Sequence[PilotModel], seed: int) -> list[Forced]:
     """What the lines say of several models, in their order, with the same weights for all.
 
     Parameters
     ----------
     recording
-        A recording whose lines can judge all of the models, see `objection`.
+        A recording whose lines can judge all of the models, see
+        `pilotid.lines.objection.objection`.
     models
         The models, at least one.
     seed
         Seed of the searches' random starts.
     """
-    fits = [_fitted(recording, model, seed) for model in models]
+    fits = [fit_lines(recording, model, fit_rng(seed, model.name)) for model in models]
     # The power of the remnant as the model has it that leaves the least.
-    _, power = min(
-        ((_misfit(c, m, v, p), p) for m, (c, v, p) in zip(models, fits, strict=True)),
-        key=lambda entry: entry[0],
-    )
-    return [
-        _account(coefficients, model, values, power)
-        for model, (coefficients, values, _) in zip(models, fits, strict=True)
-    ]
+    power = min(fits, key=lambda fit: fit.misfit).power
+    return [_account(replace(fit, power=power)) for fit in fits]
 
 
-def _fitted(
-    recording: Recording, model: PilotModel, seed: int
-) -> tuple[Coefficients, FloatArray, FloatArray]:
-    """A recording's coefficients, the model's parameters, and the power of the remnant."""
-    usual = Fourier()
-    coefficients = coefficients_of(recording, model, usual.neighbours, usual.trend)
-    power = coefficients.power(coefficients.first_residuals())
-    problem = Equations(coefficients, model, power)
-    rng = fit_rng(seed, model.name)
-    values = search(problem.gram, model, rng, candidates=STARTS, refined=REFINED).values[0]
-    for _ in range(ROUNDS):
-        residuals = coefficients.residuals(model.response(coefficients.omega, values))
-        power = coefficients.power(residuals)
-        before, values = values, _minimised(coefficients, model, values, power)
-        if np.all(np.abs(values - before) <= 1e-4 * np.abs(before)):
-            break
-    return coefficients, values, power
-
-
-def _minimised(
-    coefficients: Coefficients, model: PilotModel, values: FloatArray, power: FloatArray
-) -> FloatArray:
-    """Parameters whose response in the loop to the forcing functions alone fits best."""
-    problem = Equations(coefficients, model, power, 1.0, values)
-    return np.asarray(minimise(problem.gram, values[None], model, tolerance=1e-6).values[0])
-
-
-def _misfit(
-    coefficients: Coefficients, model: PilotModel, values: FloatArray, power: FloatArray
-) -> float:
-    problem = Equations(coefficients, model, power)
-    return float(np.sum(problem.rows(values[None])[0, -1] ** 2))
-
-
-def _account(
-    coefficients: Coefficients, model: PilotModel, values: FloatArray, power: FloatArray
-) -> Forced:
-    values = _minimised(coefficients, model, values, power)
+def _account(fit: LinesFit) -> Forced:
+    fit = fit.minimised()
+    coefficients = fit.coefficients
     runs = len(coefficients.control)
     left_out = []
     for run in range(runs) if runs > 1 else ():
-        others = _of_runs(coefficients, [r for r in range(runs) if r != run])
-        known = _minimised(others, model, values, power * runs / (runs - 1))
-        left_out.append(_misfit(_of_runs(coefficients, [run]), model, known, power * runs))
-    lines = 2 * coefficients.lines
+        others = replace(
+            fit,
+            coefficients=_of_runs(coefficients, [r for r in range(runs) if r != run]),
+            power=fit.power * runs / (runs - 1),
+        )
+        alone = replace(fit, coefficients=_of_runs(coefficients, [run]), power=fit.power * runs)
+        left_out.append(float(alone.misfits(others.minimised().values[None])[0]))
     return Forced(
-        model=model,
-        values=values,
-        misfit=_misfit(coefficients, model, values, power),
-        freedom=lines - len(values),
+        model=fit.model,
+        values=fit.values,
+        misfit=fit.misfit,
+        freedom=fit.freedom,
         left_out=np.array(left_out),
     )
 
