@@ -16,7 +16,7 @@ import numpy as np
 
 from pilotid.datasets.forcing import Multisine
 from pilotid.datasets.scenarios import Scenario
-from pilotid.designing.goals import Criterion, Goal, LeastKnown, Mean, Worst
+from pilotid.designing.goals import Criterion, Goal, LongestAxis, Mean, Worst
 from pilotid.designing.limits import Limits, linear
 from pilotid.designing.lines import Lines, multisine, reference_lines
 from pilotid.designing.loop import SIGNALS, Loop, loop_of, powers_of, with_held_remnant
@@ -248,7 +248,7 @@ def _criteria(
     for loop, reference in zip(loops, references, strict=True):
         before = _criterion(reference, np.ones(usual.size), weights)
         if minimise == "E":
-            scale = 1.0 / float(np.linalg.eigvalsh(before.information(usual))[0])
+            scale = 1.0 / float(np.linalg.eigvalsh(before.information(usual))[0])  # a variance
         else:
             scale = before.value(usual)
         found.append(replace(_criterion(loop, unit, weights), scale=scale))
@@ -270,7 +270,7 @@ def _goal(
     if minimise == "E":
         if over == "mean" and len(loops) > 1:
             raise InputError("criterion E takes the worst of several pilots: add --over worst")
-        return LeastKnown(criteria)
+        return LongestAxis(criteria)
     return Worst(criteria) if over == "worst" and len(loops) > 1 else Mean(criteria)
 
 
@@ -307,9 +307,8 @@ def _gains(
         ]
         return tuple(math.sqrt(a / b) for a, b in pairs)
     criteria = _criteria(minimise, loops, references, usual, np.ones(powers.size))
-    if minimise == "E":
-        return tuple(math.sqrt(-1.0 / LeastKnown([c]).value(powers)) for c in criteria)
-    values = [c.value(powers) for c in criteria]
+    each = [LongestAxis([c]) if minimise == "E" else c for c in criteria]
+    values = [c.value(powers) for c in each]
     return tuple(math.exp(0.5 * v) if minimise == "D" else math.sqrt(v) for v in values)
 
 
@@ -317,8 +316,6 @@ def _gap(optimum: Optimum, minimise: str) -> float:
     """How much less the variance could be at the most, as a share of it."""
     if minimise == "D":  # a mean of logarithms
         return math.expm1(optimum.value - optimum.lower)
-    if minimise == "E":  # minus an information
-        return optimum.lower / optimum.value - 1.0
     return (optimum.value - optimum.lower) / optimum.lower
 
 

@@ -69,6 +69,10 @@ class Criterion:
             self.base + np.einsum("j,jpa,jqa->pq", powers, self.factors, self.factors)
         )
 
+    def covariance(self, powers: FloatArray) -> FloatArray:
+        """Covariance over the scale, shape (parameters, parameters)."""
+        return np.asarray(np.linalg.inv(self.scale * self.information(powers)))
+
     def terms(self, powers: FloatArray) -> Terms:
         """Value, gradient and Hessian, all exact."""
         value = self.value(powers)
@@ -191,11 +195,10 @@ class Worst:
 
 
 @dataclass(frozen=True, eq=False)
-class LeastKnown:
+class LongestAxis:
     """Criterion E: the largest eigenvalue of the covariance, the worst over pilots.
 
-    Minimised is minus the least eigenvalue of the information, which is concave in the powers;
-    the criteria's scales are those of the eigenvalues.
+    Of the criteria only `base`, `factors` and `scale` count.
     """
 
     criteria: Sequence[Criterion]
@@ -206,8 +209,7 @@ class LeastKnown:
         return sum(c.base.shape[0] for c in self.criteria)
 
     def start(self, powers: FloatArray) -> FloatArray:
-        value = self.value(powers)
-        return np.array([value + 0.1 * abs(value)])
+        return np.array([1.1 * self.value(powers)])
 
     def terms(self, point: FloatArray, sharpness: float) -> Terms:
         powers, above = point[:-1], point[-1]
@@ -215,44 +217,43 @@ class LeastKnown:
         value, gradient, hessian = sharpness * above, np.zeros(size), np.zeros((size, size))
         gradient[-1] = sharpness
         for c in self.criteria:
-            parameters = c.base.shape[0]
-            slack = c.scale * c.information(powers) + above * np.eye(parameters)
-            try:
-                half = np.linalg.cholesky(slack)
-            except np.linalg.LinAlgError:
+            covariance = c.covariance(powers)
+            axes, turn = np.linalg.eigh(covariance)
+            slack = above - axes
+            if not (slack > 0.0).all():
                 return Terms(np.inf, gradient, hessian)
-            inverse = np.linalg.inv(slack)
-            columns = c.factors.transpose(1, 0, 2).reshape(parameters, -1)
-            seen = inverse @ columns
-            plain = c.scale * columns.T @ seen
-            lines = c.factors.shape[0]
-            value -= 2.0 * float(np.log(np.diag(half)).sum())
-            gradient[:-1] -= np.einsum("jaja->j", plain.reshape(lines, 2, lines, 2))
+            inverse = (turn / slack) @ turn.T
+            parameters, lines = c.base.shape[0], c.factors.shape[0]
+            columns = c.factors.transpose(1, 0, 2).reshape(parameters, -1) * np.sqrt(c.scale)
+            seen = covariance @ columns
+            plain, weighted = columns.T @ seen, seen.T @ inverse @ seen
+            value -= float(np.log(slack).sum())
+            gradient[:-1] -= np.einsum("jaja->j", weighted.reshape(lines, 2, lines, 2))
             gradient[-1] -= np.trace(inverse)
-            hessian[:-1, :-1] += _blocks(plain * plain, lines)
-            crossed = c.scale * np.sum((seen * seen).reshape(parameters, lines, 2), axis=(0, 2))
+            hessian[:-1, :-1] += _blocks(weighted * (weighted + 2.0 * plain), lines)
+            spread = (inverse @ seen).reshape(parameters, lines, 2)
+            crossed = np.sum(spread**2, axis=(0, 2))
             hessian[:-1, -1] += crossed
             hessian[-1, :-1] += crossed
             hessian[-1, -1] += np.sum(inverse * inverse)
         return Terms(float(value), gradient, hessian)
 
     def value(self, powers: FloatArray) -> float:
-        least = [c.scale * np.linalg.eigvalsh(c.information(powers))[0] for c in self.criteria]
-        return -float(min(least))
+        try:
+            return max(float(np.linalg.eigvalsh(c.covariance(powers))[-1]) for c in self.criteria)
+        except np.linalg.LinAlgError:
+            return np.inf
 
     def cut(self, point: FloatArray, sharpness: float) -> Cut:
         powers, above = point[:-1], point[-1]
-        inverses = [
-            np.linalg.inv(c.scale * c.information(powers) + above * np.eye(c.base.shape[0]))
-            for c in self.criteria
-        ]
-        total = sum(float(np.trace(inverse)) for inverse in inverses)
+        each = [c.covariance(powers) for c in self.criteria]
+        weights = [np.linalg.inv(above * np.eye(len(c)) - c) for c in each]
+        total = sum(float(np.trace(weight)) for weight in weights)
         value, gradient = 0.0, np.zeros(powers.size)
-        # No weighted mean of the informations, of weights with trace 1, is below its least
-        # eigenvalue.
-        for c, inverse in zip(self.criteria, inverses, strict=True):
-            weight = c.scale / total
-            value -= weight * float(np.sum(inverse * c.base))
-            seen = np.einsum("pq,jqa->jpa", inverse, c.factors)
-            gradient -= weight * np.einsum("jpa,jpa->j", c.factors, seen)
-        return Cut(value, gradient)
+        # No mean of covariances with weights of trace 1 is above their largest eigenvalue, and
+        # such a mean is convex in the powers.
+        for c, covariance, weight in zip(self.criteria, each, weights, strict=True):
+            value += float(np.sum(weight * covariance)) / total
+            seen = np.einsum("pq,jqa->jpa", covariance, np.sqrt(c.scale) * c.factors)
+            gradient -= np.einsum("jpa,pq,jqa->j", seen, weight / total, seen)
+        return Cut(value - float(gradient @ powers), gradient)

@@ -91,11 +91,11 @@ def minimised(goal: Goal, limits: Sequence[Limit]) -> Optimum:
     powers = _inside(rows, bounds, fixed, levels, names)
     point = np.concatenate([powers, goal.start(powers)])
     wide = np.pad(rows, ((0, 0), (0, goal.extra)))
-    held = np.pad(fixed, ((0, 0), (0, goal.extra)))
+    free = _free(np.pad(fixed, ((0, 0), (0, goal.extra))))
     count = rows.shape[0] + goal.barriers
     sharpness, steps = count / max(abs(goal.value(powers)), 1e-9), 0
     while True:
-        point, taken = _centred(goal, wide, bounds, held, point, sharpness)
+        point, taken = _centred(goal, wide, bounds, free, point, sharpness)
         steps += taken
         if count / sharpness < CLOSE * max(abs(goal.value(point[:lines])), 1e-9):
             break
@@ -118,7 +118,7 @@ def _centred(
     goal: Goal,
     rows: FloatArray,
     bounds: FloatArray,
-    fixed: FloatArray,
+    free: FloatArray,
     point: FloatArray,
     sharpness: float,
 ) -> tuple[FloatArray, int]:
@@ -138,7 +138,7 @@ def _centred(
 
     here = terms(point)
     for step in range(1, 101):
-        move = _newton(here, fixed)
+        move = _newton(here, free)
         decrement = -float(here.gradient @ move)
         if decrement < 1e-8:
             return point, step
@@ -154,17 +154,24 @@ def _centred(
     return point, step
 
 
-def _newton(here: Terms, fixed: FloatArray) -> FloatArray:
-    """The Newton step that keeps the equalities."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(here.hessian), 1e-300))
-    matrix = here.hessian * np.outer(scale, scale)
-    count = fixed.shape[0]
-    bent = fixed * scale
-    bent = bent / np.maximum(np.linalg.norm(bent, axis=1, keepdims=True), 1e-300)
-    whole = np.block([[matrix, bent.T], [bent, np.zeros((count, count))]])
-    right = np.concatenate([-here.gradient * scale, np.zeros(count)])
-    move = np.linalg.lstsq(whole, right, rcond=1e-14)[0]
-    return np.asarray(move[: scale.size] * scale)
+def _free(fixed: FloatArray) -> FloatArray:
+    """Directions that leave equalities as they are, shape (variables, directions)."""
+    if not fixed.size:
+        return np.eye(fixed.shape[1])
+    _, _, right = np.linalg.svd(fixed)
+    return np.asarray(right[np.linalg.matrix_rank(fixed) :].T)
+
+
+def _newton(here: Terms, free: FloatArray) -> FloatArray:
+    """The Newton step along the free directions, those that keep the equalities."""
+    hessian, gradient = free.T @ here.hessian @ free, free.T @ here.gradient
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+    matrix = hessian * np.outer(scale, scale)
+    try:
+        move = np.linalg.solve(matrix, -gradient * scale)
+    except np.linalg.LinAlgError:
+        move = np.linalg.lstsq(matrix, -gradient * scale, rcond=1e-14)[0]
+    return np.asarray(free @ (move * scale))
 
 
 def _inside(
