@@ -58,7 +58,9 @@ def experiment_of(scenario: Scenario) -> Experiment:
     )
 
 
-def inputs_of(scenario: Scenario, omega: FloatArray, cause: str) -> tuple[ComplexArray, ComplexArray]:
+def inputs_of(
+    scenario: Scenario, omega: FloatArray, cause: str
+) -> tuple[ComplexArray, ComplexArray]:
     """Error and output for each unit of a cause: target, disturbance or remnant."""
     loop = closed_loop(scenario, omega)
     output: ComplexArray = getattr(loop, f"x_of_{cause}")

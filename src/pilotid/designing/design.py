@@ -19,7 +19,14 @@ from pilotid.datasets.scenarios import Scenario
 from pilotid.designing.goals import Criterion, Goal, LongestAxis, Mean, Worst
 from pilotid.designing.limits import Limits, linear
 from pilotid.designing.lines import Lines, multisine, reference_lines
-from pilotid.designing.loop import SIGNALS, Loop, loop_of, powers_of, with_held_remnant
+from pilotid.designing.loop import (
+    SIGNALS,
+    Loop,
+    loop_of,
+    powers_of,
+    widening,
+    with_held_remnant,
+)
 from pilotid.designing.phases import crest_factor, low_crest
 from pilotid.designing.solver import Optimum, minimised
 from pilotid.seeds import DEFAULT_SEED, draw_rng
@@ -47,7 +54,8 @@ class Design:
         Lines and the variance of each sine, the target's first.
     errors, reference_errors
         Predicted standard errors as shares of the true values, with the design and with the
-        reference's forcing functions in a window of the same length.
+        reference's forcing functions in a window of the same length: bounds, and the share that
+        the finite length adds to the errors of `mle`.
     errors_if_scaled
         The same if the remnant's power is a share of the control's, as large as with the
         reference.
@@ -165,20 +173,20 @@ def design(
     optimum = minimised(goal, [replace(row, gradient=row.gradient * unit) for row in rows])
     powers = np.asarray(optimum.powers * unit)
 
-    unrounded = scenario.duration * (optimum.value if wanted else 1.0)
+    unrounded = _window(scenario, optimum.value) if wanted else scenario.duration
     duration = scenario.duration
     if wanted:
         duration = math.ceil(unrounded / lines.period - 1e-9) * lines.period
         _require_time(wanted, unrounded, at_most, scenario, optimum)
     # Bounds fall with the root of the length.
-    shorter = math.sqrt(scenario.duration / duration)
+    longer = math.sqrt(scenario.duration / duration * widening(scenario.runs, duration))
     own = loop_of(scenario, lines) if pilots else loops[0]
     before = loop_of(scenario, known) if pilots else references[0]
     forced = float(before.gains["u"] @ usual)
     scaled = own.information.scaled_to_control(powers, own.gains["u"], forced)
 
     def by_key(errors: FloatArray) -> Errors:
-        return dict(zip(scenario.model.keys, (shorter * errors).tolist(), strict=True))
+        return dict(zip(scenario.model.keys, (longer * errors).tolist(), strict=True))
 
     made, crest = _scenario(scenario, lines, powers, duration, seed)
     return Design(
@@ -319,6 +327,13 @@ def _gap(optimum: Optimum, minimise: str) -> float:
     return (optimum.value - optimum.lower) / optimum.lower
 
 
+def _window(scenario: Scenario, excess: float) -> float:
+    """The window in which a variance that is too large by a factor is as wished for [s]."""
+    long = excess * scenario.duration  # but for the price of a finite length
+    short = widening(scenario.runs, 1.0) - 1.0
+    return 0.5 * (long + math.sqrt(long * long + 4.0 * long * short))
+
+
 def _require_time(
     wanted: Mapping[str, float],
     needed: float,
@@ -332,9 +347,7 @@ def _require_time(
     binding = [n for n, _ in optimum.prices]
     what = f"the limit that binds most is {binding[0]}" if binding else "no limit binds"
     runs = f" in each of {scenario.runs} runs" if scenario.runs > 1 else ""
-    raise InputError(
-        f"{wish} takes {needed:.0f} s{runs}, more than {at_most:g} s; {what}"
-    )
+    raise InputError(f"{wish} takes {needed:.0f} s{runs}, more than {at_most:g} s; {what}")
 
 
 def _scenario(

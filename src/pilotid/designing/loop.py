@@ -13,6 +13,7 @@ from pilotid.designing.lines import Lines, multisine
 from pilotid.pilot.loops import margins
 from pilotid.theory.experiment import GRID
 from pilotid.theory.powers import LineInformation, line_information
+from pilotid.time_domain.maximum_likelihood import SHORT
 from pilotid.types import FloatArray
 
 #: Error and control, and their rates.
@@ -96,6 +97,14 @@ def loop_of(scenario: Scenario, lines: Lines, band: float | None = None) -> Loop
         {name: float(variance) for name, variance in free.items()},
         margins(scenario.model, scenario.values, scenario.element)[0].crossover,
     )
+
+
+def widening(runs: int, seconds: float) -> float:
+    """Factor on variances for the recording's finite length, as in the errors of `mle`.
+
+    Bounds hold for long recordings.
+    """
+    return 1.0 + SHORT / (runs * seconds)
 
 
 def powers_of(scenario: Scenario) -> FloatArray:

@@ -60,7 +60,7 @@ def low_crest(
     for start in begins:
         phases = start
         for power in NORMS:
-            phases = minimize(norm, phases, (power,), "L-BFGS-B", jac=True).x
+            phases = minimize(norm, phases, (power,), "BFGS", jac=True).x
         crest = crest_factor(lines, amplitudes, phases)
         if crest < least:
             best, least = phases, crest

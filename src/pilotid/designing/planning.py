@@ -18,7 +18,7 @@ import numpy as np
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.simulation import require_stable
 from pilotid.designing.lines import reference_lines
-from pilotid.designing.loop import loop_of, powers_of, with_held_remnant
+from pilotid.designing.loop import loop_of, powers_of, widening, with_held_remnant
 from pilotid.types import InputError
 
 LEVEL = 0.05  # of the two-sided test
@@ -65,7 +65,8 @@ class Plan:
         times
             Length of a run in multiples of `window`.
         """
-        per_run = self.error**2 / times + 2.0 * self.within**2
+        widened = widening(runs, times * self.window)
+        per_run = widened * self.error**2 / times + 2.0 * self.within**2
         return math.sqrt(self.between**2 + per_run / runs)
 
     def chance(self, subjects: int, runs: int, times: float = 1.0) -> float:
@@ -150,6 +151,6 @@ def simulated_chance(
     true = made.effect + made.between * rng.standard_normal(shape)
     runs_shape = (*shape, runs)
     by_run = made.within * (rng.standard_normal(runs_shape) - rng.standard_normal(runs_shape))
-    errors = made.error * rng.standard_normal(runs_shape)
-    seen = true + np.mean(by_run + errors, axis=2)
+    error = made.error * math.sqrt(widening(runs, made.window) / runs)
+    seen = true + by_run.mean(axis=2) + error * rng.standard_normal(shape)
     return float(np.mean(ttest_1samp(seen, 0.0, axis=1).pvalue < LEVEL))

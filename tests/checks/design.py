@@ -1,0 +1,126 @@
+"""Predicted standard errors of designs against the scatter of `mle` on simulated recordings.
+
+    nox -s check -- design [--fits 300]     a table for each design; status 1 if it disagrees
+    nox -s check -- design --robust         a design for 30 pilots against the paper's spectrum
+    nox -s check -- design --planned 500    planned power against simulated experiments
+
+Designs are those of criterion A for scenario `nominal` with the variances of e and u within the
+paper's, twice as large, and unlimited.  The disagreement that counts is one of more than 10 %
+and of more than three Monte Carlo errors of the scatter.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+import numpy as np
+
+from pilotid.datasets import Scenario, scenario_named, simulate
+from pilotid.designing.design import Design, design
+from pilotid.designing.limits import Limits
+from pilotid.designing.pilots import drawn_pilots
+from pilotid.designing.planning import plan, simulated_chance
+from pilotid.estimates.method import identify
+from pilotid.methods.mle import MLE
+from pilotid.seeds import fit_rng, recording_rng
+
+NEAR = 0.10
+
+
+def designs() -> list[Design]:
+    nominal = scenario_named("nominal")
+    assert isinstance(nominal, Scenario)
+    return [design(nominal, limits=Limits(e=most, u=most)) for most in (1.0, 2.0, None)]
+
+
+def compare(made: Design, fits: int) -> bool:
+    """Print one design's table; returns whether theory and simulation agree."""
+    scenario, method = made.scenario, MLE()
+    values, claimed = [], []
+    for i in range(fits):
+        recording = simulate(scenario, recording_rng(1, scenario.name, i))
+        rng = fit_rng(1, method.name, scenario.name, i)
+        fit = identify(method, recording, scenario.model, rng)
+        if not fit.outcome.usable:
+            print(f"{scenario.name}, replication {i}: {fit.sentence}")
+            return False
+        values.append(fit.values)
+        claimed.append(fit.std_error)
+    relative = np.array(values) / scenario.values
+    scatter = relative.std(axis=0, ddof=1)
+    # The scatter's own error, from the fourth moment: estimates need not be normal.
+    squares = (relative - relative.mean(axis=0)) ** 2
+    error = 0.5 * squares.std(axis=0, ddof=1) / np.sqrt(fits) / scatter
+    predicted = np.array(list(made.errors.values()))
+    off = scatter / predicted - 1.0
+    print(f"limits e={made.limits.e} u={made.limits.u}: {fits} fits, gap {100 * made.gap:.1e} %")
+    print(f"{'':28}" + "".join(f"{key:>9}" for key in scenario.model.keys))
+    for name, numbers in {
+        "predicted %": 100.0 * predicted,
+        "scatter %": 100.0 * scatter,
+        "  its Monte Carlo error": 100.0 * error,
+        "mean claimed %": 100.0 * np.mean(np.array(claimed) / scenario.values, axis=0),
+        "scatter over predicted": scatter / predicted,
+        "bias %": 100.0 * (relative.mean(axis=0) - 1.0),
+    }.items():
+        print(f"{name:28}" + "".join(f"{number:9.2f}" for number in numbers))
+    print(flush=True)
+    return bool((np.abs(off) < np.maximum(NEAR, 3.0 * error / predicted)).all())
+
+
+def robust(count: int = 30) -> bool:
+    """A design for many pilots against the paper's spectrum, at the same limits."""
+    nominal = scenario_named("nominal")
+    assert isinstance(nominal, Scenario)
+    pilots = drawn_pilots(nominal, count, 1)
+    good = True
+    for over in ("mean", "worst"):
+        for most in (1.0, 1.5):
+            made = design(nominal, limits=Limits(e=most, u=most), pilots=pilots, over=over)
+            better = sum(gain < 1.0 for gain in made.gains)
+            print(
+                f"over {over}, e={most} u={most}: better for {better} of {count}, errors over the "
+                f"reference's {min(made.gains):.3f} to {max(made.gains):.3f}, gap "
+                f"{100 * made.gap:.1e} %, binding: {', '.join(made.binding[:3])}",
+                flush=True,
+            )
+            good = good and (most == 1.0 or better >= 0.9 * count)
+    return good
+
+
+def planned(experiments: int) -> bool:
+    """Planned power against simulated experiments, and what is left in Monte Carlo errors."""
+    good = True
+    for made in designs()[:2]:
+        for subjects, runs in ((8, 5), (12, 3), (20, 5)):
+            found = plan(made.scenario, "tlead", 0.15)
+            chance = found.chance(subjects, runs)
+            rng = np.random.default_rng(subjects)
+            seen = simulated_chance(found, subjects, runs, experiments, rng)
+            error = np.sqrt(chance * (1.0 - chance) / experiments)
+            print(
+                f"{subjects} subjects, {runs} runs: planned {chance:.3f}, simulated {seen:.3f}, "
+                f"{(seen - chance) / error:+.1f} Monte Carlo errors",
+                flush=True,
+            )
+            good = good and abs(seen - chance) < 3.0 * error
+    return good
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--fits", type=int, default=300)
+    parser.add_argument("--robust", action="store_true")
+    parser.add_argument("--planned", type=int, metavar="EXPERIMENTS")
+    given = parser.parse_args()
+    if given.robust:
+        return int(not robust())
+    if given.planned:
+        return int(not planned(given.planned))
+    agree = [compare(made, given.fits) for made in designs()]
+    return int(not all(agree))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
