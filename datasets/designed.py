@@ -56,13 +56,14 @@ def designed_scenario(path: Path) -> Scenario:
         model = MODELS[held.pop("model")]
         element, remnant = _fields(held.pop("element")), _fields(held.pop("remnant"))
         element |= {k: tuple(element[k]) for k in ("numerator", "denominator")}
-        sines = {name: _sines(held.pop(name)) for name in ("target", "disturbance")}
+        target, disturbance = _sines(held.pop("target")), _sines(held.pop("disturbance"))
         return Scenario(
             **{**held, "truth": tuple(float(v) for v in held["truth"])},
             model=model,
             element=ControlledElement(**element),
             remnant=Remnant(**remnant),
-            **sines,
+            target=target,
+            disturbance=disturbance,
         )
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise InputError(

@@ -16,11 +16,12 @@ from pilotid.datasets import scenario_named
 from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.forcing import PERIOD, Multisine
 from pilotid.datasets.remnant import Remnant
-from pilotid.designing.design import Design, _goal, design
+from pilotid.designing.design import Design, design
 from pilotid.designing.goals import Criterion, Goal, LongestAxis, Mean, Worst
 from pilotid.designing.limits import Limits, linear
 from pilotid.designing.lines import chosen_lines, reference_lines, shares_like
 from pilotid.designing.loop import loop_of, powers_of, widening
+from pilotid.designing.objectives import goal_of
 from pilotid.designing.output import forcing_table
 from pilotid.designing.phases import crest_factor, low_crest
 from pilotid.designing.pilots import drawn_pilots, studied, with_truth
@@ -168,7 +169,7 @@ def conic(minimise: str, limits: Limits) -> float:
     lines, keys = usual.size, len(NOMINAL.model.keys)
     unit = np.concatenate([np.full(12, usual[:12].sum()), np.full(12, usual[12:].sum())])
     rows = linear(limits, [loop], [loop], usual)
-    goal = _goal(minimise, {}, [loop], [loop], usual, unit, "mean")
+    goal = goal_of(minimise, {}, [loop], [loop], usual, unit, "mean")
     # Parameters in units of their errors with the reference: well scaled.
     size = np.sqrt(np.diag(loop.information.covariance(usual)))
     base = loop.information.base * np.outer(size, size)

@@ -86,7 +86,7 @@ def spectra_figure(made: Design) -> Figure:
 
     with journal_style():
         figure = Figure(figsize=(WIDTH, 4.4), layout="constrained")
-        above, below = figure.subfigures(2, 1)
+        above, below = figure.subfigures(2, 1, squeeze=False).ravel()
         names = [name for name, _ in made.lines.signals]
         for axes, name in zip(
             above.subplots(1, len(names), squeeze=False).ravel(), names, strict=True

@@ -139,7 +139,7 @@ class Mean:
     def terms(self, point: FloatArray, sharpness: float) -> Terms:
         share = sharpness / len(self.criteria)
         each = [criterion.terms(point) for criterion in self.criteria]
-        return Terms(*(share * sum(part) for part in zip(*each, strict=True)))  # type: ignore[arg-type]
+        return Terms(*(share * sum(part) for part in zip(*each, strict=True)))
 
     def value(self, powers: FloatArray) -> float:
         return float(np.mean([criterion.value(powers) for criterion in self.criteria]))

@@ -78,7 +78,7 @@ def forcing_table(made: Design, rate: float | None = None, fade: float = FADE) -
     scenario = made.scenario
     step = scenario.dt if rate is None else 1.0 / rate
     first, last = -round(scenario.run_in / step), round((scenario.duration + fade) / step)
-    time = np.arange(first, last + 1) * step
+    time = np.asarray(np.arange(first, last + 1) * step, dtype=float)
     begun, left = time - time[0], time[-1] - time
     gain = _ramp(begun, fade if first < 0 else 0.0) * _ramp(left, fade)
     both = [

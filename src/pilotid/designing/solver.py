@@ -103,7 +103,7 @@ def minimised(goal: Goal, limits: Sequence[Limit]) -> Optimum:
     powers = point[:lines]
     slack = bounds - rows @ powers
     duals = 1.0 / (sharpness * slack)
-    worth = {}
+    worth: dict[str, float] = {}
     for name, dual, bound in zip(names, duals, bounds, strict=True):
         if name:
             worth[name] = worth.get(name, 0.0) + float(dual * abs(bound))
@@ -221,4 +221,6 @@ def _lower(
         b_eq=levels if fixed.size else None,
         bounds=[(None, None)] * rows.shape[1],
     )
-    return value + size * float(answer.fun) if answer.status == 0 else -np.inf
+    if answer.status != 0 or answer.fun is None:
+        return -np.inf
+    return value + size * float(answer.fun)
