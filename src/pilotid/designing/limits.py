@@ -122,7 +122,7 @@ def linear(
         found += _of_shares(limits, shares, here, power, at)
         found += _above(limits, lines, here, power, loops)
         if limits.shape:
-            found += _shape(known, powers, lines, name, here / power)
+            found += _shape(lines, shares, here / power, at)
     if limits.balance and len(whole) == 2:
         found.append(Limit("balance", whole[0] - whole[1], 0.0, equal=True))
     return found
@@ -195,16 +195,12 @@ def _above(
     ]
 
 
-def _shape(
-    known: Lines, powers: FloatArray, lines: Lines, signal: str, whole: FloatArray
-) -> list[Limit]:
-    """No more of a signal's power above any of the reference's lines than the reference has."""
-    there = dict(known.signals)[signal]
-    omega, own = known.omega[there], powers[there] / powers[there].sum()
+def _shape(lines: Lines, shares: FloatArray, whole: FloatArray, at: slice) -> list[Limit]:
+    """No more of a signal's power above any line than a spectrum like the reference's has."""
     found = []
-    for edge in omega[:-1]:
-        share = float(own[omega > edge].sum())
-        above = (lines.omega > edge * (1.0 + 1e-9)) - share
+    for number in range(shares.size - 1):
+        above = np.full(lines.omega.size, -float(shares[number + 1 :].sum()))
+        above[at.start + number + 1 : at.stop] += 1.0
         # A hair of room: the reference itself is on all of these limits at once.
         found.append(Limit("shape", above * whole, 1e-6))
     return found

@@ -12,6 +12,7 @@ import numpy as np
 from pilotid.types import ComplexArray, FloatArray
 
 NORMS = (4, 16, 64, 256)
+OPTIONS = {"maxiter": 40}  # for each norm
 STARTS = 4
 GRID_PER_LINE = 8  # samples for a period of the highest line
 
@@ -41,26 +42,28 @@ def low_crest(
     from scipy.optimize import minimize
 
     turns = _turns(lines, GRID_PER_LINE)
+    cosines, sines = np.ascontiguousarray(turns.real), np.ascontiguousarray(turns.imag)
     size = amplitudes / np.sqrt(0.5 * np.sum(amplitudes**2))
     share = np.cumsum(np.concatenate([[0.0], 0.5 * size[:-1] ** 2]))
     schroeder = -2.0 * np.pi * np.cumsum(share)
     begins = [schroeder, *rng.uniform(-np.pi, np.pi, (starts - 1, lines.size))]
 
     def norm(phases: FloatArray, power: int) -> tuple[float, FloatArray]:
-        phasors = size[:, None] * np.exp(1j * phases)[:, None] * turns
-        signal = np.imag(phasors.sum(axis=0))
+        along, across = size * np.cos(phases), size * np.sin(phases)
+        signal = along @ sines + across @ cosines
         peak = np.max(np.abs(signal))
         scaled = signal / peak
-        mean = np.mean(np.abs(scaled) ** power)
-        slopes = np.real(phasors) @ (np.abs(scaled) ** (power - 2) * scaled) / signal.size
-        # d ln(norm): the same minimum, and a scale that does not depend on the power.
+        weight = np.abs(scaled) ** (power - 2) * scaled
+        mean = float(np.mean(weight * scaled))
+        slopes = (along * (cosines @ weight) - across * (sines @ weight)) / signal.size
+        # ln(norm) has the same minimum, and a scale that does not depend on the power.
         return float(np.log(peak) + np.log(mean) / power), slopes / (peak * mean)
 
     best, least = schroeder, np.inf
     for start in begins:
         phases = start
         for power in NORMS:
-            phases = minimize(norm, phases, (power,), "BFGS", jac=True).x
+            phases = minimize(norm, phases, (power,), "BFGS", jac=True, options=OPTIONS).x
         crest = crest_factor(lines, amplitudes, phases)
         if crest < least:
             best, least = phases, crest
