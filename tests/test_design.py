@@ -161,7 +161,7 @@ def conic(minimise: str, limits: Limits) -> float:
 
     A: minimise the sum of t_i with [[M, e_i], [e_i', t_i]] >= 0; E: one t with [[M, I], [I, tI]].
     """
-    clarabel = pytest.importorskip("clarabel")
+    import clarabel
     from scipy import sparse
 
     loop = loop_of(NOMINAL, reference_lines(NOMINAL))

@@ -62,7 +62,10 @@ def design(
     seconds: Annotated[
         float | None, typer.Option(metavar="S", help="Window; default: the scenario's.")
     ] = None,
-    runs: Annotated[int | None, typer.Option(min=1, help="Runs; default: the scenario's.")] = None,
+    runs: Annotated[
+        int | None,
+        typer.Option(min=1, help="Runs (of a subject in each condition); default: the scenario's."),
+    ] = None,
     truth: Annotated[
         str | None, typer.Option(metavar="tlead=2,Kvest=1", help="True values that differ.")
     ] = None,
@@ -81,9 +84,6 @@ def design(
         typer.Option(metavar="'tlead +15%'", help="A difference between conditions to plan for."),
     ] = None,
     subjects: Annotated[int, typer.Option(min=2, help="Subjects, for --power.")] = 8,
-    repeats: Annotated[
-        int, typer.Option(min=1, help="Runs of a subject in each condition, for --power.")
-    ] = 5,
     between: Annotated[
         float, typer.Option(help="Spread of the difference between subjects, a share.")
     ] = 0.1,
@@ -146,7 +146,7 @@ def design(
     about = {"pilotid": version("pilotid"), "command": command}
     write_files(out, made, about, rate, fade)
     page = write_report(out, made, command, version("pilotid"), plans)
-    _print(made, plans, subjects, repeats)
+    _print(made, plans, subjects)
     console = make_console()
     console.print(f"design: {out / 'design.json'}, signals: {out / 'forcing.csv'}", soft_wrap=True)
     console.print(f"report: {page}", soft_wrap=True)
@@ -169,7 +169,6 @@ OPTIONS = {
     "over": ("--over", "mean"),
     "power": ("--power", None),
     "subjects": ("--subjects", 8),
-    "repeats": ("--repeats", 5),
     "between": ("--between", 0.1),
     "within": ("--within", 0.05),
     "rate": ("--rate", None),
@@ -244,10 +243,10 @@ def _wishes(text: str | None) -> dict[str, float]:
     return wishes
 
 
-def _print(made: Design, plans: Sequence[tuple[str, Plan]], subjects: int, runs: int) -> None:
+def _print(made: Design, plans: Sequence[tuple[str, Plan]], subjects: int) -> None:
     from pilotid.designing.report import sentences
 
-    console = make_console()
+    console, runs = make_console(), made.scenario.runs
     print_table(console, _table(made))
     costs = ", ".join(f"{name} {cost:.2f}" for name, cost in made.costs.items())
     crests = ", ".join(f"{name} {crest:.2f}" for name, (crest, _) in made.crest.items())
@@ -257,15 +256,14 @@ def _print(made: Design, plans: Sequence[tuple[str, Plan]], subjects: int, runs:
     for sentence in sentences(made):
         console.print(sentence, soft_wrap=True)
     if len(made.gains) > 1:
-        better = sum(gain < 1.0 for gain in made.gains)
         console.print(
-            f"Better than the reference for {better} of {len(made.gains)} pilots (errors "
+            f"Better than the reference for {made.better} of {len(made.gains)} pilots (errors "
             f"{min(made.gains):.2f} to {max(made.gains):.2f} of the reference's).",
             soft_wrap=True,
         )
     for name, found in plans:
         console.print(
-            f"{name}: {subjects} subjects with {runs} runs in each condition see {found.key} "
+            f"{name}: {subjects} subjects with {runs} run{'s' if runs > 1 else ''} in each condition see {found.key} "
             f"{100.0 * found.effect:+g} % with a chance of "
             f"{100.0 * found.chance(subjects, runs):.0f} %",
             soft_wrap=True,

@@ -98,6 +98,11 @@ class Design:
     seed: int = DEFAULT_SEED
 
     @property
+    def better(self) -> int:
+        """For how many pilots the design is better than the reference, by more than 0.1 %."""
+        return sum(gain < 0.999 for gain in self.gains)
+
+    @property
     def binding(self) -> tuple[str, ...]:
         """Names of the limits that keep the design from being better, dearest first."""
         return tuple(name for name, _ in self.optimum.prices)

@@ -235,14 +235,13 @@ def _wrong(made: Design) -> Section:
 
 
 def _pilots(made: Design) -> Section:
-    better = sum(gain < 1.0 for gain in made.gains)
     gains = np.sort(made.gains)
     text = (
         f"The design was made for {len(gains)} pilots. It is better than the reference for "
-        f"{better} of them: root of what is minimised, over that of the reference, {gains[0]:.2f} "
-        f"to {gains[-1]:.2f}, median {np.median(gains):.2f}."
+        f"{made.better} of them: root of what is minimised, over that of the reference, "
+        f"{gains[0]:.2f} to {gains[-1]:.2f}, median {np.median(gains):.2f}."
     )
-    if better < len(gains):
+    if made.better < len(gains):
         text += " For the others the limits leave no better design that suits all at once."
     return Section("pilots", "Pilots", [Text(text)])
 
