@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -143,7 +143,11 @@ def design(
 
     make_folder(out)
     command = _command({k: v for k, v in locals().items() if k in OPTIONS}, scenario)
-    about = {"pilotid": version("pilotid"), "command": command}
+    about = {
+        "pilotid": version("pilotid"),
+        "command": command,
+        "plan": {name: asdict(found) for name, found in plans} or None,
+    }
     write_files(out, made, about, rate, fade)
     page = write_report(out, made, command, version("pilotid"), plans)
     _print(made, plans, subjects)
@@ -263,8 +267,8 @@ def _print(made: Design, plans: Sequence[tuple[str, Plan]], subjects: int) -> No
         )
     for name, found in plans:
         console.print(
-            f"{name}: {subjects} subjects with {runs} run{'s' if runs > 1 else ''} in each condition see {found.key} "
-            f"{100.0 * found.effect:+g} % with a chance of "
+            f"{name}: {subjects} subjects with {runs} run{'s' if runs > 1 else ''} in each "
+            f"condition see {found.key} {100.0 * found.effect:+g} % with a chance of "
             f"{100.0 * found.chance(subjects, runs):.0f} %",
             soft_wrap=True,
         )
