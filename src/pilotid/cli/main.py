@@ -29,7 +29,8 @@ from pilotid.cli.comparison import compare, report
 from pilotid.cli.stopping import STATUS, heeding_interruptions
 from pilotid.disk import strict_json, write_file
 from pilotid.estimates.fitted import Fitted, fit_all
-from pilotid.estimates.method import Method
+from pilotid.estimates.method import Method, motionless_input
+from pilotid.estimates.response import FrequencyResponse
 from pilotid.estimates.sound import one_line
 from pilotid.naming.code import PluginWarning
 from pilotid.naming.settings import labelled
@@ -198,13 +199,24 @@ def fit(
     if report is not None:
         from pilotid.show.page import html_report
 
-        write_file(report, html_report(fits, true).encode("utf-8", "replace"))
+        page = html_report(fits, true, points=[_first_step(fit) for fit in fits])
+        write_file(report, page.encode("utf-8", "replace"))
     if json == "-":
         sys.stdout.write(text)
     else:
         _print(fits)
     if refused:
         raise InputError("; ".join(refused))
+
+
+def _first_step(fit: Fitted) -> FrequencyResponse | None:
+    """Fourier coefficients, to be drawn behind what was fitted, where the lines allow them."""
+    from pilotid.methods.fourier import Fourier
+
+    fourier = Fourier()
+    if motionless_input(fit.recording, fit.model) or fourier.objection(fit.recording, fit.model):
+        return None
+    return fourier.first_step(fit.recording, fit.model)
 
 
 def _print(fits: Sequence[Fitted]) -> None:

@@ -73,7 +73,6 @@ def infer(
     if plant is None:
         notes.append("no loop margins: name the controlled element, for example --element 4/s^2")
     if folder is not None:
-        unit = recording.units.get("u", "")
-        written = write_posterior(folder, estimate, spreads, predictive, unit)
+        written = write_posterior(folder, fit, spreads, predictive, plant, notes)
         notes += [str(path) for path in written]
     print_posterior(fit, spreads, notes, predictive)
