@@ -42,7 +42,10 @@ def correlation(estimate: Estimate, axes: Axes | None = None) -> Axes:
     keys = estimate.model.keys
     below = np.tril(np.ones(matrix.shape, dtype=bool), -1)[1:, :-1]
     shown = np.ma.masked_where(~below, matrix[1:, :-1])
-    axes.imshow(shown, cmap="PuOr_r", vmin=-1.0, vmax=1.0, aspect="auto")
+    edges = np.arange(len(keys)) - 0.5
+    axes.pcolormesh(edges, edges, shown, cmap="PuOr_r", vmin=-1.0, vmax=1.0, edgecolors="white",
+                    linewidth=0.5)  # fmt: skip
+    axes.invert_yaxis()
     for row, column in zip(*np.nonzero(below), strict=True):
         value = float(shown[row, column])
         if np.isfinite(value):

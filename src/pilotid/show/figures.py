@@ -21,8 +21,8 @@ from pilotid.show.panels import (
     open_loop_figure,
     remnant_figure,
     response_figure,
-    whiteness_figure,
     time_figure,
+    whiteness_figure,
 )
 from pilotid.show.responses import BANDS
 from pilotid.show.spectra import RESIDUALS
@@ -154,10 +154,8 @@ def _figures(
     for begin in range(0, len(known), MATRICES):
         some = known[begin : begin + MATRICES]
         number = f"-{1 + begin // MATRICES}" if begin else ""
-        caption = (
-            f"Correlations of the parameters' errors as claimed by {listed([e.method for e in some])}: "
-            "the darker, the stronger."
-        )
+        names = listed([e.method for e in some])
+        caption = f"Correlations of errors, claimed by {names}: the darker, the stronger."
         yield Shown(f"correlations{number}", caption, correlation_figure(some))
 
 
@@ -193,7 +191,9 @@ def _remnant_words(drawn: Sequence[Estimate]) -> str:
     if len(drawn) > RESIDUALS and (chosen := leading(drawn)) is not None:
         whose = f"the model of the pilot by {chosen.method} leaves"
     else:
-        whose = "the models of the pilot leave" if len(drawn) > 1 else "the model of the pilot leaves"
+        whose = (
+            "the models of the pilot leave" if len(drawn) > 1 else "the model of the pilot leaves"
+        )
     if not modelled:
         return f"Power density of what {whose} of the control (smoothed periodogram)."
     return (

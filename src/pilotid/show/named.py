@@ -33,13 +33,15 @@ class Named:
 
 
 def named(estimates: Sequence[Estimate]) -> list[Named]:
-    """Estimates by method or, if these repeat, by model and number."""
+    """Estimates by method or, if these repeat, by model and number; one alone has a full line."""
     methods, models = [e.method for e in estimates], [e.model.name for e in estimates]
     alike = len(set(methods)) < len(methods)
     pairs = list(zip(methods, models, strict=True))
     found = []
     for number, (estimate, (method, model)) in enumerate(zip(estimates, pairs, strict=True)):
         style, dash = style_of(method), dash_of(method)
+        if len(estimates) == 1:
+            dash = "-"
         if alike:
             style = list(STYLES.values())[-number % len(STYLES)]
             dash = list(DASHES.values())[number % len(DASHES)]

@@ -28,9 +28,7 @@ if TYPE_CHECKING:
 SECONDS = 30.0  # of the control that are shown: beyond, strokes run into one another
 
 
-def time_figure(
-    recording: Recording, estimates: Sequence[Estimate], chosen: Estimate
-) -> Figure:
+def time_figure(recording: Recording, estimates: Sequence[Estimate], chosen: Estimate) -> Figure:
     """Control of the first run with what one model makes of it, and what each leaves.
 
     Parameters
@@ -137,8 +135,8 @@ def whiteness_figure(recording: Recording, estimate: Estimate) -> Figure:
     with journal_style():
         rows = 1 if len(inputs) == 1 else 2
         columns = 3 if rows == 1 else 2
-        figure = Figure(figsize=(WIDTH, 2.2 * rows + 0.2), layout="constrained")
-        figure.get_layout_engine().set(w_pad=0.08, h_pad=0.06)
+        figure = Figure(figsize=(WIDTH, 2.2 * rows + 0.2))
+        figure.set_layout_engine("constrained", w_pad=0.08, h_pad=0.06)
         panels = iter(figure.subplots(rows, columns, squeeze=False).ravel())
         autocorrelation(recording, estimate, axes=next(panels))
         for name in inputs:

@@ -41,7 +41,7 @@ def corner(draws: Draws, units: dict[str, str]) -> Figure:
         figure = Figure(figsize=(WIDTH, WIDTH))
         # Not matplotlib's own layout, which takes seconds for so many panels.
         grid = figure.add_gridspec(
-            count, count, left=0.1, bottom=0.1, right=0.985, top=0.995, wspace=0.07, hspace=0.07
+            count, count, left=0.1, bottom=0.11, right=0.985, top=0.995, wspace=0.07, hspace=0.07
         )
         for i in range(count):
             for j in range(i + 1):
@@ -57,10 +57,10 @@ def corner(draws: Draws, units: dict[str, str]) -> Figure:
                 axes.tick_params(axis="x", rotation=45)
                 if i == count - 1:
                     axes.set_xlabel(_label(draws.keys[j], units, "\n"))
-                    axes.xaxis.set_label_coords(0.5, -0.62 * count / 7)
+                    axes.xaxis.set_label_coords(0.5, -0.5 * count / 7)
                 if j == 0 < i:
                     axes.set_ylabel(_label(draws.keys[i], units, "\n"))
-                    axes.yaxis.set_label_coords(-0.58 * count / 7, 0.5)
+                    axes.yaxis.set_label_coords(-0.48 * count / 7, 0.5)
     return figure
 
 

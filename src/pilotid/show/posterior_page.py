@@ -103,16 +103,20 @@ def posterior_html(
     """
     draws = fit.estimates[0].draws
     assert draws is not None
-    return templates_of("pilotid.show").get_template("posterior.html").render(
-        heading=fit.heading,
-        summary=summary(fit),
-        convergence=[*convergence_words(draws), inside_words(predictive)],
-        columns=columns,
-        rows=[(spread.key, spread.unit, cells) for spread, cells in spreads],
-        verdict=fit.estimates[0].verdict(timed=False),
-        remarks=fit.warnings,
-        notes=notes,
-        figures_shown=embedded(figures, "posterior"),
+    return (
+        templates_of("pilotid.show")
+        .get_template("posterior.html")
+        .render(
+            heading=fit.heading,
+            summary=summary(fit),
+            convergence=[*convergence_words(draws), inside_words(predictive)],
+            columns=columns,
+            rows=[(spread.key, spread.unit, cells) for spread, cells in spreads],
+            verdict=fit.estimates[0].verdict(timed=False),
+            remarks=fit.warnings,
+            notes=notes,
+            figures_shown=embedded(figures, "posterior"),
+        )
     )
 
 

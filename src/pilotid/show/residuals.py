@@ -1,8 +1,7 @@
-"""Plots of tests of prediction errors: are they white, do inputs predict them, are they normal?"""
+"""Plots of tests: whether prediction errors are white, unpredicted by inputs, and normal."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,9 +22,7 @@ SHADE = "#e8e8e8"
 SHOWN = 400  # points of a normal plot
 
 
-def autocorrelation(
-    recording: Recording, *estimates: Estimate, axes: Axes | None = None
-) -> Axes:
+def autocorrelation(recording: Recording, *estimates: Estimate, axes: Axes | None = None) -> Axes:
     """Autocorrelation of the prediction errors, and the limits that hold 95 % if they are white.
 
     Parameters
@@ -40,8 +37,8 @@ def autocorrelation(
     """
     axes = axes if axes is not None else new_axes()
     for own, errors, limit in _whitened(recording, estimates):
-        lags = np.arange(1, 1 + _reach(errors))
-        _line(axes, own, lags * errors.dt, correlations(errors.errors, errors.errors, lags))
+        lags = range(1, 1 + _reach(errors))
+        _line(axes, own, errors.dt, lags, correlations(errors.errors, errors.errors, lags))
         _limits(axes, limit)
     axes.set_ylabel("autocorrelation [-]")
     return _over_lags(axes, 0.0)
@@ -75,9 +72,9 @@ def cross_correlation(
                 f"no channel of model {own.estimate.model.name} acts on {signal}: choose {taken}"
             )
         reach = _reach(errors)
-        lags = np.arange(-reach // 2, 1 + reach)
+        lags = range(-reach // 2, 1 + reach)
         found = correlations(errors.errors, errors.inputs[signal], lags)
-        _line(axes, own, lags * errors.dt, found)
+        _line(axes, own, errors.dt, lags, found)
         _limits(axes, limit)
     axes.axvspan(-0.5 * SECONDS, 0.0, color=SHADE, linewidth=0.0, zorder=-1.0)
     axes.set_ylabel(f"correlation with {signal} [-]")
@@ -120,8 +117,7 @@ def _whitened(
 ) -> list[tuple[Named, Whitened, float]]:
     """Estimates with values, their prediction errors, and the limit of 95 % of correlations."""
     found = []
-    for given in named(estimates):
-        own = given if len(estimates) > 1 else replace(given, dash="-")
+    for own in named(estimates):
         if own.known:
             errors = prediction_errors(recording, own.estimate)
             found.append((own, errors, Z95 / float(np.sqrt(errors.errors.size))))
@@ -130,12 +126,12 @@ def _whitened(
 
 def _reach(errors: Whitened) -> int:
     """Lags shown, in samples."""
-    return min(round(SECONDS / errors.dt), errors.errors.shape[1] - 1)
+    return min(round(SECONDS / errors.dt), int(errors.errors.shape[1]) - 1)
 
 
-def _line(axes: Axes, own: Named, lags: FloatArray, found: FloatArray) -> None:
-    axes.plot(lags, found, color=own.colour, linestyle=own.dash, linewidth=1.0,
-              label=own.label)  # fmt: skip
+def _line(axes: Axes, own: Named, dt: float, lags: range, found: FloatArray) -> None:
+    (line,) = axes.plot(dt * np.array(lags), found, color=own.colour, label=own.label)
+    line.set(linestyle=own.dash, linewidth=1.0)
 
 
 def _limits(axes: Axes, limit: float) -> None:

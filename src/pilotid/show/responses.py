@@ -11,11 +11,11 @@ import numpy as np
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.response import FrequencyResponse
 from pilotid.pilot.element import ControlledElement
-from pilotid.pilot.loops import margins, open_loops
+from pilotid.pilot.loops import Margin, margins, open_loops
 from pilotid.recordings.recording import INPUTS
 from pilotid.show.bode import Bode
 from pilotid.show.named import leading, legend, named, new_pair, ratio_unit, with_unit
-from pilotid.show.style import INK
+from pilotid.show.style import INK, Dash
 from pilotid.types import ComplexArray, FloatArray, InputError
 
 if TYPE_CHECKING:
@@ -23,11 +23,15 @@ if TYPE_CHECKING:
 
 POINTS = 120  # of a curve over frequency
 USUAL = (0.2, 20.0)  # rad/s, the frequencies shown where there are no points
-LOOPS = (0.3, 20.0)  # rad/s, of open loops
+OF_LOOPS = (0.3, 20.0)  # rad/s, the frequencies of open loops
 BANDS = 4  # fitted responses whose bands can be told apart
 STEP = 1e-4  # of a parameter, for the derivative of an open loop, over its standard error
 NO_UNITS: Mapping[str, str] = MappingProxyType({})
-TARGET, DISTURBANCE = ("#0072B2", "-", "o"), ("#D55E00", (0, (5.0, 1.5)), "s")
+#: Name, colour, stroke and marker of the target and the disturbance loop.
+LOOP_STYLES: tuple[tuple[str, str, Dash, str], ...] = (
+    ("target", "#0072B2", "-", "o"),
+    ("disturbance", "#D55E00", (0, (5.0, 1.5)), "s"),
+)
 
 
 def describing_function(
@@ -131,45 +135,43 @@ def open_loop(
         raise InputError(f"{estimate.method} has no values, so that there is no loop to draw")
     axes = axes or new_pair()
     above, below = axes
-    bode = Bode(axes, np.geomspace(*LOOPS, 2 * POINTS))
+    bode = Bode(axes, np.geomspace(*OF_LOOPS, 2 * POINTS))
     model, values = estimate.model, estimate.values
     loops = np.array(open_loops(model, values, element, bode.omega))
     errors = _loop_errors(estimate, element, bode.omega)
-    found = [*zip(("target", "disturbance"), loops, errors, margins(model, values, element),
-                  (TARGET, DISTURBANCE), strict=True)]  # fmt: skip
-    if np.allclose(loops[0], loops[1]):
-        found = [("target and disturbance", *found[0][1:])]
+    same = bool(np.allclose(loops[0], loops[1]))
     above.axhline(1.0, color=INK, linewidth=0.6)
-    marks = []
-    for name, loop, error, margin, (colour, dash, marker) in found:
-        label = f"{name}: no crossover"
-        if np.isfinite(margin.crossover):
-            label = (
-                f"{name}: crossover {margin.crossover:.2f} rad/s, phase margin "
-                f"{margin.phase_margin:.0f}°"
-            )
-        bode.line(loop, colour, label, dash)
+    pairs = [*zip(loops, errors, margins(model, values, element), LOOP_STYLES, strict=True)]
+    for loop, error, margin, (own, colour, dash, marker) in pairs[: 1 if same else 2]:
+        name = "target and disturbance" if same else own
+        if not np.abs(loop).min() > 0.0:
+            continue  # no channel acts on what this loop needs
+        bode.line(loop, colour, f"{name}: {_margin_words(margin)}", dash)
+        phase = np.asarray(below.get_lines()[-1].get_ydata(), float)
         if np.isfinite(error).all():
             bode.band(loop, error, colour)
-        if LOOPS[0] < margin.crossover < LOOPS[1]:
-            above.plot(margin.crossover, 1.0, marker, color=colour, markersize=4.0)
-            marks.append((margin, below.get_lines()[-1], colour, marker))
-    for margin, line, colour, marker in marks:
-        at = float(np.interp(np.log(margin.crossover), np.log(bode.omega), line.get_ydata()))
-        below.plot([margin.crossover] * 2, [at, at - margin.phase_margin], color=colour,
-                   linewidth=2.5, zorder=3.0, solid_capstyle="butt")  # fmt: skip
-        below.plot(margin.crossover, at, marker, color=colour, markersize=4.0)
-        below.axhline(at - margin.phase_margin, color=INK, linewidth=0.6)
+        if OF_LOOPS[0] < margin.crossover < OF_LOOPS[1]:
+            at = float(np.interp(np.log(margin.crossover), np.log(bode.omega), phase))
+            limit = at - margin.phase_margin
+            below.plot([margin.crossover] * 2, [at, limit], color=colour, linewidth=2.5,
+                       zorder=3.0, solid_capstyle="butt")  # fmt: skip
+            below.axhline(limit, color=INK, linewidth=0.6)
+            for panel, height in ((above, 1.0), (below, at)):
+                panel.plot(margin.crossover, height, marker, color=colour, markersize=4.0)
     bode.frame()
     above.set_ylabel("magnitude |L| [-]")
-    above.set_title("open loops" if len(found) > 1 else "open loop", loc="left")
+    above.set_title("open loop" if same else "open loops", loc="left")
     legend(above)
     return axes
 
 
-def _loop_errors(
-    estimate: Estimate, element: ControlledElement, omega: FloatArray
-) -> FloatArray:
+def _margin_words(margin: Margin) -> str:
+    if not np.isfinite(margin.crossover):
+        return "no crossover"
+    return f"crossover {margin.crossover:.2f} rad/s, phase margin {margin.phase_margin:.0f}°"
+
+
+def _loop_errors(estimate: Estimate, element: ControlledElement, omega: FloatArray) -> FloatArray:
     """Errors of log-magnitude and phase [rad] of both open loops, shape (2 loops, 2, n)."""
     model, values, std = estimate.model, estimate.values, estimate.std_error
     slopes = []
@@ -179,16 +181,15 @@ def _loop_errors(
         high, low = (
             np.array(open_loops(model, values + side * step, element, omega)) for side in (1, -1)
         )
-        slopes.append(np.log(high / low) / (2.0 * step[index]))
+        with np.errstate(invalid="ignore", divide="ignore"):  # a loop without a channel is zero
+            slopes.append(np.log(high / low) / (2.0 * step[index]))
     parts = np.array(slopes)
     stacked = np.stack([parts.real, parts.imag])  # (2, parameters, loops, n)
     variances = np.einsum("kpln,pq,kqln->lkn", stacked, estimate.covariance, stacked)
     return np.asarray(np.sqrt(np.maximum(variances, 0.0)))
 
 
-def _shown(
-    estimates: Sequence[Estimate], points: FrequencyResponse | None
-) -> tuple[float, float]:
+def _shown(estimates: Sequence[Estimate], points: FrequencyResponse | None) -> tuple[float, float]:
     """Range of frequencies [rad/s] that holds all points of first steps."""
     responses = [*(e.frequency_response for e in estimates), points]
     found = [response.omega for response in responses if response is not None]

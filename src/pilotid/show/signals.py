@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -88,8 +87,7 @@ def residual(
     for own, width in zip(named(estimates), _widths(len(estimates)), strict=True):
         if own.known:
             scored, _, left = simulated(recording, own.estimate)
-            alone = own if len(estimates) > 1 else replace(own, dash="-")
-            _line(axes, scored, left[run], alone, width)
+            _line(axes, scored, left[run], own, width)
     return _over_time(axes, recording, "residual", span)
 
 
@@ -110,7 +108,7 @@ def _line(axes: Axes, time: FloatArray, signal: FloatArray, own: Named, width: f
 
 def _widths(count: int) -> list[float]:
     """Widths of lines that leave the first to be seen beneath the last."""
-    return np.linspace(min(0.5 + 0.4 * count, 2.0), 0.9, count).tolist()
+    return [float(w) for w in np.linspace(min(0.5 + 0.4 * count, 2.0), 0.9, count)]
 
 
 def _over_time(

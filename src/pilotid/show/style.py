@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 #: What matplotlib takes for the stroke of a line.
-Dash = str | tuple[float, tuple[float, ...]]
+Dash = Literal["-", "--"] | tuple[float, tuple[float, ...]]
 
 # Colours that people with a colour vision deficiency tell apart (Okabe and Ito, 2008, and Tol,
 # 2021), and markers, so that methods differ without colour, too: the same in every figure.

@@ -79,8 +79,9 @@ def _known(chosen: Estimate) -> list[str]:
     if well:
         told.append(f"well known (95 % interval within 10 %) is {listed(well)}")
     told.append(
-        f"poorly known (beyond 50 %) is {listed(poorly)}" if poorly else "nothing is poorly known "
-        "(beyond 50 %)"
+        f"poorly known (beyond 50 %) is {listed(poorly)}"
+        if poorly
+        else "nothing is poorly known (beyond 50 %)"
     )
     text = "; ".join(told)
     return [f"By {chosen.method}, {text}."]

@@ -8,7 +8,7 @@ uncorrelated with what the pilot saw before (Ljung, System Identification, 2nd e
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,12 +17,14 @@ from pilotid.estimates.remnant import RemnantEstimate
 from pilotid.recordings.recording import INPUTS, Recording
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
-from pilotid.time_domain.prepare import lowpass, prepare
+from pilotid.time_domain.prepare import decimation, lowpass, prepare
 from pilotid.time_domain.remnant_choice import contenders, guessed
 from pilotid.time_domain.remnant_models import Band, analysis_band, prediction_error_filters
 from pilotid.types import FloatArray
 
 USUAL = 50.0  # rad/s, the analysis band where the method has no model of the remnant
+
+NARROWEST = 20.0  # rad/s, of an analysis band: that of a pilot
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +72,8 @@ def prediction_errors(recording: Recording, estimate: Estimate) -> Whitened:
     prediction = predict(recording, estimate.model, rate)
     residual = OutputErrors(prediction).residual(estimate.values)
     if remnant is not None:
-        name, taps = remnant.model, prediction_error_filters((remnant.density @ band.cosines)[None])
+        density = np.interp(band.omega, remnant.omega, remnant.density)
+        name, taps = remnant.model, prediction_error_filters((density @ band.cosines)[None])
     else:
         noise = contenders(residual, band)[0]
         name, taps = noise.name, noise.filters(guessed(noise, residual, band)[None], band)
@@ -84,9 +87,9 @@ def prediction_errors(recording: Recording, estimate: Estimate) -> Whitened:
 
 
 def _band(recording: Recording, remnant: RemnantEstimate) -> Band:
-    """The analysis band that a remnant's density was given in: its frequencies tell."""
-    band = Band(recording.dt, 1)
-    return replace(band, factor=max(1, round(float(band.omega[-1] / remnant.omega[-1]))))
+    """The analysis band up to the last frequency at which a remnant's density is known."""
+    factor = round(float(Band(recording.dt, 1).omega[-1] / remnant.omega[-1]))
+    return Band(recording.dt, min(max(1, factor), decimation(recording.dt, NARROWEST)))
 
 
 def _low_passed(signal: FloatArray, band: Band) -> FloatArray:
@@ -94,7 +97,7 @@ def _low_passed(signal: FloatArray, band: Band) -> FloatArray:
     return np.array([np.convolve(run, lowpass(band.factor), "same") for run in signal])
 
 
-def correlations(errors: FloatArray, signal: FloatArray, lags: FloatArray) -> FloatArray:
+def correlations(errors: FloatArray, signal: FloatArray, lags: range) -> FloatArray:
     """Correlation coefficients of errors with a signal some samples before, all runs together.
 
     Parameters
@@ -102,7 +105,7 @@ def correlations(errors: FloatArray, signal: FloatArray, lags: FloatArray) -> Fl
     errors, signal
         Shape (runs, samples), both without a mean.
     lags
-        Whole numbers of samples; negative ones for a signal after the error, shape (lags,).
+        Whole numbers of samples; negative ones for a signal after the error.
 
     Returns
     -------
@@ -111,7 +114,7 @@ def correlations(errors: FloatArray, signal: FloatArray, lags: FloatArray) -> Fl
     samples = errors.shape[1]
     scale = math.sqrt(float(np.sum(errors**2)) * float(np.sum(signal**2)))
     found = []
-    for lag in lags.astype(int).tolist():
+    for lag in lags:
         late, early = (errors, signal) if lag >= 0 else (signal, errors)
         gap = min(abs(lag), samples)
         found.append(float(np.sum(late[:, gap:] * early[:, : samples - gap])))
