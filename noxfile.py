@@ -69,11 +69,13 @@ def check(session: nox.Session) -> None:
         "verdicts": "verdict_rules.py",
         "population": "population.py",
         "constants": "constants.py",
+        "elements": "elements.py",
+        "findings": "findings.py",
     }
     names = [name for name in session.posargs[:1] if name in scripts]
     if not names:
         session.error(f"name one of {', '.join(scripts)}, then its options")
-    session.install("-e", ".", "threadpoolctl>=3")
+    session.install("-e", ".[statistics]", "threadpoolctl>=3")
     script = f"tests/checks/{scripts[names[0]]}"
     session.run("python", script, *session.posargs[1:], env={"OMP_NUM_THREADS": "1"})
 

@@ -201,7 +201,8 @@ def drawn_pilot(
 def sensible(model: PilotModel, truth: FloatArray, element: ControlledElement) -> bool:
     """Whether the loop crosses over where pilots do, and is stable with a margin."""
     target, _ = margins(model, truth, element)
-    if not (0.5 * CROSSOVER[0] <= target.crossover <= 1.2 * CROSSOVER[1]):
+    last = max((target.crossover, *target.others))  # a resonance must not cross over far above
+    if not (0.5 * CROSSOVER[0] <= last <= 1.2 * CROSSOVER[1]):
         return False
     omega = np.geomspace(0.05, 60.0, 400)
     loops = open_loops(model, truth, element, omega)

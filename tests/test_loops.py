@@ -18,9 +18,17 @@ from pilotid.pilot.element import (
     position_control,
     single_integrator,
 )
-from pilotid.pilot.loops import margin, margins, open_loops, pilot_on, unstable_poles
+from pilotid.pilot.loops import (
+    loop_slopes,
+    margin,
+    margins,
+    open_loops,
+    pilot_on,
+    unstable_poles,
+    why_no_crossing,
+)
 from pilotid.pilot.model import PilotModel
-from pilotid.types import FloatArray
+from pilotid.types import ComplexArray, FloatArray
 
 pytestmark = pytest.mark.numerical
 
@@ -88,14 +96,58 @@ def test_margins_of_an_integrator_with_delay_by_hand() -> None:
     assert found.phase_margin == pytest.approx(90.0 - np.degrees(0.6), abs=1e-4)
 
 
-def test_margin_takes_the_last_crossing() -> None:
+def test_crossover_is_the_first_crossing_and_the_others_are_listed() -> None:
     # A resonance at 10 rad/s lifts |L| over one once more.
     omega = np.geomspace(0.05, 60.0, 20_000)
     s = 1j * omega
     found = margin(omega, 100.0 / (s * (s**2 + 0.2 * s + 100.0)))
-    crossings = np.roots([1.0, 0.2**2 - 200.0, 100.0**2, -(100.0**2)])  # |L|^2 = 1 in w^2
-    assert np.sum(np.abs(crossings.imag) < 1e-9) == 3
-    assert found.crossover == pytest.approx(np.sqrt(crossings.real.max()), rel=1e-4)
+    # |L|^2 = 1 in w^2: it falls through one at the least and the largest, and rises between.
+    roots = np.sqrt(np.sort(np.roots([1.0, 0.2**2 - 200.0, 100.0**2, -(100.0**2)]).real))
+    assert roots.size == 3
+    assert found.crossover == pytest.approx(roots[0], rel=1e-4)
+    assert found.others == pytest.approx((roots[2],), rel=1e-4)
+    # Below the resonance the phase is that of an integrator.
+    lag = np.degrees(np.arctan2(0.2 * roots[0], 100.0 - roots[0] ** 2))
+    assert found.phase_margin == pytest.approx(90.0 - lag, abs=1e-3)
+
+
+def test_rise_through_one_is_no_crossover() -> None:
+    # |L| = 2 w/(1 + w^2/16)^2 rises through one near 0.5 rad/s and falls once, by hand at its
+    # larger root.
+    omega = np.geomspace(0.05, 60.0, 20_000)
+    found = margin(omega, 2.0j * omega / (1.0 + 0.25j * omega) ** 4)
+    roots = np.roots([1.0 / 256.0, 0.0, 1.0 / 8.0, -2.0, 1.0])
+    real = np.sort(roots[np.abs(roots.imag) < 1e-9].real)
+    assert real.size == 2
+    assert found.crossover == pytest.approx(real[1], rel=1e-6)
+    assert found.others == ()
+
+
+@pytest.mark.parametrize(
+    ("loop", "words"),
+    [
+        (np.full(OMEGA.size, 0.5 + 0.0j), "stays below one"),
+        (np.full(OMEGA.size, 2.0 + 0.0j), "stays above one"),
+        (0.5j * OMEGA, "rises through one and never falls"),
+    ],
+)
+def test_it_is_said_why_a_loop_has_no_crossover(loop: ComplexArray, words: str) -> None:
+    assert np.isnan(margin(OMEGA, loop).crossover)
+    assert words in why_no_crossing(OMEGA, loop)
+
+
+@pytest.mark.parametrize("model", [SINGLE, MULTI], ids=["single", "multi"])
+def test_slopes_of_loops_are_their_differences(model: PilotModel) -> None:
+    values, element = VALUES[model.name], double_integrator(4.0)
+    found = loop_slopes(model, values, element, OMEGA)
+    for i, value in enumerate(values):
+        step = np.zeros(values.size)
+        step[i] = 1e-6 * value
+        above, below = (open_loops(model, values + k * step, element, OMEGA) for k in (1, -1))
+        for slope, high, low in zip(found, above, below, strict=True):
+            np.testing.assert_allclose(
+                slope[i], np.log(high / low) / (2.0 * step[i]), rtol=1e-5, atol=1e-6
+            )
 
 
 def test_loop_without_crossover_has_no_margin() -> None:

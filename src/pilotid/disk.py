@@ -1,10 +1,13 @@
-"""Files and folders that are written: complete or not there; JSON."""
+"""Files and folders that are written: complete or not there; JSON and tables."""
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import math
 import os
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from pilotid.types import InputError
@@ -53,3 +56,12 @@ def _finite(value: object) -> object:
     if isinstance(value, list | tuple):
         return [_finite(entry) for entry in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def table_bytes(head: Sequence[str], rows: Iterable[Sequence[object]]) -> bytes:
+    """A table as CSV; NaN is an empty cell."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(head)
+    writer.writerows([["" if cell != cell else cell for cell in row] for row in rows])
+    return text.getvalue().encode()

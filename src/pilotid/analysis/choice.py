@@ -14,6 +14,7 @@ from pilotid.estimates.method import motionless_input
 from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
+from pilotid.recordings.names import listed
 from pilotid.recordings.recording import Recording
 from pilotid.time_domain.evidence import Evidence, evidence
 from pilotid.types import InputError
@@ -25,8 +26,9 @@ AUTO = "auto"
 #: the likelihood judges: beyond, it describes the loop and not the pilot.
 LOST = 10.0
 
-#: A model with more parameters is taken where it is better by more than so many standard errors.
-CLEARLY = 2.0
+#: A model with more parameters is taken where it is better by more than so many standard errors,
+#: and by so much in deviance: of few runs the standard error itself is hardly known.
+CLEARLY, LEAST = 2.0, 4.0
 
 #: Where no run can be left out, it is taken where it is better by more than this in deviance.
 CLOSE = 2.0
@@ -202,7 +204,9 @@ def chosen(recordings: Sequence[Sequence[Candidate]]) -> Choice:
     best = min(credible, key=lambda name: (sum(deficits[name]), held[0][name].pilot))
     least = {n: [a - b for a, b in zip(deficits[n], deficits[best], strict=True)] for n in credible}
     units = len(least[best])
-    limit = {n: CLEARLY * _standard_error(least[n]) if units > 1 else CLOSE for n in credible}
+    limit = {
+        n: max(LEAST, CLEARLY * _standard_error(least[n])) if units > 1 else CLOSE for n in credible
+    }
     close = [n for n in credible if sum(least[n]) <= limit[n] or n == best]
     taken = min(close, key=lambda name: (held[0][name].pilot, sum(least[name])))
     told = _reason(held, taken, best, least, by_lines)
@@ -257,7 +261,7 @@ def _reason(
     what = "at the lines of the forcing functions" if by_lines else "by the errors of prediction"
     judge = f"{units} runs, each left out of its fit" if units > 1 else "one fit"
     names = sorted(least, key=lambda name: sum(least[name]))
-    told = [f"{taken} was chosen among {', '.join(names)} {what} ({judge})."]
+    told = [f"{taken} was chosen among {listed(names)} {what} ({judge})."]
     own, pilot = held[0], held[0][taken].pilot
     for name in names:
         differences = [a - b for a, b in zip(least[name], least[taken], strict=True)]
@@ -293,12 +297,16 @@ def _warnings(
         told.append(f"BIC of the whole control prefers {likeliest}, by {lower:.0f}")
         lost = max(own[taken].vaf - own[likeliest].vaf for own in held)
         told[-1] += f", though its VAF is up to {lost:.0f} points lower." if lost > LOST else "."
-    for name in names:
-        disguised = sum(own[name].overdamped for own in held)
-        if name != taken and 2 * disguised > len(held):
-            told.append(
-                f"{name} makes do with an overdamped neuromuscular system in place of a lag."
-            )
+    disguised = [
+        name
+        for name in names
+        if name != taken and 2 * sum(own[name].overdamped for own in held) > len(held)
+    ]
+    if disguised:
+        told.append(
+            f"{listed(disguised)} {'makes' if len(disguised) == 1 else 'make'} do with an "
+            "overdamped neuromuscular system in place of a lag."
+        )
     bounds = [own[taken].bounds for own in held if own[taken].bounds]
     if bounds:
         told.append(f"With {taken}, {len(bounds)} of {len(held)} end at a bound ({bounds[0]}).")

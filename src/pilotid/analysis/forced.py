@@ -117,7 +117,7 @@ def _minimised(
 ) -> FloatArray:
     """Parameters whose response in the loop to the forcing functions alone fits best."""
     problem = Equations(coefficients, model, power, 1.0, values)
-    return minimise(problem.gram, values[None], model, tolerance=1e-6).values[0]
+    return np.asarray(minimise(problem.gram, values[None], model, tolerance=1e-6).values[0])
 
 
 def _misfit(

@@ -8,7 +8,7 @@ from __future__ import annotations
 import inspect
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +16,7 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
+from pilotid.cli.analyse import analyse
 from pilotid.cli.arguments import (
     MethodOption,
     SeedOption,
@@ -35,6 +36,8 @@ from pilotid.estimates.sound import one_line
 from pilotid.naming.code import PluginWarning
 from pilotid.naming.settings import labelled
 from pilotid.pilot.catalogue import MODELS, model_named
+from pilotid.pilot.element import ControlledElement, element_named
+from pilotid.pilot.model import PilotModel
 from pilotid.recordings.files import load_recording, parse_mapping, save_recording
 from pilotid.recordings.recording import Recording, joined
 from pilotid.seeds import DEFAULT_SEED, draw_rng, recording_rng
@@ -56,6 +59,13 @@ MapOption = Annotated[
         "--map",
         metavar="u=stick,e=err",
         help="The file's names for t, e, u, x, ft, fd; a minus before one flips its sign.",
+    ),
+]
+ElementOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="15/s^2",
+        help="Controlled element, for the loops' margins; else the file's, or what u and x show.",
     ),
 ]
 JointOption = Annotated[
@@ -165,6 +175,7 @@ def fit(
     method: MethodOption = None,
     mapping: MapOption = None,
     joint: JointOption = False,
+    element: ElementOption = None,
     start: Annotated[
         str | None, typer.Option(metavar="Kvis=0.2,tlead=1.5", help="Initial guesses.")
     ] = None,
@@ -181,6 +192,7 @@ def fit(
     ] = None,
 ) -> None:
     """Identify a pilot model from recordings."""
+    plant = element_named(element) if element else None
     chosen = started(model_named(model), start)
     true = read_truth(truth, chosen) if truth is not None else None
     methods = methods_of(method, [default_method()])
@@ -190,7 +202,7 @@ def fit(
             require_writable(target, files)
     recordings, refused = _loaded(files, mapping, joint)
     todo = with_bar(recordings, "fitting", len(recordings))
-    fits = [fit_all(recording, chosen, methods, seed) for recording in todo]
+    fits = [_fitted(recording, chosen, methods, seed, plant) for recording in todo]
 
     entries = [f.to_dict() for f in fits]
     text = strict_json(entries[0] if len(entries) == 1 else entries)
@@ -217,6 +229,21 @@ def _first_step(fit: Fitted) -> FrequencyResponse | None:
     if motionless_input(fit.recording, fit.model) or fourier.objection(fit.recording, fit.model):
         return None
     return fourier.first_step(fit.recording, fit.model)
+
+
+def _fitted(
+    recording: Recording,
+    model: PilotModel,
+    methods: Mapping[str, Method],
+    seed: int,
+    plant: ControlledElement | None,
+) -> Fitted:
+    """All fits of a recording, and their loops with the controlled element, if it is known."""
+    from pilotid.frequency.element_choice import chosen_element
+
+    choice = chosen_element(recording, plant)
+    fits = fit_all(recording, model, methods, seed, choice)
+    return replace(fits, remarks=(*fits.remarks, *choice.remarks))
 
 
 def _print(fits: Sequence[Fitted]) -> None:
@@ -261,10 +288,7 @@ def posterior(
     ] = False,
     mapping: MapOption = None,
     joint: JointOption = False,
-    element: Annotated[
-        str | None,
-        typer.Option(metavar="4/s^2", help="Controlled element, for the loops' margins."),
-    ] = None,
+    element: ElementOption = None,
     seed: SeedOption = DEFAULT_SEED,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Folder for draws, summary and figures.")
@@ -273,7 +297,6 @@ def posterior(
     """Sample the posterior of a pilot model's parameters with emcee."""
     from pilotid.cli.posterior import infer
     from pilotid.disk import make_folder
-    from pilotid.pilot.element import element_named
 
     if len(files) > 1 and not joint:
         raise InputError("several files need --joint: they are then runs of one recording")
@@ -285,5 +308,6 @@ def posterior(
     infer(recording, chosen, white=white, element=plant, seed=seed, folder=out)
 
 
+app.command()(analyse)
 app.command()(compare)
 app.command()(report)

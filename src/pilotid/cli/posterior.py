@@ -9,10 +9,11 @@ from pathlib import Path
 from pilotid.estimates.estimate import Outcome, failed
 from pilotid.estimates.fitted import Fitted
 from pilotid.estimates.method import all_remarks, motionless_input
+from pilotid.frequency.element_choice import chosen_element
 from pilotid.methods.bayes import Bayes
-from pilotid.pilot.element import ControlledElement, parsed_element
+from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
-from pilotid.posterior.derived import derived_spreads, parameter_spreads
+from pilotid.posterior.derived import derived_spreads, loop_notes, parameter_spreads
 from pilotid.posterior.predictive import predictive_band
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import Recording
@@ -38,7 +39,7 @@ def infer(
     white
         Whether the residual is taken for white.
     element
-        Controlled element; None for that which the recording names, if it names one.
+        Controlled element; None for that which the recording names or shows.
     seed
         Seed of all random numbers.
     folder
@@ -65,13 +66,15 @@ def infer(
     if draws is None:
         print_posterior(fit, [], [], None)
         return
-    plant = element or parsed_element(recording.controlled_element)
+    choice = chosen_element(recording, element)
+    fit = replace(fit, remarks=(*fit.remarks, *choice.remarks))
+    plant = choice.element
     spreads = parameter_spreads(draws, model)
     spreads += derived_spreads(draws, model, recording, plant)
     predictive = predictive_band(draws, likelihood, rng)
-    notes = []
-    if plant is None:
-        notes.append("no loop margins: name the controlled element, for example --element 4/s^2")
+    notes = [choice.words]
+    if plant is not None:
+        notes += loop_notes(draws, model, plant)
     if folder is not None:
         written = write_posterior(folder, fit, spreads, predictive, plant, notes)
         notes += [str(path) for path in written]

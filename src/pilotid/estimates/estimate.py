@@ -14,7 +14,12 @@ from pilotid.chance import Z95
 from pilotid.estimates.bounds import bounds_reached
 from pilotid.estimates.draws import Draws
 from pilotid.estimates.inseparable import Pair, inseparable
-from pilotid.estimates.quantities import Quantity, product_spreads, products_by_delta
+from pilotid.estimates.quantities import (
+    Quantity,
+    product_spreads,
+    products_by_delta,
+    quantity_of,
+)
 from pilotid.estimates.remnant import RemnantEstimate
 from pilotid.estimates.response import FrequencyResponse
 from pilotid.estimates.tables import quantity_html, quantity_table
@@ -158,10 +163,7 @@ class Estimate:
         """Products of parameters, by the posterior where there is one, else to first order."""
         if self.draws is None:
             return products_by_delta(self.model.keys, self.values, self.covariance)
-        return [
-            Quantity(s.key, s.unit, s.mean, s.deviation, *s.equal_tailed.tolist())
-            for s in product_spreads(self.draws)
-        ]
+        return [quantity_of(spread) for spread in product_spreads(self.draws)]
 
     @property
     def inseparable(self) -> list[Pair]:

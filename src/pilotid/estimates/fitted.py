@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate
+from pilotid.estimates.loop import LoopElement, Loops
+from pilotid.estimates.loops import loops_of
 from pilotid.estimates.method import Method, identify
 from pilotid.estimates.tables import quantity_table, side_by_side
 from pilotid.pilot.model import PilotModel
@@ -33,12 +36,22 @@ class Fitted:
         One for each method.
     remarks
         What is wrong with the recording, a sentence each.
+    loop_element
+        The controlled element that loops are drawn with; None where nobody asked for loops.
     """
 
     recording: Recording
     model: PilotModel
     estimates: tuple[Estimate, ...]
     remarks: tuple[str, ...] = ()
+    loop_element: LoopElement | None = None
+
+    @cached_property
+    def loops(self) -> tuple[Loops, ...]:
+        """The loops of each estimate, in their order; empty where no element is known."""
+        if self.loop_element is None or self.loop_element.element is None:
+            return ()
+        return tuple(loops_of(e, self.loop_element.element) for e in self.estimates)
 
     @property
     def heading(self) -> str:
@@ -50,14 +63,28 @@ class Fitted:
         return {
             "recording": {**self.recording.to_dict(), "remarks": list(self.remarks)},
             "model": self.model.name,
-            "estimates": [estimate.to_dict() for estimate in self.estimates],
+            "estimates": [
+                {**estimate.to_dict(), **loops}
+                for estimate, loops in zip(self.estimates, self._loop_dicts(), strict=True)
+            ],
         }
+
+    def _loop_dicts(self) -> list[dict[str, object]]:
+        """What the loops add to each estimate's object."""
+        given = self.loop_element
+        if given is None:
+            return [{} for _ in self.estimates]
+        if given.element is None:
+            return [{"loops": {"element": None, "remarks": [given.why]}} for _ in self.estimates]
+        return [{"loops": {**loops.to_dict(), "origin": given.origin}} for loops in self.loops]
 
     @property
     def warnings(self) -> list[str]:
         """All remarks, each with what it is about."""
         found = [f"recording: {remark}" for remark in self.remarks]
-        return found + [f"{e.method}: {remark}" for e in self.estimates for remark in e.remarks]
+        found += [f"{e.method}: {remark}" for e in self.estimates for remark in e.remarks]
+        pairs = zip(self.estimates, self.loops, strict=False)
+        return found + [f"{e.method}: {remark}" for e, loops in pairs for remark in loops.remarks]
 
     def print(self, console: Console) -> None:
         """Print tables, a line for each method, and all remarks."""
@@ -67,20 +94,54 @@ class Fitted:
         for columns in side_by_side(shown, console.width):
             console.print()
             print_table(console, quantity_table(columns, sign))
+        notes = self._print_loops(console, sign)
         console.print()
         for estimate in self.estimates:
             style = None if estimate.outcome.usable else "red"
             console.print(estimate.verdict(), style=style, soft_wrap=True)
+        for note in notes:
+            console.print(note, soft_wrap=True)
         for warning in self.warnings:
             console.print(warning, style="yellow", soft_wrap=True)
 
+    def _print_loops(self, console: Console, sign: str) -> list[str]:
+        """Print the loops of estimates, and return what is to be said of them."""
+        if self.loop_element is None or self.loop_element.element is None:
+            return [self.loop_element.why] if self.loop_element else []
+        pairs = [
+            (estimate.method, loops)
+            for estimate, loops in zip(self.estimates, self.loops, strict=True)
+            if np.isfinite(estimate.values).any()
+        ]
+        if pairs:
+            console.print()
+            console.print(self.loop_element.words, soft_wrap=True)
+        shown = [(method, loops.quantities) for method, loops in pairs]
+        for columns in side_by_side(shown, console.width):
+            console.print()
+            print_table(console, quantity_table(columns, sign, "loop"))
+        return [f"{method}: {note}" for method, loops in pairs for note in loops.notes]
+
 
 def fit_all(
-    recording: Recording, model: PilotModel, methods: Mapping[str, Method], seed: int
+    recording: Recording,
+    model: PilotModel,
+    methods: Mapping[str, Method],
+    seed: int,
+    loop_element: LoopElement | None = None,
 ) -> Fitted:
-    """Run methods, by their labels, on a recording, each with its own random generator."""
+    """Run methods, by their labels, on a recording, each with its own random generator.
+
+    Parameters
+    ----------
+    recording, model, methods, seed
+        What is fitted to what.
+    loop_element
+        The controlled element that loops are drawn with, see
+        `pilotid.frequency.element_choice.chosen_element`; None for no loops.
+    """
     estimates = (
         replace(identify(method, recording, model, fit_rng(seed, label)), method=label)
         for label, method in methods.items()
     )
-    return Fitted(recording, model, tuple(estimates), remarks(recording))
+    return Fitted(recording, model, tuple(estimates), remarks(recording), loop_element)

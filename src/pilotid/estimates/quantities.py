@@ -55,6 +55,12 @@ class Quantity:
         return f"{self.key} = {value}{unit}" + (f", 95 % {interval}" if interval else "")
 
 
+def quantity_of(spread: Spread) -> Quantity:
+    """A posterior as a quantity: mean, standard deviation and equal-tailed interval."""
+    low, high = spread.equal_tailed.tolist()
+    return Quantity(spread.key, spread.unit, spread.mean, spread.deviation, low, high)
+
+
 @dataclass(frozen=True)
 class Product:
     """A product of parameters that is better known than the parameters themselves."""

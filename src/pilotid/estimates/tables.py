@@ -17,10 +17,10 @@ Columns = Sequence[tuple[str, Sequence[Quantity]]]
 INTERVAL = "95 % interval"
 
 
-def quantity_table(columns: Columns, plus_minus: str = "±") -> Table:
+def quantity_table(columns: Columns, plus_minus: str = "±", what: str = "parameter") -> Table:
     """A row for each quantity, two columns for each estimate."""
     table = make_table()
-    table.add_column("parameter", no_wrap=True)
+    table.add_column(what, no_wrap=True)
     table.add_column("unit", no_wrap=True)
     for name, _ in columns:
         table.add_column(name, justify="right", no_wrap=True)

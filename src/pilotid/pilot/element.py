@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pilotid.pilot.element_text import NotTransferFunctionError, Ratio, transfer_function
 from pilotid.types import ComplexArray, FloatArray, InputError
 
 if TYPE_CHECKING:
@@ -77,14 +76,14 @@ def double_integrator(gain: float) -> ControlledElement:
 def integrator_with_lag(gain: float, break_frequency: float) -> ControlledElement:
     """K/(s (s + a)), with a in rad/s: between rate and acceleration control."""
     return ControlledElement(
-        (gain,), (1.0, break_frequency, 0.0), name=f"{gain:g}/(s(s+{break_frequency:g}))"
+        (gain,), (1.0, break_frequency, 0.0), name=f"{gain:g}/(s(s{break_frequency:+g}))"
     )
 
 
 def second_order(gain: float, frequency: float, damping: float) -> ControlledElement:
     """K/(s^2 + 2 z w s + w^2), with its natural frequency w in rad/s and its damping z."""
     bottom = (1.0, 2.0 * damping * frequency, frequency**2)
-    name = f"{gain:g}/(s^2+{bottom[1]:g}s+{bottom[2]:g})"
+    name = f"{gain:g}/(s^2{bottom[1]:+g}s{bottom[2]:+g})"
     return ControlledElement((gain,), bottom, name=name)
 
 
@@ -103,34 +102,46 @@ def from_control(system: control.TransferFunction, delay: float = 0.0) -> Contro
     )
 
 
-_NUMBER = r"([0-9]*\.?[0-9]+(?:e[-+]?[0-9]+)?)"
-
-
-_FORMS: tuple[tuple[str, Callable[..., ControlledElement]], ...] = (
-    (_NUMBER, position_control),
-    (rf"{_NUMBER}/s", single_integrator),
-    (rf"{_NUMBER}/s(?:\^|\*\*)2", double_integrator),
-    (rf"{_NUMBER}/\(s\*?\(s\+{_NUMBER}\)\)", integrator_with_lag),
-)
-
-
-def parsed_element(text: str) -> ControlledElement | None:
-    """The controlled element K, K/s, K/s^2 or K/(s(s+a)) of a text; None for any other."""
-    plain = re.sub(r"\s", "", text).lower()
-    for form, build in _FORMS:
-        match = re.fullmatch(form, plain)
-        if match:
-            numbers = [float(group) for group in match.groups()]
-            return build(*numbers) if all(0.0 < n < math.inf for n in numbers) else None
+def _well_known(found: Ratio) -> ControlledElement | None:
+    """One of the forms that have a function of their own here, so that its name is theirs."""
+    top, bottom = found.top.tolist(), found.bottom.tolist()
+    if len(top) > 1 or bottom[0] != 1.0 or found.delay:
+        return None
+    match bottom[1:]:
+        case []:
+            return position_control(top[0])
+        case [0.0]:
+            return single_integrator(top[0])
+        case [0.0, 0.0]:
+            return double_integrator(top[0])
+        case [a, 0.0]:
+            return integrator_with_lag(top[0], a)
     return None
 
 
+def parsed_element(text: str) -> ControlledElement | None:
+    """The controlled element that a text describes; None for any other text.
+
+    See `pilotid.pilot.element_text` for what can be written.
+    """
+    try:
+        return element_named(text)
+    except InputError:
+        return None
+
+
 def element_named(text: str) -> ControlledElement:
-    """As `parsed_element`; `InputError` for a text that is none."""
-    element = parsed_element(text)
-    if element is None:
+    """As `parsed_element`; `InputError` for a text that is none, which says where."""
+    try:
+        found = transfer_function(text)
+    except NotTransferFunctionError as error:
         raise InputError(
-            f"the controlled element '{text}' is not one of K, K/s, K/s^2 and K/(s(s+a)) with "
-            "positive numbers; write for example 4/s^2"
-        )
-    return element
+            f"the controlled element '{text}' cannot be read: {error}; write for example 4/s^2 or "
+            "4 exp(-0.05s)/(s(1+s/30)^2)"
+        ) from None
+    known = _well_known(found)
+    if known is not None:
+        return known
+    name = re.sub(r"\s", "", text.rpartition("=")[2])
+    top, bottom = found.top.tolist(), found.bottom.tolist()
+    return ControlledElement(tuple(top), tuple(bottom), found.delay, name)

@@ -16,13 +16,27 @@ from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
 from pilotid.types import ComplexArray, FloatArray
 
+#: Where crossings are looked for [rad/s]: a pilot's loops have none beyond.
+GRID = np.geomspace(0.05, 60.0, 4000)
+
 
 @dataclass(frozen=True)
 class Margin:
-    """Crossover frequency [rad/s] and phase margin [deg] of one open loop."""
+    """Crossover frequency [rad/s] and phase margin [deg] of one open loop.
+
+    Attributes
+    ----------
+    crossover
+        Where the magnitude falls through one first; NaN where it never does.
+    phase_margin
+        What the phase there is above -180 deg, from -180 to 180; NaN likewise.
+    others
+        Where it falls through one once more [rad/s], ascending: above a resonance.
+    """
 
     crossover: float
     phase_margin: float
+    others: tuple[float, ...] = ()
 
 
 def pilot_on(
@@ -38,6 +52,21 @@ def pilot_on(
     return by_input["error"], -by_input["output"]
 
 
+def loop_slopes(
+    model: PilotModel, values: FloatArray, element: ControlledElement, omega: FloatArray
+) -> tuple[ComplexArray, ComplexArray]:
+    """Derivatives of the logarithms of both open loops by each parameter, (parameters, n)."""
+    on_error, on_output = pilot_on(model, omega, values)
+    jacobian = model.jacobian(omega, values)
+    by_input = {"error": np.zeros_like(jacobian[0]), "output": np.zeros_like(jacobian[0])}
+    for channel, slopes in zip(model.channels, jacobian, strict=True):
+        by_input[channel.input] += channel.sign * slopes
+    of_error, of_output = by_input["error"], -by_input["output"]
+    plant = element.response(omega)
+    target = of_error / on_error - of_output * plant / (1.0 + on_output * plant)
+    return target, (of_error + of_output) / (on_error + on_output)
+
+
 def open_loops(
     model: PilotModel, values: FloatArray, element: ControlledElement, omega: FloatArray
 ) -> tuple[ComplexArray, ComplexArray]:
@@ -47,26 +76,55 @@ def open_loops(
     return on_error * plant / (1.0 + on_output * plant), plant * (on_error + on_output)
 
 
-def margin(omega: FloatArray, loop: ComplexArray) -> Margin:
-    """The last crossing of |L| = 1 on a fine ascending grid; NaN where there is none."""
-    magnitude = np.log(np.abs(loop))
-    falls = np.flatnonzero((magnitude[:-1] > 0.0) & (magnitude[1:] <= 0.0))
-    if falls.size == 0:
-        return Margin(float("nan"), float("nan"))
-    i = int(falls[-1])
+def crossings(omega: FloatArray, loop: ComplexArray) -> tuple[FloatArray, FloatArray]:
+    """Where the magnitude of a loop falls through one on a fine ascending grid.
+
+    Parameters
+    ----------
+    omega
+        The grid [rad/s], shape (n,).
+    loop
+        The open loop, shape (n,).
+
+    Returns
+    -------
+    Ascending frequencies [rad/s] and phase margins there [deg], -180 to 180, shape (crossings,).
+    """
+    with np.errstate(divide="ignore"):  # a loop without a channel is zero
+        magnitude = np.log(np.abs(loop))
+    i = np.flatnonzero((magnitude[:-1] > 0.0) & (magnitude[1:] <= 0.0))
     share = magnitude[i] / (magnitude[i] - magnitude[i + 1])
-    crossover = omega[i] * (omega[i + 1] / omega[i]) ** share
+    frequency = omega[i] * (omega[i + 1] / omega[i]) ** share
     phase = np.angle(loop[i] * (loop[i + 1] / loop[i]) ** share, deg=True)
-    return Margin(float(crossover), float((phase + 360.0) % 360.0 - 180.0))
+    return frequency, (phase + 360.0) % 360.0 - 180.0
+
+
+def margin(omega: FloatArray, loop: ComplexArray) -> Margin:
+    """The first crossing where |L| falls through one on a fine ascending grid."""
+    frequency, phase_margin = crossings(omega, loop)
+    if frequency.size == 0:
+        return Margin(float("nan"), float("nan"))
+    others = tuple(frequency[1:].tolist())
+    return Margin(float(frequency[0]), float(phase_margin[0]), others)
+
+
+def why_no_crossing(omega: FloatArray, loop: ComplexArray) -> str:
+    """Why a loop has no crossover, in words."""
+    above = np.abs(loop) > 1.0
+    reach = f"between {omega[0]:g} and {omega[-1]:g} rad/s"
+    if not above.any():
+        return f"no crossing: the magnitude stays below one {reach}"
+    if above.all():
+        return f"no crossing: the magnitude stays above one {reach}"
+    return f"no crossing: the magnitude rises through one and never falls {reach}"
 
 
 def margins(
     model: PilotModel, values: FloatArray, element: ControlledElement
 ) -> tuple[Margin, Margin]:
     """Crossover frequency and phase margin of the target and the disturbance loop."""
-    omega = np.geomspace(0.05, 60.0, 4000)
-    target, disturbance = open_loops(model, values, element, omega)
-    return margin(omega, target), margin(omega, disturbance)
+    target, disturbance = open_loops(model, values, element, GRID)
+    return margin(GRID, target), margin(GRID, disturbance)
 
 
 def unstable_poles(model: PilotModel, values: FloatArray, element: ControlledElement) -> int:

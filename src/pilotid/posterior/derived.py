@@ -7,16 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from pilotid.estimates.draws import Draws, Spread, spread_of
+from pilotid.estimates.loops import COUNT, TracedLoop, traced_loops
 from pilotid.estimates.quantities import product_spreads
 from pilotid.pilot.element import ControlledElement
-from pilotid.pilot.loops import margin, open_loops
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.time_domain.fast_residuals import Residuals
 from pilotid.time_domain.prediction import predict
 from pilotid.types import FloatArray
 
-COUNT = 1000  # draws from which the costly quantities are computed
 BLOCK = 8  # parameter sets simulated at once
 
 
@@ -47,7 +46,7 @@ def derived_spreads(
     some = draws.equally_weighted(COUNT)[:, : len(model.parameters)]
     result.append(spread_of("VAF", "%", vafs(recording, model, some)))
     if element is not None:
-        result += _margin_spreads(model, some, element)
+        result += _margin_spreads(draws, model, element)
     return result
 
 
@@ -65,27 +64,27 @@ def vafs(recording: Recording, model: PilotModel, values: FloatArray) -> FloatAr
 
 
 def _margin_spreads(
-    model: PilotModel, values: FloatArray, element: ControlledElement
+    draws: Draws, model: PilotModel, element: ControlledElement
 ) -> Sequence[Spread]:
-    omega = np.geomspace(0.1, 30.0, 600)
-    found = np.empty((len(values), 4))
-    for row, own in zip(found, values, strict=True):
-        target, disturbance = (margin(omega, s) for s in open_loops(model, own, element, omega))
-        row[:] = (
-            target.crossover,
-            target.phase_margin,
-            disturbance.crossover,
-            disturbance.phase_margin,
-        )
-    names = (
-        ("target crossover", "rad/s"),
-        ("target phase margin", "deg"),
-        ("disturbance crossover", "rad/s"),
-        ("disturbance phase margin", "deg"),
-    )
-    # A loop that crosses for some draws only has no margin to speak of.
-    return [
-        spread_of(name, unit, own)
-        for (name, unit), own in zip(names, found.T, strict=True)
-        if np.isfinite(own).all()
-    ]
+    spreads = []
+    for loop in _traced(draws, model, element):
+        spreads += [
+            spread_of(f"{loop.name} {what}", unit, values)
+            for what, unit, values in (
+                ("crossover", "rad/s", loop.crossover),
+                ("phase margin", "deg", loop.phase_margin),
+            )
+            if values.size
+        ]
+    return spreads
+
+
+def loop_notes(draws: Draws, model: PilotModel, element: ControlledElement) -> list[str]:
+    """What should be known of the loops' margins over draws, a sentence each."""
+    return [note for loop in _traced(draws, model, element) for note in loop.loop.notes]
+
+
+def _traced(draws: Draws, model: PilotModel, element: ControlledElement) -> list[TracedLoop]:
+    count = len(model.parameters)
+    sets = draws.equally_weighted(COUNT)[:, :count]
+    return traced_loops(model, draws.centre[:count], sets, element)

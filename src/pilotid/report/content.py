@@ -1,6 +1,7 @@
-"""What a report consists of, and its form as Markdown.
+"""What a report consists of, and its form as a page and as Markdown.
 
-Texts hold `code`, **strong** words and [links](#section); nothing else is marked up.
+Texts hold `code`, **strong** words and links to a [section](#key) or a [file](folder/name.html)
+beside the report; nothing else is marked up.
 """
 
 from __future__ import annotations
@@ -11,10 +12,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from pilotid.show.page import templates_of
 from pilotid.show.svg import svg
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+LINK = r"\[([^\]]+)\]\((#[\w-]+|[\w-]+/[\w.+-]+)\)"
 
 
 @dataclass(frozen=True)
@@ -147,7 +152,16 @@ def inline_html(text: str) -> str:
     safe = re.sub(r"`([^`]+)`", r"<code>\1</code>", safe)
     safe = re.sub(r"\*\*([^*]+)\*\*", r"<strong>\1</strong>", safe)
     safe = safe.replace(" %", "&nbsp;%")
-    return re.sub(r"\[([^\]]+)\]\((#[\w-]+)\)", r'<a href="\2">\1</a>', safe)
+    return re.sub(LINK, r'<a href="\2">\1</a>', safe)
+
+
+def web_page(title: str, sections: Sequence[Section]) -> str:
+    """The report as one HTML text that needs no network."""
+    from markupsafe import Markup
+
+    environment = templates_of("pilotid.report")
+    environment.filters["inline"] = lambda text: Markup(inline_html(text))
+    return environment.get_template("study.html").render(title=title, sections=sections)
 
 
 def markdown(title: str, sections: Sequence[Section]) -> str:

@@ -20,8 +20,8 @@ from pilotid.report.content import (
     Picture,
     Section,
     Text,
-    inline_html,
     markdown,
+    web_page,
 )
 from pilotid.report.population import links_of, population_chapters
 from pilotid.report.population_verdicts import CODES as POPULATION_CODES
@@ -30,7 +30,6 @@ from pilotid.report.population_verdicts import population_verdicts
 from pilotid.report.rules import Rules, rules_for
 from pilotid.report.verdicts import CODES, in_short, judge, sentence
 from pilotid.report.violations import violation_chapters
-from pilotid.show.page import templates_of
 from pilotid.study.comparison import Comparison
 from pilotid.study.store import Store
 from pilotid.types import InputError
@@ -70,7 +69,7 @@ def write_report(folder: Path, store: Store, study: Comparison) -> Path:
             write_file(pictures / f"{block.name}.svg", block.svg.encode())
     write_file(folder / "report.md", markdown(TITLE, sections).encode("utf-8", "replace"))
     page = folder / "report.html"
-    write_file(page, _page(sections).encode("utf-8", "replace"))
+    write_file(page, web_page(TITLE, sections).encode("utf-8", "replace"))
     return page
 
 
@@ -218,11 +217,3 @@ def _counts(study: Comparison, scenarios: Sequence[str]) -> str:
     if len(scenarios) == 1:
         return f"{_recordings(study, scenarios[0])}."
     return f"{NONE.join(str(c) for c in sorted({counts[0], counts[-1]}))} recordings a scenario."
-
-
-def _page(sections: Sequence[Section]) -> str:
-    from markupsafe import Markup
-
-    environment = templates_of("pilotid.report")
-    environment.filters["inline"] = lambda text: Markup(inline_html(text))
-    return environment.get_template("study.html").render(title=TITLE, sections=sections)

@@ -63,7 +63,8 @@ def figures_of(
         the describing functions where no estimate has a first step of its own; such as
         ``Fourier().first_step(recording, model)``.
     element
-        The controlled element, for the open loops; None for that which the recording names.
+        The controlled element, for the open loops; None for that of the fit or, where it has
+        none, that which the recording names.
     truth
         True parameters of a simulation, shape (parameters,).
     """
@@ -139,12 +140,12 @@ def _figures(
         yield Shown("describing-function", _response_words(drawn, first_steps, behind), figure)
     if chosen is None:
         return
-    plant = element or parsed_element(recording.controlled_element)
+    plant = element or _element_of(fit)
     if plant is not None:
         caption = (
             f"Open loops of the pilot ({chosen.method}) with the controlled element "
-            f"{plant.name or recording.controlled_element}, with 95 % bands: that which the target "
-            "sees and that which the disturbance sees. Dots: crossovers; bars: phase margins."
+            f"{plant.name or 'given'}, with 95 % bands: that which the target sees and that which "
+            "the disturbance sees. Marks: first crossovers; bars: phase margins."
         )
         yield Shown("open-loop", caption, open_loop_figure(chosen, plant))
     modelled = [e for e in shown if e.remnant is not None] or [chosen]
@@ -157,6 +158,12 @@ def _figures(
         names = listed([e.method for e in some])
         caption = f"Correlations of errors, claimed by {names}: the darker, the stronger."
         yield Shown(f"correlations{number}", caption, correlation_figure(some))
+
+
+def _element_of(fit: Fitted) -> ControlledElement | None:
+    if fit.loop_element is not None:
+        return fit.loop_element.element
+    return parsed_element(fit.recording.controlled_element)
 
 
 def _time_words(recording: Recording, chosen: Estimate) -> str:

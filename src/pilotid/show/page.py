@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pilotid.estimates.fitted import Fitted
-from pilotid.estimates.quantities import Quantity
 from pilotid.estimates.response import FrequencyResponse
 from pilotid.estimates.tables import Columns
 from pilotid.pilot.element import ControlledElement
@@ -40,6 +39,7 @@ class Section:
     heading: str
     summary: list[str]
     parameters: list[Table]
+    loop_words: list[str]
     loops: list[Table]
     verdicts: list[str]
     remarks: list[str]
@@ -65,7 +65,7 @@ def html_report(
         For each fit an estimate of the responses without a model of the pilot, or None; see
         `figures_of`.
     element
-        The controlled element; None for that which each recording names.
+        The controlled element; None for that of each fit, see `figures_of`.
     """
     behind = points if points is not None else [None] * len(fits)
     sections = [
@@ -101,12 +101,14 @@ def section(fit: Fitted, figures: Sequence[Shown], number: str) -> Section:
     number
         Tells its figures from those of other sections of the page.
     """
+    loop_words, loops = _loops(fit)
     known = [(e.method, e.quantities) for e in fit.estimates if np.isfinite(e.values).all()]
     return Section(
         heading=fit.heading,
         summary=summary(fit),
         parameters=tables_of(known),
-        loops=tables_of(loops_of(fit)),
+        loop_words=loop_words,
+        loops=loops,
         verdicts=[e.verdict(timed=False) for e in fit.estimates],
         remarks=fit.warnings,
         figures=embedded(figures, number),
@@ -118,9 +120,18 @@ def embedded(figures: Sequence[Shown], number: str) -> list[tuple[str, str]]:
     return [(svg(f.figure, f"{f.name}-{number}", f.caption), f.caption) for f in figures]
 
 
-def loops_of(fit: Fitted) -> list[tuple[str, Sequence[Quantity]]]:
-    """Crossovers and margins of each method, where the fit has them."""
-    return list(getattr(fit, "loops", {}).items())
+def _loops(fit: Fitted) -> tuple[list[str], list[Table]]:
+    """Crossovers and margins of each method: with what element, what to know, and tables."""
+    given = fit.loop_element
+    if given is None:
+        return [], []
+    pairs = [
+        (estimate.method, loops)
+        for estimate, loops in zip(fit.estimates, fit.loops, strict=False)
+        if np.isfinite(estimate.values).all()
+    ]
+    notes = [f"{method}: {note}" for method, loops in pairs for note in loops.notes]
+    return [given.words, *notes], tables_of([(m, loops.quantities) for m, loops in pairs])
 
 
 def tables_of(columns: Columns) -> list[Table]:

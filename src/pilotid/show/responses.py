@@ -11,7 +11,7 @@ import numpy as np
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.response import FrequencyResponse
 from pilotid.pilot.element import ControlledElement
-from pilotid.pilot.loops import Margin, margins, open_loops
+from pilotid.pilot.loops import Margin, loop_slopes, margins, open_loops
 from pilotid.recordings.recording import INPUTS
 from pilotid.show.bode import Bode
 from pilotid.show.named import leading, legend, named, new_pair, ratio_unit, with_unit
@@ -25,7 +25,6 @@ POINTS = 120  # of a curve over frequency
 USUAL = (0.2, 20.0)  # rad/s, the frequencies shown where there are no points
 OF_LOOPS = (0.3, 20.0)  # rad/s, the frequencies of open loops
 BANDS = 4  # fitted responses whose bands can be told apart
-STEP = 1e-4  # of a parameter, for the derivative of an open loop, over its standard error
 NO_UNITS: Mapping[str, str] = MappingProxyType({})
 #: Name, colour, stroke and marker of the target and the disturbance loop.
 LOOP_STYLES: tuple[tuple[str, str, Dash, str], ...] = (
@@ -173,19 +172,23 @@ def _margin_words(margin: Margin) -> str:
 
 def _loop_errors(estimate: Estimate, element: ControlledElement, omega: FloatArray) -> FloatArray:
     """Errors of log-magnitude and phase [rad] of both open loops, shape (2 loops, 2, n)."""
-    model, values, std = estimate.model, estimate.values, estimate.std_error
-    slopes = []
-    for index, error in enumerate(std):
-        step = np.zeros(values.size)
-        step[index] = STEP * (error if np.isfinite(error) and error > 0.0 else 1.0)
-        high, low = (
-            np.array(open_loops(model, values + side * step, element, omega)) for side in (1, -1)
-        )
-        with np.errstate(invalid="ignore", divide="ignore"):  # a loop without a channel is zero
-            slopes.append(np.log(high / low) / (2.0 * step[index]))
-    parts = np.array(slopes)
-    stacked = np.stack([parts.real, parts.imag])  # (2, parameters, loops, n)
-    variances = np.einsum("kpln,pq,kqln->lkn", stacked, estimate.covariance, stacked)
+    with np.errstate(invalid="ignore", divide="ignore"):  # a loop without a channel is zero
+        slopes = np.array(loop_slopes(estimate.model, estimate.values, element, omega))
+    return np.array([_errors(own, estimate.covariance) for own in slopes])
+
+
+def _errors(slopes: ComplexArray, covariance: FloatArray) -> FloatArray:
+    """Errors of log-magnitude and phase [rad], shape (2, n).
+
+    Parameters
+    ----------
+    slopes
+        Derivatives of the logarithm of a response, shape (parameters, n).
+    covariance
+        Of the parameters, shape (parameters, parameters).
+    """
+    parts = np.stack([slopes.real, slopes.imag])
+    variances = np.einsum("kpn,pq,kqn->kn", parts, covariance, parts)
     return np.asarray(np.sqrt(np.maximum(variances, 0.0)))
 
 
@@ -215,6 +218,4 @@ def _fitted(estimate: Estimate, channel: int, omega: FloatArray) -> tuple[Comple
     """A channel's response, shape (n,), and errors of its log-magnitude and phase, (2, n)."""
     responses, jacobians = estimate.model.response_and_jacobian(omega, estimate.values)
     slopes = jacobians[channel] / responses[channel]
-    parts = np.stack([slopes.real, slopes.imag])
-    variances = np.einsum("kpn,pq,kqn->kn", parts, estimate.covariance, parts)
-    return responses[channel], np.sqrt(np.maximum(variances, 0.0))
+    return responses[channel], _errors(slopes, estimate.covariance)

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from pilotid.disk import write_file
+from pilotid.disk import table_bytes, write_file
 from pilotid.study.comparison import ESTIMATE_COLUMNS, SUMMARY_COLUMNS, Comparison
 from pilotid.study.population import POPULATION_COLUMNS
 
@@ -22,17 +19,8 @@ def write_tables(folder: Path, study: Comparison) -> None:
     What methods did on populations has a table of its own, if there are any.
     """
     head = ["scenario", "method", *SUMMARY_COLUMNS]
-    write_file(folder / SUMMARY, _csv(head, study.summary_rows()))
+    write_file(folder / SUMMARY, table_bytes(head, study.summary_rows()))
     if study.populations:
         head = ["scenario", "method", *POPULATION_COLUMNS]
-        write_file(folder / POPULATION, _csv(head, study.population_rows()))
-    write_file(folder / ESTIMATES, _csv(ESTIMATE_COLUMNS, study.estimate_rows()))
-
-
-def _csv(head: Sequence[str], rows: Iterable[Sequence[object]]) -> bytes:
-    """A table as CSV; NaN is an empty cell."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(head)
-    writer.writerows([["" if cell != cell else cell for cell in row] for row in rows])
-    return text.getvalue().encode()
+        write_file(folder / POPULATION, table_bytes(head, study.population_rows()))
+    write_file(folder / ESTIMATES, table_bytes(ESTIMATE_COLUMNS, study.estimate_rows()))

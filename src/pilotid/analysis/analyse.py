@@ -1,0 +1,290 @@
+"""An analysis: recordings looked at, models chosen, everything fitted, all of it kept."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pilotid.analysis.choice import Candidate, Choice, chosen
+from pilotid.analysis.pattern import Part
+from pilotid.analysis.reading import Reading
+from pilotid.analysis.rows import SUBJECT, Row
+from pilotid.analysis.store import Done
+from pilotid.analysis.tasks import (
+    Answer,
+    Content,
+    Task,
+    candidate_of,
+    failed_content,
+    fit_task,
+    given_up,
+    look_task,
+    perform,
+)
+from pilotid.estimates.method import Method
+from pilotid.pilot.catalogue import MODELS
+from pilotid.pilot.element import ControlledElement
+from pilotid.pilot.model import PilotModel
+from pilotid.study.facts import own_digest
+from pilotid.study.process import USUAL_LIMITS, Limits
+from pilotid.study.workers import run_tasks
+from pilotid.types import InputError
+
+#: Recordings that are judged together when a model is chosen: their fields but the subject.
+Group = tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Settings:
+    """What is done to every recording.
+
+    Attributes
+    ----------
+    models
+        Models that the user named, by name.
+    auto
+        Whether the catalogue's sensible models compete with them, and the best is fitted alone.
+    methods
+        Methods by their labels.
+    per_run
+        Whether every run is fitted on its own as well.
+    element
+        The controlled element, where the user names it.
+    seed
+        Seed of all random numbers.
+    """
+
+    models: Mapping[str, PilotModel]
+    auto: bool
+    methods: Mapping[str, Method]
+    per_run: bool = False
+    element: ControlledElement | None = None
+    seed: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """What was fitted to a recording, or to one run of it; see `content_of`."""
+
+    part: Part
+    run: int | None
+    content: Content
+
+
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    """All that the tables and the report are made of.
+
+    Attributes
+    ----------
+    settings
+        What was done to every recording.
+    parts
+        The recordings that could be read.
+    looks
+        What a look at each gave, in the same order.
+    choices
+        The model chosen for each group of recordings.
+    fits
+        All fits.
+    refused
+        A sentence for each file that was left out.
+    """
+
+    settings: Settings
+    parts: Sequence[Part]
+    looks: Sequence[Content]
+    choices: Mapping[Group, Choice]
+    fits: Sequence[Fit]
+    refused: Sequence[str]
+
+    @property
+    def rows(self) -> list[Row]:
+        """Every quantity of every fit."""
+        return [row for fit in self.fits for row in _rows(fit, "parameters", "remarks")]
+
+    @property
+    def loop_rows(self) -> list[Row]:
+        """Crossover frequencies and phase margins of every fit."""
+        return [row for fit in self.fits for row in _rows(fit, "loops", "loop_remarks")]
+
+    def element(self, file: str) -> str:
+        """The controlled element that a recording's loops are drawn with."""
+        return next((f.content["element"] for f in self.fits if f.part.name == file), "")
+
+    def candidates(self, part: Part) -> list[Candidate]:
+        """The models compared on a recording."""
+        look = self.looks[list(self.parts).index(part)]
+        return [candidate_of(content) for content in look["candidates"]]
+
+
+def group_of(part: Part) -> Group:
+    """The recordings that a recording is judged with: those of other subjects, else none."""
+    if SUBJECT not in dict(part.fields):
+        return (*part.fields, ("file", part.name))
+    return tuple(pair for pair in part.fields if pair[0] != SUBJECT)
+
+
+#: Wraps answers in a bar: answers, what they are, how many.
+Bar = Callable[[Iterable[Answer], str, int], Iterator[Answer]]
+
+
+@dataclass(eq=False)
+class _Work:
+    """Where tasks are done: what is held, and what is refused meanwhile."""
+
+    done: Done
+    bar: Bar
+    workers: int | None
+    limits: Limits
+    refused: dict[str, None] = field(default_factory=dict)
+
+    def contents(self, tasks: Sequence[Task], what: str) -> dict[str, Content]:
+        """The contents of tasks by their keys; those that a file is at fault for are missing."""
+        held = self.done.get(task.key for task in tasks)
+        todo = [task for task in tasks if task.key not in held]
+        if not todo:
+            return held
+        workers = self.workers if self.workers is None else min(self.workers, len(todo))
+        answers = run_tasks(perform, todo, given_up, workers, limits=self.limits)
+        for answer in self.bar(answers, what, len(todo)):
+            if answer.content is not None:
+                held[answer.task.key] = answer.content
+                self.done.put(answer.task.key, answer.content)
+            elif answer.task.what == "fit":
+                held[answer.task.key] = failed_content(answer.task, answer.refused or answer.lost)
+            else:
+                self.refused[
+                    answer.refused or f"{answer.task.reading.part.name}: {answer.lost}"
+                ] = None
+        return held
+
+
+def analyse(
+    readings: Sequence[Reading],
+    settings: Settings,
+    folder: Path,
+    bar: Bar,
+    workers: int | None = None,
+    limits: Limits = USUAL_LIMITS,
+    refused: Sequence[str] = (),
+) -> Analysis:
+    """Look at recordings, choose models, and fit everything; what is held is not done again.
+
+    Parameters
+    ----------
+    readings
+        The recordings.
+    settings
+        What is done to each.
+    folder
+        Where the store and the figures are, which exists.
+    bar
+        Shows the progress.
+    workers
+        Number of processes; None for one for each processor.
+    limits
+        What a task may take.
+    refused
+        A sentence for each file that was left out already.
+    """
+    code = own_digest()
+    with Done(folder) as done:
+        work = _Work(done, bar, workers, limits, dict.fromkeys(refused))
+        digests = _digests(readings, code, work)
+        looks = {
+            reading: look_task(
+                reading,
+                digest,
+                tuple(settings.models.values()),
+                settings.auto,
+                settings.element,
+                settings.seed,
+            )
+            for reading, digest in digests.items()
+        }
+        seen = work.contents(list(looks.values()), "looking at recordings")
+        looked = {r: seen[task.key] for r, task in looks.items() if task.key in seen}
+        choices = _choices(looked)
+        tasks: list[tuple[Reading, int | None, Task]] = []
+        for reading, look in looked.items():
+            for model in _models(reading, look, settings, choices):
+                runs = range(1, look["recording"]["runs"] + 1) if settings.per_run else ()
+                for run in (None, *(runs if len(runs) > 1 else ())):
+                    task = fit_task(
+                        reading,
+                        digests[reading],
+                        model,
+                        settings.methods,
+                        run,
+                        settings.element,
+                        settings.seed,
+                        folder if run is None else None,
+                    )
+                    tasks.append((reading, run, task))
+        held = work.contents([task for *_, task in tasks], "fitting")
+        return Analysis(
+            settings,
+            [reading.part for reading in looked],
+            list(looked.values()),
+            choices,
+            [Fit(reading.part, run, held[task.key]) for reading, run, task in tasks],
+            list(work.refused),
+        )
+
+
+def _digests(readings: Sequence[Reading], code: str, work: _Work) -> dict[Reading, str]:
+    found = {}
+    for reading in readings:
+        try:
+            found[reading] = reading.digest() + code
+        except InputError as error:
+            work.refused[str(error)] = None
+    return found
+
+
+def _choices(looked: Mapping[Reading, Content]) -> dict[Group, Choice]:
+    groups: dict[Group, list[list[Candidate]]] = {}
+    for reading, look in looked.items():
+        own = [candidate_of(content) for content in look["candidates"]]
+        groups.setdefault(group_of(reading.part), []).append(own)
+    return {group: chosen(held) for group, held in groups.items()}
+
+
+def _models(
+    reading: Reading, look: Content, settings: Settings, choices: Mapping[Group, Choice]
+) -> list[PilotModel]:
+    """The models that a recording is fitted with."""
+    if not settings.auto:
+        return list(settings.models.values())
+    name = choices[group_of(reading.part)].model
+    return [{**MODELS, **settings.models}[name]]
+
+
+def _rows(fit: Fit, what: str, told: str) -> list[Row]:
+    return [
+        Row(
+            file=fit.part.name,
+            fields=fit.part.fields,
+            run=fit.run,
+            model=fit.content["model"],
+            method=estimate["method"],
+            parameter=key,
+            unit=unit,
+            value=_number(value),
+            std_error=_number(error),
+            lower=_number(lower),
+            upper=_number(upper),
+            outcome=estimate["outcome"],
+            usable=estimate["usable"],
+            remarks=tuple(estimate[told]),
+        )
+        for estimate in fit.content["estimates"]
+        for key, unit, value, error, lower, upper in estimate[what]
+    ]
+
+
+def _number(held: float | None) -> float:
+    return math.nan if held is None else held

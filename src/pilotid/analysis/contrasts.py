@@ -1,0 +1,255 @@
+"""Contrasts: paired differences between conditions over subjects, plain and weighted.
+
+Values are compared as they are.  Gains and lead times are positive and skewed, and some would
+compare their logarithms; a difference in the parameter's own unit is what papers report, and
+differences between conditions are less skewed than what they are made of.  Claimed errors of such
+parameters grow with their values, so that a weighted mean leans to those who have small ones;
+where it departs from the plain mean, the plain one is the average subject's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from pilotid.analysis.cells import Chosen, Layout, Stratum, layouts, who
+from pilotid.analysis.combine import NAN, effect_size, holm, plain_mean, random_effects
+from pilotid.analysis.rows import CONDITION, Row, in_order
+from pilotid.types import InputError
+
+
+@dataclass(frozen=True)
+class Pair:
+    """One subject's estimates in two conditions, with their claimed standard errors."""
+
+    subject: str
+    a: float
+    b: float
+    error_a: float
+    error_b: float
+
+    @property
+    def difference(self) -> float:
+        """Second condition less the first."""
+        return self.b - self.a
+
+    @property
+    def error(self) -> float:
+        """Claimed standard error of the difference; the recordings are independent."""
+        return math.hypot(self.error_a, self.error_b)
+
+
+@dataclass(frozen=True)
+class Contrast:
+    """A parameter's difference between two conditions: a line of contrasts.csv.
+
+    What cannot be worked out is NaN, and `notes` say why.
+
+    Attributes
+    ----------
+    stratum
+        Values of the other fields within which the conditions are compared.
+    condition_a, condition_b, model_a, model_b
+        What is compared; models differ only where each condition has its own.
+    method, parameter, unit
+        What was estimated, and how.
+    pairs
+        The subjects with a usable estimate in both conditions.
+    mean_a, mean_b
+        Means over these subjects.
+    difference, std_error, freedom, t, p, lower, upper
+        Mean of b - a, its error from the scatter of the subjects, the paired t-test with its
+        degrees of freedom, and the 95 % interval.
+    p_holm
+        p after Holm's correction for the number of pairs of conditions that were tested.
+    effect_size
+        Cohen's d_z (mean over standard deviation of the differences) with Hedges' correction.
+    weighted_difference, weighted_std_error, weighted_p, weighted_p_holm, weighted_lower, \
+weighted_upper
+        The same of the mean weighted by claimed errors: random effects by Paule and Mandel,
+        interval by Hartung and Knapp.
+    between_subjects, between_lower, between_upper
+        Standard deviation of the true differences between subjects, apart from the errors of
+        estimation, and its 95 % interval.
+    claimed_error
+        What an estimated difference is typically off by: median of the claimed errors.
+    notes
+        Who is left out and why, and what could not be worked out.
+    """
+
+    stratum: Stratum
+    condition_a: str
+    condition_b: str
+    model_a: str
+    model_b: str
+    method: str
+    parameter: str
+    unit: str
+    pairs: tuple[Pair, ...]
+    mean_a: float = NAN
+    mean_b: float = NAN
+    difference: float = NAN
+    std_error: float = NAN
+    freedom: float = NAN
+    t: float = NAN
+    p: float = NAN
+    p_holm: float = NAN
+    lower: float = NAN
+    upper: float = NAN
+    effect_size: float = NAN
+    weighted_difference: float = NAN
+    weighted_std_error: float = NAN
+    weighted_p: float = NAN
+    weighted_p_holm: float = NAN
+    weighted_lower: float = NAN
+    weighted_upper: float = NAN
+    between_subjects: float = NAN
+    between_lower: float = NAN
+    between_upper: float = NAN
+    claimed_error: float = NAN
+    notes: tuple[str, ...] = ()
+
+    @property
+    def subjects(self) -> int:
+        """Number of subjects compared."""
+        return len(self.pairs)
+
+
+def contrasts(
+    rows: Sequence[Row],
+    pairs: Sequence[tuple[str, str]] = (),
+    chosen: Chosen | None = None,
+) -> list[Contrast]:
+    """Paired differences between conditions, for each stratum, method, model and parameter.
+
+    Parameters
+    ----------
+    rows
+        Rows of estimates.csv and loops.csv; only fits of all runs together are compared.
+    pairs
+        Conditions to compare, ``("C3", "C6")`` for C6 less C3; all pairs if none are given.
+    chosen
+        The model of each stratum and condition, where each condition has its own: parameters
+        that the two models share are compared.  None compares fits of the same model.
+
+    Raises
+    ------
+    InputError
+        If a pair names a condition that no row has, or one condition twice.
+    """
+    known = in_order([row.field(CONDITION) for row in rows])
+    for pair in pairs:
+        _require(pair, known)
+    result = []
+    for layout in layouts(rows, chosen):
+        wanted = pairs or list(combinations(layout.conditions, 2))
+        if chosen is not None:  # what only one of the two models has cannot be compared
+            wanted = [pair for pair in wanted if set(pair) <= set(layout.conditions)]
+        made = [_contrast(layout, a, b) for a, b in wanted]
+        plain, weighted = holm([c.p for c in made]), holm([c.weighted_p for c in made])
+        result += [
+            replace(contrast, p_holm=p, weighted_p_holm=q)
+            for contrast, p, q in zip(made, plain, weighted, strict=True)
+        ]
+    return result
+
+
+def _require(pair: tuple[str, str], known: Sequence[str]) -> None:
+    for condition in pair:
+        if condition not in known:
+            there = ", ".join(name for name in known if name) or "none"
+            raise InputError(
+                f"the contrast {':'.join(pair)} names the condition {condition}, which no file "
+                f"has; the conditions are {there}"
+            )
+    if pair[0] == pair[1]:
+        raise InputError(f"the contrast {':'.join(pair)} names one condition twice; name two")
+
+
+def _contrast(layout: Layout, a: str, b: str) -> Contrast:
+    subjects, out = layout.split((a, b))
+    notes = [f"left out: {'; '.join(out)}"] if out else []
+    pairs = []
+    for subject in subjects:
+        one, two = layout.cells[a][subject], layout.cells[b][subject]
+        pairs.append(Pair(subject, one.value, two.value, one.std_error, two.std_error))
+        for condition, cell in ((a, one), (b, two)):
+            where = f"{who(subject)} in {condition}"
+            notes += [f"{where}: mean of {cell.recordings} recordings"] * (cell.recordings > 1)
+            notes += [f"{where}: a parameter is at its bound"] * cell.at_bound
+    some_model = next(iter(layout.models.values()))
+    contrast = Contrast(
+        layout.stratum,
+        a,
+        b,
+        layout.models.get(a, some_model),
+        layout.models.get(b, some_model),
+        layout.method,
+        layout.parameter,
+        layout.unit,
+        tuple(pairs),
+    )
+    if len(pairs) < 2:
+        notes.append(f"{len(pairs) or 'no'} subject in both conditions: a test takes two")
+    elif "," in layout.unit:
+        notes.append(f"the units differ ({layout.unit}): no test")
+        return replace(contrast, notes=tuple(notes))
+    return _weighted(_plain(replace(contrast, notes=tuple(notes))))
+
+
+def _plain(contrast: Contrast) -> Contrast:
+    if not contrast.pairs:
+        return contrast
+    a, b = (np.array([getattr(pair, side) for pair in contrast.pairs]) for side in "ab")
+    mean = plain_mean(b - a, float(np.abs([a, b]).max()))
+    deviation = mean.std_error * math.sqrt(len(a))
+    notes = contrast.notes
+    if mean.std_error == 0.0:
+        notes += ("all subjects have the same difference: no test",)
+    return replace(
+        contrast,
+        mean_a=float(a.mean()),
+        mean_b=float(b.mean()),
+        difference=mean.value,
+        std_error=mean.std_error,
+        freedom=mean.freedom,
+        t=mean.t,
+        p=mean.p,
+        lower=mean.lower,
+        upper=mean.upper,
+        effect_size=effect_size(mean.value, deviation, len(a)),
+        notes=notes,
+    )
+
+
+def _weighted(contrast: Contrast) -> Contrast:
+    """The contrast with its weighted version, of subjects whose estimates claim errors."""
+    if contrast.subjects < 2:
+        return contrast
+    sure = [pair for pair in contrast.pairs if math.isfinite(pair.error)]
+    without = [who(pair.subject) for pair in contrast.pairs if pair not in sure]
+    notes = contrast.notes
+    if without:
+        told = ", ".join(without) if sure else "anyone"
+        notes += (f"not weighted: no claimed error of {told}",)
+    if len(sure) < 2 or contrast.std_error == 0.0:
+        return replace(contrast, notes=notes)
+    errors = np.array([pair.error for pair in sure])
+    found = random_effects(np.array([pair.difference for pair in sure]), errors)
+    return replace(
+        contrast,
+        weighted_difference=found.mean.value,
+        weighted_std_error=found.mean.std_error,
+        weighted_p=found.mean.p,
+        weighted_lower=found.mean.lower,
+        weighted_upper=found.mean.upper,
+        between_subjects=found.between,
+        between_lower=found.between_lower,
+        between_upper=found.between_upper,
+        claimed_error=float(np.median(errors)),
+        notes=notes,
+    )

@@ -1,0 +1,152 @@
+"""Figures of an analysis: estimates over conditions, and how runs differ."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pilotid.analysis.cells import Cell, Layout
+from pilotid.analysis.rows import in_order
+from pilotid.analysis.spread import ConditionSpread
+from pilotid.show.style import GRID, INK, WIDTH, journal_style, log_ticks
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+ACROSS = 4  # panels in a row
+#: Of subjects in their order, told apart with a colour vision deficiency, too (Tol, 2021).
+COLOURS = ("#4477AA", "#EE6677", "#228833", "#CCBB44", "#66CCEE", "#AA3377", "#BBBBBB")
+MARKERS = "osD^vP"
+#: Positive values that span more than this ratio are shown on a logarithmic axis.
+WIDE = 8.0
+#: An interval that reaches further than so many times the range of the values is cut.
+FAR = 1.0
+
+
+def estimates_figure(layouts: Sequence[Layout]) -> Figure:
+    """Estimates over conditions, a panel for each quantity and a line for each subject.
+
+    Parameters
+    ----------
+    layouts
+        Quantities of one stratum and method.
+    """
+    from matplotlib.figure import Figure
+
+    rows = math.ceil(len(layouts) / ACROSS)
+    conditions = in_order([c for layout in layouts for c in layout.conditions])
+    subjects = in_order([s for lay in layouts for cells in lay.cells.values() for s in cells])
+    with journal_style():
+        figure = Figure(figsize=(WIDTH, 1.75 * rows + 0.4), layout="constrained")
+        panels = figure.subplots(rows, min(ACROSS, len(layouts)), squeeze=False).ravel()
+        for axes, layout in zip(panels, layouts, strict=False):
+            _panel(axes, layout, conditions, subjects)
+        for axes in panels[len(layouts) :]:
+            axes.set_axis_off()
+        handles, labels = panels[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=7, frameon=False)
+    return figure
+
+
+def _panel(axes: Axes, layout: Layout, conditions: Sequence[str], subjects: Sequence[str]) -> None:
+    offsets = np.linspace(-0.24, 0.24, len(subjects)) if len(subjects) > 1 else np.zeros(1)
+    shown: list[float] = []
+    for number, (subject, offset) in enumerate(zip(subjects, offsets, strict=True)):
+        colour = COLOURS[number % len(COLOURS)]
+        marker = MARKERS[number // len(COLOURS) % len(MARKERS)] if len(subjects) > 7 else "o"
+        found = [
+            (place + offset, cell)
+            for place, condition in enumerate(conditions)
+            if (cell := layout.cells.get(condition, {}).get(subject)) and not cell.fault
+        ]
+        x = [place for place, _ in found]
+        y = [cell.value for _, cell in found]
+        reach = np.array([_reach(cell) for _, cell in found]).reshape(-1, 2).T
+        axes.plot(x, y, color=colour, linewidth=0.5, alpha=0.5)
+        axes.errorbar(
+            x, y, reach, fmt=marker, color=colour, markersize=3.0, elinewidth=0.9, capsize=0.0,
+            label=f"subject {subject}" if subject else "recording",
+        )  # fmt: skip
+        shown += y
+    for place, condition in enumerate(conditions):
+        cells = layout.cells.get(condition, {}).values()
+        values = [cell.value for cell in cells if not cell.fault]
+        if len(values) > 1:
+            axes.plot(
+                [place - 0.36, place + 0.36], [np.mean(values)] * 2, color=INK, linewidth=1.2,
+                label="mean over subjects" if place == len(conditions) - 1 else None,
+            )  # fmt: skip
+    unit = f" [{layout.unit}]" if layout.unit else ""
+    axes.set_title(f"{layout.parameter}{unit}", loc="left")
+    axes.set_xticks(range(len(conditions)), list(conditions))
+    axes.set_xlim(-0.6, len(conditions) - 0.4)
+    axes.grid(axis="y", color=GRID, linewidth=0.5)
+    axes.set_axisbelow(True)
+    _scale(axes, shown)
+
+
+def _reach(cell: Cell) -> tuple[float, float]:
+    """How far the interval reaches below and above the value."""
+    low, high = cell.interval
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return 0.0, 0.0
+    return max(cell.value - low, 0.0), max(high - cell.value, 0.0)
+
+
+def _scale(axes: Axes, values: Sequence[float]) -> None:
+    """Choose the axis's scale, and cut intervals that would squeeze the values together."""
+    if not values:
+        return
+    low, high = min(values), max(values)
+    if low > 0.0 and high > WIDE * low:
+        axes.set_yscale("log")
+        axes.set_ylim(0.7 * low, 1.4 * high)
+        log_ticks(axes, "y")
+        return
+    room = FAR * (high - low) or 0.5 * abs(high) or 1.0
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(max(bottom, low - room), min(top, high + room))
+
+
+def spread_figure(spreads: Sequence[ConditionSpread]) -> Figure:
+    """How many times as much as claimed runs differ, by parameter and condition.
+
+    Parameters
+    ----------
+    spreads
+        Those of one stratum and method.
+    """
+    from matplotlib.figure import Figure
+
+    keys = list(dict.fromkeys(s.parameter for s in spreads))
+    conditions = in_order([s.condition for s in spreads])
+    offsets = np.linspace(-0.3, 0.3, len(conditions)) if len(conditions) > 1 else np.zeros(1)
+    with journal_style():
+        figure = Figure(figsize=(WIDTH, 2.5), layout="constrained")
+        axes = figure.subplots()
+        axes.axhline(1.0, color=INK, linewidth=0.8)
+        for number, condition in enumerate(conditions):
+            own = [s for s in spreads if s.condition == condition]
+            own = [s for s in own if math.isfinite(s.ratio.value)]
+            x = [keys.index(s.parameter) + offsets[number] for s in own]
+            y = np.array([s.ratio.value for s in own])
+            low = np.array([s.ratio.lower for s in own])
+            high = np.array([s.ratio.upper for s in own])
+            axes.errorbar(
+                x, y, [y - low, high - y], fmt="o", color=COLOURS[number % len(COLOURS)],
+                markersize=3.0, elinewidth=0.9, label=condition or "all recordings",
+            )  # fmt: skip
+        axes.set_yscale("log")
+        axes.set_yticks([0.5, 1.0, 2.0, 3.0, 5.0], ["0.5", "1", "2", "3", "5"])
+        axes.minorticks_off()
+        axes.set_xticks(range(len(keys)), keys)
+        axes.set_ylabel("scatter of runs / claimed error")
+        axes.grid(axis="y", color=GRID, linewidth=0.5)
+        axes.set_axisbelow(True)
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside upper right", ncols=6,
+                      frameon=False)  # fmt: skip
+    return figure

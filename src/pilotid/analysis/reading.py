@@ -1,0 +1,75 @@
+"""A recording that is still in its files, and how they are read."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, replace
+
+from pilotid.analysis.pattern import Part
+from pilotid.recordings.csv import sidecar_path
+from pilotid.recordings.files import load_recording
+from pilotid.recordings.recording import Recording, joined
+from pilotid.types import InputError
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Where a recording is, and how it is read.
+
+    Attributes
+    ----------
+    part
+        Its files.
+    mapping
+        The files' names for signals, as pairs of ours and theirs.
+    """
+
+    part: Part
+    mapping: tuple[tuple[str, str], ...] = ()
+
+    def recording(self, run: int | None = None) -> Recording:
+        """The recording, or one run of it alone, counted from 1.
+
+        Raises
+        ------
+        InputError
+            If a file cannot be used.
+        """
+        loaded = [load_recording(file, dict(self.mapping) or None) for file in self.part.files]
+        whole = joined(loaded) if len(loaded) > 1 else loaded[0]
+        return whole if run is None else alone(whole, run)
+
+    def digest(self) -> str:
+        """A digest of all that is read.
+
+        Raises
+        ------
+        InputError
+            If a file cannot be read.
+        """
+        digest = hashlib.sha256(repr((self.mapping, [str(f) for f in self.part.files])).encode())
+        for file in self.part.files:
+            try:
+                digest.update(file.read_bytes())
+                side = sidecar_path(file)
+                digest.update(side.read_bytes() if side.exists() else b"")
+            except OSError as error:
+                raise InputError(
+                    f"{file}: cannot be read ({error.strerror or error}); check the file and its "
+                    "rights"
+                ) from error
+        return digest.hexdigest()
+
+
+def alone(recording: Recording, run: int) -> Recording:
+    """One run of a recording, counted from 1."""
+    rows = slice(run - 1, run)
+    return replace(
+        recording,
+        e=recording.e[rows],
+        u=recording.u[rows],
+        x=recording.x[rows],
+        ft=None if recording.ft is None else recording.ft[rows],
+        fd=None if recording.fd is None else recording.fd[rows],
+        source=f"{recording.source}, run {run}",
+    )

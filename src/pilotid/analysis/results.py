@@ -1,0 +1,124 @@
+"""What follows from all fits of an analysis: contrasts, spreads of runs, wider errors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pilotid.analysis.analyse import Analysis
+from pilotid.analysis.cells import Chosen
+from pilotid.analysis.contrasts import Contrast, contrasts
+from pilotid.analysis.repeated import Repeated, repeated
+from pilotid.analysis.rows import CONDITION, SUBJECT, Row
+from pilotid.analysis.spread import (
+    ConditionSpread,
+    RunSpread,
+    condition_spreads,
+    run_spreads,
+    with_variation,
+)
+from pilotid.types import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
+    """All that tables and report show.
+
+    Attributes
+    ----------
+    analysis
+        What was fitted.
+    chosen
+        The model of each stratum and condition, where each has its own; None where all
+        recordings were fitted with the same models.
+    rows, loops
+        Every quantity of every fit, and of its loops.
+    wider
+        The fits of all runs together, with errors that include the variation from run to run;
+        empty where runs were not fitted one by one.
+    contrasts, repeated
+        Conditions compared, in pairs and all together.
+    spreads, by_condition
+        Runs compared, of each recording and over subjects.
+    notes
+        What could not be worked out, a sentence each.
+    """
+
+    analysis: Analysis
+    chosen: Chosen | None
+    rows: Sequence[Row]
+    loops: Sequence[Row]
+    wider: Sequence[Row]
+    contrasts: Sequence[Contrast]
+    repeated: Sequence[Repeated]
+    spreads: Sequence[RunSpread]
+    by_condition: Sequence[ConditionSpread]
+    notes: Sequence[str]
+
+    @property
+    def shown(self) -> Sequence[Row]:
+        """Fits of all runs together, with the wider errors where they are known."""
+        return self.wider or [row for row in (*self.rows, *self.loops) if row.run is None]
+
+
+def results_of(analysis: Analysis, pairs: Sequence[tuple[str, str]] = ()) -> Results:
+    """Work out what follows from an analysis.
+
+    Parameters
+    ----------
+    analysis
+        What was fitted.
+    pairs
+        Conditions to compare; all pairs if none are given.
+
+    Raises
+    ------
+    InputError
+        If a pair names a condition that no recording has.
+    """
+    rows, loops = analysis.rows, analysis.loop_rows
+    both = [*rows, *loops]
+    spreads = run_spreads(both)
+    notes: list[str] = []
+    differences: list[Contrast] = []
+    together: list[Repeated] = []
+    chosen = _chosen(analysis) if analysis.settings.auto else None
+    fields = dict(analysis.parts[0].fields) if analysis.parts else {}
+    missing = [name for name in (SUBJECT, CONDITION) if name not in fields]
+    if missing and pairs:
+        raise InputError(
+            f"--contrast: the pattern has no {{{missing[0]}}}; contrasts are made between "
+            "conditions over subjects"
+        )
+    if missing:
+        notes.append(
+            "Conditions are not compared: that needs a pattern with {subject} and {condition}."
+        )
+    else:
+        differences = contrasts(both, pairs, chosen)
+        try:
+            together = repeated(both, chosen)
+        except InputError as error:
+            notes.append(f"{error}.")
+    return Results(
+        analysis=analysis,
+        chosen=chosen,
+        rows=rows,
+        loops=loops,
+        wider=with_variation([r for r in both if r.run is None], spreads) if spreads else [],
+        contrasts=differences,
+        repeated=together,
+        spreads=spreads,
+        by_condition=condition_spreads(spreads),
+        notes=notes,
+    )
+
+
+def _chosen(analysis: Analysis) -> Chosen:
+    return {
+        (
+            tuple(pair for pair in group if pair[0] != CONDITION),
+            dict(group).get(CONDITION, ""),
+        ): choice.model
+        for group, choice in analysis.choices.items()
+    }

@@ -1,0 +1,114 @@
+"""The tables of an analysis: tidy CSV files, and LaTeX for papers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from pilotid.analysis.analyse import Analysis, group_of
+from pilotid.analysis.columns import contrast_table, repeated_table, spread_table
+from pilotid.analysis.latex import tables_tex
+from pilotid.analysis.pattern import Part
+from pilotid.analysis.results import Results
+from pilotid.analysis.rows import Row
+from pilotid.disk import table_bytes, write_file
+
+ESTIMATES, MODELS, LOOPS, CONTRASTS = "estimates.csv", "models.csv", "loops.csv", "contrasts.csv"
+CONDITIONS, RUNS, TEX = "conditions.csv", "runs.csv", "tables.tex"
+
+QUANTITY_COLUMNS = ("unit", "value", "std_error", "lower_95", "upper_95", "outcome", "remarks")
+
+MODEL_COLUMNS = (
+    "model", "chosen", "pilot_parameters", "parameters", "remnant", "samples", "log_likelihood",
+    "aicc", "bic", "vaf", "left_out_vaf", "left_out_log_likelihood", "chi_squared", "freedom",
+    "chi_squared_per_freedom", "left_out_chi_squared", "remarks",
+)  # fmt: skip
+
+
+def write_tables(folder: Path, results: Results, command: str) -> None:
+    """Write the tables, numbers with as many digits as restore them.
+
+    Parameters
+    ----------
+    folder
+        Where to write.
+    results
+        What was found.
+    command
+        The command that found it, for the head of tables.tex.
+    """
+    analysis = results.analysis
+    names = field_names(analysis.parts)
+    head = ["file", *names, "run", "model", "method", "parameter", *QUANTITY_COLUMNS]
+    rows = [_estimate_cells(row, names) for row in results.rows]
+    write_file(folder / ESTIMATES, table_bytes(head, rows))
+    head = ["file", *names, "run", "model", "method", "element", "quantity", *QUANTITY_COLUMNS]
+    loops = [_loop_cells(row, names, analysis.element(row.file)) for row in results.loops]
+    write_file(folder / LOOPS, table_bytes(head, loops))
+    models = [cells for part in analysis.parts for cells in _model_cells(analysis, part, names)]
+    write_file(folder / MODELS, table_bytes(["file", *names, *MODEL_COLUMNS], models))
+    write_file(folder / CONTRASTS, table_bytes(*contrast_table(results.contrasts)))
+    if results.repeated:
+        write_file(folder / CONDITIONS, table_bytes(*repeated_table(results.repeated)))
+    if results.spreads:
+        write_file(folder / RUNS, table_bytes(*spread_table(results.spreads)))
+    text = tables_tex(results.shown, results.contrasts, results.chosen, command)
+    write_file(folder / TEX, text.encode("utf-8", "replace"))
+
+
+def field_names(parts: Sequence[Part]) -> list[str]:
+    """The fields of the pattern, which are columns of every table."""
+    return [field for field, _ in parts[0].fields] if parts else []
+
+
+def _estimate_cells(row: Row, names: Sequence[str]) -> list[object]:
+    return [
+        row.file,
+        *(row.field(name) for name in names),
+        "" if row.run is None else row.run,
+        row.model,
+        row.method,
+        row.parameter,
+        row.unit,
+        row.value,
+        row.std_error,
+        row.lower,
+        row.upper,
+        row.outcome,
+        " | ".join(row.remarks),
+    ]
+
+
+def _loop_cells(row: Row, names: Sequence[str], element: str) -> list[object]:
+    cells = _estimate_cells(row, names)
+    place = len(names) + 4  # behind file, fields, run, model and method
+    return [*cells[:place], element, *cells[place:]]
+
+
+def _model_cells(analysis: Analysis, part: Part, names: Sequence[str]) -> list[list[object]]:
+    fields = dict(part.fields)
+    chosen = analysis.choices[group_of(part)].model
+    return [
+        [
+            part.name,
+            *(fields[name] for name in names),
+            c.model,
+            "yes" if c.model == chosen else "no",
+            c.pilot,
+            c.parameters,
+            c.remnant,
+            c.samples,
+            c.log_likelihood,
+            c.aicc,
+            c.bic,
+            c.vaf,
+            c.left_out_vaf,
+            sum(c.left_out_log_likelihood) if c.left_out_log_likelihood else "",
+            c.misfit,
+            c.freedom or "",
+            c.excess,
+            sum(c.left_out_misfit) if c.left_out_misfit else "",
+            c.bounds,
+        ]
+        for c in analysis.candidates(part)
+    ]

@@ -1,0 +1,231 @@
+"""The work of an analysis, in tasks that cross to other processes: look at a recording, fit it.
+
+What a task gives back is plain data, which the store keeps as JSON.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from pilotid.analysis.choice import Candidate, compared, sensible
+from pilotid.analysis.reading import Reading
+from pilotid.estimates.estimate import Outcome, failed
+from pilotid.estimates.fitted import Fitted, fit_all
+from pilotid.estimates.method import Method
+from pilotid.estimates.sound import one_line
+from pilotid.frequency.element_choice import chosen_element
+from pilotid.naming.code import packed, reason, unpacked
+from pilotid.naming.settings import plain
+from pilotid.naming.sources import code_digest
+from pilotid.pilot.element import ControlledElement
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.checks import remarks
+from pilotid.study.process import Loss
+from pilotid.types import InputError
+
+Content = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Task:
+    """One task.
+
+    Attributes
+    ----------
+    key
+        Tells all that its content follows from.
+    what
+        ``look`` or ``fit``.
+    reading
+        The recording: where it is and how it is read.
+    run
+        Number of the run to take alone, from 1; None for all.
+    code
+        Models and methods, see `pilotid.naming.code.packed`.
+    seed
+        Seed of all random numbers.
+    figures
+        Folder for the figures; None for none.
+    """
+
+    key: str
+    what: str
+    reading: Reading
+    run: int | None
+    code: bytes
+    seed: int
+    figures: Path | None
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a task gave: content, or a sentence that says why there is none.
+
+    Attributes
+    ----------
+    task
+        The task.
+    content
+        Plain data; None where there is none.
+    refused
+        Why, if the recording is at fault.
+    lost
+        How the process was lost, if it was.
+    """
+
+    task: Task
+    content: Content | None = None
+    refused: str = ""
+    lost: str = ""
+
+    @property
+    def why(self) -> str:
+        """Why there is no content, with the recording's name."""
+        return self.refused or f"{self.task.reading.part.name}: {self.lost}"
+
+
+def look_task(
+    reading: Reading,
+    digest: str,
+    models: tuple[PilotModel, ...],
+    auto: bool,
+    element: ControlledElement | None,
+    seed: int,
+) -> Task:
+    """The task to look at a recording and to compare models on it.
+
+    Parameters
+    ----------
+    reading
+        The recording.
+    digest
+        Of the file's bytes and the code.
+    models
+        Models that the user named.
+    auto
+        Whether the sensible ones of the catalogue are compared too.
+    element
+        The controlled element that the user names, if any.
+    seed
+        Seed of the searches.
+    """
+    own = [code_digest(model) for model in models]
+    key = _key(digest, "look", models, own, auto, element, seed)
+    return Task(key, "look", reading, None, packed((models, auto, element)), seed, None)
+
+
+def fit_task(
+    reading: Reading,
+    digest: str,
+    model: PilotModel,
+    methods: Mapping[str, Method],
+    run: int | None,
+    element: ControlledElement | None,
+    seed: int,
+    figures: Path | None,
+) -> Task:
+    """The task to fit one model to a recording, or to one run of it, by all methods."""
+    told = {label: (plain(method), code_digest(method)) for label, method in methods.items()}
+    key = _key(digest, "fit", run, model, code_digest(model), told, element, seed, figures is not None)
+    return Task(key, "fit", reading, run, packed((model, dict(methods), element)), seed, figures)
+
+
+def _key(*parts: object) -> str:
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(repr(part).encode("utf-8", "replace") + b"\0")
+    return digest.hexdigest()
+
+
+def perform(task: Task) -> Answer:
+    """Do a task; whatever goes wrong is an answer."""
+    try:
+        content = _look(task) if task.what == "look" else _fit(task)
+        return Answer(task, json.loads(json.dumps(content)))
+    except InputError as error:
+        return Answer(task, refused=str(error))
+    except MemoryError as error:
+        return Answer(task, lost=f"{Outcome.OUT_OF_MEMORY.value} {one_line(str(error))}".strip())
+    except Exception as error:
+        return Answer(task, lost=one_line(reason(error)))
+
+
+def given_up(task: Task, loss: Loss, why: str) -> Answer:
+    """The answer to a task whose process was lost."""
+    return Answer(task, lost=f"{loss.value} ({why})")
+
+
+def _look(task: Task) -> Content:
+    named, auto, element = unpacked(task.code)
+    recording = task.reading.recording()
+    choice = chosen_element(recording, element)
+    models = {model.name: model for model in (*(sensible(recording) if auto else ()), *named)}
+    candidates = compared(recording, list(models.values()), task.seed)
+    return {
+        "recording": recording.to_dict(),
+        "description": recording.description,
+        "remarks": [*remarks(recording), *choice.remarks],
+        "element": choice.words,
+        "candidates": [asdict(candidate) for candidate in candidates],
+    }
+
+
+def candidate_of(content: Mapping[str, Any]) -> Candidate:
+    """A candidate from what a look at its recording gave."""
+    values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in content.items()}
+    return Candidate(**values)
+
+
+def _fit(task: Task) -> Content:
+    model, methods, element = unpacked(task.code)
+    recording = task.reading.recording(task.run)
+    choice = chosen_element(recording, element)
+    return content_of(fit_all(recording, model, methods, task.seed, choice))
+
+
+def content_of(fitted: Fitted) -> Content:
+    """What the tables and the report need of fits."""
+    element = fitted.loop_element
+    loops = fitted.loops or [None] * len(fitted.estimates)
+    return {
+        "model": fitted.model.name,
+        "element": element.element.name if element and element.element else "",
+        "estimates": [
+            {
+                "method": e.method,
+                "outcome": e.outcome.slug,
+                "usable": e.outcome.usable,
+                "verdict": e.verdict(timed=False),
+                "vaf": _number(e.vaf),
+                "remarks": list(e.remarks),
+                "parameters": [[q.key, q.unit, *_numbers(q)] for q in e.quantities],
+                "loops": [[q.key, q.unit, *_numbers(q)] for q in own.quantities] if own else [],
+                "loop_remarks": [*own.remarks, *own.notes] if own else [],
+            }
+            for e, own in zip(fitted.estimates, loops, strict=True)
+        ],
+    }
+
+
+def failed_content(task: Task, why: str) -> Content:
+    """The same of fits that a process was lost with: rows without numbers."""
+    model, methods, _ = unpacked(task.code)
+    estimates = tuple(failed(label, model, Outcome.DIED, why) for label in methods)
+    return content_of(Fitted(None, model, estimates))  # type: ignore[arg-type]
+
+
+def _numbers(quantity: Any) -> list[float | None]:
+    return [
+        _number(float(n))
+        for n in (quantity.value, quantity.std_error, quantity.lower, quantity.upper)
+    ]
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,137 @@
+"""The command `analyse`."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from pilotid.cli.arguments import MethodOption, SeedOption, default_method, methods_of, names_of
+from pilotid.cli.stopping import StoppedError
+from pilotid.seeds import DEFAULT_SEED
+from pilotid.terminal import make_console, with_bar
+from pilotid.types import InputError
+
+
+def analyse(
+    files: Annotated[
+        list[Path], typer.Argument(metavar="F.csv|F.mat ...", help="Recordings to analyse.")
+    ],
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Folder of the results; goes on where it stopped.")
+    ],
+    pattern: Annotated[
+        str | None,
+        typer.Option(
+            metavar="'subj{subject}_{condition}'",
+            help="What the files' names say; files that differ in {run} alone are runs of one "
+            "recording.",
+        ),
+    ] = None,
+    model: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME|auto",
+            help="Pilot model; repeat or use commas; auto takes the catalogue's best.",
+        ),
+    ] = None,
+    method: MethodOption = None,
+    contrast: Annotated[
+        list[str] | None,
+        typer.Option(metavar="A:B", help="Conditions to compare, B less A; repeat; all if none."),
+    ] = None,
+    per_run: Annotated[
+        bool, typer.Option("--per-run", help="Fit every run on its own as well.")
+    ] = False,
+    mapping: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--map",
+            metavar="u=stick,e=err",
+            help="The files' names for t, e, u, x, ft, fd; a minus before one flips its sign.",
+        ),
+    ] = None,
+    element: Annotated[
+        str | None,
+        typer.Option(metavar="4/s^2", help="Controlled element; default: what the signals show."),
+    ] = None,
+    seed: SeedOption = DEFAULT_SEED,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes; default: one for each processor.")
+    ] = None,
+) -> None:
+    """Analyse a laboratory's recordings: subjects, conditions, runs; tables and a report."""
+    from pilotid.analysis.analyse import Settings
+    from pilotid.analysis.analyse import analyse as analysed
+    from pilotid.analysis.choice import AUTO
+    from pilotid.analysis.pattern import Pattern, parts_of
+    from pilotid.analysis.reading import Reading
+    from pilotid.analysis.report import write_report
+    from pilotid.analysis.results import results_of
+    from pilotid.analysis.tables import write_tables
+    from pilotid.disk import make_folder
+    from pilotid.pilot.catalogue import model_named
+    from pilotid.pilot.element import element_named
+    from pilotid.recordings.files import parse_mapping
+    from pilotid.study.facts import about_this
+
+    names = names_of(model, [AUTO], [AUTO])
+    models = {m.name: m for m in (model_named(name) for name in names if name != AUTO)}
+    plant = element_named(element) if element else None
+    settings = Settings(
+        models, AUTO in names, methods_of(method, [default_method()]), per_run, plant, seed
+    )
+    pairs = _pairs(contrast)
+    signals = tuple((parse_mapping(",".join(mapping)) if mapping else {}).items())
+    parts, refused = parts_of(files, Pattern(pattern) if pattern else None)
+    if not parts:
+        raise InputError("; ".join(refused))
+    make_folder(out)
+    try:
+        analysis = analysed(
+            [Reading(part, signals) for part in parts],
+            settings,
+            out,
+            _bar,
+            workers,
+            refused=refused,
+        )
+    except KeyboardInterrupt:
+        raise StoppedError(
+            f"stopped; {out} keeps what is done, and the same command goes on from there"
+        ) from None
+    if not analysis.parts:
+        raise InputError("; ".join(analysis.refused))
+    results = results_of(analysis, pairs)
+    command = shlex.join(["pilotid", *sys.argv[1:]])
+    write_tables(out, results, command)
+    about = {k: v for k, v in about_this(seed).items() if k not in ("seed", "code")}
+    path = write_report(out, results, command, about)
+    console = make_console()
+    for group, choice in analysis.choices.items():
+        words = " ".join(value for _, value in group)
+        console.print(f"{words}: {choice.reason}", soft_wrap=True)
+    for note in results.notes:
+        console.print(note, soft_wrap=True)
+    console.print(f"report: {path}", soft_wrap=True)
+    if analysis.refused:
+        raise InputError("; ".join(analysis.refused))
+
+
+def _pairs(texts: Sequence[str] | None) -> list[tuple[str, str]]:
+    """The conditions in texts such as ``C3:C6``."""
+    pairs = []
+    for text in (part for given in texts or () for part in given.split(",")):
+        first, colon, second = (part.strip() for part in text.partition(":"))
+        if not (colon and first and second):
+            raise InputError(f"--contrast {text}: must be two conditions, as in C3:C6")
+        pairs.append((first, second))
+    return pairs
+
+
+def _bar(answers: Iterable[Any], what: str, total: int) -> Iterator[Any]:
+    return with_bar(answers, what, total)

@@ -1,0 +1,288 @@
+"""The controlled element that a recording shows: identified from u, fd and x.
+
+x = Hc (u + fd) holds in the recording almost without noise, so that a few forms of low order are
+fitted to windowed spectra (`pilotid.frequency.element_spectra`) of all runs at once.  The
+simplest that describes the recording is taken: one that leaves less of x than anyone would
+notice, or else the one of the smallest Bayesian information criterion.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+
+import numpy as np
+
+from pilotid.chance import Z95
+from pilotid.estimates.quantities import Quantity
+from pilotid.frequency.element_forms import FORMS, Form
+from pilotid.frequency.element_search import UNNOTICED, Bands, FormFit, fitted_form
+from pilotid.frequency.element_spectra import Spectra, spectra_of
+from pilotid.pilot.element import ControlledElement
+from pilotid.recordings.recording import Recording
+from pilotid.types import FloatArray
+
+HIGHEST = 25.0  # rad/s; pilots leave next to nothing above
+LARGEST = 1e100  # of a gain, whose square must not overflow
+#: What an element must do for loops to be drawn with it unasked: explain this share of x [%], and
+#: have a response known to within this share where loops cross over.
+SOUND, KNOWN = 98.0, 0.1
+#: Where loops cross over [rad/s].
+OMEGA = np.geomspace(0.5, 6.0, 40)
+#: Share of x [%] that each half of the window must explain by itself to say that the element
+#: changes.
+HALVES = 95.0
+POOR = "u, fd and x follow no one controlled element"
+ADVICE = (
+    "it may change within a run, a disturbance may be missing, or a name or a sign may be wrong"
+)
+#: Delays from which a search starts where one from none ends badly [s].
+LATER = (0.15, 0.3, 0.45)
+LATE = 0.05  # s, of a delay that a search from none may miss with a simpler form
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A form that was tried: its Bayesian criterion over the least, and the share of x [%]."""
+
+    form: str
+    criterion: float
+    explained: float
+
+
+@dataclass(frozen=True, eq=False)
+class IdentifiedElement:
+    """What u, fd and x say of the controlled element.
+
+    Attributes
+    ----------
+    element
+        With numbers rounded to their errors and a name that `element_named` reads; None if
+        there is nothing to tell it from.
+    form
+        Its form, for example ``K/(s(s+a))``.
+    keys, units, values, covariance
+        Its numbers before rounding.  A delay below zero, of a sample or so, is that between the
+        recorder's channels; the element then has none.
+    explained
+        Share of the power of x [%] that it explains, up to 25 rad/s.
+    response_error
+        Largest relative standard error of its frequency response from 0.5 to 6 rad/s.
+    candidates
+        All that was tried, the best first.
+    remark
+        What speaks against it, in a sentence; empty if nothing does.
+    """
+
+    element: ControlledElement | None
+    form: str = ""
+    keys: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    values: FloatArray | None = None
+    covariance: FloatArray | None = None
+    explained: float = float("nan")
+    response_error: float = float("nan")
+    candidates: tuple[Candidate, ...] = ()
+    remark: str = ""
+
+    @property
+    def sound(self) -> bool:
+        """Whether it can be relied on without being asked for."""
+        return self.element is not None and not self.remark
+
+    @property
+    def parameters(self) -> list[Quantity]:
+        """The numbers before rounding with standard errors and 95 % intervals."""
+        if self.values is None or self.covariance is None:
+            return []
+        errors = np.sqrt(np.diag(self.covariance))
+        return [
+            Quantity(k, unit, v, e, v - Z95 * e, v + Z95 * e)
+            for k, unit, v, e in zip(
+                self.keys, self.units, self.values.tolist(), errors.tolist(), strict=True
+            )
+        ]
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain objects, as JSON has them."""
+        return {
+            "element": None if self.element is None else self.element.name,
+            "form": self.form,
+            "parameters": {q.key: q.to_dict() for q in self.parameters},
+            "explained": self.explained,
+            "response_error": self.response_error,
+            "candidates": [
+                {"form": c.form, "criterion": c.criterion, "explained": c.explained}
+                for c in self.candidates
+            ],
+            "remark": self.remark,
+        }
+
+
+def identified_element(recording: Recording) -> IdentifiedElement:
+    """The controlled element of a recording, by its signals alone."""
+    begin, middle = recording.run_in, recording.run_in + recording.samples // 2
+    whole = _identified(recording, slice(begin, None))
+    if whole.element is None or whole.explained >= SOUND:
+        return whole
+    first = _identified(recording, slice(begin, middle))
+    second = _identified(recording, slice(middle, None))
+    if whole.explained < HALVES <= min(first.explained, second.explained):
+        return _changing(whole, first, second)
+    return _identified(recording, slice(begin, None), LATER)
+
+
+def _identified(
+    recording: Recording, part: slice, later: tuple[float, ...] = ()
+) -> IdentifiedElement:
+    control, output = recording.u[:, part], recording.x[:, part]
+    given = control if recording.fd is None else control + recording.fd[:, part]
+    for name, signal in (("x", output), ("u + fd", given)):
+        if not np.ptp(signal, axis=1).any():
+            return IdentifiedElement(None, remark=f"{name} does not move")
+    zeros = 2  # for one zero, and the derivative by the delay
+    # Of unit size, so that no unit is too large or too small to reckon with.
+    size = float(np.std(given))
+    gain = float(np.std(output)) / size
+    if not 1.0 / LARGEST < gain < LARGEST:
+        return IdentifiedElement(None, remark="no unit explains the sizes of u and x")
+    spectra = spectra_of(recording.dt, given / size, output / (gain * size), HIGHEST, zeros)
+    bands = Bands(spectra)
+    fits = [fit.scaled(gain) for fit in _fitted(spectra, bands, recording.dt, later)]
+    if not fits:
+        return IdentifiedElement(None, remark="no form of element suits u, fd and x")
+    chosen = simplest(fits)
+    shares = [_explained(fit, bands) for fit in fits]
+    ranked = sorted(zip(fits, shares, strict=True), key=lambda pair: pair[0].criterion)
+    least = ranked[0][0].criterion
+    explained = _explained(chosen, bands)
+    error = float(chosen.form.response_error(chosen.values, chosen.covariance, OMEGA).max())
+    element = chosen.form.element(*rounded(chosen.values, chosen.covariance))
+    return IdentifiedElement(
+        element,
+        str(chosen.form),
+        chosen.form.keys,
+        chosen.form.units,
+        chosen.values,
+        chosen.covariance,
+        explained,
+        error,
+        tuple(Candidate(str(f.form), f.criterion - least, share) for f, share in ranked),
+        _remark(element, explained, error),
+    )
+
+
+def _fitted(spectra: Spectra, bands: Bands, dt: float, later: tuple[float, ...]) -> list[FormFit]:
+    """Forms from the simplest on, up to where one describes the recording."""
+    fits = _pass(spectra, bands, dt, FORMS)
+    if not fits:
+        return []
+    best = simplest(fits)
+    plain = [form for form in FORMS if not form.zero and _size(form) <= 3]
+    for delay in later:
+        fits += _pass(spectra, bands, dt, plain, delay)
+    if best.values[-1] > LATE:
+        simpler = [form for form in FORMS if _size(form) < _size(best.form)]
+        fits += _pass(spectra, bands, dt, simpler, float(best.values[-1]))
+    # Of each form the best.
+    fits.sort(key=lambda fit: fit.criterion)
+    return list({fit.form: fit for fit in reversed(fits)}.values())
+
+
+def _pass(
+    spectra: Spectra, bands: Bands, dt: float, forms: Sequence[Form], delay: float = 0.0
+) -> list[FormFit]:
+    fits: list[FormFit] = []
+    for _, alike in groupby(sorted(forms, key=_size), key=_size):
+        found = (fitted_form(spectra, form, bands, dt, delay) for form in alike)
+        fits += [fit for fit in found if fit is not None]
+        if any(fit.unexplained.max() <= UNNOTICED**2 for fit in fits):
+            break
+    return fits
+
+
+def _size(form: Form) -> int:
+    return len(form.keys)
+
+
+def simplest(fits: Sequence[FormFit]) -> FormFit:
+    """Of the fits that nobody would tell from the best, the one with the fewest parameters."""
+    best = min(fits, key=lambda f: f.criterion)
+    alike = [f for f in fits if np.all(f.unexplained <= best.unexplained + UNNOTICED**2)]
+    return min(alike, key=lambda f: (len(f.values), f.criterion))
+
+
+def _explained(fit: FormFit, bands: Bands) -> float:
+    power = bands.count * bands.output
+    return float(100.0 * max(0.0, 1.0 - (fit.unexplained @ power) / power.sum()))
+
+
+def rounded(values: FloatArray, covariance: FloatArray) -> tuple[FloatArray, tuple[int, ...]]:
+    """Numbers with no more digits than their errors allow.
+
+    One after the other, from the last on, is rounded as far as its standard error goes; those
+    before it move along as their correlation asks, so that the whole stays as likely.
+
+    Returns
+    -------
+    The values, of which the last, the delay, is not negative, and the decimals of each.
+    """
+    new, left = values.copy(), covariance.copy()
+    digits = [0] * len(new)
+    for i in reversed(range(len(new))):
+        error = float(np.sqrt(max(left[i, i], 0.0)))
+        value = float(new[i])
+        delay = i == len(new) - 1
+        if delay and value <= error:
+            goal, digits[i] = 0.0, 0
+        else:
+            goal, digits[i] = _short(value, error)
+        # The offset between channels is no part of the element, and stays where it is.
+        if left[i, i] > 0.0 and not (delay and value < 0.0):
+            new[:i] += left[:i, i] / left[i, i] * (goal - value)
+        if left[i, i] > 0.0:
+            left[:i, :i] -= np.outer(left[:i, i], left[:i, i]) / left[i, i]
+        new[i] = goal
+    return new, tuple(digits)
+
+
+def _short(value: float, error: float) -> tuple[float, int]:
+    """The shortest number within an error, and its decimals (negative before the point)."""
+    first = -math.floor(math.log10(abs(value))) if value else 0
+    for decimals in range(first, first + 8):
+        goal = round(value, decimals)
+        if goal and abs(goal - value) <= error:
+            return goal, decimals
+    return round(value, first + 7), first + 7
+
+
+def _remark(element: ControlledElement, explained: float, error: float) -> str:
+    if explained < SOUND:
+        return f"{POOR}: the best of low order explains {explained:.0f} % of x; {ADVICE}"
+    if error > KNOWN:
+        return (
+            f"u, fd and x tell the controlled element, {element.name}, to within "
+            f"{100.0 * error:.0f} % only where loops cross over"
+        )
+    top, bottom = (np.trim_zeros(np.array(p)) for p in (element.numerator, element.denominator))
+    if top[0] * bottom[0] < 0.0 and top[-1] * bottom[-1] < 0.0:
+        return (
+            f"u, fd and x follow {element.name}, whose gain is negative: u or x seems to have the "
+            "wrong sign"
+        )
+    return ""
+
+
+def _changing(
+    whole: IdentifiedElement, first: IdentifiedElement, second: IdentifiedElement
+) -> IdentifiedElement:
+    """Say that each half of the window has an element of its own."""
+    assert first.element is not None
+    assert second.element is not None
+    halves = (
+        f"it changes within a run, as the first half follows {first.element.name} and the second "
+        f"{second.element.name}"
+    )
+    return replace(whole, remark=whole.remark.replace(ADVICE, halves))

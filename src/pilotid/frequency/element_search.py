@@ -1,0 +1,242 @@
+"""One form of controlled element fitted to windowed spectra."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pilotid.frequency.element_forms import Form
+from pilotid.frequency.element_spectra import INDEPENDENT, Spectra
+from pilotid.types import ComplexArray, FloatArray, IntArray
+
+#: Relative error below which two responses count as one: nobody misses it, and few recordings
+#: are better than that, as signals are held, integrated and stored.
+UNNOTICED = 5e-3
+BANDS = 8  # of frequency, each with a level of noise of its own
+FEWEST = 10.0  # independent observations from which a level of noise is told
+ITERATIONS = 25
+ENOUGH = 0.01  # of -2 log-likelihood that the last step gains
+LONGEST = 0.6  # s, of a delay
+EARLIEST = -1.5  # samples: x may be stored that much ahead of u
+
+
+@dataclass(frozen=True, eq=False)
+class FormFit:
+    """The best that a form can do.
+
+    Attributes
+    ----------
+    form, values
+        Parameters in the order of `Form.keys`.
+    covariance
+        Of the values.
+    criterion
+        Bayesian information criterion.
+    unexplained
+        Share of the output's power that is left, in each band.
+    """
+
+    form: Form
+    values: FloatArray
+    covariance: FloatArray
+    criterion: float
+    unexplained: FloatArray
+
+    def scaled(self, gain: float) -> FormFit:
+        """The same for an output that is larger by a factor."""
+        by = np.ones(len(self.values))
+        by[0] = gain
+        covariance = self.covariance * np.outer(by, by)
+        return replace(self, values=self.values * by, covariance=covariance)
+
+
+class Bands:
+    """Levels of noise by band of frequency: what is left, and what counts as exact.
+
+    Attributes
+    ----------
+    fine
+        Band of each observation, even in the logarithm of frequency, shape (n,).
+    wide
+        The same with enough observations in each to tell a level from what is fitted.
+    output
+        Mean power of the output in the fine bands.
+    count
+        Independent complex observations in the fine bands.
+    """
+
+    def __init__(self, spectra: Spectra) -> None:
+        omega = spectra.omega
+        self.each = spectra.each
+        self.fine = _bands(omega, 1.0)
+        self.wide = _bands(omega, FEWEST / (self.each * INDEPENDENT))
+        self.output = self.power(spectra.output[0], self.fine)
+        self.count = INDEPENDENT * self.each * np.bincount(self.fine)
+        self._floor = (UNNOTICED**2 * self.output)[self.fine]
+        self._size = np.log(self.output)[self.fine]
+
+    def power(self, signal: ComplexArray, band: IntArray) -> FloatArray:
+        """Mean power in each band."""
+        square = np.bincount(band, signal.real**2 + signal.imag**2)
+        return np.asarray(square / (self.each * np.bincount(band)))
+
+    def unexplained(self, residual: ComplexArray) -> FloatArray:
+        """Share of the output's power that is left, in each fine band."""
+        return self.power(residual, self.fine) / self.output
+
+    def level(self, residual: ComplexArray) -> FloatArray:
+        """Variance of the noise at each observation."""
+        return self.power(residual, self.wide)[self.wide] + self._floor
+
+    def claimed(self, residual: ComplexArray) -> FloatArray:
+        """The variance that counts in standard errors.
+
+        What counts as exact is no noise that averages out over a band: its error is one.
+        """
+        exact = self.count[self.fine] * self._floor
+        return np.asarray(self.power(residual, self.wide)[self.wide] + exact)
+
+    def cost(self, level: FloatArray) -> float:
+        """-2 log-likelihood, the levels at their best."""
+        return float(2.0 * INDEPENDENT * self.each * np.sum(np.log(level) - self._size))
+
+
+def _bands(omega: FloatArray, fewest: float) -> IntArray:
+    """The band of every observation, from 0 on, each with so many at the least, shape (n,)."""
+    edges: list[float] = []
+    for edge in np.geomspace(omega.min(), omega.max(), BANDS + 1)[1:-1].tolist():
+        begin = edges[-1] if edges else 0.0
+        inside, beyond = (omega >= begin) & (omega < edge), omega >= edge
+        if min(inside.sum(), beyond.sum()) >= fewest:
+            edges.append(edge)
+    return np.searchsorted(edges, omega, side="right")
+
+
+def _equation(
+    spectra: Spectra, form: Form, values: FloatArray
+) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+    """Residual at the output, the delayed input's derivatives, and the denominator."""
+    top, bottom = form.polynomials(values)
+    inputs = spectra.delayed(len(top) + 1, float(values[-1]))
+    below = np.asarray(np.polyval(bottom, spectra.s), dtype=complex)
+    left = bottom[::-1] @ spectra.output[: len(bottom)] - top[::-1] @ inputs[: len(top)]
+    return np.asarray(left / below), inputs, below
+
+
+def _step(
+    spectra: Spectra, form: Form, values: FloatArray, weight: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Gradient and information of half the weighted sum of squares."""
+    residual, inputs, below = _equation(spectra, form, values)
+    above, under = form.slopes(values)
+    top, _ = form.polynomials(values)
+    columns = [-(p[::-1] @ inputs[: len(p)]) for p in above]
+    columns += [
+        p[::-1] @ spectra.output[: len(p)] - residual * np.polyval(p, spectra.s) for p in under
+    ]
+    columns.append(top[::-1] @ inputs[1 : 1 + len(top)])
+    jacobian = np.array(columns) / below
+    scaled = (jacobian * weight).conj()
+    return np.real(scaled @ residual), np.real(scaled @ jacobian.T)
+
+
+def _start(spectra: Spectra, form: Form, bands: Bands, delay: float) -> FloatArray:
+    """By linear least squares, the equation divided by the last denominator found."""
+    power, degree = form.integrators, form.free + 2 * form.lags
+    s, output = spectra.s, spectra.output[power:]
+    below = (1.0 + s / 3.0) ** degree * s**power
+    weight = 1.0 / np.sqrt(bands.output)[bands.fine]
+    inputs = spectra.delayed(1 + form.zero, delay)
+    columns = np.concatenate([inputs[::-1], -output[:degree][::-1]])
+    for _ in range(5 if degree else 1):
+        scaled = columns * (weight / np.abs(below)) ** 2
+        size = np.sqrt(np.real(np.einsum("in,in->i", scaled.conj(), columns)))
+        matrix = np.real(scaled.conj() @ columns.T) / np.outer(size, size)
+        goal = np.real(scaled.conj() @ output[degree]) / size
+        found = np.linalg.lstsq(matrix, goal)[0] / size
+        top, free = found[: 1 + form.zero], found[1 + form.zero :]
+        below = np.polyval([1.0, *free], s) * s**power
+    parts = [top[:1], top[1:] / top[0], free]
+    if form.lags:
+        # Of the polynomial's roots the two that are most alike become the lags.
+        roots = np.roots([1.0, *free])
+        roots = roots[np.argsort(np.abs(roots))]
+        first = int(np.argmin(np.abs(roots[1:]) / np.abs(roots[:-1])))
+        b = float(np.sqrt(np.abs(roots[first] * roots[first + 1])))
+        others = np.delete(roots, [first, first + 1])
+        parts = [
+            top[:1] / b**2,
+            parts[1],
+            np.real(np.atleast_1d(np.poly(others)))[1:],
+            np.array([b]),
+        ]
+    return np.concatenate([*parts, [delay]])
+
+
+def fitted_form(
+    spectra: Spectra, form: Form, bands: Bands, dt: float, delay: float = 0.0
+) -> FormFit | None:
+    """The most likely parameters of a form, by damped Gauss-Newton steps.
+
+    Levels of the noise follow the residual from step to step, which makes the least of the
+    concentrated likelihood.
+
+    Parameters
+    ----------
+    spectra, form, bands
+        What is fitted to what.
+    dt
+        Sampling interval [s].
+    delay
+        From which the search starts [s].
+
+    Returns
+    -------
+    None where the form's numbers are beyond measure: it is no form for the recording.
+    """
+    with np.errstate(all="ignore"):
+        try:
+            return _searched(spectra, form, bands, dt, delay)
+        except np.linalg.LinAlgError:
+            return None
+
+
+def _searched(
+    spectra: Spectra, form: Form, bands: Bands, dt: float, delay: float
+) -> FormFit | None:
+    values = _start(spectra, form, bands, delay)
+    level = bands.level(_equation(spectra, form, values)[0])
+    cost, damping = bands.cost(level), 1e-4
+    for _ in range(ITERATIONS):
+        gradient, information = _step(spectra, form, values, 1.0 / level)
+        scale = np.sqrt(np.diag(information))
+        matrix, gain = information / np.outer(scale, scale), 0.0
+        while damping < 1e4:
+            step = np.linalg.solve(matrix + damping * np.eye(len(values)), gradient / scale)
+            trial = values - step / scale
+            trial[-1] = np.clip(trial[-1], EARLIEST * dt, LONGEST)
+            own = bands.level(_equation(spectra, form, trial)[0])
+            gain = cost - bands.cost(own)
+            if gain > 0.0:
+                values, level, cost = trial, own, cost - gain
+                damping = max(0.1 * damping, 1e-10)
+                break
+            damping *= 10.0
+        if not gain > ENOUGH:
+            break
+    residual = _equation(spectra, form, values)[0]
+    _, information = _step(spectra, form, values, 1.0 / bands.claimed(residual))
+    scale = np.sqrt(np.diag(information))
+    covariance = np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale)
+    if form.lags and values[-2] <= 0.0:
+        return None
+    if not (np.isfinite([cost, *values]).all() and np.isfinite(covariance).all()):
+        return None
+    return FormFit(
+        form,
+        values,
+        covariance / (2.0 * INDEPENDENT),
+        cost + len(values) * float(np.log(2.0 * bands.count.sum())),
+        bands.unexplained(residual),
+    )

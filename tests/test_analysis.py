@@ -1,0 +1,258 @@
+"""`pilotid analyse`: from files to tables."""
+
+from __future__ import annotations
+
+import csv
+import re
+import shutil
+import sqlite3
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import PILOTS, Run
+
+from pilotid.analysis.pattern import Pattern, parts_of
+from pilotid.analysis.rows import in_order
+from pilotid.datasets import simulate
+from pilotid.pilot.loops import margins
+from pilotid.recordings.files import save_recording
+from pilotid.seeds import recording_rng
+from pilotid.types import InputError
+
+PATTERN = "s{subject}_{condition}"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two subjects under two conditions, two runs each, and a file that cannot be read."""
+    folder = tmp_path_factory.mktemp("laboratory")
+    for subject in (1, 2):
+        for condition, name in (("A", "single"), ("B", "lead-lag")):
+            scenario = replace(PILOTS[name], runs=2)
+            recording = simulate(scenario, recording_rng(subject, condition))
+            save_recording(recording, folder / f"s{subject}_{condition}.csv")
+    (folder / "s3_A.csv").write_text("t,e,u\n0,1,2\n")
+    return folder
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture(scope="module")
+def analysed(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    from pilotid.cli.main import main
+
+    out = tmp_path_factory.mktemp("results")
+    files = [str(path) for path in sorted(folder.glob("*.csv"))]
+    with pytest.raises(SystemExit) as end:
+        main(["analyse", *files, "--pattern", PATTERN, "--per-run", "--out", str(out)])
+    assert end.value.code == 2  # one file is bad, and was said to be
+    return out
+
+
+@pytest.mark.numerical
+def test_every_fit_is_a_row(analysed: Path) -> None:
+    rows = table(analysed / "estimates.csv")
+    assert {(r["subject"], r["condition"]) for r in rows} == {
+        (s, c) for s in ("1", "2") for c in ("A", "B")
+    }
+    assert {r["run"] for r in rows} == {"", "1", "2"}
+    assert {r["model"] for r in rows if r["condition"] == "A"} == {"single"}
+    assert {r["model"] for r in rows if r["condition"] == "B"} == {"lead-lag"}
+    truth = dict(zip(PILOTS["single"].model.keys, PILOTS["single"].truth, strict=True))
+    inside = [
+        float(r["lower_95"]) <= truth[r["parameter"]] <= float(r["upper_95"])
+        for r in rows
+        if r["condition"] == "A" and r["parameter"] in truth
+    ]
+    assert len(inside) == 30  # two subjects, pooled and two runs, five parameters
+    assert sum(inside) > 22
+
+
+@pytest.mark.numerical
+def test_models_say_which_was_chosen_and_why(analysed: Path) -> None:
+    rows = table(analysed / "models.csv")
+    chosen = {(r["condition"], r["model"]) for r in rows if r["chosen"] == "yes"}
+    assert chosen == {("A", "single"), ("B", "lead-lag")}
+    for row in rows:
+        assert float(row["aicc"]) > -2.0 * float(row["log_likelihood"])
+        assert float(row["chi_squared_per_freedom"]) == pytest.approx(
+            float(row["chi_squared"]) / float(row["freedom"])
+        )
+
+
+@pytest.mark.numerical
+def test_a_second_call_does_nothing_again(
+    analysed: Path, folder: Path, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = (analysed / "estimates.csv").read_bytes()
+    again = shutil.copytree(analysed, tmp_path / "again")
+
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("work was done again")
+
+    monkeypatch.setattr("pilotid.analysis.analyse.run_tasks", refuse)
+    files = sorted(folder.glob("s[12]_*.csv"))
+    answer = run("analyse", *files, "--pattern", PATTERN, "--per-run", "--out", again)
+    assert answer.status == 0, answer.err
+    assert (again / "estimates.csv").read_bytes() == before
+
+
+@pytest.mark.numerical
+def test_a_damaged_store_costs_time_and_nothing_else(
+    analysed: Path, folder: Path, run: Run, tmp_path: Path
+) -> None:
+    (tmp_path / "analysis.sqlite").write_bytes(b"no database at all" * 100)
+    file = folder / "s1_A.csv"
+    answer = run(
+        "analyse", file, "--pattern", PATTERN, "--model", "single", "--out", tmp_path
+    )  # fmt: skip
+    assert answer.status == 0, answer.err
+    with sqlite3.connect(tmp_path / "analysis.sqlite") as base:
+        assert base.execute("SELECT count(*) FROM done").fetchone() == (2,)
+    base.close()
+
+
+@pytest.mark.numerical
+def test_pooled_and_single_runs_agree(analysed: Path) -> None:
+    """The mean of two runs lies near the fit of both."""
+    rows = [r for r in table(analysed / "estimates.csv") if r["parameter"] == "tdvis"]
+    for subject in ("1", "2"):
+        own = [r for r in rows if (r["subject"], r["condition"]) == (subject, "A")]
+        pooled = next(r for r in own if not r["run"])
+        mean = np.mean([float(r["value"]) for r in own if r["run"]])
+        assert abs(mean - float(pooled["value"])) < 3.0 * float(pooled["std_error"])
+
+
+def test_a_bad_file_is_named_and_costs_no_other(folder: Path, run: Run, tmp_path: Path) -> None:
+    answer = run("analyse", folder / "s3_A.csv", "--pattern", PATTERN, "--out", tmp_path)
+    assert answer.status == 2
+    assert "s3_A.csv" in answer.err
+    assert "Traceback" not in answer.err
+
+
+@pytest.mark.parametrize(
+    ("pattern", "name", "found"),
+    [
+        ("subj{subject}_{condition}", "data_subj1_C2.mat", {"subject": "1", "condition": "C2"}),
+        ("pilot{s}_{c}_{axis}", "pilot7_C1_roll.mat", {"s": "7", "c": "C1", "axis": "roll"}),
+        ("{subject}-{condition}", "P01-B.csv", {"subject": "P01", "condition": "B"}),
+        ("Subj{subject}", "subj12.csv", {"subject": "12"}),
+        ("{subject}/{condition}", "lab/anna/C3.csv", {"subject": "anna", "condition": "C3"}),
+        ("s{subject}_{condition}", "t1_A.csv", None),
+        ("x{condition}", "x_.csv", None),
+    ],
+)
+def test_patterns(pattern: str, name: str, found: dict[str, str] | None) -> None:
+    assert Pattern(pattern).match(Path(name)) == found
+
+
+@pytest.mark.parametrize(
+    "text", ["", "subj", "{}", "{a}{a}", "{a b}", "{file}", "s{subject", "{1}", "{value}_{a}"]
+)
+def test_patterns_that_make_no_sense_are_refused(text: str) -> None:
+    with pytest.raises(InputError, match="--pattern"):
+        Pattern(text)
+
+
+def test_files_that_differ_in_the_run_are_one_recording() -> None:
+    files = [Path(f"p1_C{c}_run{r}_pitch.csv") for c in (1, 2) for r in (2, 10, 1)]
+    parts, refused = parts_of(files, Pattern("p{subject}_{condition}_run{run}_{axis}"))
+    assert not refused
+    assert [[f.name for f in part.files] for part in parts] == [
+        [f"p1_C{c}_run{r}_pitch.csv" for r in (1, 2, 10)] for c in (1, 2)
+    ]
+    assert parts[0].fields == (("subject", "1"), ("condition", "C1"), ("axis", "pitch"))
+
+
+def test_files_with_the_same_fields_are_refused() -> None:
+    files = [Path("a/s1_A.csv"), Path("b/s1_A.csv"), Path("b/other.csv")]
+    parts, refused = parts_of(files, Pattern(PATTERN))
+    assert len(parts) == 1
+    assert len(refused) == 2
+    assert "s1_A.csv" in refused[0]
+    assert "does not fit" in refused[1]
+
+
+def test_names_are_ordered_as_people_do() -> None:
+    assert in_order(["C10", "C2", "C1", "C2"]) == ["C1", "C2", "C10"]
+
+
+@pytest.mark.numerical
+def test_loops_are_those_of_the_simulated_element(analysed: Path) -> None:
+    rows = table(analysed / "loops.csv")
+    scenario = PILOTS["single"]
+    target, disturbance = margins(scenario.model, scenario.values, scenario.element)
+    truth = {
+        "target_crossover": target.crossover,
+        "target_phase_margin": target.phase_margin,
+        "disturbance_crossover": disturbance.crossover,
+        "disturbance_phase_margin": disturbance.phase_margin,
+    }
+    own = [r for r in rows if r["condition"] == "A" and not r["run"]]
+    assert {r["quantity"] for r in own} == set(truth)
+    for row in own:
+        off = abs(float(row["value"]) - truth[row["quantity"]])
+        assert off < 4.0 * float(row["std_error"]), row
+        assert row["element"] == scenario.element.name
+
+
+@pytest.mark.numerical
+def test_conditions_are_compared_over_subjects(analysed: Path) -> None:
+    """The contrast of two subjects is the mean of two differences, worked out here again."""
+    estimates = table(analysed / "estimates.csv")
+    values = {
+        (r["subject"], r["condition"]): float(r["value"])
+        for r in estimates
+        if r["parameter"] == "tdvis" and not r["run"]
+    }
+    row = next(r for r in table(analysed / "contrasts.csv") if r["parameter"] == "tdvis")
+    differences = [values[s, "B"] - values[s, "A"] for s in ("1", "2")]
+    assert (row["model_a"], row["model_b"], row["subjects"]) == ("single", "lead-lag", "2")
+    assert float(row["difference"]) == pytest.approx(np.mean(differences))
+    assert float(row["std_error"]) == pytest.approx(np.std(differences, ddof=1) / np.sqrt(2.0))
+
+
+@pytest.mark.numerical
+def test_the_report_says_what_was_found(analysed: Path) -> None:
+    page = (analysed / "report.html").read_text(encoding="utf-8")
+    for words in (
+        "4 recordings of 2 subjects, 8 runs",
+        "single was chosen among",
+        "Conditions compared",
+        "From run to run",
+        "s3_A.csv",  # the bad file is named
+        "pilotid analyse",
+    ):
+        assert words in page
+    ids = re.findall(r'\bid="([^"]+)"', page)
+    assert len(ids) == len(set(ids))
+    assert "http://" not in re.sub(r"http://www\.w3\.org/\S+", "", page)
+
+
+@pytest.mark.numerical
+def test_the_same_analysis_gives_the_same_bytes(
+    analysed: Path, folder: Path, run: Run, tmp_path: Path
+) -> None:
+    """On one machine; the store alone may differ."""
+    names = ("estimates.csv", "models.csv", "loops.csv", "contrasts.csv", "runs.csv")
+    files = sorted(folder.glob("s[12]_*.csv"))
+    answer = run(
+        "analyse", *files, "--pattern", PATTERN, "--per-run", "--workers", 1, "--out", tmp_path
+    )
+    assert answer.status == 0, answer.err
+    for name in names:
+        assert (tmp_path / name).read_bytes() == (analysed / name).read_bytes(), name
+
+
+@pytest.mark.parametrize("text", ["C3", "C3:", ":C6", ""])
+def test_contrasts_that_make_no_sense_are_refused(folder: Path, run: Run, text: str) -> None:
+    answer = run(
+        "analyse", folder / "s1_A.csv", "--pattern", PATTERN, "--contrast", text, "--out", folder
+    )
+    assert answer.status == 2
+    assert "--contrast" in answer.err

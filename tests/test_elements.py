@@ -1,0 +1,140 @@
+"""Controlled elements as text: what is read, and how the rest is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pilotid.datasets import CATALOGUE, Scenario
+from pilotid.datasets.population import drawn_element
+from pilotid.pilot.element import (
+    ControlledElement,
+    double_integrator,
+    element_named,
+    integrator_with_lag,
+    parsed_element,
+    position_control,
+    second_order,
+    single_integrator,
+)
+from pilotid.types import InputError
+
+OMEGA = np.geomspace(0.1, 30.0, 20)
+S = 1j * OMEGA
+
+
+@pytest.mark.parametrize(
+    ("text", "numerator", "denominator"),
+    [
+        ("4", (4.0,), (1.0,)),
+        ("2.5/s", (2.5,), (1.0, 0.0)),
+        ("-2.5/s", (-2.5,), (1.0, 0.0)),
+        ("4/s^2", (4.0,), (1.0, 0.0, 0.0)),
+        (" 4 / s**2 ", (4.0,), (1.0, 0.0, 0.0)),
+        ("15/(s^2)", (15.0,), (1.0, 0.0, 0.0)),
+        ("s^-2 * 15", (15.0,), (1.0, 0.0, 0.0)),
+        ("4/s^3", (4.0,), (1.0, 0.0, 0.0, 0.0)),
+        ("1.5e1/(s(s+2))", (15.0,), (1.0, 2.0, 0.0)),
+        ("4/(s*(s-2))", (4.0,), (1.0, -2.0, 0.0)),
+        ("10/(s*(s + .5))", (10.0,), (1.0, 0.5, 0.0)),
+        ("64/(s^2+11s+64)", (64.0,), (1.0, 11.0, 64.0)),
+        ("64/[s² + 11·s + 64]", (64.0,), (1.0, 11.0, 64.0)),
+        ("Hc(s) = 4/S^2", (4.0,), (1.0, 0.0, 0.0)),
+        ("(s+1)(s+2)/(s+3)^2", (1.0, 3.0, 2.0), (1.0, 6.0, 9.0)),
+        ("1/s + 2/(s+3)", (3.0, 3.0), (1.0, 3.0, 0.0)),
+    ],
+)
+def test_controlled_elements_are_read(
+    text: str, numerator: tuple[float, ...], denominator: tuple[float, ...]
+) -> None:
+    element = element_named(text)
+    assert (element.numerator, element.denominator) == (numerator, denominator)
+    assert element.delay == 0.0
+    assert parsed_element(element.name) == element
+
+
+@pytest.mark.parametrize(
+    ("text", "response"),
+    [
+        ("4 exp(-0.05s)/(s(1+s/30)^2)", 4.0 * np.exp(-0.05 * S) / (S * (1.0 + S / 30.0) ** 2)),
+        (
+            "10.62 (s + .99)/(s (s^2 + 2.58 s + 7.61))",
+            10.62 * (S + 0.99) / (S * (S**2 + 2.58 * S + 7.61)),
+        ),
+        ("2e^(-0.1s)/s", 2.0 * np.exp(-0.1 * S) / S),
+        ("e**(-s/10) * 2e-1/s", 0.2 * np.exp(-0.1 * S) / S),
+        ("3exp(-.1s) exp(-.2 s)", 3.0 * np.exp(-0.3 * S)),
+    ],
+)
+def test_responses_are_those_of_the_formula(text: str, response: np.ndarray) -> None:
+    element = element_named(text)
+    np.testing.assert_allclose(element.response(OMEGA), response, rtol=1e-12)
+    assert parsed_element(element.name) == element
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("", "it is empty"),
+        ("Hc =", "it is empty"),
+        ("K/s^2", "at character 1, 'k/s^2'"),
+        ("4/s^2; import os", "at character 6, '; import os'"),
+        ("Hc = 4,0/s", "at character 7, ',0/s'"),
+        ("4/s(s+2)", "at character 4, '(s+2)' may be meant above or below"),
+        ("0/s", "it is zero"),
+        ("1e999", "at character 1, '1e999' is too large"),
+        ("1e200*1e200/s", "a number is too large"),
+        ("4/(s+2", "')' is missing"),
+        ("4/s)", "at character 4, ')' has no bracket"),
+        ("4//s", "at character 3"),
+        ("4/", "it ends where a number, s or a bracket is needed"),
+        ("s", "more zeros than poles"),
+        ("4/s^2.5", "at character 5, '2.5' is no whole exponent"),
+        ("4/s^99", "no whole exponent up to 12"),
+        ("(s+1)^12/(s+2)^12/(s+1)", "powers of s above 12"),
+        ("4/s^2^2", "at character 6, '^2' is a second exponent"),
+        ("4 5/s", "at character 3, '5/s' is a number where a sign is needed"),
+        ("1/(s-s)", "it divides by zero"),
+        ("e^-0.1s", "must be in brackets"),
+        ("exp(-.1)/s", "at character 4, '(-.1)/s' is no number of seconds times s"),
+        ("exp(.1s)/s", "its delay is negative"),
+        ("exp(-.1s)+2", "different delays"),
+        ("(" * 60 + "s" + ")" * 60, "too many brackets"),
+        ("1+" * 200 + "1", "longer than 200 characters"),
+        ("user-defined", "at character 1"),
+    ],
+)
+def test_other_texts_are_refused_in_a_sentence_that_shows_where(text: str, why: str) -> None:
+    assert parsed_element(text) is None
+    with pytest.raises(InputError, match="write for example 4/s") as refused:
+        element_named(text)
+    assert why in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "element",
+    [
+        position_control(-3.0),
+        single_integrator(2.5),
+        double_integrator(4.0),
+        integrator_with_lag(5.0, -1.5),
+        second_order(2.0, 3.0, 0.4),
+    ],
+    ids=lambda e: e.name,
+)
+def test_names_of_elements_are_read_as_the_same_elements(element: ControlledElement) -> None:
+    read = element_named(element.name)
+    np.testing.assert_allclose(read.denominator, element.denominator, rtol=1e-12)
+    assert read.numerator == element.numerator
+    assert read.name == element.name
+
+
+def test_names_in_the_catalogue_are_read() -> None:
+    fixed = [s.element for s in CATALOGUE.values() if isinstance(s, Scenario)]
+    rng = np.random.default_rng(3)
+    kinds = ("K", "K/s", "K/s^2", "K/(s(s+a))", "second order")
+    for element in fixed + [drawn_element(kind, rng) for kind in kinds for _ in range(20)]:
+        read = element_named(element.name)
+        # Names have six digits.
+        np.testing.assert_allclose(read.response(OMEGA), element.response(OMEGA), rtol=1e-4)

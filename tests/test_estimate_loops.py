@@ -1,0 +1,299 @@
+"""Margins of the loops that an estimate makes, their errors, and how fit shows them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import NOMINAL, SINGLE_LOOP, Run, fit_of, monte_carlo, recording_of, strict
+
+from pilotid.datasets import Scenario
+from pilotid.estimates.estimate import Estimate, Outcome, failed, symmetric_intervals
+from pilotid.estimates.loop import LoopElement
+from pilotid.estimates.loops import (
+    loop_quantities,
+    loops_of,
+    margin_slopes,
+    traced_loops,
+)
+from pilotid.methods.bayes import Bayes
+from pilotid.methods.mle import MLE
+from pilotid.pilot.catalogue import SINGLE
+from pilotid.pilot.element import (
+    ControlledElement,
+    double_integrator,
+    position_control,
+    single_integrator,
+)
+from pilotid.pilot.loops import margin, margins, open_loops
+from pilotid.recordings.files import save_recording
+from pilotid.types import FloatArray
+
+pytestmark = pytest.mark.numerical
+
+#: A pilot whose neuromuscular resonance crosses over once more, and standard errors.
+RESONANT = np.array([0.629, 0.156, 0.2556, 13.36, 0.184])
+ERRORS = np.array([0.018, 0.012, 0.0053, 0.25, 0.021])
+
+
+def estimate_of(values: FloatArray, errors: FloatArray) -> Estimate:
+    covariance = np.diag(errors**2)
+    intervals = symmetric_intervals(values, covariance)
+    return Estimate("by hand", SINGLE, Outcome.CONVERGED, values, covariance, intervals)
+
+
+def gaussian(values: FloatArray, errors: FloatArray, count: int = 400) -> FloatArray:
+    return values + errors * np.random.default_rng(5).standard_normal((count, values.size))
+
+
+# ------------------------------------------------------------------ to first order
+
+
+@pytest.mark.parametrize("scenario", [SINGLE_LOOP, NOMINAL], ids=lambda s: s.name)
+def test_slopes_of_margins_are_their_differences(scenario: Scenario) -> None:
+    model, values, element = scenario.model, scenario.values, scenario.element
+    omega = np.geomspace(1.0, 6.0, 20_000)
+    loops = [margin(omega, loop) for loop in open_loops(model, values, element, omega)]
+    for which, own in enumerate(loops):
+        slopes = margin_slopes(model, values, element, own.crossover)[which]
+        for i, value in enumerate(values):
+            step = np.zeros(values.size)
+            step[i] = 1e-4 * value
+            high, low = (
+                margin(omega, open_loops(model, values + k * step, element, omega)[which])
+                for k in (1, -1)
+            )
+            expected = np.array(
+                [high.crossover - low.crossover, high.phase_margin - low.phase_margin]
+            ) / (2.0 * step[i])
+            np.testing.assert_allclose(slopes[:, i], expected, rtol=2e-3, atol=1e-3)
+
+
+def test_quantities_have_keys_units_and_the_margins_of_the_values() -> None:
+    element = NOMINAL.element
+    estimate = fit_of(MLE(), NOMINAL)
+    quantities = loop_quantities(estimate, element)
+    assert [(q.key, q.unit) for q in quantities] == [
+        ("target_crossover", "rad/s"),
+        ("target_phase_margin", "deg"),
+        ("disturbance_crossover", "rad/s"),
+        ("disturbance_phase_margin", "deg"),
+    ]
+    target, disturbance = margins(NOMINAL.model, estimate.values, element)
+    assert [q.value for q in quantities] == pytest.approx(
+        [target.crossover, target.phase_margin, disturbance.crossover, disturbance.phase_margin]
+    )
+    for q in quantities:
+        assert q.upper - q.value == pytest.approx(1.959964 * q.std_error, rel=1e-6)
+        assert q.lower < q.value < q.upper
+
+
+def test_claimed_errors_are_the_scatter_over_replications() -> None:
+    count = 100
+    fits = monte_carlo(MLE(), SINGLE_LOOP, count)
+    found = [loop_quantities(fit, SINGLE_LOOP.element)[:2] for fit in fits]
+    target, _ = margins(SINGLE, SINGLE_LOOP.values, SINGLE_LOOP.element)
+    for i, truth in enumerate((target.crossover, target.phase_margin)):
+        values = np.array([pair[i].value for pair in found])
+        claimed = np.sqrt(np.mean([pair[i].std_error ** 2 for pair in found]))
+        scatter = values.std(ddof=1)
+        # The scatter is known to 1/sqrt(2 n) = 7 %: three of those.
+        assert abs(claimed / scatter - 1.0) < 0.21
+        assert abs(values.mean() - truth) < 3.5 * scatter / np.sqrt(count)
+        covered = np.mean([pair[i].lower < truth < pair[i].upper for pair in found])
+        assert covered > 0.95 - 3.5 * np.sqrt(0.95 * 0.05 / count)
+
+
+@pytest.mark.parametrize("scenario", [SINGLE_LOOP, NOMINAL], ids=lambda s: s.name)
+def test_errors_over_draws_are_those_to_first_order(scenario: Scenario) -> None:
+    ratios = []
+    for replication in range(3):
+        first = loop_quantities(fit_of(MLE(), scenario, replication), scenario.element)
+        drawn = loop_quantities(fit_of(Bayes(), scenario, replication), scenario.element)
+        ratios.append([b.std_error / a.std_error for a, b in zip(first, drawn, strict=True)])
+        for a, b in zip(first, drawn, strict=True):
+            assert abs(a.value - b.value) < 0.5 * a.std_error, a.key
+    assert np.mean(ratios, axis=0) == pytest.approx(np.ones(4), abs=0.12)
+
+
+# ------------------------------------------------------------------ several crossings
+
+
+def test_draws_keep_to_the_estimate_s_crossing() -> None:
+    element = single_integrator(4.0)
+    at, _ = margins(SINGLE, RESONANT, element)
+    assert at.crossover == pytest.approx(2.88, abs=0.01)
+    assert at.others == pytest.approx((14.4,), abs=0.1)
+    # Some draws cross over once and some twice, which is what used to mix them.
+    sets = gaussian(RESONANT, ERRORS * np.array([1.0, 1.0, 1.0, 1.0, 3.0]))
+    counts = {len(margins(SINGLE, own, element)[0].others) for own in sets[:100]}
+    assert counts == {0, 1}
+    (target, _) = traced_loops(SINGLE, RESONANT, sets, element)
+    assert target.crossover.size == len(sets)
+    assert target.remark == ""
+    assert np.abs(target.crossover / at.crossover - 1.0).max() < 0.25
+    # To first order the same.
+    errors = ERRORS * np.array([1.0, 1.0, 1.0, 1.0, 3.0])
+    crossover, phase_margin = loop_quantities(estimate_of(RESONANT, errors), element)[:2]
+    assert crossover.std_error == pytest.approx(target.crossover.std(), rel=0.2)
+    assert phase_margin.std_error == pytest.approx(target.phase_margin.std(), rel=0.2)
+    assert phase_margin.std_error < 10.0
+    loop = loops_of(estimate_of(RESONANT, ERRORS), element).target
+    assert loop.notes == [f"the target loop falls through one again at {at.others[0]:.3g} rad/s"]
+
+
+def test_phase_margins_are_continuous_where_the_phase_wraps() -> None:
+    # A delay of the element turns the phase at the crossover to within a degree of -360 deg.
+    plain = double_integrator(4.0)
+    at, _ = margins(SINGLE, SINGLE_LOOP.values, plain)
+    late = (np.radians(at.phase_margin + 179.0)) / at.crossover
+    element = ControlledElement(plain.numerator, plain.denominator, late, "late")
+    here, _ = margins(SINGLE, SINGLE_LOOP.values, element)
+    assert here.phase_margin == pytest.approx(-179.0, abs=0.1)
+    errors = np.array([0.0, 0.0, 0.03, 0.0, 0.0])
+    target, _ = traced_loops(
+        SINGLE, SINGLE_LOOP.values, gaussian(SINGLE_LOOP.values, errors), element
+    )
+    assert (target.phase_margin < -180.0).any()
+    expected = np.degrees(here.crossover * gaussian(SINGLE_LOOP.values, errors)[:, 2].std())
+    assert target.phase_margin.std() == pytest.approx(expected, rel=1e-3)
+
+
+def test_draws_whose_crossing_vanishes_are_left_out_and_counted() -> None:
+    # As the gain grows, the first crossing meets the rise to the resonance, and both are gone.
+    element = single_integrator(4.0)
+    errors = np.array([0.5, 0.0, 0.0, 0.0, 0.0])
+    sets = np.abs(gaussian(RESONANT, errors))
+    target, _ = traced_loops(SINGLE, RESONANT, sets, element)
+    assert 0 < target.crossover.size < len(sets)
+    lost = 100.0 * (1.0 - target.crossover.size / len(sets))
+    assert target.remark.startswith(f"in {lost:.0f} % of the draws its magnitude does not fall")
+    assert target.crossover.max() < 10.0
+    assert target.loop.remark == target.remark
+
+
+# ------------------------------------------------------------------ where there are none
+
+
+def test_it_is_said_why_there_are_none() -> None:
+    estimate = estimate_of(RESONANT, ERRORS)
+    weak = loops_of(estimate, position_control(0.01))
+    assert all(np.isnan(q.value) for q in weak.quantities)
+    assert weak.notes[0].startswith("target loop: no crossing: the magnitude stays below one")
+    lost = loops_of(failed("by hand", SINGLE, Outcome.SINGULAR), double_integrator(4.0))
+    assert all(np.isnan(q.value) for q in lost.quantities)
+    assert lost.notes == ["target loop: the fit failed", "disturbance loop: the fit failed"]
+
+
+def test_an_unstable_fitted_loop_is_said_to_be() -> None:
+    estimate = estimate_of(SINGLE_LOOP.values, ERRORS)
+    assert loops_of(estimate, double_integrator(4.0)).remarks == ()
+    (remark,) = loops_of(estimate, double_integrator(6.0)).remarks
+    assert "the fitted loop with 6/s^2 is unstable" in remark
+
+
+def test_words_for_the_element() -> None:
+    element = double_integrator(4.0)
+    assert (
+        LoopElement(element, "given").words == "loops with the controlled element 4/s^2, as given"
+    )
+    assert LoopElement(element, "recording").words.endswith("4/s^2, named by the recording")
+    assert LoopElement(element, "identified").words.endswith("4/s^2, identified from u, fd, x")
+    assert LoopElement(why="no loops: none").words == "no loops: none"
+
+
+# ------------------------------------------------------------------ pilotid fit
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """One recording that names its element, that does not, and that misses its disturbance."""
+    folder = tmp_path_factory.mktemp("loops")
+    named = recording_of(SINGLE_LOOP)
+    unnamed = replace(named, controlled_element="")
+    recordings = {"named": named, "unnamed": unnamed, "poor": replace(unnamed, fd=None)}
+    for name, recording in recordings.items():
+        save_recording(recording, folder / f"{name}.csv")
+    return {name: folder / f"{name}.csv" for name in recordings}
+
+
+def fitted(run: Run, *arguments: object) -> dict[str, dict[str, object]]:
+    answer = run("fit", *arguments, "--method", "mle-white", "--json", "-")
+    assert answer.status == 0, answer.err
+    result: dict[str, dict[str, object]] = strict(answer.out)
+    return result
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "origin"),
+    [
+        ("named", [], "recording"),
+        ("unnamed", [], "identified"),
+        ("poor", ["--element", "4/(s^2)"], "given"),
+    ],
+)
+def test_fit_writes_loops(
+    run: Run, files: dict[str, Path], name: str, options: list[str], origin: str
+) -> None:
+    result = fitted(run, files[name], *options)
+    (estimate,) = result["estimates"]
+    loops = estimate["loops"]
+    assert loops["element"] == "4/s^2"
+    assert loops["origin"] == origin
+    assert loops["remarks"] == []
+    for which in ("target", "disturbance"):
+        crossover, phase_margin = (loops[which][k] for k in ("crossover", "phase_margin"))
+        assert crossover["unit"] == "rad/s"
+        assert crossover["value"] == pytest.approx(2.29, abs=0.3)
+        assert crossover["interval_95"][0] < crossover["value"] < crossover["interval_95"][1]
+        assert phase_margin["value"] == pytest.approx(17.5, abs=10.0)
+        assert 0.1 < phase_margin["std_error"] < 10.0
+        assert loops[which]["others"] == []
+        assert loops[which]["remark"] == ""
+    assert result["recording"]["remarks"] == []
+
+
+def test_fit_says_why_there_are_no_loops(run: Run, files: dict[str, Path]) -> None:
+    (estimate,) = fitted(run, files["poor"])["estimates"]
+    assert estimate["loops"]["element"] is None
+    assert "u, fd and x follow no one controlled element" in estimate["loops"]["remarks"][0]
+    printed = run("fit", files["poor"], "--method", "mle-white").out
+    assert "no loops: u, fd and x follow no one controlled element" in printed
+    assert "--element 4/s^2" in printed
+
+
+def test_fit_says_that_the_element_given_is_not_the_recording_s(
+    run: Run, files: dict[str, Path]
+) -> None:
+    printed = run("fit", files["named"], "--method", "mle-white", "--element", "1/s^2").out
+    assert "loops with the controlled element 1/s^2, as given" in printed
+    assert "target_crossover" in printed
+    sentence = "recording: the controlled element given is 1/s^2, but u, fd and x of the recording"
+    assert f"{sentence} follow 4/s^2" in printed
+
+
+def test_an_element_that_cannot_be_read_is_refused_before_anything_is_fitted(
+    run: Run, files: dict[str, Path]
+) -> None:
+    answer = run("fit", files["named"], "--element", "K/s^2")
+    assert answer.status == 2
+    assert "the controlled element 'K/s^2' cannot be read: at character 1" in answer.err
+
+
+# ------------------------------------------------------------------ human pilots
+
+
+def test_margins_of_subject_1_are_those_of_one_crossing(run: Run, measured: Path) -> None:
+    """Means over several crossings were 7.5 +- 5.5 rad/s and -21 +- 107 deg."""
+    file = measured / "yaw" / "ae2224I_measurement_data_subj1_C2.mat"
+    for options in ((), ("--element", "4/s")):
+        answer = run("fit", file, "--method", "bayes", "--json", "-", *options)
+        assert answer.status == 0, answer.err
+        target = strict(answer.out)["estimates"][0]["loops"]["target"]
+        assert target["crossover"]["value"] == pytest.approx(2.86, abs=0.1)
+        assert 0.03 < target["crossover"]["std_error"] < 0.2
+        assert target["phase_margin"]["value"] == pytest.approx(62.0, abs=8.0)
+        assert 0.5 < target["phase_margin"]["std_error"] < 5.0
+        assert len(target["others"]) == 1

@@ -1,0 +1,119 @@
+"""Tables for papers: structure, digits, and what LaTeX would stumble over."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import pytest
+from tidy_rows import row, table
+
+from pilotid.analysis.contrasts import contrasts
+from pilotid.analysis.latex import chance, escaped, number, tables_tex
+from pilotid.analysis.rows import Row
+
+A = (1.12, 1.43, 0.91, 2.02, 1.31)
+B = (1.61, 1.52, 1.73, 2.14, 2.25)
+
+
+def checked(text: str) -> list[list[list[str]]]:
+    """The cells of every tabular, once the structure is right."""
+    lines = [line for line in text.splitlines() if not line.startswith("%")]
+    body = "\n".join(lines)
+    bare = re.sub(r"\\[{}]", "", body)
+    depth = 0
+    for letter in bare:
+        depth += (letter == "{") - (letter == "}")
+        assert depth >= 0
+    assert depth == 0
+    assert len(re.findall(r"(?<!\\)\$", body)) % 2 == 0
+    found = []
+    for columns, inside in re.findall(
+        r"\\begin{tabular}{(\w+)}\n(.*?)\\end{tabular}", body, flags=re.DOTALL
+    ):
+        assert [r for r in inside.splitlines() if r.endswith("rule")] == [
+            r"\toprule",
+            r"\midrule",
+            r"\bottomrule",
+        ]
+        rows = [line for line in inside.splitlines() if not line.endswith("rule")]
+        assert all(line.endswith(r" \\") for line in rows)
+        cells = [re.split(r" (?<!\\)& ", line.removesuffix(r" \\")) for line in rows]
+        assert {len(line) for line in cells} == {len(columns)}
+        found.append(cells)
+    assert body.count("tabular") == 2 * len(found)
+    return found
+
+
+def made(rows: Sequence[Row]) -> list[list[list[str]]]:
+    return checked(tables_tex(rows, contrasts(rows)))
+
+
+def test_means_over_subjects_and_contrasts() -> None:
+    means, differences = made(table({"C1": A, "C2": B}))
+    assert means == [
+        ["", "C1 ($n = 5$)", "C2 ($n = 5$)"],
+        ["tlead (s)", "$1.36$ ($0.42$)", "$1.85$ ($0.33$)"],
+    ]
+    assert differences[0][3:5] == ["difference", r"95\,\% interval"]
+    assert differences[1][:5] == ["C1, C2", "tlead (s)", "5", "$0.49$", "[$0.01$, $0.98$]"]
+    assert re.fullmatch(r"\$t\(4\) = 2\.\d\d\$", differences[1][5])
+
+
+def test_fewer_values_than_subjects_are_said() -> None:
+    rows = table({"C1": A, "C2": B})
+    rows[0] = row("1", "C1", 1.0, outcome="died")
+    means, differences = made(rows)
+    assert means[1][1].endswith(", $n = 4$)")
+    assert differences[1][2] == "4"
+
+
+def test_files_where_there_are_no_subjects_to_average() -> None:
+    rows = [row("1", "C1", 1.2341, 0.0567), row("1", "C2", 1.0, outcome="died")]
+    rows += [row("1", c, 12.3, parameter="fnm", unit="rad/s") for c in ("C1", "C2")]
+    values = checked(tables_tex(rows))[0]
+    assert values == [
+        ["subject", "condition", "tlead (s)", "fnm (rad/s)"],
+        ["1", "C1", r"$1.234$ $\pm$ $0.057$", r"$12.30$ $\pm$ $0.10$"],
+        ["1", "C2", "--", r"$12.30$ $\pm$ $0.10$"],
+    ]
+
+
+def test_each_condition_with_its_own_model_is_one_table() -> None:
+    rows = [row(s, "C3", float(s), model="single") for s in "12"]
+    rows += [row(s, "C6", float(s), model="multi") for s in "12"]
+    rows += [row(s, "C6", float(s), model="multi", parameter="Kvest", unit="") for s in "12"]
+    chosen = {((), "C3"): "single", ((), "C6"): "multi"}
+    (means,) = checked(tables_tex(rows, chosen=chosen))
+    assert [line[0] for line in means] == ["", "tlead (s)", "Kvest"]
+    assert means[2][1] == "--"
+
+
+def test_names_cannot_break_the_tables() -> None:
+    nasty = r"50%_$x$ {\bad} #1 ^2 ~ <&>|"
+    rows = [
+        row(s, c, float(s) * k, parameter=nasty, unit="m/s^2")
+        for c, k in ((nasty, 1.0), ("b\n% c", 1.7))
+        for s in "123"
+    ]
+    means, differences = made(rows)
+    assert any(escaped(nasty) in cell for cell in means[0])
+    assert differences[1][1].startswith(escaped(nasty))
+
+
+def test_the_head_is_a_comment() -> None:
+    text = tables_tex([], made_by="pilotid analyse a.mat\n\\input{b}")
+    assert all(line.startswith("%") for line in text.splitlines())
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "shown"),
+    [(1.2341, 0.0567, "$1.234$"), (-0.001, 0.3, "$0.00$"), (float("nan"), 1.0, "--"),
+     (123.4, 27.0, "$123$"), (-2.5, float("nan"), "$-2.50$"), (0.0, 0.0, "$0$")],
+)  # fmt: skip
+def test_numbers_have_the_digits_of_their_errors(value: float, error: float, shown: str) -> None:
+    assert number(value, error) == shown
+
+
+def test_chances() -> None:
+    assert (chance(0.0004), chance(0.0312), chance(float("nan"))) == ("$<0.001$", "$0.031$", "--")

@@ -1,0 +1,146 @@
+"""Which model recordings speak for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import NOMINAL, PILOTS, SINGLE_LOOP
+
+from pilotid.analysis.choice import Candidate, chosen, compared, sensible
+from pilotid.analysis.forced import forced
+from pilotid.datasets import simulate
+from pilotid.pilot.catalogue import MODELS
+from pilotid.recordings.files import load_recording
+from pilotid.recordings.recording import Recording
+from pilotid.seeds import recording_rng
+from pilotid.time_domain.evidence import evidence
+
+pytestmark = pytest.mark.numerical
+
+
+def recording_of(name: str, runs: int = 1, seed: int = 7) -> Recording:
+    scenario = replace(PILOTS[name], runs=runs)
+    return simulate(scenario, recording_rng(seed, scenario.name))
+
+
+def candidate(model: str, pilot: int, left_out: tuple[float, ...], vaf: float = 80.0) -> Candidate:
+    """A candidate that lines judge."""
+    return Candidate(
+        model=model,
+        pilot=pilot,
+        parameters=pilot + 3,
+        remnant="AR(2)",
+        samples=1000,
+        log_likelihood=-100.0,
+        aicc=210.0 + pilot,
+        bic=220.0 + pilot,
+        vaf=vaf,
+        left_out_vaf=vaf,
+        left_out_log_likelihood=tuple(-0.5 * number for number in left_out),
+        misfit=30.0,
+        freedom=30,
+        left_out_misfit=left_out,
+        bounds="",
+        overdamped=False,
+    )
+
+
+@pytest.mark.parametrize("name", ["single", "multi", "lead-lag"])
+def test_the_model_that_made_a_recording_is_chosen(name: str) -> None:
+    recording = recording_of(name)
+    assert chosen([compared(recording, sensible(recording), 0)]).model == name
+
+
+def test_a_recording_without_a_disturbance_tells_no_two_channels_apart() -> None:
+    recording = replace(recording_of("single"), fd=None, lines={})
+    inputs = {c.input for model in sensible(recording) for c in model.channels}
+    assert inputs == {"error"}
+
+
+def test_the_simpler_model_is_taken_where_a_gain_is_no_more_than_chance() -> None:
+    simple = candidate("single", 5, (30.0, 40.0, 35.0))
+    for gain, taken in (((2.0, -1.0, 1.0), "single"), ((10.0, 11.0, 9.0), "multi")):
+        richer = candidate("multi", 7, tuple(np.subtract((30.0, 40.0, 35.0), gain).tolist()))
+        assert chosen([[simple, richer]]).model == taken
+
+
+def test_recordings_of_a_condition_are_judged_together() -> None:
+    """One subject who seems to need more does not outvote the others."""
+    simple = [candidate("single", 5, (30.0, 30.0))] * 3
+    richer = [candidate("multi", 7, pair) for pair in ((20.0, 20.0), (36.0, 36.0), (35.0, 35.0))]
+    pairs = [list(pair) for pair in zip(simple, richer, strict=True)]
+    assert chosen(pairs[:1]).model == "multi"
+    assert chosen(pairs).model == "single"
+
+
+def test_what_describes_the_loop_and_not_the_pilot_is_not_taken() -> None:
+    """Where no line judges, a likelihood without a simulated response counts for nothing."""
+    pilot = replace(candidate("single", 5, ()), misfit=float("nan"), freedom=0)
+    loop = replace(pilot, model="multi", pilot=7, aicc=-1000.0, bic=-1000.0, vaf=3.0)
+    choice = chosen([[pilot, loop]])
+    assert choice.model == "single"
+    assert "describes the loop, not the pilot" in choice.reason
+
+
+def test_misfits_are_those_of_chance_for_the_true_model() -> None:
+    """Chi-squared of the lines, over 20 recordings, within 3 errors of its freedom."""
+    found = [
+        forced(simulate(SINGLE_LOOP, recording_rng(11, "single", k)), [MODELS["single"]], 0)[0]
+        for k in range(20)
+    ]
+    excess = np.array([f.excess for f in found])
+    # Powers of the remnant are estimated from bins beside the lines.
+    assert abs(excess.mean() - 1.0) < 3.0 * excess.std(ddof=1) / np.sqrt(20.0) + 0.05
+
+
+def test_criteria_are_of_the_same_samples() -> None:
+    recording = recording_of("multi", runs=2)
+    models = [MODELS["multi"], MODELS["single"]]
+    both = evidence(recording, models, 0)
+    assert both[0].samples == both[1].samples
+    assert both[0].log_likelihood > both[1].log_likelihood + 10.0
+    for own in both:
+        # Runs left out are predicted a little worse than runs that were fitted, and no more.
+        assert -60.0 < own.left_out.sum() - own.log_likelihood < 0.0
+
+
+def test_a_richer_model_never_explains_less() -> None:
+    """With the true model's optimum inside it, the likelihood cannot fall."""
+    recording = recording_of("single")
+    simple, richer = evidence(recording, [MODELS["single"], MODELS["lead-lag"]], 0)
+    assert richer.log_likelihood > simple.log_likelihood - 1.0
+
+
+def test_aperiodic_recordings_are_judged_by_their_prediction_errors() -> None:
+    recording = replace(recording_of("single", runs=2), lines={})
+    rng = np.random.default_rng(0)
+    noisy = replace(recording, ft=recording.ft + 0.2 * rng.standard_normal(recording.e.shape))
+    choice = chosen([compared(noisy, [MODELS["gain"], MODELS["single"]], 0)])
+    assert choice.model == "single"
+    assert "errors of prediction" in choice.reason
+
+
+def test_people_without_motion_are_not_given_a_motion_channel(measured: Path) -> None:
+    """The likelihood would: with its simulated response at 0 % (subject 4, C2, is the case)."""
+    for condition, expected in (("C1", {"lead-lag"}), ("C2", {"single"}), ("C3", {"single"})):
+        path = measured / "yaw" / f"ae2224I_measurement_data_subj4_{condition}.mat"
+        recording = load_recording(path)
+        models = [MODELS[n] for n in ("gain", "single", "lead-lag", "rate", "multi")]
+        assert chosen([compared(recording, models, 0)]).model in expected
+
+
+def test_people_with_motion_are(measured: Path) -> None:
+    recording = load_recording(measured / "yaw" / "ae2224I_measurement_data_subj4_C6.mat")
+    models = [MODELS[n] for n in ("gain", "single", "lead-lag", "rate", "multi")]
+    assert chosen([compared(recording, models, 0)]).model in {"rate", "multi"}
+
+
+def test_a_model_without_input_is_left_out() -> None:
+    still = replace(NOMINAL, runs=1)
+    recording = simulate(still, recording_rng(3, "still"))
+    frozen = replace(recording, x=np.zeros_like(recording.x), ft=recording.e, fd=None, lines={})
+    found = compared(frozen, [MODELS["single"], MODELS["multi"]], 0)
+    assert [c.model for c in found] == ["single"]
