@@ -19,6 +19,7 @@ from pilotid.datasets import scenario_named, simulate
 from pilotid.estimates.draws import Draws
 from pilotid.estimates.estimate import Estimate, Outcome, failed, symmetric_intervals
 from pilotid.estimates.fitted import Fitted, fit_all
+from pilotid.estimates.loop import LoopElement
 from pilotid.estimates.quantities import Quantity
 from pilotid.estimates.remnant import RemnantEstimate
 from pilotid.methods import method_named
@@ -325,13 +326,22 @@ def test_a_page_numbers_its_figures_and_puts_three_methods_in_a_table() -> None:
 
 
 def test_a_page_of_several_recordings_has_contents_and_loops_where_there_are_some() -> None:
-    fit = Fitted(recording(), MULTI, (estimate(),))
-    page = html_report([fit, fit], element=ELEMENT)
+    lost = failed("arx", MULTI, Outcome.SINGULAR)
+    fit = Fitted(recording(), MULTI, (lost, estimate()))
+    known = replace(fit, loop_element=LoopElement(ELEMENT, "given"))
+    page = html_report([fit, known])
     assert '<a href="#recording-2">' in page
-    assert "Loops" not in page
-    crossover = Quantity("target crossover", "rad/s", 2.38, 0.1, 2.2, 2.6)
+    assert page.count("<h3>Loops</h3>") == page.count("<td>target crossover</td>") == 1
+    assert page.count("loops with the controlled element 4/s^2, as given") == 1
+    assert page.count("Open loops of the pilot (mle) with the controlled element 4/s^2") == 2
+    none = replace(fit, loop_element=LoopElement(why="x does not tell the element"))
+    assert "<li>x does not tell the element</li>" in html_report([none])
+
+
+def test_a_table_has_value_and_interval_of_each_method() -> None:
+    crossover = Quantity("target_crossover", "rad/s", 2.38, 0.1, 2.2, 2.6)
     (table,) = tables_of([("mle", [crossover])])
-    assert table.rows == [("target crossover", "rad/s", [("2.38 ± 0.10", "2.20 .. 2.60")])]
+    assert table.rows == [("target_crossover", "rad/s", [("2.38 ± 0.10", "2.20 .. 2.60")])]
 
 
 # ------------------------------------------------------------------------------ posteriors

@@ -169,7 +169,7 @@ def _legend_above(figure: Figure, columns: int = 5) -> None:
     for axes in figure.axes:
         _without_legend(axes)
     if labels:
-        figure.legend(handles, labels, loc="outside upper right", ncols=columns, frameon=False)
+        figure.legend(handles, labels, loc="outside upper left", ncols=columns, frameon=False)
 
 
 def _without_legend(axes: Axes) -> None:
