@@ -125,6 +125,7 @@ class Bode:
             axes.set_xlim(self.omega[0], self.omega[-1])
             axes.grid(color=GRID, linewidth=0.5)
             axes.set_axisbelow(True)
+            axes.minorticks_off()
             log_ticks(axes, "x")
         sizes, phases = _drawn(self.above), _drawn(self.below)
         sizes = sizes[sizes > 0.0]

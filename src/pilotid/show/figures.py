@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
@@ -74,7 +74,12 @@ def figures_of(
     return found
 
 
-def save_figures(folder: Path, figures: Sequence[Shown], prefix: str = "") -> list[Path]:
+def save_figures(
+    folder: Path,
+    figures: Sequence[Shown],
+    prefix: str = "",
+    kinds: Sequence[Literal["svg", "pdf"]] = ("svg", "pdf"),
+) -> list[Path]:
     """Write each figure as SVG and as PDF; equal figures give equal bytes.
 
     Parameters
@@ -85,6 +90,8 @@ def save_figures(folder: Path, figures: Sequence[Shown], prefix: str = "") -> li
         What `figures_of` gave.
     prefix
         Before the names of all files, such as ``subject1-C3-``.
+    kinds
+        Which files to write; most of the time goes into the fonts of PDF.
 
     Returns
     -------
@@ -92,11 +99,10 @@ def save_figures(folder: Path, figures: Sequence[Shown], prefix: str = "") -> li
     """
     written = []
     for name, caption, figure in figures:
-        for kind, content in (
-            ("svg", svg(figure, f"{prefix}{name}", caption).encode()),
-            ("pdf", pdf(figure)),
-        ):
-            path = folder / f"{prefix}{name}.{kind}"
+        for kind in kinds:
+            own = f"{prefix}{name}"
+            content = pdf(figure) if kind == "pdf" else svg(figure, own, caption).encode()
+            path = folder / f"{own}.{kind}"
             write_file(path, content)
             written.append(path)
     return written
@@ -113,11 +119,13 @@ def _lay_out(figure: Figure) -> None:
 def pdf(figure: Figure) -> bytes:
     """A figure as PDF, its text as text, without a date."""
     from matplotlib import rc_context
+    from matplotlib.backends.backend_pdf import FigureCanvasPdf
 
     stream = io.BytesIO()
     nothing = dict.fromkeys(("Creator", "Producer", "CreationDate"))
     with rc_context({"pdf.fonttype": 42}):
-        figure.savefig(stream, format="pdf", metadata=nothing)
+        # Not `savefig`, which draws everything twice; matplotlib's backends have no types.
+        FigureCanvasPdf(figure).print_pdf(stream, metadata=nothing)  # type: ignore[no-untyped-call]
     return stream.getvalue()
 
 

@@ -41,8 +41,7 @@ def time_figure(recording: Recording, estimates: Sequence[Estimate], chosen: Est
     from matplotlib.figure import Figure
 
     count = len(estimates)
-    begin = float(max(0.0, recording.time[-1] - SECONDS)) if recording.duration < SECONDS else 0.0
-    span = (begin, min(SECONDS, float(recording.time[-1])))
+    span = (0.0, min(SECONDS, float(recording.time[-1])))
     with journal_style():
         row = 0.9 if count < 4 else 0.55
         figure = Figure(figsize=(WIDTH, 2.5 + row * count), layout="constrained")

@@ -14,7 +14,7 @@ from pilotid.show.style import INK
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prepare import prepare
-from pilotid.types import FloatArray
+from pilotid.types import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -47,17 +47,21 @@ def signals(
         Where to draw; None makes a new figure by pyplot.
     """
     axes = axes if axes is not None else new_axes()
+    ends = span or (0.0, float(recording.time[-1]))
     time, control = recording.time[recording.run_in :], recording.window(recording.u)[run]
-    axes.plot(time, control, color=INK, linewidth=0.9, label="recorded")
+    inside = _inside(time, ends)
+    axes.plot(time[inside], control[inside], color=INK, linewidth=0.9, label="recorded")
     for own, width in zip(named(estimates), _widths(len(estimates)), strict=True):
         if own.known:
             scored, output, left = simulated(recording, own.estimate)
+            inside = _inside(scored, ends)
+            drawn = output[run, inside]
             if band:
                 reach, band = Z95 * float(np.std(left[run])), False
-                ends = output[run] - reach, output[run] + reach
-                axes.fill_between(scored, *ends, color=own.colour, alpha=0.2, linewidth=0.0)
-            _line(axes, scored, output[run], own, width)
-    return _over_time(axes, recording, "control u", span)
+                axes.fill_between(scored[inside], drawn - reach, drawn + reach, color=own.colour,
+                                  alpha=0.2, linewidth=0.0)  # fmt: skip
+            _line(axes, scored[inside], drawn, own, width)
+    return _over_time(axes, recording, "control u", ends)
 
 
 def residual(
@@ -83,12 +87,14 @@ def residual(
         Where to draw; None makes a new figure by pyplot.
     """
     axes = axes if axes is not None else new_axes()
+    ends = span or (0.0, float(recording.time[-1]))
     axes.axhline(0.0, color=INK, linewidth=0.5)
     for own, width in zip(named(estimates), _widths(len(estimates)), strict=True):
         if own.known:
             scored, _, left = simulated(recording, own.estimate)
-            _line(axes, scored, left[run], own, width)
-    return _over_time(axes, recording, "residual", span)
+            inside = _inside(scored, ends)
+            _line(axes, scored[inside], left[run, inside], own, width)
+    return _over_time(axes, recording, "residual", ends)
 
 
 def simulated(
@@ -101,6 +107,11 @@ def simulated(
     return prepared.time[prepared.first :], problem.prediction.control - left, left
 
 
+def _inside(time: FloatArray, ends: tuple[float, float]) -> BoolArray:
+    """Which samples are shown, shape (samples,)."""
+    return (time >= ends[0]) & (time <= ends[1])
+
+
 def _line(axes: Axes, time: FloatArray, signal: FloatArray, own: Named, width: float) -> None:
     (line,) = axes.plot(time, signal, color=own.colour, linewidth=width, label=own.label)
     line.set_linestyle(own.dash)
@@ -111,13 +122,11 @@ def _widths(count: int) -> list[float]:
     return [float(w) for w in np.linspace(min(0.5 + 0.4 * count, 2.0), 0.9, count)]
 
 
-def _over_time(
-    axes: Axes, recording: Recording, what: str, span: tuple[float, float] | None
-) -> Axes:
+def _over_time(axes: Axes, recording: Recording, what: str, span: tuple[float, float]) -> Axes:
     """Labels of a signal in the unit of the control."""
     axes.set_ylabel(with_unit(what, recording.units.get("u", "")))
     axes.set_xlabel("time [s]")
-    axes.set_xlim(*(span or (0.0, recording.time[-1])))
+    axes.set_xlim(*span)
     # Above the axes, since signals are everywhere inside them.
     legend(axes, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=5, borderaxespad=0.1)
     return axes

@@ -70,6 +70,7 @@ def remnant(
     axes.set_yscale("log")
     axes.grid(color=GRID, linewidth=0.5)
     axes.set_axisbelow(True)
+    axes.minorticks_off()
     log_ticks(axes, "x")
     axes.set_xlabel("frequency [rad/s]")
     unit = square_unit(recording.units if recording is not None else {}, "u")
