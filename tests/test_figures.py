@@ -314,6 +314,21 @@ def test_the_summary_names_failures_disagreement_and_remarks() -> None:
     assert "2 remarks below say" in text
 
 
+def test_the_summary_says_which_numbers_mean_nothing() -> None:
+    found = estimate()
+    values = found.values.copy()
+    values[-1] = MULTI.upper[-1]
+    intervals = symmetric_intervals(values, found.covariance)
+    held = replace(found, outcome=Outcome.AT_BOUND, values=values, intervals=intervals)
+    text = " ".join(summary(Fitted(recording(), MULTI, (held,))))
+    assert f"held by a bound is {MULTI.keys[-1]}." in text
+    assert f"{MULTI.keys[-1]} (±" not in text
+    astray = replace(found, outcome=Outcome.NOT_CONVERGED)
+    text = " ".join(summary(Fitted(recording(), MULTI, (astray,))))
+    assert "No numbers here are to be used." in text
+    assert "well known" not in text
+
+
 def test_a_page_numbers_its_figures_and_puts_three_methods_in_a_table() -> None:
     page = html_report([many()], element=ELEMENT)
     assert page.count("<table>") == 3

@@ -19,6 +19,8 @@ from pilotid.types import BoolArray, FloatArray
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+ALONE = 1.6  # points, width of a model's line that is told from the recorded one in grey, too
+
 
 def signals(
     recording: Recording,
@@ -50,8 +52,9 @@ def signals(
     ends = span or (0.0, float(recording.time[-1]))
     time, control = recording.time[recording.run_in :], recording.window(recording.u)[run]
     inside = _inside(time, ends)
-    axes.plot(time[inside], control[inside], color=INK, linewidth=0.9, label="recorded")
-    for own, width in zip(named(estimates), _widths(len(estimates)), strict=True):
+    axes.plot(time[inside], control[inside], color=INK, linewidth=0.7, label="recorded")
+    widths = [ALONE] if len(estimates) == 1 else _widths(len(estimates))
+    for own, width in zip(named(estimates), widths, strict=True):
         if own.known:
             scored, output, left = simulated(recording, own.estimate)
             inside = _inside(scored, ends)

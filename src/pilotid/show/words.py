@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from pilotid.estimates.bounds import at_bounds
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.fitted import Fitted
 from pilotid.estimates.quantities import Quantity
@@ -23,7 +24,11 @@ def summary(fit: Fitted) -> list[str]:
     sentences = [_what(fit), *_outcomes(fit.estimates)]
     chosen = leading(fit.estimates)
     if chosen is not None:
-        sentences += [*_how_well(chosen), *_known(chosen), *_agreement(chosen, fit.estimates)]
+        sentences += _how_well(chosen)
+        if chosen.outcome.usable:
+            sentences += [*_known(chosen), *_agreement(chosen, fit.estimates)]
+        else:
+            sentences.append("No numbers here are to be used.")
     count = len(fit.warnings)
     if count:
         remarks = "One remark below says" if count == 1 else f"{count} remarks below say"
@@ -70,21 +75,25 @@ def _how_well(chosen: Estimate) -> list[str]:
 
 
 def _known(chosen: Estimate) -> list[str]:
-    shares = {q.key: _share(q) for q in chosen.quantities}
+    held = np.logical_or(*at_bounds(chosen.model, chosen.values, chosen.values))
+    bound = [key for key, there in zip(chosen.model.keys, held, strict=True) if there]
+    shares = {q.key: _share(q) for q in chosen.quantities if not set(q.key.split("*")) & set(bound)}
     if not all(math.isfinite(share) for share in shares.values()):
         return []
     well = [f"{key} (± {_percent(share)})" for key, share in shares.items() if share <= WELL]
     poorly = [f"{key} (± {_percent(share)})" for key, share in shares.items() if share >= POORLY]
-    told = []
-    if well:
-        told.append(f"well known (95 % interval within 10 %) is {listed(well)}")
-    told.append(
-        f"poorly known (beyond 50 %) is {listed(poorly)}"
-        if poorly
-        else "nothing is poorly known (beyond 50 %)"
-    )
-    text = "; ".join(told)
-    return [f"By {chosen.method}, {text}."]
+    told = [
+        f"{what} is {listed(keys)}"
+        for what, keys in (
+            ("well known (95 % interval within 10 %)", well),
+            ("poorly known (beyond 50 %)", poorly),
+            ("held by a bound", bound),
+        )
+        if keys
+    ]
+    if not (poorly or bound):
+        told.append("nothing is poorly known (beyond 50 %)")
+    return [f"By {chosen.method}, {'; '.join(told)}."]
 
 
 def _share(quantity: Quantity) -> float:
