@@ -14,12 +14,13 @@ from pilotid.datasets.forcing import (
     PERIOD,
     Forcing,
     half_and_half_step,
+    interleaved_sines,
     paper_disturbance,
     paper_target,
 )
 from pilotid.datasets.remnant import Remnant, white
 from pilotid.datasets.violations import Kind, Violation
-from pilotid.pilot.catalogue import MULTI, SINGLE
+from pilotid.pilot.catalogue import LEAD2_LAG_MOTION, MULTI, SINGLE
 from pilotid.pilot.element import ControlledElement, double_integrator
 from pilotid.pilot.model import PilotModel
 from pilotid.types import FloatArray, InputError
@@ -28,6 +29,14 @@ from pilotid.types import FloatArray, InputError
 #: without (Kvis, tlead, tdvis, fnm, dnm).
 PILOT_IN_MOTION = (0.17, 2.93, 0.32, 1.59, 0.29, 12.0, 0.3)
 PILOT_AT_REST = (0.32, 1.68, 0.39, 12.0, 0.3)
+
+#: Pilots in motion at the end of training in Pool, Harder and van Paassen (2016), their gains
+#: times that of the stick: Kvis, tlead, tlag, tdvis, Kvest, tdvest, fnm, dnm; and what they flew.
+#: That their motion channel has canals follows from the loop: it is unstable with rate feedback.
+PILOT_TRAINED = (4.75 * 0.2865, 0.30, 0.95, 0.22, 3.00 * 0.2865, 0.19, 14.0, 0.30)
+TRAINED = ControlledElement(
+    (10.62, 10.62 * 0.99), (1.0, 2.58, 7.61, 0.0), name="10.62(s+0.99)/(s(s^2+2.58s+7.61))"
+)
 
 
 @dataclass(frozen=True)
@@ -189,6 +198,21 @@ def _beyond_the_paper() -> list[Scenario]:
     ]
 
 
+def _trained() -> Scenario:
+    target, disturbance = interleaved_sines(20, TRAINED.response)
+    return Scenario(
+        "training",
+        "a trained pilot in motion, lead squared over lag, 20 + 20 lines (Pool, Harder & van "
+        "Paassen 2016; forcing amplitudes and remnant level are not theirs)",
+        model=LEAD2_LAG_MOTION,
+        truth=PILOT_TRAINED,
+        element=TRAINED,
+        target=target,
+        disturbance=disturbance,
+        remnant=Remnant(order=1, frequency=1.0 / 0.46, level=0.15, level_is="ratio"),
+    )
+
+
 def _violated() -> list[Scenario]:
     nominal = Scenario("nominal", "", family="violation")
     gain, lead, *others = nominal.truth
@@ -228,7 +252,7 @@ def _violated() -> list[Scenario]:
 
 #: Scenarios by the name that the command line takes.
 SCENARIOS: dict[str, Scenario] = {
-    s.name: s for s in (*_of_the_paper(), *_beyond_the_paper(), *_violated())
+    s.name: s for s in (*_of_the_paper(), *_beyond_the_paper(), _trained(), *_violated())
 }
 
 

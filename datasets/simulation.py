@@ -19,7 +19,7 @@ from pilotid.datasets.remnant import UNIT_LEVEL
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.stepping import stepped
 from pilotid.pilot.factors import Neuromuscular
-from pilotid.pilot.loops import margins, pilot_on, unstable_poles
+from pilotid.pilot.loops import margins, pilot_on, pilot_on_each, unstable_poles
 from pilotid.recordings.recording import Recording
 from pilotid.types import ComplexArray, FloatArray, InputError
 
@@ -77,7 +77,7 @@ def remnant_shaping(scenario: Scenario, omega: FloatArray) -> ComplexArray:
     shaping = scenario.remnant.filter(omega)
     match scenario.remnant.enters:
         case "error":
-            return shaping * pilot_on(scenario.model, omega, scenario.values)[0]
+            return shaping * pilot_on_each(scenario.model, omega, scenario.values)["error"]
         case "neuromuscular":
             return shaping * _neuromuscular(scenario, omega)
     return shaping

@@ -76,13 +76,13 @@ def stepped(
     late = scenario.element.delay / h
     e, u, y = (np.zeros((len(noise), count)) for _ in range(3))
     x = y if late == 0.0 else np.zeros_like(y)
+    given = {"error": e, "output": x, "target": np.broadcast_to(target, e.shape)}
     for begin in range(0, count, block):
         now = np.arange(begin, min(begin + block, count))
         command = noise[:, now]
         for weight, paths in channels:
             for path in paths:
-                given = e if path.input == "error" else x
-                command = command + weight[now] * path.through(given, now)
+                command = command + weight[now] * path.through(given[path.input], now)
         violation = scenario.violation
         u[:, now] = command if violation is None else violation.stick(command, rms)
         y[:, now] = element.through(u[:, now] + disturbance[now])

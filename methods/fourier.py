@@ -36,6 +36,7 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate, Outcome
+from pilotid.estimates.method import dependent_signals
 from pilotid.estimates.response import FrequencyResponse
 from pilotid.frequency.fourier_coefficients import Coefficients, coefficients_of
 from pilotid.frequency.second_step import second_step
@@ -83,6 +84,10 @@ class Fourier:
         inputs = [channel.input for channel in model.channels]
         if len(set(inputs)) < len(inputs):
             return f"model {model.name} has two channels on one input, which no lines tell apart"
+        if inputs == ["target"]:
+            return f"model {model.name} acts on the target alone, outside any loop"
+        if dependent := dependent_signals(model):
+            return dependent
         fewest = min(own.size for own in lines.values())
         if len(inputs) == 2 and len(lines) < 2:
             return "two channels need both a target and a disturbance forcing function"

@@ -38,6 +38,7 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate, Outcome, failed
+from pilotid.estimates.method import dependent_signals
 from pilotid.estimates.response import FrequencyResponse
 from pilotid.frequency.consistency import against_recording, output_at_once
 from pilotid.frequency.regression import (
@@ -102,6 +103,8 @@ class SINDy:
         # Imported here, before the fit is timed, since it takes longer than the fit.
         import pysindy  # noqa: F401
 
+        if dependent := dependent_signals(model):
+            return dependent
         inputs = {c.input for c in model.channels}
         if len(inputs) > 1 and np.std(recording.e + recording.x) < 1e-6 * np.std(recording.e):
             return (

@@ -13,8 +13,19 @@ import numpy as np
 from pilotid.datasets import POPULATIONS, SCENARIOS, Scenario, simulate
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import Method, identify
-from pilotid.pilot.catalogue import GAIN_ONLY, LEAD_LAG, RATE
-from pilotid.pilot.element import double_integrator, single_integrator
+from pilotid.pilot.catalogue import (
+    GAIN_ONLY,
+    LEAD2_LAG,
+    LEAD_LAG,
+    LEAD_LAG_MOTION,
+    PURSUIT,
+    RATE,
+)
+from pilotid.pilot.element import (
+    double_integrator,
+    integrator_with_lag,
+    single_integrator,
+)
 from pilotid.recordings.recording import SIGNALS, Recording
 from pilotid.seeds import fit_rng, recording_rng, start_rng
 from pilotid.types import FloatArray
@@ -48,6 +59,28 @@ PILOTS = {
             model=RATE,
             truth=(0.35, 1.1, 0.27, 0.25, 0.18, 11.0, 0.4),
             element=double_integrator(4.0),
+        ),
+        replace(
+            NOMINAL,
+            name="lead-lag-motion",
+            model=LEAD_LAG_MOTION,
+            truth=(0.7, 1.3, 0.4, 0.24, 0.3, 0.18, 12.0, 0.35),
+            element=integrator_with_lag(4.0, 1.5),
+        ),
+        replace(
+            NOMINAL,
+            name="lead2-lag",
+            model=LEAD2_LAG,
+            truth=(0.8, 0.45, 0.8, 0.22, 13.0, 0.35),
+            element=SCENARIOS["training"].element,
+        ),
+        SCENARIOS["training"],
+        replace(
+            NOMINAL,
+            name="pursuit",
+            model=PURSUIT,
+            truth=(0.8, 0.35, 0.28, 0.35, 0.16, 0.23, 12.0, 0.35),
+            element=single_integrator(2.0),
         ),
     )
 }

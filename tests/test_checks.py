@@ -64,5 +64,7 @@ def test_the_first_thing_that_is_wrong_is_told_and_how_to_mend_it() -> None:
         "e is not ft - x: e has the wrong sign; flip it with --map e=-e",
     )
     assert "remove the offset" in remarks(replace(recording, e=recording.e + 1.0))[0]
-    assert "they differ by" in remarks(replace(recording, ft=2.0 * recording.ft))[0]
+    assert "ft is 2 times what the others" in remarks(replace(recording, ft=2.0 * recording.ft))[0]
+    bent = recording.ft + 0.1 * np.abs(recording.ft)
+    assert "they differ by" in remarks(replace(recording, ft=bent))[0]
     assert remarks(replace(recording, ft=None, lines={})) == ()

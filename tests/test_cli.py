@@ -497,7 +497,7 @@ def test_a_bad_file_does_not_cost_the_others(run: Run, simulated: Path, tmp_path
 def test_remarks_are_printed_and_written(run: Run, simulated: Path) -> None:
     options = ("--method", "mle-white", "--model", "multi", "--map", "e=-e")
     lines = run("fit", simulated, *options).out.splitlines()
-    remark = "e is not ft - x: e has the wrong sign; flip it with --map e=-e"
+    remark = "e is not ft - x: e has the wrong sign; flip it with --map e=e"
     assert f"recording: {remark}" in lines
     result = strict(run("fit", simulated, *options, "--json", "-").out)
     assert result["recording"]["remarks"] == [remark]

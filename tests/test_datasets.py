@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import NOMINAL, without_remnant
+from helpers import NOMINAL, PILOTS, without_remnant
 from scipy.signal import cont2discrete, lfilter
 
 from pilotid.datasets import SCENARIOS, Scenario, scenario_named, simulate
@@ -553,6 +553,57 @@ def test_simulation_agrees_with_an_independent_one_in_the_time_domain(
 ) -> None:
     scenario = without_remnant(SCENARIOS[name])
     assert_agrees(simulate(scenario, rng()), time_domain(scenario, begin, step), tolerance)
+
+
+def paths_of(scenario: Scenario, step: float) -> list[tuple[str, Exact, int]]:
+    """By hand, the paths of pilots that no scenario of the paper has: input, transfer, delay."""
+    v = dict(zip(scenario.model.keys, scenario.truth, strict=True))
+    ff = v["fnm"] ** 2
+    muscle = [1.0, 2.0 * v["dnm"] * v["fnm"], ff]
+    lead = [v["tlead"], 1.0]
+
+    def path(name: str, top: list[list[float]], bottom: list[list[float]], late: str) -> None:
+        above, below = np.array([ff]), np.array(muscle)
+        for factor in top:
+            above = np.polymul(above, factor)
+        for factor in bottom:
+            below = np.polymul(below, factor)
+        found.append((name, Exact(above.tolist(), below.tolist(), step), round(v[late] / step)))
+
+    found: list[tuple[str, Exact, int]] = []
+    leads = [lead, lead] if scenario.model.name.startswith("lead2") else [lead]
+    lags = [[v["tlag"], 1.0]] if "tlag" in v else []
+    path("e", [[v["Kvis"]], *leads], lags, "tdvis")
+    if "Km" in v:
+        path("x", [[-v["Km"]], [1.0, 0.0]], [], "tdm")
+    if "Kvest" in v:
+        path("x", [[-v["Kvest"]], [0.1, 1.0], [1.0, 0.0, 0.0]], [[6.0, 1.0]], "tdvest")
+    if "Kt" in v:
+        path("ft", [[v["Kt"]], [1.0, 0.0]], [[v["tlagt"], 1.0]], "tdt")
+    return found
+
+
+@pytest.mark.parametrize("name", ["lead-lag-motion", "lead2-lag", "lead2-lag-motion", "pursuit"])
+def test_simulation_of_other_pilots_agrees_with_an_independent_one(name: str) -> None:
+    scenario = without_remnant(PILOTS[name])
+    step, begin = 1e-3, -120.0
+    time = np.arange(round(begin / step), round(scenario.duration / step)) * step
+    signals = {"e": np.zeros(time.size), "x": np.zeros(time.size)}
+    signals["ft"] = fine_samples(scenario.target, time)
+    fd, u = fine_samples(scenario.disturbance, time), np.zeros(time.size)
+    paths = paths_of(scenario, step)
+    element = scenario.element
+    vehicle = Exact(list(element.numerator), list(element.denominator), step)
+    block = min(late for _, _, late in paths)
+    for start in range(0, time.size, block):
+        now = np.arange(start, min(start + block, time.size))
+        for given, transfer, late in paths:
+            before = signals[given][np.maximum(now - late, 0)]
+            u[now] += transfer(np.where(now >= late, before, 0.0))
+        signals["x"][now] = vehicle(u[now] + fd[now])
+        signals["e"][now] = signals["ft"][now] - signals["x"][now]
+    at = round(-begin / step) + np.arange(SAMPLES) * round(DT / step)
+    assert_agrees(simulate(scenario, rng()), (u[at], signals["x"][at]), 1e-4)
 
 
 class KnownNoise:

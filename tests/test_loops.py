@@ -7,9 +7,9 @@ from collections.abc import Callable
 import control
 import numpy as np
 import pytest
-from helpers import NOMINAL, SINGLE_LOOP
+from helpers import NOMINAL, PILOTS, SINGLE_LOOP
 
-from pilotid.pilot.catalogue import GAIN_ONLY, MULTI, SINGLE
+from pilotid.pilot.catalogue import GAIN_ONLY, MULTI, PURSUIT, SINGLE
 from pilotid.pilot.element import (
     ControlledElement,
     double_integrator,
@@ -37,6 +37,7 @@ VALUES = {
     "single": SINGLE_LOOP.values,
     "multi": NOMINAL.values,
     "gain": np.array([0.5, 0.3, 12.0, 0.3]),
+    "pursuit": PILOTS["pursuit"].values,
 }
 
 
@@ -242,7 +243,11 @@ def test_improper_controlled_element_is_refused(
 def poles_of_control(model: PilotModel, element: ControlledElement) -> int:
     """Right-half-plane poles of the loop closed in python-control, delays as Pade of order 8."""
     paths = model.rational(VALUES[model.name], 8)
-    signs = [c.sign if c.input == "error" else -c.sign for c in model.channels]
+    # A channel on the target stands outside the loop.
+    within = [i for i, c in enumerate(model.channels) if c.input != "target"]
+    paths = [paths[i] for i in within]
+    channels = [model.channels[i] for i in within]
+    signs = [c.sign if c.input == "error" else -c.sign for c in channels]
     pilot = control.ss(signs[0] * paths[0])
     for sign, path in zip(signs[1:], paths[1:], strict=True):
         pilot = control.parallel(pilot, control.ss(sign * path))
@@ -258,8 +263,9 @@ def poles_of_control(model: PilotModel, element: ControlledElement) -> int:
         (MULTI, single_integrator, 0.868),
         (MULTI, double_integrator, 5.448),
         (GAIN_ONLY, single_integrator, 7.866),
+        (PURSUIT, single_integrator, 2.485),
     ],
-    ids=["single K/s", "single K/s^2", "multi K/s", "multi K/s^2", "gain K/s"],
+    ids=["single K/s", "single K/s^2", "multi K/s", "multi K/s^2", "gain K/s", "pursuit K/s"],
 )
 def test_unstable_poles_are_those_of_python_control_on_both_sides_of_the_boundary(
     model: PilotModel, element: Callable[[float], ControlledElement], boundary: float

@@ -11,6 +11,9 @@ from typing import Any
 import pytest
 from helpers import Run, strict
 
+from pilotid import MODELS, load_recording
+from pilotid.time_domain.evidence import evidence
+
 pytestmark = pytest.mark.numerical
 
 
@@ -32,6 +35,18 @@ def test_yaw(run: Run, measured: Path, condition: str, model: str) -> None:
     assert 0.15 < values["tdvis"] < 0.40
     assert 8.0 < values["fnm"] < 15.0
     assert 60.0 < estimate["vaf"] < 95.0
+
+
+def test_motion_in_position_control_is_a_rate_beside_lead_and_lag(measured: Path) -> None:
+    file = measured / "yaw" / "ae2224I_measurement_data_subj4_C4.mat"
+    recording = load_recording(file)
+    names = ("single", "lead-lag", "rate", "lead-lag-motion")
+    found = evidence(recording, [MODELS[name] for name in names], 1)
+    bic = {held.model.name: held.bic for held in found}
+    # 10 is very strong evidence on the scale of Kass and Raftery (1995).
+    assert bic["lead-lag-motion"] < bic["lead-lag"] - 10.0
+    assert bic["lead-lag"] < bic["single"] - 10.0
+    assert bic["lead-lag-motion"] < bic["rate"] - 10.0
 
 
 def test_rollpitch(run: Run, measured: Path) -> None:

@@ -76,7 +76,7 @@ def test_what_is_wrong_with_a_recording_is_told(run: Run, tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["a.csv", "b.csv"], "several files need --joint"),
+        (["a.csv", "b.csv"], "a.csv: there is no such file; check the name and the folder; b.csv"),
         (
             ["a.csv", "--element", "four"],
             "the controlled element 'four' cannot be read: at character 1, 'four'",

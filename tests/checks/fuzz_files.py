@@ -241,15 +241,18 @@ def mutant(kind: str, number: int, seed: int, good: list[Sample]) -> tuple[int, 
 
 def _plain_columns(content: bytes) -> dict[str, list[str]]:
     """The cells of a CSV file by column, read in the simplest way."""
-    text = content.decode("utf-8-sig")
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = content.decode("latin-1")
     first = text.partition("\n")[0]
-    separator = ";" if ";" in first and "," not in first else ","
+    separator = max((",", ";", "\t"), key=first.count)
     rows = list(
         csv.reader(io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True)
     )
     header = [name.strip() for name in rows[0]]
     body = [row for row in rows[1:] if any(cell.strip() for cell in row)]
-    return {name: [row[i] for row in body] for i, name in enumerate(header)}
+    return {name: [row[i].replace(",", ".") for row in body] for i, name in enumerate(header)}
 
 
 def _explains_csv(loaded: Any, content: bytes) -> bool:
@@ -258,6 +261,9 @@ def _explains_csv(loaded: Any, content: bytes) -> bool:
     for name in SIGNALS:
         signal = getattr(loaded, name)
         own = [c for c in columns if c == name or re.fullmatch(rf"{name}_\d+", c)]
+        own = own or [c for c in columns if re.fullmatch(rf"{name}(_\d+)?", c, re.IGNORECASE)]
+        if not own and name in "ex" and loaded.origin[name] != name:
+            continue  # it follows from the target, which is looked at, or is not recorded
         if signal is None or not own:
             if (signal is None) == bool(own):
                 return False
@@ -307,7 +313,12 @@ def explanation(
     differing, absent = 0, 0
     for name in SIGNALS:
         ours, theirs = getattr(loaded, name), getattr(original, name)
-        if ours is None or theirs is None:
+        if (
+            loaded.origin.get(name, "").rpartition(".")[2]
+            != original.origin.get(name, "").rpartition(".")[2]
+        ):
+            absent += 1  # it has another name, and follows from others or is not recorded
+        elif ours is None or theirs is None:
             absent += (ours is None) != (theirs is None)
         elif ours.shape != theirs.shape:
             return ""
@@ -317,7 +328,7 @@ def explanation(
         return "numbers changed"
     if differing:
         return "the file says that a signal lies elsewhere" if elsewhere() else ""
-    return "a forcing function has another name" if absent else "notes or times changed"
+    return "a signal has another name" if absent else "notes or times changed"
 
 
 # ------------------------------------------------------------------ reading

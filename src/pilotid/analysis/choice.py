@@ -22,6 +22,10 @@ from pilotid.types import InputError
 #: The name that asks for a choice.
 AUTO = "auto"
 
+#: Models of the catalogue to be asked for by name: beside `lead-lag` a lead that is squared is
+#: taken by chance where few runs judge, also of pilots who have no lag at all.
+ASKED_FOR = ("lead2-lag", "lead2-lag-motion")
+
 #: Points of VAF by which a model may explain less of the control than the best one, where only
 #: the likelihood judges: beyond, it describes the loop and not the pilot.
 LOST = 10.0
@@ -107,6 +111,8 @@ def sensible(recording: Recording) -> list[PilotModel]:
     found = []
     for model in MODELS.values():
         inputs = {channel.input for channel in model.channels}
+        if model.name in ASKED_FOR:
+            continue
         if inputs <= ({"error", "output"} if both else {"error"}):
             found.append(model)
     return sorted(found, key=lambda model: len(model.parameters))
@@ -262,6 +268,8 @@ def _reason(
     judge = f"{units} runs, each left out of its fit" if units > 1 else "one fit"
     names = sorted(least, key=lambda name: sum(least[name]))
     told = [f"{taken} was chosen among {listed(names)} {what} ({judge})."]
+    if all(len(candidates) == 1 for candidates in held):
+        return []
     own, pilot = held[0], held[0][taken].pilot
     for name in names:
         differences = [a - b for a, b in zip(least[name], least[taken], strict=True)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from pilotid.analysis.analyse import Analysis, group_of
@@ -33,6 +34,8 @@ TITLE = "Pilot models of recorded subjects"
 
 #: Below this a difference is called one.
 LEVEL = 0.05
+#: Pairs of conditions of which all differences are shown at once.
+FEW = 3
 
 
 def write_report(folder: Path, results: Results, command: str, about: Mapping[str, str]) -> Path:
@@ -117,7 +120,9 @@ def _group_words(group: Sequence[tuple[str, str]]) -> str:
 def _models(results: Results) -> Section:
     analysis = results.analysis
     items = [
-        f"**{_group_words(group)}** {choice.reason}" for group, choice in analysis.choices.items()
+        f"**{_group_words(group)}** {choice.reason}"
+        for group, choice in analysis.choices.items()
+        if choice.reason
     ]
     columns = [
         Column("recordings", text=True),
@@ -239,11 +244,12 @@ def _mean(layout: Layout, condition: str) -> str:
     mean = sum(values) / len(values)
     if len(values) > 1:
         spread = math.sqrt(sum((v - mean) ** 2 for v in values) / (len(values) - 1))
-        return f"{_to(mean, spread)} ± {_to(spread, spread)} ({len(values)})"
-    return f"{_to(mean, cells[0].std_error)} ± {_to(cells[0].std_error, cells[0].std_error)}"
+        return f"{to_error(mean, spread)} ± {to_error(spread, spread)} ({len(values)})"
+    error = cells[0].std_error
+    return f"{to_error(mean, error)} ± {to_error(error, error)}"
 
 
-def _to(value: float, error: float) -> str:
+def to_error(value: float, error: float) -> str:
     """A value with the decimals that its error allows."""
     if not (math.isfinite(error) and error > 0.0):
         return number(value)
@@ -255,7 +261,7 @@ def _contrasts(results: Results) -> Iterator[Section]:
     if not results.contrasts:
         return
     groups: dict[str, list[Contrast]] = {}
-    for contrast in results.contrasts:
+    for contrast in without_repeats(results.contrasts):
         same = contrast.model_a if contrast.model_a == contrast.model_b else ""
         model = "" if results.chosen is not None else same
         groups.setdefault(_title(contrast.stratum, contrast.method, model), []).append(contrast)
@@ -269,7 +275,7 @@ def _contrasts(results: Results) -> Iterator[Section]:
     ]
     for title, own in groups.items():
         shown = sorted(own, key=lambda c: (not c.p_holm < LEVEL, c.condition_a, c.condition_b))
-        many = len({(c.condition_a, c.condition_b) for c in own}) > 3
+        many = len({(c.condition_a, c.condition_b) for c in own}) > FEW
         if many:
             clear = [c for c in shown if c.p_holm < LEVEL or c.weighted_p_holm < LEVEL]
             caption = f"Differences with p < {LEVEL:g} after Holm's correction: {title}"
@@ -287,6 +293,44 @@ def _contrasts(results: Results) -> Iterator[Section]:
     if results.repeated:
         blocks.append(_repeated(results))
     yield Section("conditions", "Conditions compared", blocks)
+
+
+def contrast_overview(results: Results) -> tuple[list[Contrast], str]:
+    """What a terminal shows of contrasts, all of few or the clear ones of many, and its title."""
+    distinct = without_repeats(results.contrasts)
+    if len({(c.condition_a, c.condition_b) for c in distinct}) <= FEW:
+        return distinct, "differences between conditions, b less a"
+    clear = [c for c in distinct if c.p_holm < LEVEL]
+    return clear, f"differences between conditions with p < {LEVEL:g} after Holm's correction"
+
+
+def without_repeats(found: Sequence[Contrast]) -> list[Contrast]:
+    """Contrasts but those of a disturbance loop that is the target loop, as without motion."""
+
+    def place(contrast: Contrast) -> tuple[object, ...]:
+        quantity = contrast.parameter.removeprefix("disturbance_")
+        models = contrast.model_a, contrast.model_b
+        conditions = contrast.condition_a, contrast.condition_b
+        return contrast.stratum, contrast.method, *models, *conditions, quantity
+
+    targets = {
+        place(replace(c, parameter=c.parameter.removeprefix("target_"))): c
+        for c in found
+        if c.parameter.startswith("target_")
+    }
+    kept = []
+    for contrast in found:
+        target = targets.get(place(contrast))
+        if (
+            target is None
+            or not contrast.parameter.startswith("disturbance_")
+            or not all(
+                math.isclose(getattr(contrast, name), getattr(target, name), rel_tol=1e-6)
+                for name in ("mean_a", "mean_b")
+            )
+        ):
+            kept.append(contrast)
+    return kept
 
 
 def _contrast_table(own: Sequence[Contrast], caption: str, *, folded: bool = False) -> Table:
@@ -316,16 +360,16 @@ def _contrast_table(own: Sequence[Contrast], caption: str, *, folded: bool = Fal
                 Entry(c.parameter),
                 Entry(c.unit),
                 Entry(str(c.subjects)),
-                Entry(_to(c.difference, error)),
-                Entry(f"{_to(c.lower, error)} .. {_to(c.upper, error)}"),
+                Entry(to_error(c.difference, error)),
+                Entry(f"{to_error(c.lower, error)} .. {to_error(c.upper, error)}"),
                 Entry(number(c.t)),
                 Entry(chance(c.p)),
                 Entry(chance(c.p_holm), mark),
                 Entry(number(c.effect_size, 2)),
-                Entry(_to(c.weighted_difference, error)),
+                Entry(to_error(c.weighted_difference, error)),
                 Entry(chance(c.weighted_p)),
-                Entry(_to(c.between_subjects, error)),
-                Entry(_to(c.claimed_error, error)),
+                Entry(to_error(c.between_subjects, error)),
+                Entry(to_error(c.claimed_error, error)),
             ]
         )
     return Table(caption, columns, rows, heads=2, folded=folded)

@@ -132,7 +132,8 @@ def fit_task(
 ) -> Task:
     """The task to fit one model to a recording, or to one run of it, by all methods."""
     told = {label: (plain(method), code_digest(method)) for label, method in methods.items()}
-    key = _key(digest, "fit", run, model, code_digest(model), told, element, seed, figures is not None)
+    drawn = figures is not None
+    key = _key(digest, "fit", run, model, code_digest(model), told, element, seed, drawn)
     return Task(key, "fit", reading, run, packed((model, dict(methods), element)), seed, figures)
 
 

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import shlex
-import sys
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from pilotid.cli.arguments import MethodOption, SeedOption, default_method, methods_of, names_of
 from pilotid.cli.stopping import StoppedError
 from pilotid.seeds import DEFAULT_SEED
-from pilotid.terminal import make_console, with_bar
+from pilotid.terminal import make_console, make_table, print_table, with_bar
 from pilotid.types import InputError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from pilotid.analysis.results import Results
 
 
 def analyse(
@@ -107,19 +111,61 @@ def analyse(
     if not analysis.parts:
         raise InputError("; ".join(analysis.refused))
     results = results_of(analysis, pairs)
-    command = shlex.join(["pilotid", *sys.argv[1:]])
+    options = {
+        "--pattern": [pattern] if pattern else [],
+        "--model": model or [],
+        "--method": method or [],
+        "--contrast": contrast or [],
+        "--map": mapping or [],
+        "--element": [element] if element else [],
+        "--seed": [str(seed)] if seed != DEFAULT_SEED else [],
+    }
+    said = [word for name, values in options.items() for value in values for word in (name, value)]
+    said += ["--per-run"] if per_run else []
+    command = shlex.join(["pilotid", "analyse", *map(str, files), *said, "--out", str(out)])
     write_tables(out, results, command)
     about = {k: v for k, v in about_this(seed).items() if k not in ("seed", "code")}
     path = write_report(out, results, command, about)
     console = make_console()
     for group, choice in analysis.choices.items():
         words = " ".join(value for _, value in group)
-        console.print(f"{words}: {choice.reason}", soft_wrap=True)
+        if choice.reason:
+            console.print(f"{words}: {choice.reason}", soft_wrap=True)
+    if results.contrasts:
+        print_table(console, _contrast_table(results))
     for note in results.notes:
         console.print(note, soft_wrap=True)
     console.print(f"report: {path}", soft_wrap=True)
     if analysis.refused:
         raise InputError("; ".join(analysis.refused))
+
+
+def _contrast_table(results: Results) -> Table:
+    """Differences between conditions for the terminal."""
+    from pilotid.analysis.report import chance, contrast_overview, to_error
+    from pilotid.numbers import MINUS, NONE, number
+
+    table = make_table()
+    shown, table.title = contrast_overview(results)
+    table.title_justify, table.title_style = "left", ""
+    for title in ("", "conditions", "method", "quantity", "unit"):
+        table.add_column(title, no_wrap=True)
+    for title in ("n", "difference", "t", "p", "p Holm", "d_z"):
+        table.add_column(title, justify="right", no_wrap=True)
+    for c in shown:
+        numbers = (
+            f"{to_error(c.difference, c.std_error)} +- {to_error(c.std_error, c.std_error)}",
+            number(c.t),
+            chance(c.p),
+            chance(c.p_holm),
+            number(c.effect_size, 2),
+        )
+        # A terminal may lack these two signs.
+        plain = (text.replace(MINUS, "-").replace(NONE, "-") for text in numbers)
+        stratum = " ".join(value for _, value in c.stratum)
+        pair = f"{c.condition_a}:{c.condition_b}"
+        table.add_row(stratum, pair, c.method, c.parameter, c.unit, str(c.subjects), *plain)
+    return table
 
 
 def _pairs(texts: Sequence[str] | None) -> list[tuple[str, str]]:

@@ -26,7 +26,16 @@ from pilotid.cli.arguments import (
     require_writable,
     started,
 )
+from pilotid.cli.check import check
 from pilotid.cli.comparison import compare, report
+from pilotid.cli.reading import (
+    DetrendOption,
+    IntervalOption,
+    JointOption,
+    LeadInOption,
+    MapOption,
+    Reading,
+)
 from pilotid.cli.stopping import STATUS, heeding_interruptions
 from pilotid.disk import strict_json, write_file
 from pilotid.estimates.fitted import Fitted, fit_all
@@ -38,8 +47,8 @@ from pilotid.naming.settings import labelled
 from pilotid.pilot.catalogue import MODELS, model_named
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.files import load_recording, parse_mapping, save_recording
-from pilotid.recordings.recording import Recording, joined
+from pilotid.recordings.files import save_recording
+from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.seeds import DEFAULT_SEED, draw_rng, recording_rng
 from pilotid.terminal import make_console, with_bar
 from pilotid.types import InputError
@@ -51,14 +60,10 @@ app = typer.Typer(
 )
 
 ModelOption = Annotated[
-    str, typer.Option(metavar="NAME", help="Pilot model; multi needs motion of the pilot.")
-]
-MapOption = Annotated[
-    list[str] | None,
+    str,
     typer.Option(
-        "--map",
-        metavar="u=stick,e=err",
-        help="The file's names for t, e, u, x, ft, fd; a minus before one flips its sign.",
+        metavar="NAME",
+        help="Pilot model: multi (needs motion of the pilot), file.py:NAME for one of your own.",
     ),
 ]
 ElementOption = Annotated[
@@ -67,9 +72,6 @@ ElementOption = Annotated[
         metavar="15/s^2",
         help="Controlled element, for the loops' margins; else the file's, or what u and x show.",
     ),
-]
-JointOption = Annotated[
-    bool, typer.Option("--joint", help="Take all files as runs of one recording.")
 ]
 
 
@@ -174,7 +176,10 @@ def fit(
     model: ModelOption = "single",
     method: MethodOption = None,
     mapping: MapOption = None,
+    dt: IntervalOption = None,
     joint: JointOption = False,
+    detrend: DetrendOption = False,
+    lead_in: LeadInOption = LEAD_IN,
     element: ElementOption = None,
     start: Annotated[
         str | None, typer.Option(metavar="Kvis=0.2,tlead=1.5", help="Initial guesses.")
@@ -200,7 +205,7 @@ def fit(
     for target in (json_file, report):
         if target is not None:
             require_writable(target, files)
-    recordings, refused = _loaded(files, mapping, joint)
+    recordings, refused = Reading(mapping, dt, detrend, lead_in).all(files, joint=joint)
     todo = with_bar(recordings, "fitting", len(recordings))
     fits = [_fitted(recording, chosen, methods, seed, plant) for recording in todo]
 
@@ -255,39 +260,20 @@ def _print(fits: Sequence[Fitted]) -> None:
         fit.print(console)
 
 
-def _loaded(
-    files: list[Path], mapping: list[str] | None, joint: bool
-) -> tuple[list[Recording], list[str]]:
-    """The recordings in files, as one if they are runs of one, and why others are refused.
-
-    One bad file of several does not cost the others; where none is good, or all are runs of one
-    recording, there is nothing to go on with.
-    """
-    names = parse_mapping(",".join(mapping)) if mapping else None
-    recordings, refused = [], []
-    for file in files:
-        try:
-            recordings.append(load_recording(file, names))
-        except InputError as error:
-            if joint or len(files) == 1:
-                raise
-            refused.append(str(error))
-    if not recordings:
-        raise InputError("; ".join(refused))
-    return ([joined(recordings)] if joint and len(files) > 1 else recordings), refused
-
-
 @app.command()
 def posterior(
     files: Annotated[
-        list[Path], typer.Argument(metavar="F.csv|F.mat ...", help="Recording to identify.")
+        list[Path], typer.Argument(metavar="F.csv|F.mat ...", help="Recordings to identify.")
     ],
     model: ModelOption = "single",
     white: Annotated[
         bool, typer.Option("--white", help="Take the residual for white, as AIAA 2008-7109 does.")
     ] = False,
     mapping: MapOption = None,
+    dt: IntervalOption = None,
     joint: JointOption = False,
+    detrend: DetrendOption = False,
+    lead_in: LeadInOption = LEAD_IN,
     element: ElementOption = None,
     seed: SeedOption = DEFAULT_SEED,
     out: Annotated[
@@ -295,19 +281,26 @@ def posterior(
     ] = None,
 ) -> None:
     """Sample the posterior of a pilot model's parameters with emcee."""
-    from pilotid.cli.posterior import infer
+    from pilotid.cli.posterior import folders_of, infer
     from pilotid.disk import make_folder
 
-    if len(files) > 1 and not joint:
-        raise InputError("several files need --joint: they are then runs of one recording")
     plant = element_named(element) if element else None
     chosen = model_named(model)
-    ((recording,), _) = _loaded(files, mapping, joint)
-    if out is not None:
-        make_folder(out)
-    infer(recording, chosen, white=white, element=plant, seed=seed, folder=out)
+    reading = Reading(mapping, dt, detrend, lead_in)
+    folders = folders_of(files, out) if len(files) > 1 and not joint else {}
+    recordings, refused = reading.all(files, joint=joint)
+    for number, recording in enumerate(recordings):
+        folder = folders.get(recording.source, out)
+        if folder is not None:
+            make_folder(folder)
+        if number:
+            make_console().print()
+        infer(recording, chosen, white=white, element=plant, seed=seed, folder=folder)
+    if refused:
+        raise InputError("; ".join(refused))
 
 
+app.command()(check)
 app.command()(analyse)
 app.command()(compare)
 app.command()(report)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,9 +17,33 @@ from pilotid.pilot.model import PilotModel
 from pilotid.posterior.derived import derived_spreads, loop_notes, parameter_spreads
 from pilotid.posterior.predictive import predictive_band
 from pilotid.recordings.checks import remarks
+from pilotid.recordings.paths import path_shown
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import fit_rng
 from pilotid.show.posterior import print_posterior, sampling_bar, write_posterior
+from pilotid.types import InputError
+
+
+def folders_of(files: Sequence[Path], out: Path | None) -> dict[str, Path]:
+    """A folder inside `out` for each of several files, named after it.
+
+    Raises
+    ------
+    InputError
+        If two files would share one.
+    """
+    if out is None:
+        return {}
+    taken: dict[Path, Path] = {}
+    for file in files:
+        folder = out / file.stem
+        if folder in taken:
+            raise InputError(
+                f"{file}: its results would go to {folder} as those of {taken[folder]}; rename one "
+                "of the files, or choose another --out for it"
+            )
+        taken[folder] = file
+    return {path_shown(file): folder for folder, file in taken.items()}
 
 
 def infer(

@@ -20,8 +20,11 @@ from pilotid.recordings.checks import motionless
 from pilotid.recordings.recording import INPUTS, Recording
 from pilotid.types import FloatArray, InputError
 
-#: Standard deviation of e + x over that of e below which there is no target.
+#: Standard deviation of a forcing function over that of another signal below which there is none.
 SAME = 0.01
+
+#: What to do where channels cannot be told apart.
+REMEDY = "record with a target and a disturbance, or fit one channel"
 
 #: The environment variable that asks for tracebacks of methods that raise.
 TRACEBACK = "PILOTID_TRACEBACK"
@@ -108,8 +111,14 @@ def motionless_input(recording: Recording, model: PilotModel) -> str | None:
     """Why no method can identify a model: one of its channels has nothing to act on."""
     for channel in model.channels:
         name = INPUTS[channel.input]
-        if motionless(recording, name):
-            return f"{name} does not move, so that the {channel.name} channel has no input"
+        if (
+            _absent(recording, recording.input("target"), recording.e)
+            if channel.input == "target"
+            else motionless(recording, name)
+        ):
+            held = name in recording.signals or channel.input == "target"
+            what = "does not move" if held else "is not recorded"
+            return f"{name} {what}, so that the {channel.name} channel has no input"
     return None
 
 
@@ -117,24 +126,55 @@ def all_remarks(estimate: Estimate, recording: Recording) -> tuple[str, ...]:
     """What a user must know of an estimate, also for what the recording lacks."""
     found = remarks_on(estimate)
     if estimate.outcome is not Outcome.NOT_APPLICABLE and vague(estimate):
-        alone = one_signal(recording, estimate.model)
-        found = (*found, alone) if alone else found
+        shared = shared_signals(recording, estimate.model)
+        found = (*found, shared) if shared else found
     return found
+
+
+def shared_signals(recording: Recording, model: PilotModel) -> str | None:
+    """Why channels can hardly be told apart: their signals depend on one another."""
+    inputs = {channel.input for channel in model.channels}
+    if "target" not in inputs or len(inputs) < 2:
+        return one_signal(recording, model)
+    if dependent := dependent_signals(model):
+        return dependent
+    names = " and ".join(channel.name for channel in model.channels)
+    if recording.fd is not None and not _absent(recording, recording.fd, recording.u):
+        return None
+    return (
+        f"no disturbance is recorded, and without one the {names} channels follow one signal: "
+        f"nothing but their form and the remnant tells them apart; {REMEDY}"
+    )
+
+
+def dependent_signals(model: PilotModel) -> str | None:
+    """Why no response of each channel can be measured: they act on e, x and ft, which is e + x."""
+    if len({channel.input for channel in model.channels}) < 3:
+        return None
+    names = " and ".join(channel.name for channel in model.channels)
+    return (
+        f"ft = e + x, so that the {names} channels act on two signals: nothing but their form "
+        "tells them apart; fit two channels"
+    )
 
 
 def one_signal(recording: Recording, model: PilotModel) -> str | None:
     """Why channels on error and output can hardly be told apart: there is no target."""
-    if {channel.input for channel in model.channels} < set(INPUTS):
+    if len({channel.input for channel in model.channels}) < 2:
         return None
-    e, x = recording.window(recording.e), recording.window(recording.x)
-    if np.any(np.std(e + x, axis=1) > SAME * np.std(e, axis=1)):
+    if not _absent(recording, recording.e + recording.x, recording.e):
         return None
     names = " and ".join(channel.name for channel in model.channels)
     return (
         f"there is no target, so that e = -x and the {names} channels act on one signal: only "
-        "what they do together is measured, and nothing but their form tells them apart; record "
-        "with a target and a disturbance, or fit one channel"
+        f"what they do together is measured, and nothing but their form tells them apart; {REMEDY}"
     )
+
+
+def _absent(recording: Recording, forcing: FloatArray, beside: FloatArray) -> bool:
+    """Whether a forcing function is no more than rounding errors beside another signal."""
+    size = np.std(recording.window(beside), axis=1)
+    return not np.any(np.std(recording.window(forcing), axis=1) > SAME * size)
 
 
 def _outcome_of(error: BaseException) -> tuple[Outcome, str]:

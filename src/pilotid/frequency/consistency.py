@@ -79,6 +79,8 @@ def against_recording(
 
 def output_at_once(recording: Recording) -> str | None:
     """Why lags tell nothing of the pilot: the output follows the control at once."""
+    if not np.ptp(recording.x):  # not recorded, or still
+        return None
     control = recording.u if recording.fd is None else recording.u + recording.fd
     joint = np.corrcoef(control.ravel(), recording.x.ravel())[0, 1]
     if abs(joint) < AT_ONCE:

@@ -35,6 +35,11 @@ class Coefficients:
         Coefficients of the control, shape (runs, all).
     inputs
         Coefficients of each channel's signed input, shape (channels, runs, all).
+    seen
+        Coefficients of the signals that move at every line, at most two, of which the inputs
+        are made; shape (signals, runs, all).
+    mixing
+        What turns responses to `inputs` into those to `seen`, shape (signals, channels).
     phases
         What turns every run's forcing function to phase zero at the lines, (runs, n).
     beside
@@ -55,6 +60,8 @@ class Coefficients:
     disturbance: BoolArray
     control: ComplexArray
     inputs: ComplexArray
+    seen: ComplexArray
+    mixing: FloatArray
     phases: ComplexArray
     beside: IntArray
     trend: FloatArray
@@ -128,7 +135,7 @@ class Coefficients:
         """
         known = self.disturbance if self.disturbance.any() else ~self.disturbance
         omega = self.omega[: self.lines][known]
-        reference = self.inputs[0]
+        reference = self.seen[0]
         leakage = np.zeros_like(self.phases)
         for _ in range(3):
             control = self.at_lines(self.control[:, : self.lines] - leakage)
@@ -152,7 +159,7 @@ class Coefficients:
         power
             Power of the remnant in it, shape (n,).
         """
-        signed = self.at_lines(self.inputs[:, :, : self.lines])
+        signed = self.at_lines(self.seen[:, :, : self.lines])
         order = np.argsort(self.omega[: self.lines], kind="stable")
         omega = self.omega[: self.lines][order]
         ratio, noise = (control / signed[0])[order], (np.sqrt(power) / np.abs(signed[0]))[order]
@@ -177,8 +184,12 @@ class Coefficients:
         others = other_ratio[:, None] * weights * (noise / ratio)
         on_second = (equation - others) / (slope - other_slope)[:, None]
         on_first = equation - slope[:, None] * on_second
-        both = np.concatenate([on_first, on_second])
-        return FrequencyResponse(omega, np.array([first, second]), circular(both @ both.conj().T))
+        # Back to the channels' own inputs.
+        value, both = np.array([first, second]), np.array([on_first, on_second])
+        if not np.array_equal(self.mixing, np.eye(2)):
+            value, both = (np.linalg.solve(self.mixing, v.reshape(2, -1)) for v in (value, both))
+        both = both.reshape(2 * omega.size, -1)
+        return FrequencyResponse(omega, value.reshape(2, -1), circular(both @ both.conj().T))
 
 
 def coefficients_of(
@@ -220,11 +231,19 @@ def coefficients_of(
     beside = lines.size + index.reshape(nearest.shape)
     control = transformed(recording.u)
     inputs = np.array([c.sign * transformed(recording.input(c.input)) for c in model.channels])
+    seen, mixing = inputs, np.eye(len(inputs))
+    if any(c.input == "target" for c in model.channels):
+        # ft = e + x is zero at the disturbance's lines, where a ratio to it has no logarithm.
+        seen = np.array([transformed(recording.e), transformed(recording.x)])
+        parts = {"error": (1.0, 0.0), "output": (0.0, 1.0), "target": (1.0, 1.0)}
+        mixing = np.array([np.multiply(c.sign, parts[c.input]) for c in model.channels]).T
     return Coefficients(
         omega=omega,
         disturbance=disturbance,
         control=control,
         inputs=inputs,
+        seen=seen,
+        mixing=mixing,
         phases=_phases(recording, by_signal),
         beside=beside,
         trend=weights,

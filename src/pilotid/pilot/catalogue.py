@@ -7,6 +7,12 @@ a method which returns where it starts is seen to have found nothing.
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
+
+from pilotid.naming.code import is_place
+from pilotid.naming.settings import configured
+from pilotid.naming.text import split_call
 from pilotid.pilot.factors import (
     Canals,
     Delay,
@@ -18,10 +24,19 @@ from pilotid.pilot.factors import (
     Neuromuscular,
 )
 from pilotid.pilot.model import Channel, PilotModel
+from pilotid.pilot.own import own_model, require_name
 from pilotid.types import InputError
 
 #: A gain on the error of a double integrator, with lead.
 VISUAL: tuple[Factor, ...] = (Gain("Kvis", 0.25), Lead("tlead"), Delay("tdvis"), Neuromuscular())
+
+#: What the semicircular canals tell a pilot of the acceleration of the output.
+ON_ACCELERATION = Channel(
+    "vestibular",
+    "output",
+    -1,
+    (Differentiator(2), Canals(), Gain("Kvest", 1.0), Delay("tdvest", 0.2), Neuromuscular()),
+)
 
 
 SINGLE = PilotModel(
@@ -33,21 +48,7 @@ SINGLE = PilotModel(
 
 MULTI = PilotModel(
     "multi",
-    (
-        Channel("visual", "error", 1, VISUAL),
-        Channel(
-            "vestibular",
-            "output",
-            -1,
-            (
-                Differentiator(2),
-                Canals(),
-                Gain("Kvest", 1.0),
-                Delay("tdvest", 0.2),
-                Neuromuscular(),
-            ),
-        ),
-    ),
+    (Channel("visual", "error", 1, VISUAL), ON_ACCELERATION),
     "visual channel and semicircular-canal channel on acceleration (AIAA 2008-7109)",
 )
 
@@ -55,56 +56,137 @@ MULTI = PilotModel(
 GAIN_ONLY = PilotModel(
     "gain",
     (Channel("visual", "error", 1, (Gain("Kvis", 0.5), Delay("tdvis"), Neuromuscular())),),
-    "visual gain, delay and neuromuscular dynamics (position and rate control)",
+    "visual gain, delay and neuromuscular dynamics: rate control (McRuer & Jex 1967); position "
+    "control takes a lag",
+)
+
+
+#: A gain on the error with lead and lag, for elements between position and acceleration control.
+EQUALISED: tuple[Factor, ...] = (
+    Gain("Kvis", 0.5),
+    Lead("tlead"),
+    Lag("tlag", 0.25),
+    Delay("tdvis"),
+    Neuromuscular(),
+)
+
+#: The same with the lead squared, for elements that lag like two integrators and more.
+TWICE_LED: tuple[Factor, ...] = (EQUALISED[0], Lead("tlead"), *EQUALISED[1:])
+
+#: What motion tells a pilot of the rate of the output.
+ON_RATE = Channel(
+    "motion",
+    "output",
+    -1,
+    (Differentiator(1), Gain("Km", 0.25), Delay("tdm", 0.2), Neuromuscular()),
 )
 
 
 LEAD_LAG = PilotModel(
     "lead-lag",
-    (
-        Channel(
-            "visual",
-            "error",
-            1,
-            (
-                Gain("Kvis", 0.5),
-                Lead("tlead"),
-                Lag("tlag", 0.25),
-                Delay("tdvis"),
-                Neuromuscular(),
-            ),
-        ),
-    ),
-    "visual channel with lead-lag equalisation (1 + tlead s)/(1 + tlag s)",
+    (Channel("visual", "error", 1, EQUALISED),),
+    "visual channel with lead-lag equalisation (1 + tlead s)/(1 + tlag s) (McRuer & Jex 1967)",
 )
 
 
 RATE = PilotModel(
     "rate",
-    (
-        Channel("visual", "error", 1, VISUAL),
-        Channel(
-            "motion",
-            "output",
-            -1,
-            (
-                Differentiator(1),
-                Gain("Km", 0.25),
-                Delay("tdm", 0.2),
-                Neuromuscular(),
-            ),
-        ),
-    ),
+    (Channel("visual", "error", 1, VISUAL), ON_RATE),
     "visual channel and rate feedback s Km e^{-tdm s} from motion",
 )
 
 
+LEAD_LAG_MOTION = PilotModel(
+    "lead-lag-motion",
+    (Channel("visual", "error", 1, EQUALISED), ON_RATE),
+    "lead-lag visual channel and rate feedback s Km e^{-tdm s} from motion",
+)
+
+
+LEAD2_LAG = PilotModel(
+    "lead2-lag",
+    (Channel("visual", "error", 1, TWICE_LED),),
+    "visual channel with (1 + tlead s)^2/(1 + tlag s) (Pool, Harder & van Paassen 2016)",
+)
+
+
+LEAD2_LAG_MOTION = PilotModel(
+    "lead2-lag-motion",
+    (Channel("visual", "error", 1, TWICE_LED), ON_ACCELERATION),
+    "visual channel with (1 + tlead s)^2/(1 + tlag s) and semicircular-canal channel on "
+    "acceleration (Pool, Harder & van Paassen 2016)",
+).with_start({"tdvest": 0.25})  # .2 is next to the truth of scenario `training`
+
+
+PURSUIT = PilotModel(
+    "pursuit",
+    (
+        Channel("visual", "error", 1, VISUAL),
+        Channel(
+            "target",
+            "target",
+            1,
+            (
+                Differentiator(1),
+                Gain("Kt", 0.25),
+                Lag("tlagt", 0.25),
+                Delay("tdt", 0.2),
+                Neuromuscular(),
+            ),
+        ),
+    ),
+    "visual channel and feedforward s Kt e^{-tdt s}/(1 + tlagt s) of the target in view, an "
+    "integrator inverted (Drop et al. 2013)",
+)
+
+
 #: Models by the name that the command line takes.
-MODELS: dict[str, PilotModel] = {m.name: m for m in (SINGLE, MULTI, GAIN_ONLY, LEAD_LAG, RATE)}
+MODELS: dict[str, PilotModel] = {
+    m.name: m
+    for m in (
+        SINGLE,
+        MULTI,
+        GAIN_ONLY,
+        LEAD_LAG,
+        LEAD2_LAG,
+        RATE,
+        LEAD_LAG_MOTION,
+        LEAD2_LAG_MOTION,
+        PURSUIT,
+    )
+}
 
 
-def model_named(name: str) -> PilotModel:
-    """The catalogue's model of that name; `InputError` lists the names there are."""
+def model_named(text: str) -> PilotModel:
+    """The model that a text names.
+
+    Parameters
+    ----------
+    text
+        A name of the catalogue, or ``file.py:NAME`` or ``package.module:NAME``; with settings
+        behind it, such as ``rate(name=mine)``, if there are any to change.
+
+    Raises
+    ------
+    InputError
+        If there is none; the message lists the names there are.
+    """
+    if is_place(text):
+        own = own_model(text)
+        if MODELS.get(own.name, own) != own:
+            raise InputError(
+                f"{text}: has the name '{own.name}' of another model; give it a name of its own"
+            )
+        return own
+    name, settings = split_call(text)
     if name not in MODELS:
-        raise InputError(f"unknown model '{name}': choose from {', '.join(MODELS)}")
-    return MODELS[name]
+        raise InputError(
+            f"unknown model '{name}': choose from {', '.join(MODELS)}, or name file.py:NAME"
+        )
+    model = configured(MODELS[name], settings, text)
+    if model != MODELS[name] and model.name == name:
+        # Its name goes into files and links.
+        signs = re.sub(r"[^\w.]+", "-", f"{name}({settings})", flags=re.ASCII).strip("-")
+        model = replace(model, name=signs[:100])
+    require_name(model.name)
+    return model

@@ -4,16 +4,20 @@ With u = Hpe e - Hpx x, e = ft - x and x = Hc (u + fd) the target and
 disturbance open loops are
 
     L_t = Hpe Hc / (1 + Hpx Hc),        L_d = Hc (Hpe + Hpx).
+
+A channel Hpt on the target is one on both, since ft = e + x: Hpe is then the error's own channel
+and Hpt together, and Hpx the output's less Hpt.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import get_args
 
 import numpy as np
 
 from pilotid.pilot.element import ControlledElement
-from pilotid.pilot.model import PilotModel
+from pilotid.pilot.model import Input, PilotModel
 from pilotid.types import ComplexArray, FloatArray
 
 #: Where crossings are looked for [rad/s]: a pilot's loops have none beyond.
@@ -43,13 +47,20 @@ def pilot_on(
     model: PilotModel, omega: FloatArray, values: FloatArray
 ) -> tuple[ComplexArray, ComplexArray]:
     """Hpe and Hpx in u = Hpe e - Hpx x, each of shape (n,)."""
-    by_input = {
-        "error": np.zeros(omega.shape, dtype=complex),
-        "output": np.zeros(omega.shape, dtype=complex),
+    on = pilot_on_each(model, omega, values)
+    return on["error"] + on["target"], -on["output"] - on["target"]
+
+
+def pilot_on_each(
+    model: PilotModel, omega: FloatArray, values: FloatArray
+) -> dict[Input, ComplexArray]:
+    """What the pilot makes of each signal by itself, with its sign, each of shape (n,)."""
+    on: dict[Input, ComplexArray] = {
+        name: np.zeros(omega.shape, dtype=complex) for name in get_args(Input)
     }
     for channel, response in zip(model.channels, model.response(omega, values), strict=True):
-        by_input[channel.input] += channel.sign * response
-    return by_input["error"], -by_input["output"]
+        on[channel.input] += channel.sign * response
+    return on
 
 
 def loop_slopes(
@@ -58,10 +69,10 @@ def loop_slopes(
     """Derivatives of the logarithms of both open loops by each parameter, (parameters, n)."""
     on_error, on_output = pilot_on(model, omega, values)
     jacobian = model.jacobian(omega, values)
-    by_input = {"error": np.zeros_like(jacobian[0]), "output": np.zeros_like(jacobian[0])}
+    on: dict[Input, ComplexArray] = {name: np.zeros_like(jacobian[0]) for name in get_args(Input)}
     for channel, slopes in zip(model.channels, jacobian, strict=True):
-        by_input[channel.input] += channel.sign * slopes
-    of_error, of_output = by_input["error"], -by_input["output"]
+        on[channel.input] += channel.sign * slopes
+    of_error, of_output = on["error"] + on["target"], -on["output"] - on["target"]
     plant = element.response(omega)
     target = of_error / on_error - of_output * plant / (1.0 + on_output * plant)
     return target, (of_error + of_output) / (on_error + on_output)

@@ -16,7 +16,7 @@ from pilotid.types import BoolArray, ComplexArray, FloatArray, InputError
 if TYPE_CHECKING:
     import control
 
-Input = Literal["error", "output"]
+Input = Literal["error", "output", "target"]
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Channel:
     name
         As in tables and files, for example ``visual``.
     input
-        ``error`` (e) or ``output`` (x).
+        ``error`` (e), ``output`` (x) or ``target`` (ft).
     sign
         +1 or -1: motion channels act against the output.
     factors

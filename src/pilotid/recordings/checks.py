@@ -12,31 +12,31 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from pilotid.recordings.lines import NotMultisineError, forcing_lines
-from pilotid.recordings.recording import Recording
+from pilotid.recordings.alike import unlike
+from pilotid.recordings.at_lines import unanswered
+from pilotid.recordings.identity import exchanged, not_the_error, units_differ
+from pilotid.recordings.plant import late, opposed, unrelated
+from pilotid.recordings.recording import ABSENT, Recording
 from pilotid.recordings.repetition import repeated
-from pilotid.types import BoolArray, ComplexArray, FloatArray, IntArray
+from pilotid.types import BoolArray, FloatArray
 
-IDENTITY = 0.01  # rms of e - (ft - x) over that of e; recordings reach 3e-6
 STILL = 1e-9  # standard deviation over the size of the signal: it does not move
 LONGEST_HOLD = {"e": 0.3, "x": 8.0, "u": 10.0}  # seconds; pilots rest on a breakout for 6.5
 SPIKE = 100.0  # times the usual size; a control after steps reaches 27, pilots 8
 AT_EXTREME = 0.06  # share of the samples at the largest or smallest value; pilots reach .044
-DRIFT = 2.5  # of the control over the run, in standard deviations of what is left, at 82 s
+DRIFT = 2.0  # of the control over the run, in standard deviations of what is left, at 82 s
+OWN = 0.1  # share of a trend that the signals of the loop must leave, for it to be told from them
 BLOCK = 5.0  # seconds whose mean is one observation of an offset
 OFFSET = 4.0  # standard errors of the mean; simulations stay below 1, pilots below 1.4
-SHOWN = 0.5  # share of the target's fast lines that the error must show
-FEWEST = 5  # lines of a target that tell which signal is which
-#: How much later than x the control may seem [s], up to when it is looked for, and by how much
-#: smoother the phase must be then, of 1 at the most.  Sound recordings show 0.02 s at the most.
-LATE, LATEST, SMOOTHER = 0.1, 3.0, 0.3
-BESIDE = 8  # bins beside a line that tell leakage and noise in it
 
 
 def remarks(recording: Recording) -> tuple[str, ...]:
-    """What is wrong with a recording, a sentence each; empty for a sound one."""
+    """What was done to a recording and what is wrong with it, a sentence each.
+
+    Empty for a sound one that is as it was recorded.
+    """
     found = [check(recording) for check in CHECKS]
-    return tuple(sentence for sentence in found if sentence)
+    return (*recording.treatment, *(sentence for sentence in found if sentence))
 
 
 def motionless(recording: Recording, name: str) -> bool:
@@ -69,7 +69,7 @@ def _spikes(recording: Recording) -> str | None:
 
 
 def _still(recording: Recording) -> str | None:
-    names = [n for n in ("e", "x") if motionless(recording, n)]
+    names = [n for n in ("e", "x") if n in recording.signals and motionless(recording, n)]
     if not names:
         return None
     which = " and ".join(names)
@@ -77,105 +77,15 @@ def _still(recording: Recording) -> str | None:
 
 
 def _names(recording: Recording) -> str | None:
-    """Signs and names: the first thing that is wrong explains the others."""
-    if any(motionless(recording, name) for name in ("e", "x")):
+    """Units, names and signs: the first thing that is wrong explains the others."""
+    if motionless(recording, "e"):
         return None
-    return _identity(recording) or _swapped(recording)
-
-
-def _identity(recording: Recording) -> str | None:
-    """The error of a compensatory task is the target less the output."""
-    if recording.ft is None:
+    if recording.origin.get("x") == ABSENT or motionless(recording, "x"):
         return None
-    e, x, ft = (recording.window(s) for s in (recording.e, recording.x, recording.ft))
-    size = _rms(e)
-    off = _rms(e - (ft - x))
-    if off <= IDENTITY * size or size == 0.0:
-        return None
-    for what, trial, advice in (
-        ("e has the wrong sign", -e - (ft - x), "flip it with --map e=-e"),
-        ("x has the wrong sign", e - (ft + x), "flip it with --map x=-x"),
-        ("ft has the wrong sign", e - (-ft - x), "flip it with --map ft=-ft"),
-        ("e and ft - x differ by a constant", _centred(e - (ft - x)), "remove the offset"),
-    ):
-        if _rms(trial) <= IDENTITY * size:
-            return f"e is not ft - x: {what}; {advice}"
-    return (
-        f"e is not ft - x: they differ by {100.0 * off / size:.3g} % of e; check signs, units and "
-        "the names that --map gives"
-    )
-
-
-def _swapped(recording: Recording) -> str | None:
-    """A loop cannot follow the fast lines of a target, so that the error shows all of them."""
-    lines = _lines(recording)
-    if lines is None or recording.ft is None:
-        return None
-    fast = lines["ft"][lines["ft"].size // 2 :]
-    error, noise = _at_lines(recording, recording.e, fast, lines)
-    target = np.fft.rfft(recording.window(recording.ft))[:, fast]
-    weight = np.abs(target) ** 2 / noise
-    shown = float(np.sum(weight * np.real(error / target)) / np.sum(weight))
-    if shown >= SHOWN:
-        return None
-    return (
-        f"e shows {100.0 * shown:.0f} % of the fast lines of the target, which no loop follows: e "
-        "and x seem to be exchanged; correct the names with --map e=x,x=e"
-    )
-
-
-def _late(recording: Recording) -> str | None:
-    """The output answers to the control, not before it: their phase does not grow with frequency.
-
-    At the target's lines x is the controlled element's answer to u alone.  Of all times the one
-    sought makes the phase from line to line the smoothest.
-    """
-    every = _lines(recording)
-    if every is None:
-        return None
-    lines = every["ft"]
-    control, output = (
-        _at_lines(recording, signal, lines, every)[0] for signal in (recording.u, recording.x)
-    )
-    ratio = np.sum(output * control.conj(), axis=0)
-    turns = ratio[1:] * ratio[:-1].conj()
-    if not np.abs(turns).all():
-        return None
-    times = np.arange(-LATEST, LATEST, 0.02)
-    apart = 2.0 * np.pi * np.diff(lines) / recording.duration
-    smooth = np.real(np.exp(-1j * np.outer(times, apart)) @ (turns / np.abs(turns))) / turns.size
-    best = int(np.argmax(smooth))
-    if times[best] <= LATE or smooth[best] - np.interp(0.0, times, smooth) < SMOOTHER:
-        return None
-    return (
-        f"u is recorded {times[best]:.2g} s after x has answered to it: the two are shifted in "
-        "time; bring them together"
-    )
-
-
-def _lines(recording: Recording) -> dict[str, IntArray] | None:
-    """Lines of the forcing functions, None where the target's are too few to tell anything."""
-    try:
-        lines = forcing_lines(recording)
-    except NotMultisineError:
-        return None
-    return lines if "ft" in lines and lines["ft"].size >= FEWEST else None
-
-
-def _at_lines(
-    recording: Recording, signal: FloatArray, lines: IntArray, every: dict[str, IntArray]
-) -> tuple[ComplexArray, FloatArray]:
-    """Transforms of a signal at lines, shape (runs, lines), and the power of the noise there.
-
-    What transients leak is smooth in frequency, so that the bins beside a line tell it.
-    """
-    spectrum = np.fft.rfft(recording.window(signal))
-    forced = np.concatenate(list(every.values()))
-    between = np.setdiff1d(np.arange(1, spectrum.shape[1]), forced)
-    nearest = np.argsort(np.abs(between - lines[:, None]), axis=1, kind="stable")[:, :BESIDE]
-    beside = spectrum[:, between[nearest]]
-    noise = np.mean(np.var(beside, axis=2), axis=0) + 1e-12 * np.max(np.abs(spectrum)) ** 2
-    return spectrum[:, lines] - beside.mean(axis=2), noise
+    for check in (not_the_error, units_differ, exchanged, late, opposed, unrelated):
+        if sentence := check(recording):
+            return sentence
+    return None
 
 
 def _held(recording: Recording) -> str | None:
@@ -216,14 +126,17 @@ def _drifting(recording: Recording) -> str | None:
         trend = np.linspace(-0.5, 0.5, u.size)
         basis = _orthonormal([np.ones_like(u), *signals])
         own, left = (v - basis @ (basis.T @ v) for v in (trend, u))
-        if own @ own < 1e-3 * (trend @ trend):
+        if own @ own < OWN * (trend @ trend):
             continue  # a signal of the loop is a trend itself
         slope = float(own @ left) / float(own @ own)
         rest = float(np.std(left - slope * own))
-        if abs(slope) > limit * rest:
+        # What the loop's own trends could have made of it as well counts for nothing.
+        share = float(np.sqrt((own @ own) / (trend @ trend)))
+        if abs(slope) * share > limit * rest:
             return (
                 f"u drifts by {slope:.3g} over run {run + 1}, {abs(slope) / max(rest, 1e-300):.1f} "
-                "standard deviations of the rest, and no other signal does: take the drift out"
+                "standard deviations of the rest, and no other signal does: take it out with "
+                "--detrend"
             )
     return None
 
@@ -262,23 +175,16 @@ def _longest_run(held: BoolArray) -> tuple[int, int]:
     return int(begins[longest]), int(ends[longest] - begins[longest])
 
 
-def _rms(signal: FloatArray) -> float:
-    return float(np.sqrt(np.mean(signal**2)))
-
-
-def _centred(signal: FloatArray) -> FloatArray:
-    return np.asarray(signal - signal.mean(axis=1, keepdims=True))
-
-
 #: All checks, the gravest first.
 CHECKS: tuple[Callable[[Recording], str | None], ...] = (
     _spikes,
     _still,
     _names,
-    _late,
     _held,
     _clipped,
     _drifting,
     _offset,
+    unlike,
+    unanswered,
     repeated,
 )

@@ -10,8 +10,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TypeVar
 
-from pilotid.recordings.names import SNAP, UNEVENNESS, shown, time_base
+import numpy as np
+
+from pilotid.recordings.codes import refuse_codes
+from pilotid.recordings.names import SNAP, UNEVENNESS, TimeBase, shown, time_base
 from pilotid.recordings.recording import (
+    ABSENT,
     LONGEST_ELEMENT,
     LONGEST_UNIT,
     SIGNALS,
@@ -163,61 +167,110 @@ class Contents:
     Attributes
     ----------
     t
-        Time [s], shape (samples,).
+        Time [s], shape (samples,); None if the file has none.
     signals
         By our names, each of shape (runs, samples), or (1, samples) for one that all runs share.
     where
         Puts the place of a sample of the time, by its index, into words.
     notes
         What the file says beside the signals.
+    origin
+        The file's names of the signals.
     """
 
-    t: FloatArray
+    t: FloatArray | None
     signals: Mapping[str, FloatArray]
     where: Callable[[int], str]
     notes: Notes = field(default_factory=Notes)
+    origin: Mapping[str, str] = field(default_factory=dict)
 
 
-def assembled(contents: Contents, source: str) -> Recording:
+def assembled(contents: Contents, source: str, dt: float | None = None) -> Recording:
     """The recording that a file holds.
+
+    Parameters
+    ----------
+    contents
+        What the file holds; without e it must hold ft and x.
+    source
+        The file, for messages.
+    dt
+        Sampling interval [s], if the user gives it.
 
     Raises
     ------
     InputError
         If time base, signals and notes do not make one recording.
     """
-    base = time_base(contents.t, source, contents.where)
-    notes, signals = contents.notes, contents.signals
-    runs = len(signals["u"])
+    notes, signals, origin = contents.notes, dict(contents.signals), dict(contents.origin)
+    for name, values in signals.items():
+        refuse_codes(values, name, source)
+    runs, samples = signals["u"].shape
     if notes.runs not in (None, runs):
         raise InputError(
             f"{notes.where}: says {notes.runs} runs but {source} holds {runs}; correct one of them"
         )
-    dt = _agreed_interval(base.dt, notes, contents.t.size, source)
+    for name, other in (("x", "e"), ("e", "x")):
+        if name not in signals and {"ft", other} <= signals.keys():
+            _require_shape(signals["ft"], signals[other], other, source)
+            signals[name] = signals["ft"] - signals[other]
+            origin[name] = f"ft - {other}"
+    if "x" not in signals:
+        signals["x"] = np.zeros_like(signals["u"])
+        origin["x"] = ABSENT
+    base = _interval(contents, samples, source, dt)
     return Recording(
-        dt=dt,
+        dt=base.dt,
         e=signals["e"],
         u=signals["u"],
         x=signals["x"],
         ft=signals.get("ft"),
         fd=signals.get("fd"),
-        run_in=_agreed_run_in(base.run_in, notes, dt, source),
+        run_in=_agreed_run_in(base.run_in, notes, base.dt, source),
         lines=notes.lines or {},
         units=notes.units or {},
         source=source,
         controlled_element=notes.controlled_element or "",
+        origin=origin,
     )
 
 
-def _agreed_interval(dt: float, notes: Notes, samples: int, source: str) -> float:
-    if notes.dt is None:
-        return dt
-    if abs(notes.dt - dt) > dt * max(SNAP, 2 * UNEVENNESS / (samples - 1)):
+def _require_shape(target: FloatArray, other: FloatArray, name: str, source: str) -> None:
+    if target.shape[1] != other.shape[1] or len(target) not in (1, len(other)):
         raise InputError(
-            f"{notes.where}: says dt = {notes.dt:g} s but the time in {source} steps by {dt:g} s; "
-            "correct one of them"
+            f"{source}: signal ft has {len(target)} runs of {target.shape[1]} samples but {name} "
+            f"has {len(other)} of {other.shape[1]}; all must be equal"
         )
-    return notes.dt
+
+
+def _interval(contents: Contents, samples: int, source: str, dt: float | None) -> TimeBase:
+    """Sampling interval and run-in, from the file's times or from what is said in their place."""
+    notes = contents.notes
+    if contents.t is None:
+        given = notes.dt if dt is None else dt
+        if given is None:  # a reader would have refused the file
+            raise InputError(f"{source}: the sampling interval is unknown; give it with --dt")
+        if dt is not None and notes.dt is not None and abs(notes.dt - dt) > SNAP * dt:
+            raise InputError(
+                f"{notes.where}: says dt = {notes.dt:g} s but --dt says {dt:g} s; correct one of "
+                "them"
+            )
+        return TimeBase(given, 0)
+    base = time_base(contents.t, source, contents.where)
+    reach = max(SNAP, 2 * UNEVENNESS / (contents.t.size - 1))
+    if dt is not None and abs(dt - base.dt) > dt * reach:
+        raise InputError(
+            f"{source}: the time steps by {base.dt:g} s but --dt says {dt:g} s; leave --dt out, "
+            "or the time"
+        )
+    if notes.dt is None:
+        return base
+    if abs(notes.dt - base.dt) > base.dt * reach:
+        raise InputError(
+            f"{notes.where}: says dt = {notes.dt:g} s but the time in {source} steps by "
+            f"{base.dt:g} s; correct one of them"
+        )
+    return TimeBase(notes.dt, base.run_in)
 
 
 def _agreed_run_in(negative: int, notes: Notes, dt: float, source: str) -> int:

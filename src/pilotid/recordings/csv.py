@@ -6,25 +6,30 @@ import json
 import os
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
 from pilotid.recordings.contents import Contents, Notes, common_run
-from pilotid.recordings.csv_table import RUN, Table, check_lines, number_or_nan
+from pilotid.recordings.csv_table import RUN, Table, number_or_nan
+from pilotid.recordings.csv_text import encoding_of
 from pilotid.recordings.names import (
-    NAMES,
-    REQUIRED,
     UNEVENNESS,
     Place,
+    bare,
+    lacking,
     listed,
+    matching,
+    required,
+    seconds_in,
     shown,
     time_base,
 )
 from pilotid.recordings.paths import file_size, path_shown
-from pilotid.recordings.recording import SIGNALS, Recording
+from pilotid.recordings.recording import Recording
 from pilotid.types import FloatArray, InputError
 
 LARGEST_FILE = 2**30  # bytes
@@ -36,8 +41,17 @@ def sidecar_path(path: Path) -> Path:
     return path.with_suffix(".json")
 
 
-def read_csv(path: Path, source: str, places: Mapping[str, Place]) -> Contents:
+def read_csv(path: Path, source: str, places: Mapping[str, Place], *, timed: bool) -> Contents:
     """Read a CSV file and its sidecar.
+
+    Parameters
+    ----------
+    path, source
+        The file, and its name in messages.
+    places
+        Where it keeps each signal.
+    timed
+        Whether the sampling interval is known, so that no column of times is needed.
 
     Raises
     ------
@@ -47,75 +61,97 @@ def read_csv(path: Path, source: str, places: Mapping[str, Place]) -> Contents:
         If the file cannot be read.
     """
     file_size(path, LARGEST_FILE)
-    check_lines(path, source)
+    encoding = encoding_of(path, source)
     sidecar = sidecar_path(path)
     notes = _read_sidecar(sidecar) if os.path.exists(sidecar) else Notes()
-    with path.open(encoding="utf-8-sig", newline="") as stream:
+    with path.open(encoding=encoding, newline="") as stream:
         table = Table(stream, source)
         columns = {signal: _columns(table, signal, place) for signal, place in places.items()}
-        for signal, names in columns.items():
+        found = {signal: names for signal, names in columns.items() if names}
+        _require(table, places, found, timed=timed or notes.dt is not None)
+        for signal, names in found.items():
             if RUN in table.header and len(names) > 1:
                 raise InputError(
-                    f"{source}: line 1 has a {RUN} column and also columns {names[0]}, {names[1]} "
-                    f"for {signal}; number the runs in one way only"
+                    f"{source}: line {table.line} has a {RUN} column and also columns {names[0]}, "
+                    f"{names[1]} for {signal}; number the runs in one way only"
                 )
-        needed = list(dict.fromkeys(chain.from_iterable(columns.values())))
+        needed = list(dict.fromkeys(chain.from_iterable(found.values())))
         values = table.read(needed)
     place_of = {name: i for i, name in enumerate(needed)}
-    time = places["t"].signed(values[:, place_of[columns["t"][0]]])
     signals = {
         signal: places[signal].signed(values[:, [place_of[name] for name in names]].T)
-        for signal, names in columns.items()
-        if names and signal != "t"
+        for signal, names in found.items()
     }
+    time = None
+    if "t" in found:
+        time = signals.pop("t")[0] * seconds_in(table.unit(found["t"][0]), source)
+    units = {s: unit for s, names in found.items() if (unit := table.unit(names[0]))}
+    units.pop("t", None)
+    notes = replace(notes, units={**units, **(notes.units or {})} or None)
+    origin = {signal: places[signal].shown(names) for signal, names in found.items()}
     if RUN in table.header:
-        return _split_runs(table, time, signals, notes)
-    return Contents(time, signals, table.where(range(len(time))), notes)
+        return _split_runs(table, time, signals, notes, origin)
+    return Contents(time, signals, table.where(range(len(values))), notes, origin)
 
 
 def _columns(table: Table, signal: str, place: Place) -> list[str]:
-    """The columns of a signal: one, or one a run, or none for an absent optional signal."""
-    name, numbered = place.name, dict[int, str]()
+    """The columns of a signal: one, or one a run; none for one that is absent."""
+    own = matching(place.name, table.header)
+    numbered = dict[int, list[str]]()
+    pattern = re.compile(re.escape(place.name) + r"_([0-9]{1,6})", re.IGNORECASE)
     for column in table.header if signal != "t" else ():
-        if match := re.fullmatch(re.escape(name) + r"_([0-9]{1,6})", column):
-            numbered[int(match[1])] = column
-    if name in table.header and numbered:
+        if match := pattern.fullmatch(bare(column)[0]):
+            numbered.setdefault(int(match[1]), []).append(column)
+    several = [column for _, columns in sorted(numbered.items()) for column in columns]
+    if own and several:
         raise InputError(
-            f"{table.source}: line 1 has the column {shown(name)} and also "
-            f"{listed(numbered.values())} for {signal}; rename what is not meant"
+            f"{table.source}: line {table.line} has the column {shown(own[0])} and also "
+            f"{listed(several)} for {signal}; rename what is not meant"
         )
-    if name in table.header:
-        return [name]
-    if numbered and sorted(numbered) != list(range(1, len(numbered) + 1)):
+    if len(set(own)) > 1 or len(several) > len(numbered):
         raise InputError(
-            f"{table.source}: line 1 has the columns {listed(numbered.values())} for {signal}; "
+            f"{table.source}: line {table.line} has the columns {listed(own or several)}, any of "
+            f"which may be {signal}; pick one, as in --map {signal}={listed((own or several)[:1])}"
+        )
+    if own:
+        return own[:1]
+    if sorted(numbered) != list(range(1, len(numbered) + 1)):
+        raise InputError(
+            f"{table.source}: line {table.line} has the columns {listed(several)} for {signal}; "
             "number the runs from 1 without a gap"
         )
-    if not numbered and (signal in REQUIRED or place.chosen):
-        raise _missing(table, signal, name)
-    return [numbered[run] for run in sorted(numbered)]
+    return several
 
 
-def _missing(table: Table, signal: str, name: str) -> InputError:
-    if all(np.isfinite(number_or_nan(cell)) for cell in table.header):
-        return InputError(
-            f"{table.source}: line 1 holds numbers but must be a header row that names the "
-            "columns t, e, u, x"
+def _require(
+    table: Table, places: Mapping[str, Place], found: Collection[str], *, timed: bool
+) -> None:
+    """Refuse a file that lacks what it must have."""
+    absent = required(places, found, timed=timed)
+    if not absent:
+        return
+    if all(np.isfinite(number_or_nan(cell.replace(",", "."))) for cell in table.header):
+        raise InputError(
+            f"{table.source}: line {table.line} holds numbers but must be a header row that names "
+            "the columns t, e, u, x"
         )
-    return InputError(
-        f"{table.source}: line 1 has no column {shown(name)} for {signal} ({NAMES[signal]}), only "
-        f"{listed(table.header)}; name the right one with --map {signal}=COLUMN"
+    raise InputError(
+        f"{table.source}: line {table.line} has " + lacking(absent, places, table.header, "column")
     )
 
 
 def _split_runs(
-    table: Table, t: FloatArray, signals: Mapping[str, FloatArray], notes: Notes
+    table: Table,
+    t: FloatArray | None,
+    signals: Mapping[str, FloatArray],
+    notes: Notes,
+    origin: Mapping[str, str],
 ) -> Contents:
     """The contents of a file in long format: rows with the same run number are one run."""
     rows = table.labels
     labels = list(rows)
     if not labels:
-        return Contents(t, signals, table.where([]), notes)
+        return Contents(t, signals, table.where([]), notes, origin)
     first = rows[labels[0]]
     for label, own in rows.items():
         if len(own) != len(first):
@@ -124,6 +160,8 @@ def _split_runs(
                 f"has {len(own)} rows but run {shown(labels[0])} has {len(first)}; cut all runs to "
                 "the same length"
             )
+        if t is None:
+            continue
         base = time_base(t[own], table.source, table.where(own))
         apart = np.abs(t[own] - t[first]) > UNEVENNESS * base.dt
         if apart.any():
@@ -134,7 +172,7 @@ def _split_runs(
             )
     index = np.array(list(rows.values()))
     split = {signal: values[0][index] for signal, values in signals.items()}
-    return Contents(t[first], split, table.where(first), notes)
+    return Contents(None if t is None else t[first], split, table.where(first), notes, origin)
 
 
 def _read_sidecar(path: Path) -> Notes:
@@ -184,10 +222,8 @@ def csv_bytes(recording: Recording, source: str) -> tuple[bytes, bytes]:
     times = [f"{t:.12g}" for t in recording.time.tolist()]
     notes = Notes.of(recording, np.array([float(t) for t in times]), source)
     columns: list[tuple[str, ...]] = [("t", *times)]
-    for signal in SIGNALS:
-        values: FloatArray | None = getattr(recording, signal)
-        if values is None:
-            continue
+    for signal in recording.signals:
+        values: FloatArray = getattr(recording, signal)
         runs = common_run(values) if signal in ("ft", "fd") else values
         for run, samples in enumerate(runs.tolist(), start=1):
             name = f"{signal}_{run}" if len(runs) > 1 else signal

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 from pilotid.disk import write_file
@@ -15,7 +15,11 @@ from pilotid.recordings.paths import path_shown
 from pilotid.recordings.recording import Recording
 from pilotid.types import InputError
 
-READERS = {".csv": read_csv, ".mat": read_mat}
+READERS = {
+    **dict.fromkeys((".csv", ".txt", ".tsv", ".dat"), read_csv),
+    ".mat": read_mat,
+}
+WRITTEN = (".csv", ".mat")
 
 
 def parse_mapping(text: str) -> dict[str, str]:
@@ -48,7 +52,9 @@ def parse_mapping(text: str) -> dict[str, str]:
 
 
 def load_recording(
-    path: str | os.PathLike[str], mapping: Mapping[str, str] | None = None
+    path: str | os.PathLike[str],
+    mapping: Mapping[str, str] | None = None,
+    dt: float | None = None,
 ) -> Recording:
     """Read a recording from a CSV or MATLAB file.
 
@@ -59,6 +65,8 @@ def load_recording(
     mapping
         The file's names for our signals t, e, u, x, ft, fd where they differ,
         with a leading minus to flip the sign.
+    dt
+        Sampling interval [s], for a file without times.
 
     Raises
     ------
@@ -67,16 +75,16 @@ def load_recording(
     """
     source = path_shown(path)
     file = Path(path)
-    reader = READERS[_suffix(file, source)]
+    reader = READERS[_suffix(file, source, READERS)]
     places = signal_places(mapping)
     try:
-        contents = reader(file, source, places)
+        contents = reader(file, source, places, timed=dt is not None)
     except OSError as error:
         raise InputError(
             f"{path_shown(error.filename or source)}: cannot be read ({error.strerror or error}); "
             "check the file and its rights"
         ) from error
-    return assembled(contents, source)
+    return assembled(contents, source, dt)
 
 
 def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
@@ -98,7 +106,7 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     source = path_shown(path)
     file = Path(path)
     files = {}
-    if _suffix(file, source) == ".csv":
+    if _suffix(file, source, WRITTEN) == ".csv":
         files[file], files[sidecar_path(file)] = csv_bytes(recording, source)
     else:
         files[file] = mat_bytes(recording, source)
@@ -106,8 +114,8 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
         write_file(target, content)
 
 
-def _suffix(file: Path, source: str) -> str:
+def _suffix(file: Path, source: str, known: Collection[str]) -> str:
     suffix = file.suffix.lower()
-    if suffix not in READERS:
+    if suffix not in known:
         raise InputError(f"{source}: a recording must be a .csv or a .mat file; convert it to one")
     return suffix

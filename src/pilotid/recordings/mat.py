@@ -10,20 +10,30 @@ from typing import Any
 import numpy as np
 
 from pilotid.recordings.contents import Contents, Notes, common_run
+from pilotid.recordings.mat_signals import NOTES, as_runs, one_time, real, resolved
+from pilotid.recordings.mat_v4 import MatV4, looks_like_v4
 from pilotid.recordings.mat_v5 import MatV5
 from pilotid.recordings.mat_v73 import MatV73
-from pilotid.recordings.mat_variables import Value, Variables
-from pilotid.recordings.names import NAMES, REQUIRED, Place, listed, shown
+from pilotid.recordings.mat_variables import Value, Variables, family
+from pilotid.recordings.names import Place
 from pilotid.recordings.paths import file_size
-from pilotid.recordings.recording import SIGNALS, Recording
+from pilotid.recordings.recording import Recording
 from pilotid.types import FloatArray, InputError
 
 LARGEST_FILE = 2**32  # bytes; what is not needed is skipped
-NOTES = "pilotid"  # the struct variable that holds what a CSV's sidecar holds
 
 
-def read_mat(path: Path, source: str, places: Mapping[str, Place]) -> Contents:
-    """Read a MATLAB v5 file, or a v7.3 one where h5py is installed.
+def read_mat(path: Path, source: str, places: Mapping[str, Place], *, timed: bool) -> Contents:
+    """Read a MATLAB v4 or v5 file, or a v7.3 one where h5py is installed.
+
+    Parameters
+    ----------
+    path, source
+        The file, and its name in messages.
+    places
+        Where it keeps each signal.
+    timed
+        Whether the sampling interval is known, so that no variable of times is needed.
 
     Raises
     ------
@@ -34,28 +44,32 @@ def read_mat(path: Path, source: str, places: Mapping[str, Place]) -> Contents:
     """
     file_size(path, LARGEST_FILE)
     variables = _opened(path, source)
-    names = _resolved(variables, places, source)
-    values = variables.read(tuple(names.values()), NOTES)
-    notes = Notes()
-    if any(name.partition(".")[0] == NOTES for name in values):
-        notes = Notes.parsed(_plain_notes(values), f"{source}, variable {NOTES}")
-    t = _real(values[names["t"]], names["t"], source)
-    if t.ndim != 1:
-        raise InputError(
-            f"{source}: variable {names['t']} (time) is {_size(t)}; give one row or one column"
-        )
-    signals = {
-        signal: places[signal].signed(_runs(values[name], name, t.size, source))
-        for signal, name in names.items()
-        if signal != "t"
+    notes = _notes(variables.read((), NOTES), source)
+    members = resolved(variables, places, source, timed=timed or notes.dt is not None)
+    values = variables.read([name for names in members.values() for name in names], "")
+    arrays = {
+        signal: [real(values[name], name, source) for name in names]
+        for signal, names in members.items()
     }
-    return Contents(
-        places["t"].signed(t), signals, lambda i: f"sample {i + 1} of {names['t']}", notes
-    )
+    t, samples = None, _longest(arrays["u"][0])
+    if "t" in arrays:
+        t = one_time(arrays.pop("t"), members["t"], source)
+        samples = t.size
+    signals = {
+        signal: places[signal].signed(as_runs(pieces, members[signal], samples, source))
+        for signal, pieces in arrays.items()
+    }
+    origin = {
+        signal: places[signal].shown(dict.fromkeys(map(family, names)))
+        for signal, names in members.items()
+    }
+    first = members["t"][0] if "t" in members else ""
+    where = f"sample {{}} of {first}".format
+    return Contents(t, signals, lambda i: where(i + 1), notes, origin)
 
 
 def _opened(path: Path, source: str) -> Variables:
-    """The variables of a file of either version."""
+    """The variables of a file of any version."""
     with path.open("rb") as stream:
         head = stream.read(520)
     hdf = b"\x89HDF\r\n\x1a\n"
@@ -64,100 +78,25 @@ def _opened(path: Path, source: str) -> Variables:
     # The last two of the 128 bytes of a header tell the byte order, the two before the version.
     order = {b"IM": "little", b"MI": "big"}.get(head[126:128])
     version = head[125:126] if order == "little" else head[124:125]
-    if order is None or version != b"\x01":
-        raise InputError(
-            f"{source}: is not a MATLAB v5 file (v4 and text files are not read); save it "
-            "again with save -v7"
-        )
-    return MatV5(path, source)
-
-
-def _resolved(variables: Variables, places: Mapping[str, Place], source: str) -> dict[str, str]:
-    """The variable of each signal: at the top level, or else in the one struct with the rest."""
-    wanted = {signal: place.name for signal, place in places.items()}
-    needed = [s for s, place in places.items() if s in REQUIRED or place.chosen]
-    present = variables.names(deep=False)
-    if any(wanted[signal] not in present for signal in needed):
-        present = variables.names(deep=True)
-    top = [name for name in present if name.partition(".")[0] != NOTES]
-    known = set(top)
-    absent = {s: wanted[s] for s in REQUIRED if wanted[s] not in known}
-    structs: dict[str, list[str]] = {}
-    for name in top:
-        if "." in name:
-            structs.setdefault(name.partition(".")[0], []).append(name)
-    holding = [
-        struct
-        for struct, inside in structs.items()
-        if absent and all(_ending(inside, name) for name in absent.values())
-    ]
-    if len(holding) > 1:
-        first = structs[holding[0]]
-        picks = ",".join(f"{s}={_ending(first, n)[0]}" for s, n in absent.items())
-        raise InputError(
-            f"{source}: the structs {listed(holding)} all hold {listed(absent.values())}; pick "
-            f"one, as in --map {picks}"
-        )
-    names: dict[str, str] = {}
-    for signal, name in wanted.items():
-        found = [name] if name in known else []
-        if not found and holding:
-            found = _ending(structs[holding[0]], name)
-        if len(found) > 1:
-            raise InputError(
-                f"{source}: {signal} may be any of {listed(found)}; pick one, as in --map "
-                f"{signal}={found[0]}"
-            )
-        if found:
-            names[signal] = found[0]
-        elif signal in needed:
-            raise InputError(
-                f"{source}: has no variable {shown(name)} for {signal} ({NAMES[signal]}), only "
-                f"{listed(top)}; name the right one with --map {signal}=VARIABLE"
-            )
-    return names
-
-
-def _ending(names: list[str], name: str) -> list[str]:
-    return [v for v in names if v.endswith(f".{name}")]
-
-
-def _real(value: object, name: str, source: str) -> FloatArray:
-    """A variable as finite numbers, its shape as it is."""
-    array = np.asarray(value)
-    if array.dtype.kind not in "fiub":
-        raise InputError(
-            f"{source}: variable {name} does not hold real numbers; save it as a full numeric "
-            "matrix"
-        )
-    numbers = np.atleast_1d(array.astype(np.float64))
-    bad = ~np.isfinite(numbers)
-    if bad.any():
-        sample, *run = (int(i) + 1 for i in np.argwhere(bad)[0])
-        column = f", column {run[0]}" if run else ""
-        raise InputError(
-            f"{source}: variable {name} is not a finite number at row {sample}{column}; repair or "
-            "cut the recording there"
-        )
-    return numbers
-
-
-def _size(array: FloatArray) -> str:
-    return " x ".join(str(n) for n in array.shape)
-
-
-def _runs(value: object, name: str, samples: int, source: str) -> FloatArray:
-    """A signal with one row a run.  Nothing is transposed by guess."""
-    array = _real(value, name, source)
-    if array.ndim == 1 and array.size == samples:
-        return array[np.newaxis]
-    if array.ndim == 2 and array.shape[0] == samples:
-        return array.T
-    size = f"{array.size} samples long" if array.ndim == 1 else _size(array)
+    if order is not None and version == b"\x01":
+        return MatV5(path, source)
+    if looks_like_v4(head):
+        return MatV4(path, source)
     raise InputError(
-        f"{source}: variable {name} is {size} but the time has {samples} samples; store one column "
-        "a run, one row a sample"
+        f"{source}: is not a MATLAB v5 file, nor a v4 or v7.3 one; save it again with save -v7"
     )
+
+
+def _notes(values: Mapping[str, Value], source: str) -> Notes:
+    """The notes in the struct of that name, if there is one."""
+    if not values:
+        return Notes()
+    return Notes.parsed(_plain_notes(values), f"{source}, variable {NOTES}")
+
+
+def _longest(array: FloatArray) -> int:
+    """The number of samples where there is no time: recordings have more of them than runs."""
+    return int(max(array.shape))
 
 
 def _plain_notes(values: Mapping[str, Value]) -> object:
@@ -194,10 +133,9 @@ def mat_bytes(recording: Recording, source: str) -> bytes:
 
     notes = Notes.of(recording, recording.time, source)
     variables: dict[str, object] = {"t": recording.time[:, np.newaxis], NOTES: notes.plain()}
-    for signal in SIGNALS:
-        values: FloatArray | None = getattr(recording, signal)
-        if values is not None:
-            variables[signal] = (common_run(values) if signal in ("ft", "fd") else values).T
+    for signal in recording.signals:
+        values: FloatArray = getattr(recording, signal)
+        variables[signal] = (common_run(values) if signal in ("ft", "fd") else values).T
     stream = io.BytesIO()
     savemat(stream, variables)  # type: ignore[arg-type]  # the stub forgets streams
     return stream.getvalue()

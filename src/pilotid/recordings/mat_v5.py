@@ -2,7 +2,8 @@
 
 Own code because the usual reader, `scipy.io.loadmat`, trusts what a file says: one changed byte
 can end the process, and megabytes can fill the memory.  A recording needs little of the format:
-full real arrays and texts, also inside structs.  All else is skipped by its size and never read.
+full real arrays and texts, also inside structs and cells.  All else is skipped by its size and
+never read.
 
 Source: "MAT-File Format", The MathWorks; level 5.
 """
@@ -33,7 +34,7 @@ NUMBERS |= {12: "i8", 13: "u8"}
 TEXTS = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
 # Kinds of numbers of the numeric classes; MATLAB stores them as smaller integers where it can.
 CLASS_KINDS = (9, 7, 1, 2, 3, 4, 5, 6, 12, 13)
-STRUCT, TEXT, NUMERIC, OPAQUE = 2, 4, range(6, 16), 17  # classes of arrays
+CELL, STRUCT, TEXT, NUMERIC, OPAQUE = 1, 2, 4, range(6, 16), 17  # classes of arrays
 COMPLEX = 0x800
 
 LONGEST_NAME = 4096
@@ -50,9 +51,19 @@ class _Head:
     is_complex: bool
 
     @property
-    def is_struct(self) -> bool:
-        """Whether it is one struct: an array of structs is no recording."""
-        return self.array_class == STRUCT and math.prod(self.shape) == 1
+    def holds_arrays(self) -> bool:
+        """Whether it consists of arrays: structs, and cells."""
+        return self.array_class in (CELL, STRUCT)
+
+    @property
+    def members(self) -> list[str]:
+        """What to write behind the name of each of its members; nothing for a single struct."""
+        count = math.prod(self.shape)
+        if count > MOST_ARRAYS:
+            raise DamagedError(f"more than {MOST_ARRAYS} variables")
+        if self.array_class == CELL:
+            return [f"{{{i + 1}}}" for i in range(count)]
+        return [""] if count == 1 else [f"({i + 1})" for i in range(count)]
 
 
 class MatV5(Variables):
@@ -108,17 +119,20 @@ class MatV5(Variables):
         inside, own = bool(name), name or head.name
         if not own or own.startswith("__"):
             return  # data that belong to objects
-        if head.is_struct and entered(own):
-            if own.count(".") >= DEEPEST:
+        if head.array_class == OPAQUE:
+            self.objects[own] = _class_name(part)
+        if head.holds_arrays and entered(own):
+            if own.count(".") + own.count("{") >= DEEPEST:
                 raise DamagedError(f"structs are more than {DEEPEST} deep")
-            for field in _field_names(part):
+            fields = [f".{f}" for f in _field_names(part)] if head.array_class == STRUCT else [""]
+            for inner in (member + field for member in head.members for field in fields):
                 tag = part.tag()
                 if tag.kind != MATRIX:
-                    raise DamagedError("a field of a struct is missing")
-                yield from self._array(part, tag.size, f"{own}.{field}", wanted, entered)
-        elif not head.is_struct:
+                    raise DamagedError("a field of a struct or a cell is missing")
+                yield from self._array(part, tag.size, own + inner, wanted, entered)
+        elif not head.holds_arrays:
             yield own, self._value(part, head) if wanted(own) else None
-        if inside or wanted(own) or (head.is_struct and entered(own)):
+        if inside or wanted(own) or (head.holds_arrays and entered(own)):
             part.skip_to(end)
             if not inside:
                 part.finish()
@@ -156,6 +170,15 @@ def _head(part: Bytes) -> _Head:
             raise DamagedError("the size of an array is missing")
     name = part.name(LONGEST_NAME).decode("utf-8", "backslashreplace")
     return _Head(name, array_class, shape, bool(flags[0] & COMPLEX))
+
+
+def _class_name(part: Bytes) -> str:
+    """The class of an object, behind the name of the system of classes that it belongs to."""
+    try:
+        part.name(LONGEST_NAME)
+        return part.name(LONGEST_NAME).decode("utf-8", "backslashreplace")
+    except DamagedError:
+        return "object"
 
 
 def _field_names(part: Bytes) -> list[str]:

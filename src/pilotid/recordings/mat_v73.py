@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pilotid.recordings.mat_variables import (
     DEEPEST,
     LONGEST_TEXT,
+    MOST_ARRAYS,
     Chosen,
     DamagedError,
     Value,
@@ -89,14 +90,57 @@ class MatV73(Variables):
                     raise DamagedError(f"variable {name} is a link to another place")
                 yield name, None
                 continue
-            entry = group[key]
-            if isinstance(entry, h5py.Group) and "MATLAB_sparse" not in entry.attrs:
-                if entered(name):
-                    yield from self._group(entry, f"{name}.", wanted, entered)
-            elif isinstance(entry, h5py.Dataset) and wanted(name):
-                yield name, self._value(name, entry)
-            else:
-                yield name, None
+            yield from self._entry(group[key], name, wanted, entered)
+
+    def _entry(
+        self, entry: Any, name: str, wanted: Chosen, entered: Chosen
+    ) -> Iterator[tuple[str, Value]]:
+        h5py = self._h5py
+        if isinstance(entry, h5py.Group) and "MATLAB_sparse" not in entry.attrs:
+            if entered(name):
+                yield from self._group(entry, f"{name}.", wanted, entered)
+        elif isinstance(entry, h5py.Dataset) and self._refers(entry):
+            if entered(name) or entered(_member(name, 1, cell=False)):
+                yield from self._members(entry, name, wanted, entered)
+        elif isinstance(entry, h5py.Dataset) and "MATLAB_object_decode" in entry.attrs:
+            self.objects[name] = self._class(entry).decode("utf-8", "backslashreplace")
+            yield name, None
+        elif isinstance(entry, h5py.Dataset) and wanted(name):
+            yield name, self._value(name, entry)
+        else:
+            yield name, None
+
+    def _refers(self, entry: Any) -> bool:
+        """Whether a data set holds places of others: a cell array, or a field of many structs."""
+        h5py = self._h5py
+        if entry.dtype.kind != "O" or h5py.check_ref_dtype(entry.dtype) is not h5py.Reference:
+            return False
+        return self._class(entry) in (b"cell", b"")
+
+    def _members(
+        self, entry: Any, name: str, wanted: Chosen, entered: Chosen
+    ) -> Iterator[tuple[str, Value]]:
+        h5py = self._h5py
+        if name.count(".") + name.count("{") > DEEPEST:
+            raise DamagedError(f"structs are more than {DEEPEST} deep")
+        if entry.size > MOST_ARRAYS:
+            raise DamagedError(f"more than {MOST_ARRAYS} variables")
+        cell = self._class(entry) == b"cell"
+        plist = entry.id.get_create_plist()
+        if entry.is_virtual or plist.get_external_count() or plist.get_nfilters():
+            raise DamagedError(f"variable {name} is stored in an unusual way")
+        for number, reference in enumerate(entry[()].T.ravel(order="F"), start=1):
+            self._budget.look()
+            own = _member(name, number, cell=cell)
+            if not (entered(own) or wanted(own)):
+                yield own, None
+                continue
+            if h5py.h5r.get_obj_type(reference, entry.id) not in (
+                h5py.h5o.TYPE_GROUP,
+                h5py.h5o.TYPE_DATASET,
+            ):
+                raise DamagedError(f"variable {own} is missing")
+            yield from self._entry(entry.file[reference], own, wanted, entered)
 
     def _value(self, name: str, entry: Any) -> Value:
         kind = self._class(entry)
@@ -174,6 +218,14 @@ class MatV73(Variables):
             )
             values[place] = block[tuple(slice(0, p.stop - p.start) for p in place)]
         return values
+
+
+def _member(name: str, number: int, *, cell: bool) -> str:
+    """The name of a cell, or of a field (the last part of the name) in one struct of many."""
+    if cell:
+        return f"{name}{{{number}}}"
+    struct, _, field = name.rpartition(".")
+    return f"{struct}({number}).{field}"
 
 
 def _inflated(packed: bytes, size: int) -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
@@ -58,9 +59,21 @@ def chosen(names: Collection[str], struct: str) -> tuple[Chosen, Chosen]:
         return name in names or name == struct or name.startswith(f"{struct}.")
 
     def entered(name: str) -> bool:
-        return wanted(name) or any(other.startswith(f"{name}.") for other in names)
+        inside = tuple(f"{name}{sign}" for sign in ".({")
+        return wanted(name) or any(other.startswith(inside) for other in names)
 
     return wanted, entered
+
+
+def family(name: str) -> str:
+    """The name that the members of an array have in common: ``data(2).u`` is of ``data.u``.
+
+    Arrays of structs and cells hold runs; each is a variable of its own here.
+    """
+    return _MEMBER.sub("", name)
+
+
+_MEMBER = re.compile(r"\([0-9]+\)|\{[0-9]+\}")
 
 
 def collected(found: Iterable[tuple[str, Value]], wanted: Chosen, source: str) -> dict[str, Value]:
@@ -97,6 +110,7 @@ class Variables(ABC):
 
     def __init__(self, path: Path, source: str) -> None:
         self._path, self._source = path, source
+        self.objects: dict[str, str] = {}  # names and classes of what is no array, once walked
         self._budget = Budget()
 
     @abstractmethod
@@ -104,7 +118,7 @@ class Variables(ABC):
         """All variables by name, with the values of the wanted ones."""
 
     def names(self, deep: bool) -> list[str]:
-        """Names of all variables but structs; with `deep` also, dotted, of those inside structs."""
+        """Names of all variables but structs and cells; with `deep` also of those inside these."""
         return [name for name, _ in self.walked(lambda name: False, lambda name: deep)]
 
     def read(self, names: Collection[str], struct: str) -> dict[str, Value]:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from pilotid.recordings.recording import SIGNALS
+from pilotid.recordings.recording import SIGNALS, is_unit
 from pilotid.types import FloatArray, InputError
 
-REQUIRED = ("t", "e", "u", "x")
 NAMES = {"t": "time", **SIGNALS}
 UNEVENNESS = 0.1  # of a sampling interval: time stamps rounded to milliseconds pass at 100 Hz
 SNAP = 1e-4  # relative: a rate this close to a whole number of hertz is that number
@@ -42,6 +42,10 @@ class Place:
         """The values with the sign of our convention."""
         return -values if self.flipped else values
 
+    def shown(self, names: Iterable[str]) -> str:
+        """Where the signal was found, in words that --map would take."""
+        return ", ".join(f"{'-' if self.flipped else ''}{name}" for name in names)
+
 
 def signal_places(mapping: Mapping[str, str] | None) -> dict[str, Place]:
     """The place of every signal: the user's choice, or its own name.
@@ -67,6 +71,95 @@ def signal_places(mapping: Mapping[str, str] | None) -> dict[str, Place]:
             )
         places[signal] = Place(name, flipped=choice.startswith("-"), chosen=True)
     return places
+
+
+_UNIT = re.compile(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*[^()0-9][^()]*|1)\))", re.DOTALL)
+
+
+def bare(name: str) -> tuple[str, str | None]:
+    """A name without its unit, and the unit: ``t [s]`` and ``u (deg)`` have one."""
+    match = _UNIT.fullmatch(name)
+    if match is None:
+        return name, None
+    unit = (match[2] if match[3] is None else match[3]).strip()
+    return (match[1], unit) if is_unit(unit) else (name, None)
+
+
+def matching(wanted: str, names: Iterable[str]) -> list[str]:
+    """The names that may be meant by one: itself, else with a unit, else in other case.
+
+    More than one means that it cannot be told.
+    """
+    known = list(names)
+    for same in (
+        lambda name: name == wanted,
+        lambda name: bare(name)[0] == wanted,
+        lambda name: bare(name)[0].casefold() == wanted.casefold(),
+    ):
+        if found := [name for name in known if same(name)]:
+            return found
+    return []
+
+
+def required(places: Mapping[str, Place], found: Iterable[str], *, timed: bool) -> list[str]:
+    """The signals that a file lacks and must have.
+
+    Time may follow from a sampling interval (`timed`); e and x follow from one another and the
+    target, and x is needed by channels of motion alone.
+    """
+    there = set(found)
+    lacking = [s for s, place in places.items() if place.chosen and s not in there]
+    for signal in ("t", "e", "u"):
+        derived = (signal == "t" and timed) or (signal == "e" and {"ft", "x"} <= there)
+        if signal not in there and not derived and signal not in lacking:
+            lacking.append(signal)
+    # With others missing, a user who must name them should hear of this one as well.
+    if lacking and "x" not in there and "x" not in lacking and "ft" not in there:
+        lacking.append("x")
+    return sorted(lacking, key=list(NAMES).index)
+
+
+def lacking(
+    absent: Iterable[str], places: Mapping[str, Place], names: Iterable[str], kind: str
+) -> str:
+    """What a file lacks and how to mend it, all in one: "no column 'u' for u (control), ..."."""
+    signals = list(absent)
+    if len(signals) == 1:
+        (signal,) = signals
+        what = f"no {kind} {shown(places[signal].name)} for {signal} ({NAMES[signal]})"
+    else:
+        what = f"no {kind}s {', '.join(shown(places[s].name) for s in signals)}"
+    picks = ",".join(f"{s}={kind.upper()}" for s in signals)
+    which = "the right one" if len(signals) == 1 else "them"
+    sentence = f"{what}, only {listed(names)}; name {which} with --map {picks}"
+    if "t" in signals and not places["t"].chosen:
+        sentence += ", or for want of t give --dt 0.01, say"
+    return sentence
+
+
+#: Seconds in a unit of time.
+TIMES = {
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), 1.0),
+    **dict.fromkeys(("ms", "msec", "millisecond", "milliseconds"), 1e-3),
+    **dict.fromkeys(("us", "µs", "μs", "microseconds"), 1e-6),
+}
+
+
+def seconds_in(unit: str | None, source: str) -> float:
+    """How long the unit of the time is [s]; seconds where none is said.
+
+    Raises
+    ------
+    InputError
+        If the unit is unknown.
+    """
+    if not unit or unit == "-":
+        return 1.0
+    if unit.casefold() not in TIMES:
+        raise InputError(
+            f"{source}: the unit of the time is {shown(unit)}; give the time in s, ms or us"
+        )
+    return TIMES[unit.casefold()]
 
 
 @dataclass(frozen=True)

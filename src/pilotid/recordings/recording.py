@@ -20,13 +20,18 @@ SIGNALS = {
     "fd": "disturbance forcing function",
 }
 #: The signal that a channel with each input acts on.
-INPUTS = {"error": "e", "output": "x"}
+INPUTS = {"error": "e", "output": "x", "target": "ft"}
 SHORTEST = 10.0  # seconds of measurement window that an identification needs
 COARSEST = 0.1  # seconds between samples: half that rate is just above the pilot's band
 LARGEST = 1e100  # of a signal in any unit; squares and their sums must not overflow
 SMALLEST = 1e-100  # of the peak of a signal that is not zero; nor must they vanish
 LONGEST_UNIT = 40  # characters
 LONGEST_ELEMENT = 200
+
+
+#: The origin of x where it was not recorded: it is zero, and no signal.
+ABSENT = "not recorded"
+LEAD_IN = 3.0  # seconds from which a prediction starts, where no run-in is longer
 
 
 def is_unit(text: object) -> bool:
@@ -70,6 +75,15 @@ class Recording:
         Where the data came from, for messages and reports.
     controlled_element
         A description for reports, if known.
+    origin
+        Where signals came from: the file's names, what they follow from, or `ABSENT` for an x
+        that was not recorded.
+    treatment
+        What was done to the signals since, a sentence each.
+    lead_in
+        Time before the first scored sample that methods in the time domain need [s]: they
+        predict from it and do not score it.  A run-in counts towards it, so that all of the window
+        is scored after a run-in as long as this.
     """
 
     dt: float
@@ -83,6 +97,9 @@ class Recording:
     units: Mapping[str, str] = field(default_factory=dict)
     source: str = "recording"
     controlled_element: str = ""
+    origin: Mapping[str, str] = field(default_factory=dict)
+    treatment: tuple[str, ...] = ()
+    lead_in: float = LEAD_IN
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "source", printable(self.source))
@@ -104,6 +121,9 @@ class Recording:
             self, "lines", MappingProxyType({k: tuple(v) for k, v in self.lines.items() if v})
         )
         object.__setattr__(self, "units", MappingProxyType(dict(self.units)))
+        object.__setattr__(self, "origin", MappingProxyType(dict(self.origin)))
+        if not 0.0 <= self.lead_in < np.inf:
+            raise InputError(f"{self.source}: the lead-in must be a number of seconds, 0 or more")
         for name, unit in self.units.items():
             if not is_unit(unit):
                 raise InputError(
@@ -193,9 +213,12 @@ class Recording:
         return (np.arange(self.u.shape[1], dtype=float) - self.run_in) * self.dt
 
     def input(self, name: str) -> FloatArray:
-        """The signal that a channel with this input acts on: ``error`` or ``output``."""
-        signal: FloatArray = getattr(self, INPUTS[name])
-        return signal
+        """The signal that a channel with this input acts on: one of `INPUTS`.
+
+        A target that was not recorded is e + x.
+        """
+        signal: FloatArray | None = getattr(self, INPUTS[name])
+        return self.e + self.x if signal is None else signal
 
     def window(self, signal: FloatArray) -> FloatArray:
         """The part of a signal inside the measurement window, shape (runs, samples)."""
@@ -204,7 +227,16 @@ class Recording:
     @property
     def signals(self) -> list[str]:
         """Names of the signals that it has."""
-        return [name for name in SIGNALS if getattr(self, name) is not None]
+        there = [name for name in SIGNALS if getattr(self, name) is not None]
+        return [name for name in there if self.origin.get(name) != ABSENT]
+
+    def flipped(self, *names: str) -> str:
+        """What --map takes to turn the signs of signals round."""
+        pairs = []
+        for name in names:
+            place = self.origin.get(name, name)
+            pairs.append(f"{name}={place[1:] if place.startswith('-') else f'-{place}'}")
+        return ",".join(pairs)
 
     @property
     def description(self) -> str:
@@ -257,6 +289,13 @@ def joined(recordings: Sequence[Recording]) -> Recording:
                     "so the two cannot be runs of one recording"
                 )
 
+        for name, unit in other.units.items():
+            if first.units.get(name, unit) != unit:
+                raise InputError(
+                    f"{other.source}: the unit of {name} ({unit}) differs from that of "
+                    f"{first.source} ({first.units[name]}), so the two cannot be runs of one "
+                    "recording"
+                )
     _require_different_runs(recordings)
 
     def stacked(name: str) -> FloatArray | None:
@@ -277,6 +316,9 @@ def joined(recordings: Sequence[Recording]) -> Recording:
         units=first.units,
         source=f"{first.source} and {len(recordings) - 1} more",
         controlled_element=first.controlled_element,
+        origin=first.origin,
+        treatment=tuple(dict.fromkeys(s for r in recordings for s in r.treatment)),
+        lead_in=first.lead_in,
     )
 
 

@@ -83,7 +83,7 @@ def gradient_of(
 
 def _signed(model: PilotModel, error: ComplexArray, output: ComplexArray) -> ComplexArray:
     """Input of each channel with the channel's sign, shape (channels, n)."""
-    by_name = {"error": error, "output": output}
+    by_name = {"error": error, "output": output, "target": error + output}
     return np.array([c.sign * by_name[c.input] for c in model.channels])
 
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
+from functools import reduce
+from operator import and_
 
 import numpy as np
 
@@ -36,14 +39,15 @@ class Residuals:
             [(f, tuple(place[p.key] for p in f.parameters)) for f in channel.dynamics]
             for channel in model.channels
         ]
-        self._common = [p for p in layouts[0] if p[1] and all(p in other for other in layouts[1:])]
+        shared = reduce(and_, (Counter(p for p in layout if p[1]) for layout in layouts))
+        self._common = list(shared.elements())
         self._channels: list[tuple[list[Placed], ComplexArray]] = []
         for layout, spectrum in zip(layouts, prediction.spectra, strict=True):
             constant = spectrum[None]
             for factor, indices in layout:
                 if not indices:
                     constant = constant * factor.response(s, [])
-            moving = [p for p in layout if p[1] and p not in self._common]
+            moving = list((Counter(p for p in layout if p[1]) - shared).elements())
             self._channels.append((moving, constant))
         self._omega = s.imag
         # Bins as a table of about as many rows as columns.

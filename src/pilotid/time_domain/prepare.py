@@ -21,7 +21,6 @@ from pilotid.recordings.recording import Recording
 from pilotid.types import FloatArray, InputError
 
 SHORTEST_SCORED = 3.0  # seconds that must remain to be scored
-UNSCORED = 3.0  # seconds of pre-history that a prediction needs before it is scored
 DIFFERENCE_REACH = 12  # samples on either side that a central difference uses
 ATTENUATION = 50.0  # dB, of the low-pass filter
 TRANSITION = 0.35  # width of its transition, as a share of the band
@@ -66,7 +65,7 @@ def prepare(
     recording: Recording,
     model: PilotModel,
     band: float | None = None,
-    unscored: float = UNSCORED,
+    unscored: float | None = None,
 ) -> Prepared:
     """Filter, differentiate and decimate what the model's prediction needs.
 
@@ -79,7 +78,8 @@ def prepare(
     band
         Analysis band [rad/s]; None keeps the full sampling rate, unfiltered.
     unscored
-        Least length of the pre-history [s]; a run-in counts towards it.
+        Least length of the pre-history [s]; a run-in counts towards it.  None for that which the
+        recording names (`Recording.lead_in`).
     """
     factor = decimation(recording.dt, band)
     smoothing = lowpass(factor)
@@ -88,7 +88,8 @@ def prepare(
     half = max((k.size - 1) // 2 for k in kernels.values())
 
     total = recording.u.shape[1]
-    first_scored = max(recording.run_in, round(unscored / recording.dt), half)
+    lead_in = recording.lead_in if unscored is None else unscored
+    first_scored = max(recording.run_in, round(lead_in / recording.dt), half)
     if total - 1 - half - first_scored < SHORTEST_SCORED / recording.dt:
         raise InputError(
             f"{recording.source}: {total * recording.dt:.3g} s of recording leave less than "

@@ -1,0 +1,75 @@
+"""Runs that are said to be of one condition."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pilotid.recordings.plant import COHERENT, plant_of
+from pilotid.recordings.recording import Recording
+
+GAIN = 1.3  # between the controlled elements of two runs; sound ones differ by 1.06 at most
+SIZE, SCATTERS = 2.5, 5.0  # of one run against the rest, and in scatters of these
+USUAL = 0.1  # scatter of the size between runs, at least
+FEWEST_BANDS = 4
+BY_SIZE = 3  # runs from which a scatter can be told
+
+
+def unlike(recording: Recording) -> str | None:
+    """One run that is not of the same condition as the others."""
+    if recording.runs < 2:
+        return None
+    return _other_element(recording) or _other_size(recording)
+
+
+def _other_element(recording: Recording) -> str | None:
+    """The output holds no noise, so that the element of every run shows by itself."""
+    plants = [plant_of(recording, run) for run in range(recording.runs)]
+    known = [plant for plant in plants if plant is not None]
+    if len(known) < recording.runs:
+        return None
+    good = np.all([plant.coherence >= COHERENT for plant in known], axis=0)
+    if np.count_nonzero(good) < FEWEST_BANDS:
+        return None
+    size = np.array([np.log(np.abs(plant.response[good])) for plant in known])
+    # A band in which one run differs may lie at a resonance; an element differs in most.
+    middle = np.median(size, axis=0) if recording.runs > 2 else size[0]
+    off = np.abs(size - middle)
+    apart = np.median(off, axis=1)
+    run = int(np.argmax(apart))
+    if apart[run] <= np.log(GAIN):
+        return None
+    if recording.runs == 2:
+        return (
+            "the controlled elements of the two runs differ by a factor of "
+            f"{np.exp(apart[run]):.2g}: they are not of one condition, or not in one unit; fit "
+            "them one by one"
+        )
+    return (
+        f"the controlled element of run {run + 1} differs from that of the others by a factor of "
+        f"{np.exp(apart[run]):.2g}: it is not of their condition, or not in their unit; leave it "
+        "out"
+    )
+
+
+def _other_size(recording: Recording) -> str | None:
+    """A run in which a signal is far larger or smaller than in the others."""
+    if recording.runs < BY_SIZE:
+        return None
+    for name in ("u", "e", "x"):
+        if name not in recording.signals:
+            continue
+        spread = np.std(recording.window(getattr(recording, name)), axis=1)
+        if not spread.all():
+            continue
+        size = np.log(spread)
+        for run in range(recording.runs):
+            others = np.delete(size, run)
+            off = float(size[run] - np.mean(others))
+            scatter = float(np.hypot(np.std(others, ddof=1), USUAL))
+            if abs(off) > max(np.log(SIZE), SCATTERS * scatter):
+                return (
+                    f"{name} of run {run + 1} is {np.exp(off):.2g} times as large as in the other "
+                    "runs, which differ far less among themselves: it is not of their condition, "
+                    "or was not flown through; leave it out"
+                )
+    return None

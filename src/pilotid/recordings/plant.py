@@ -1,0 +1,227 @@
+"""The controlled element as a recording shows it: the output's answer to control and disturbance.
+
+The output holds no noise of its own: x = Hc (u + fd) at every frequency, remnant or not.  So the
+coherence of the two is close to one wherever names, signs and times are right, and the slope of
+the magnitude tells which phase a positive element has (Bode's relation for minimum phase).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from pilotid.recordings.at_lines import at_lines, target_lines
+from pilotid.recordings.recording import Recording
+from pilotid.types import ComplexArray, FloatArray, IntArray
+
+BANDS = 12  # equally wide on a logarithmic scale
+LOWEST, HIGHEST = 0.5, 15.0  # rad/s
+FEWEST_BINS = 4  # of all runs, of which the coherence of a band is made
+COHERENT = 0.8  # squared coherence from which a band tells of the element
+FEWEST_BANDS = 4
+NEGATIVE = -0.3  # polarity below which an element turns the control round; sound ones exceed .1
+CLEARLY = 0.05  # by which coherence must be larger for a sign to be the other one
+#: Mean coherence below which an output is not that of the control; it is less where there may be
+#: a disturbance that was not recorded.  Sound recordings have .93 and more, and .46.
+UNRELATED, UNRELATED_WITHOUT_FD = 0.9, 0.25
+STANDS_OUT = 3.0  # times the noise from which a line of the target tells the element's angle
+SHORT = 60.0  # seconds below which delays cannot be told
+#: How much later than x the control may seem [s], up to when it is looked for, and by how much
+#: smoother the phase must be then, of 1 at the most.  Sound recordings show 0.02 s at the most.
+LATE, LATEST, SMOOTHER = 0.1, 3.0, 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """What the output makes of control and disturbance, by bands of frequency.
+
+    Attributes
+    ----------
+    omega
+        Frequencies [rad/s], shape (bands,).
+    response
+        x over u + fd (or over fd - u, if `opposed`), complex, shape (bands,).
+    coherence
+        Squared coherence, shape (bands,).
+    polarity
+        Cosine of the angle to what the slope says: 1 positive, -1 negative; 0 if untold.
+    opposed
+        Whether x answers to fd - u: control and disturbance have opposite signs.
+    """
+
+    omega: FloatArray
+    response: ComplexArray
+    coherence: FloatArray
+    polarity: float
+    opposed: bool
+
+    @property
+    def mean_coherence(self) -> float:
+        """Mean of the squared coherence."""
+        return float(np.mean(self.coherence))
+
+
+def plant_of(recording: Recording, run: int | None = None) -> Plant | None:
+    """The controlled element that a recording shows, None where it is too short to show one.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    run
+        One of its runs alone; None for all.
+    """
+    rows = slice(None) if run is None else slice(run, run + 1)
+    control, output = (_spectrum(recording, s)[rows] for s in (recording.u, recording.x))
+    bins = np.arange(control.shape[1]) * 2.0 * np.pi / recording.duration
+    edges = np.geomspace(LOWEST, HIGHEST, BANDS + 1)
+    bands = [np.flatnonzero((bins >= a) & (bins < b)) for a, b in pairwise(edges)]
+    bands = [band for band in bands if band.size * len(control) >= FEWEST_BINS and band.size > 1]
+    if len(bands) < FEWEST_BANDS:
+        return None
+    omega = np.array([float(np.exp(np.mean(np.log(bins[band])))) for band in bands])
+    found = []
+    disturbance = 0.0 if recording.fd is None else _spectrum(recording, recording.fd)[rows]
+    for sign in (1.0, -1.0) if recording.fd is not None else (1.0,):
+        drive = sign * control + disturbance
+        cross, power, own = _products(output, drive, bands)
+        if not (np.all(power > 0.0) and np.all(own > 0.0)):
+            return None
+        coherence = np.abs(cross) ** 2 / (power * own)
+        if recording.fd is None:
+            polarity = _polarity_at_target(recording, rows)
+        else:
+            good = coherence >= COHERENT
+            polarity = _polarity(omega[good], (cross / power)[good])
+        found.append(Plant(omega, cross / power, coherence, polarity, sign < 0.0))
+    return max(found, key=lambda plant: plant.mean_coherence - CLEARLY * plant.opposed)
+
+
+def _polarity(omega: FloatArray, response: ComplexArray) -> float:
+    if omega.size < FEWEST_BANDS:
+        return 0.0
+    slope = np.clip(np.gradient(np.log(np.abs(response)), np.log(omega)), -2.0, 0.0)
+    return float(np.mean(np.cos(np.angle(response) - 0.5 * np.pi * slope)))
+
+
+def _polarity_at_target(recording: Recording, rows: slice) -> float:
+    """The same where fd was not recorded: there may be a disturbance, but not at these lines."""
+    every = target_lines(recording)
+    if every is None:
+        return 0.0
+    lines = every["ft"]
+    omega = np.asarray(lines * 2.0 * np.pi / recording.duration, dtype=float)
+    good = (omega >= LOWEST) & (omega <= HIGHEST)
+    values = []
+    for signal in (recording.u, recording.x):
+        at, noise = at_lines(recording, signal, lines, every)
+        values.append(at[rows])
+        good &= np.mean(np.abs(at[rows]) ** 2, axis=0) > STANDS_OUT * noise
+    control, output = values
+    response = np.mean(output * control.conj(), axis=0) / np.mean(np.abs(control) ** 2, axis=0)
+    return _polarity(omega[good], response[good])
+
+
+def _products(
+    one: ComplexArray, other: ComplexArray, bands: Sequence[IntArray]
+) -> tuple[ComplexArray, FloatArray, FloatArray]:
+    """By bands: mean of one times the other's conjugate, power of the other, power of the one."""
+
+    def mean(product: ComplexArray) -> ComplexArray:
+        return np.array([np.mean(product[:, band]) for band in bands], dtype=complex)
+
+    return mean(one * other.conj()), mean(other * other.conj()).real, mean(one * one.conj()).real
+
+
+def _spectrum(recording: Recording, signal: FloatArray) -> ComplexArray:
+    window = recording.window(signal)
+    window = window - window.mean(axis=1, keepdims=True)
+    return np.asarray(np.fft.rfft(window * np.hanning(window.shape[1])))
+
+
+def opposed(recording: Recording) -> str | None:
+    """The sign of the control, from what the output makes of it and of the disturbance.
+
+    A pilot's response tells nothing: with a negative element he would turn his own sign round.
+    """
+    signs = {run: _signs(recording, run) for run in range(recording.runs)}
+    told = {run: names for run, names in signs.items() if names is not None}
+    wrong = {run: names for run, names in told.items() if names}
+    if not wrong and not told:  # what no run tells may show in all of them together
+        wrong = {0: names} if (names := _signs(recording, None)) else {}
+    if not wrong:
+        return None
+    first, names = next(iter(wrong.items()))
+    some = len(wrong) < len(told)  # others are told to be right
+    where = f" in run {first + 1}" if some else ""
+    because = {
+        ("u",): "x answers to -u" if recording.fd is None else "x answers to fd - u",
+        ("fd",): "x answers to u - fd",
+        ("u", "fd"): "x answers to -u - fd",
+    }[names]
+    remedy = "turn that run round" if where else f"flip with --map {recording.flipped(*names)}"
+    return (
+        f"{' and '.join(names)} {'have' if len(names) > 1 else 'has'} the wrong sign{where}: "
+        f"{because}, so that the pilot's gain is negative, unless the controlled element's is; "
+        f"{remedy}"
+    )
+
+
+def _signs(recording: Recording, run: int | None) -> tuple[str, ...] | None:
+    """The signals of a run whose signs must be turned round for a positive element.
+
+    None if it cannot be told; no run means all of them.
+    """
+    plant = plant_of(recording, run)
+    if plant is None or (not plant.opposed and abs(plant.polarity) < -NEGATIVE):
+        return None
+    if not plant.opposed:
+        wrong = ("u",) if recording.fd is None else ("u", "fd")
+        return wrong if plant.polarity < 0.0 else ()
+    return ("fd",) if plant.polarity < NEGATIVE else ("u",)
+
+
+def unrelated(recording: Recording) -> str | None:
+    """An output that is not the control's answer belongs to another run or time."""
+    plant = plant_of(recording)
+    least = UNRELATED_WITHOUT_FD if recording.fd is None else UNRELATED
+    if plant is None or plant.mean_coherence >= least:
+        return None
+    what = "u" if recording.fd is None else "u + fd"
+    return (
+        f"x is not the answer to {what}: their coherence is {plant.mean_coherence:.2f} where an "
+        "element without noise has 1; the signals are of different runs, times, axes or units, or "
+        "another disturbance acts"
+    )
+
+
+def late(recording: Recording) -> str | None:
+    """The output answers to the control, not before it: their phase does not grow with frequency.
+
+    At the target's lines x is the controlled element's answer to u alone.  Of all times the one
+    sought makes the phase from line to line the smoothest.
+    """
+    every = target_lines(recording)
+    if every is None or recording.duration < SHORT:
+        return None
+    lines = every["ft"]
+    control, output = (
+        at_lines(recording, signal, lines, every)[0] for signal in (recording.u, recording.x)
+    )
+    ratio = np.sum(output * control.conj(), axis=0)
+    turns = ratio[1:] * ratio[:-1].conj()
+    if not np.abs(turns).all():
+        return None
+    times = np.arange(-LATEST, LATEST, 0.02)
+    apart = 2.0 * np.pi * np.diff(lines) / recording.duration
+    smooth = np.real(np.exp(-1j * np.outer(times, apart)) @ (turns / np.abs(turns))) / turns.size
+    best = int(np.argmax(smooth))
+    if times[best] <= LATE or smooth[best] - np.interp(0.0, times, smooth) < SMOOTHER:
+        return None
+    return (
+        f"u is recorded {times[best]:.2g} s after x has answered to it: the two are shifted in "
+        "time; bring them together"
+    )

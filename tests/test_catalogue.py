@@ -1,0 +1,352 @@
+"""Models of the catalogue and of one's own: recovery, channels on the target, what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import NOMINAL, PILOTS, Run, strict, without_remnant
+
+from pilotid.datasets import SCENARIOS, Scenario, simulate
+from pilotid.datasets.experiments import experiment_of
+from pilotid.datasets.simulation import remnant_shaping
+from pilotid.estimates.method import (
+    Method,
+    dependent_signals,
+    identify,
+    motionless_input,
+    shared_signals,
+)
+from pilotid.methods import METHODS, method_named
+from pilotid.methods.fourier import Fourier
+from pilotid.methods.mle import MLE
+from pilotid.pilot.catalogue import LEAD2_LAG, MODELS, PURSUIT, RATE, SINGLE, model_named
+from pilotid.pilot.factors import Delay, Gain, Lead, Neuromuscular
+from pilotid.pilot.loops import loop_slopes, margins, open_loops, pilot_on, pilot_on_each
+from pilotid.pilot.model import Channel, PilotModel
+from pilotid.pilot.own import fault_of
+from pilotid.recordings.files import save_recording
+from pilotid.recordings.recording import Recording
+from pilotid.testing import check_estimate
+from pilotid.theory.bounds import bounds
+from pilotid.time_domain.fast_residuals import Residuals
+from pilotid.time_domain.prediction import predict
+from pilotid.types import InputError
+
+pytestmark = pytest.mark.numerical
+
+NEW = ("lead-lag-motion", "lead2-lag", "lead2-lag-motion", "pursuit")
+FOLLOWING = PILOTS["pursuit"]
+
+#: A pilot with a channel on each signal, of which two would do.
+THREE = PilotModel("three", (*PURSUIT.channels, RATE.channels[1]))
+
+
+def quiet(scenario: Scenario) -> Scenario:
+    """The scenario with hardly any remnant, and that white."""
+    remnant = replace(scenario.remnant, order=0, level=1e-6, level_is="ratio")
+    return replace(scenario, remnant=remnant)
+
+
+def recording_of(scenario: Scenario) -> Recording:
+    return simulate(scenario, np.random.default_rng(1))
+
+
+# ------------------------------------------------------------------------ the new models
+
+
+@pytest.mark.parametrize("method", ["mle", "mle-white", "fourier"])
+@pytest.mark.parametrize("name", NEW)
+def test_a_pilot_with_next_to_no_remnant_is_recovered(name: str, method: str) -> None:
+    scenario = quiet(PILOTS[name])
+    estimate = identify(
+        method_named(method), recording_of(scenario), scenario.model, np.random.default_rng(2)
+    )
+    assert estimate.outcome.usable, estimate.sentence
+    # A thousandth of the control in amplitude, from pilots whose bounds are in the report.
+    reach = 5.0 * np.sqrt(np.diag(bounds(experiment_of(scenario)).forcing)) + 2e-3 * scenario.values
+    assert np.all(np.abs(estimate.values - scenario.values) < reach)
+
+
+@pytest.mark.parametrize("name", NEW)
+@pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
+def test_every_method_takes_the_new_models_or_says_why_not(name: str, method: Method) -> None:
+    scenario = PILOTS[name]
+    estimate = identify(method, recording_of(scenario), scenario.model, np.random.default_rng(2))
+    check_estimate(estimate, method, scenario.model)
+
+
+def test_a_lead_that_is_squared_has_one_parameter_and_twice_the_slope() -> None:
+    values = PILOTS["lead2-lag"].values
+    omega = np.array([0.5, 3.0])
+    (response,), ((_, lead, *_),) = LEAD2_LAG.response_and_jacobian(omega, values)
+    time = values[1]
+    gain, lag, delay, f, d = values[0], *values[2:]
+    s = 1j * omega
+    by_hand = gain * (1.0 + time * s) ** 2 / (1.0 + lag * s) * np.exp(-delay * s)
+    by_hand *= f**2 / (f**2 + 2.0 * d * f * s + s**2)
+    np.testing.assert_allclose(response, by_hand, rtol=1e-12)
+    np.testing.assert_allclose(lead, by_hand * 2.0 * s / (1.0 + time * s), rtol=1e-12)
+
+
+def test_factors_that_channels_share_unequally_often_are_applied_as_often() -> None:
+    lead, rest = Lead("tlead"), (Delay("tdvis"), Neuromuscular())
+    model = PilotModel(
+        "uneven",
+        (
+            Channel("twice", "error", 1, (Gain("Ka"), lead, lead, *rest)),
+            Channel("once", "output", -1, (Gain("Kb"), lead, *rest)),
+        ),
+    )
+    prediction = predict(recording_of(NOMINAL), model, 26.0)
+    sets = np.array([model.start, 1.3 * model.start])
+    expected = prediction.row_spectra(sets)[:, -1]
+    np.testing.assert_allclose(
+        Residuals(prediction).spectra(sets), expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max()
+    )
+
+
+def test_the_published_pilot_in_training_has_the_margins_of_a_pilot() -> None:
+    # ... with canals; the same gain on the rate makes the loop unstable.
+    scenario = SCENARIOS["training"]
+    target, disturbance = margins(scenario.model, scenario.values, scenario.element)
+    assert (target.crossover, disturbance.crossover) == pytest.approx((2.18, 3.62), abs=0.01)
+    assert (target.phase_margin, disturbance.phase_margin) == pytest.approx((65.5, 46.1), abs=0.1)
+    on_rate = PilotModel("rate", (scenario.model.channels[0], RATE.channels[1]))
+    with pytest.raises(InputError, match="unstable"):
+        simulate(replace(scenario, name="rate", model=on_rate), np.random.default_rng(1))
+
+
+def test_the_lines_of_the_training_scenario_are_its_own() -> None:
+    scenario = SCENARIOS["training"]
+    assert scenario.target
+    assert scenario.disturbance
+    target, disturbance = scenario.target.lines, scenario.disturbance.lines
+    assert len(target) == len(disturbance) == 20
+    assert not set(target) & set(disturbance)
+    ends = np.array([min(disturbance), max(target)]) * 2.0 * np.pi / scenario.duration
+    assert ends == pytest.approx((0.383, 17.03), abs=0.01)
+    time = np.arange(4096) * 0.02
+    assert np.std(scenario.target.at(time)) == pytest.approx(1.0)
+    out = scenario.disturbance.through(scenario.element.response, time)
+    assert np.std(out) == pytest.approx(1.0, rel=0.01)
+
+
+# ---------------------------------------------------------------- channels on the target
+
+
+def test_a_channel_on_the_target_is_one_on_error_and_output() -> None:
+    omega = np.geomspace(0.1, 30.0, 20)
+    visual, target = PURSUIT.response(omega, FOLLOWING.values)
+    on_error, on_output = pilot_on(PURSUIT, omega, FOLLOWING.values)
+    np.testing.assert_allclose(on_error, visual + target, rtol=1e-12)
+    np.testing.assert_allclose(on_output, -target, rtol=1e-12)
+    each = pilot_on_each(PURSUIT, omega, FOLLOWING.values)
+    np.testing.assert_allclose(each["error"], visual, rtol=1e-12)
+    assert not each["output"].any()
+
+
+def test_slopes_of_the_loops_of_pursuit_equal_differences() -> None:
+    omega, values = np.geomspace(0.3, 20.0, 15), FOLLOWING.values
+    found = loop_slopes(PURSUIT, values, FOLLOWING.element, omega)
+    for i, value in enumerate(values):
+        step = np.zeros(values.size)
+        step[i] = 1e-5 * value
+        ahead, behind = (
+            open_loops(PURSUIT, values + side * step, FOLLOWING.element, omega) for side in (1, -1)
+        )
+        for slopes, after, before in zip(found, ahead, behind, strict=True):
+            expected = np.log(after / before) / (2.0 * step[i])
+            np.testing.assert_allclose(slopes[i], expected, rtol=1e-6, atol=1e-7)
+
+
+def test_the_target_loop_of_pursuit_is_output_over_error_at_the_target_s_lines() -> None:
+    recording = recording_of(without_remnant(FOLLOWING))
+    lines = np.array(recording.lines["ft"])
+    e, x = (np.fft.rfft(recording.window(s))[0, lines] for s in (recording.e, recording.x))
+    omega = 2.0 * np.pi * lines / recording.duration
+    target, _ = open_loops(PURSUIT, FOLLOWING.values, FOLLOWING.element, omega)
+    np.testing.assert_allclose(x / e, target, rtol=1e-8)
+
+
+def test_a_target_that_was_not_recorded_is_error_and_output_together() -> None:
+    recording = recording_of(FOLLOWING)
+    without = replace(recording, ft=None)
+    np.testing.assert_allclose(without.input("target"), recording.ft, atol=1e-12)
+    first, second = (
+        identify(MLE(), r, PURSUIT, np.random.default_rng(2)) for r in (recording, without)
+    )
+    assert first.outcome.usable
+    assert second.values == pytest.approx(first.values, rel=1e-4)
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_without_a_target_its_channel_has_no_input(given: bool) -> None:
+    alone = recording_of(replace(FOLLOWING, target=None))
+    alone = alone if given else replace(alone, ft=None)
+    expected = "ft does not move, so that the target channel has no input"
+    assert motionless_input(alone, PURSUIT) == expected
+    assert motionless_input(recording_of(FOLLOWING), PURSUIT) is None
+
+
+def test_without_a_disturbance_the_channels_follow_one_signal() -> None:
+    alone, both = recording_of(replace(FOLLOWING, disturbance=None)), recording_of(FOLLOWING)
+    expected = "no disturbance is recorded, and without one the visual and target channels"
+    for recording in (alone, replace(alone, fd=None)):
+        assert (shared_signals(recording, PURSUIT) or "").startswith(expected)
+    assert shared_signals(both, PURSUIT) is None
+    assert shared_signals(alone, SINGLE) is shared_signals(alone, RATE) is None
+    # ... which is said where it shows.
+    estimate = identify(MLE(), alone, PURSUIT, np.random.default_rng(2))
+    assert any(remark.startswith(expected) for remark in estimate.remarks)
+
+
+@pytest.mark.parametrize("name", ["fourier", "arx", "sindy"])
+def test_three_signals_are_two(name: str) -> None:
+    recording = recording_of(FOLLOWING)
+    said = method_named(name).objection(recording, THREE)
+    assert said == dependent_signals(THREE)
+    assert said is not None
+    assert said.startswith("ft = e + x, so that the visual and target and motion channels")
+    assert method_named(name).objection(recording, PURSUIT) is None
+
+
+def test_fourier_refuses_a_pilot_outside_any_loop() -> None:
+    model = PilotModel("outside", PURSUIT.channels[1:])
+    assert "acts on the target alone" in (Fourier().objection(recording_of(FOLLOWING), model) or "")
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_fourier_gives_the_responses_on_error_and_target(order: int) -> None:
+    # Interpolation between the lines of the other forcing function costs some per cent.
+    model = replace(PURSUIT, channels=PURSUIT.channels[::order])
+    recording = recording_of(without_remnant(FOLLOWING))
+    response = Fourier().first_step(recording, model)
+    keys = dict(zip(PURSUIT.keys, FOLLOWING.truth, strict=True))
+    true = model.response(response.omega, model.vector(keys))
+    inside = (response.omega > 0.6) & (response.omega < 12.0)
+    off = np.abs(response.value / true - 1.0)[:, inside]
+    assert np.median(off, axis=1).max() < 0.05
+
+
+def test_remnant_at_the_error_does_not_pass_the_target_s_channel() -> None:
+    at_error = replace(FOLLOWING, remnant=replace(FOLLOWING.remnant, enters="error"))
+    recording = recording_of(at_error)
+    quiet_one = recording_of(without_remnant(FOLLOWING))
+    # u = Hpe (e + v) + Hpt ft: what is left of u is what the visual channel makes of v alone.
+    omega = 2.0 * np.pi * np.arange(1, 40) / recording.duration
+    shaped = pilot_on_each(PURSUIT, omega, FOLLOWING.values)["error"]
+    expected = at_error.remnant.filter(omega) * shaped
+    np.testing.assert_allclose(remnant_shaping(at_error, omega), expected, rtol=1e-12)
+    assert np.std(recording.u - quiet_one.u) > 0.0
+
+
+# ------------------------------------------------------------------- models of one's own
+
+LAGGED = """
+from dataclasses import dataclass, replace
+import numpy as np
+from pilotid import Channel, PilotModel, MODELS
+from pilotid.pilot.factors import Delay, Gain, Lag, Neuromuscular, Parameter
+
+PARTS = (Gain("Kvis"), Lag("tlag"), Delay("tdvis"), Neuromuscular())
+LAGGED = PilotModel("lagged", (Channel("visual", "error", 1, PARTS),))
+TAKEN = replace(LAGGED, name="multi")
+NAMELESS = replace(LAGGED, name="a b/c")
+
+@dataclass(frozen=True)
+class Wrong(Gain):
+    def log_derivative(self, s, values):
+        return (2.0 / values[0],)
+
+@dataclass(frozen=True)
+class Broken(Gain):
+    def response(self, s, values):
+        return np.full(s.shape, np.nan)
+
+@dataclass(frozen=True)
+class Raising(Gain):
+    def response(self, s, values):
+        raise ZeroDivisionError("no luck")
+
+WRONG = PilotModel("wrong", (Channel("visual", "error", 1, (Wrong("Kvis"), *PARTS[1:])),))
+BROKEN = PilotModel("broken", (Channel("visual", "error", 1, (Broken("Kvis"), *PARTS[1:])),))
+RAISING = PilotModel("raising", (Channel("visual", "error", 1, (Raising("Kvis"), *PARTS[1:])),))
+"""
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> Path:
+    file = tmp_path / "own.py"
+    file.write_text(LAGGED, encoding="utf-8")
+    return file
+
+
+def test_a_model_in_a_file_of_one_s_own(own: Path) -> None:
+    model = model_named(f"{own}:LAGGED")
+    assert (model.name, model.keys) == ("lagged", ("Kvis", "tlag", "tdvis", "fnm", "dnm"))
+    assert model_named(f"{own}:LAGGED(name=mine)").name == "mine"
+    assert model_named("pilotid.pilot.catalogue:RATE") is RATE
+
+
+def test_the_command_line_fits_a_model_of_one_s_own(own: Path, run: Run) -> None:
+    file = own.with_name("run.csv")
+    save_recording(recording_of(PILOTS["gain"]), file)
+    answer = run("fit", file, "--model", f"{own}:LAGGED", "--method", "mle-white", "--json", "-")
+    assert answer.status == 0, answer.err
+    held = strict(answer.out)
+    assert held["model"] == "lagged"
+    assert list(held["estimates"][0]["parameters"]) == ["Kvis", "tlag", "tdvis", "fnm", "dnm"]
+    for command in ("fit", "posterior"):
+        refused = run(command, file, "--model", f"{own}:PARTS")
+        assert (refused.status, refused.out) == (2, "")
+        assert "is no PilotModel" in refused.err
+
+
+def test_a_catalogue_s_model_with_settings_has_a_name_of_its_own() -> None:
+    assert model_named("rate(name=mine)") == replace(RATE, name="mine")
+    assert model_named("rate(description=short)").name == "rate-description-short"
+    assert model_named("rate()") is RATE
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("TAKEN", "has the name 'multi' of another model; give it a name of its own"),
+        ("NAMELESS", "a model has the name 'a b/c'; it must be of letters, digits"),
+        ("PARTS", "is no PilotModel; write NAME = PilotModel"),
+        ("NOTHING", "holds no 'NOTHING'; it defines MODELS, PARTS, LAGGED"),
+        ("LAGGED(gain=1)", "there is no setting 'gain'; its settings are name=lagged"),
+        ("WRONG", "the derivative of model wrong by Kvis is not that of its response"),
+        ("BROKEN", "the response of model broken is no number at its start"),
+        ("RAISING", "model raising gives no response (ZeroDivisionError: no luck)"),
+    ],
+)
+def test_what_is_no_model_is_refused_in_a_sentence(own: Path, text: str, words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        model_named(f"{own}:{text}")
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_not_there_and_one_that_does_not_run(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="there is no such file"):
+        model_named(f"{tmp_path}/none.py:MODEL")
+    (tmp_path / "bad.py").write_text(
+        "from pilotid import Channel\nChannel('v', 'sound', 1, ())\n", encoding="utf-8"
+    )
+    with pytest.raises(InputError, match="the input must be one of error, output, target"):
+        model_named(f"{tmp_path}/bad.py:MODEL")
+
+
+def test_an_unknown_name_lists_the_models_and_the_way_to_one_s_own() -> None:
+    with pytest.raises(InputError, match=r"pursuit, or name file\.py:NAME"):
+        model_named("lagged")
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_the_catalogue_passes_the_checks_of_models_of_one_s_own(name: str) -> None:
+    assert fault_of(MODELS[name]) == ""
+    assert MODELS[name].description
