@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from pilotid.datasets import scenario_named, simulate
-from pilotid.estimates.estimate import Estimate
+from pilotid.estimates.estimate import Estimate, Outcome, symmetric_intervals
 from pilotid.estimates.method import identify
 from pilotid.methods.mle import MLE
-from pilotid.pilot.catalogue import MULTI
+from pilotid.pilot.catalogue import MODELS, MULTI
 from pilotid.recordings.recording import Recording
 from pilotid.time_domain.maximum_likelihood import Maximum, maximise_likelihood
 from pilotid.time_domain.residual_tests import portmanteau
@@ -102,3 +102,24 @@ def test_the_sign_of_the_lag_is_that_of_an_input_before() -> None:
     got = correlations(later, signal, range(-8, 9))
     assert int(np.argmax(got)) - 8 == 5
     assert np.max(np.abs(np.delete(got, 13))) < 0.05
+
+
+def test_a_target_that_was_not_recorded_is_an_input_all_the_same() -> None:
+    model = MODELS["pursuit"]
+    covariance = np.diag((0.1 * model.start) ** 2)
+    found = Estimate(
+        "mine",
+        model,
+        Outcome.CONVERGED,
+        model.start,
+        covariance,
+        symmetric_intervals(model.start, covariance),
+    )
+    both = (
+        prediction_errors(recording(), found),
+        prediction_errors(replace(recording(), ft=None), found),
+    )
+    for own in both:
+        assert list(own.inputs) == ["e", "ft"]
+    scale = np.std(both[0].inputs["ft"])
+    np.testing.assert_allclose(both[0].inputs["ft"], both[1].inputs["ft"], atol=1e-6 * scale)

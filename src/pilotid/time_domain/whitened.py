@@ -80,9 +80,10 @@ def prediction_errors(recording: Recording, estimate: Estimate) -> Whitened:
     errors = prediction.without_nuisance(prediction.residual(estimate.values, taps[0]))
     prepared = prepare(recording, estimate.model, rate)
     scored = np.round(prepared.time[prepared.first :] / recording.dt).astype(int) + recording.run_in
-    names = dict.fromkeys(INPUTS[channel.input] for channel in estimate.model.channels)
-    inputs = {name: _low_passed(getattr(recording, name), band)[:, scored] for name in names}
-    inputs = {name: own - own.mean(axis=1, keepdims=True) for name, own in inputs.items()}
+    inputs = {}
+    for name in dict.fromkeys(channel.input for channel in estimate.model.channels):
+        own = _low_passed(recording.input(name), band)[:, scored]
+        inputs[INPUTS[name]] = own - own.mean(axis=1, keepdims=True)
     return Whitened(band.dt, errors, inputs, name, remnant is not None)
 
 
