@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pilotid.analysis.choice import Selection, select
 from pilotid.datasets.named import AnyScenario, scenario_named
 from pilotid.datasets.simulation import simulate as simulated
 from pilotid.estimates.estimate import Estimate
@@ -55,6 +56,29 @@ def identify(
         rng = fit_rng(rng, label_of(chosen))
     known = model_named(model) if isinstance(model, str) else model
     return run_method(chosen, recording, known, rng)
+
+
+def which_model(
+    recording: Recording, *models: PilotModel | str, seed: int = DEFAULT_SEED
+) -> Selection:
+    """Choose a pilot model for a recording: ``which_model(recording).model``.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    models
+        The candidates, models or names; none for those of the catalogue that the recording can
+        tell apart, as ``pilotid fit --model auto``.
+    seed
+        Seed of the searches' random starts.
+
+    Returns
+    -------
+    The model, the reason in words, and the figures of all candidates.
+    """
+    named = [model_named(m) if isinstance(m, str) else m for m in models]
+    return select(recording, named, seed)
 
 
 def simulate(

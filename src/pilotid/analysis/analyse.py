@@ -7,10 +7,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pilotid.analysis.choice import Candidate, Choice, chosen
+from pilotid.analysis.candidates import Candidate
+from pilotid.analysis.choice import Choice, chosen
 from pilotid.analysis.pattern import Part
-from pilotid.analysis.reading import Reading
 from pilotid.analysis.rows import SUBJECT, Row
+from pilotid.analysis.source import Source
 from pilotid.analysis.store import Done
 from pilotid.analysis.tasks import (
     Answer,
@@ -156,14 +157,14 @@ class _Work:
             elif answer.task.what == "fit":
                 held[answer.task.key] = failed_content(answer.task, answer.refused or answer.lost)
             else:
-                self.refused[
-                    answer.refused or f"{answer.task.reading.part.name}: {answer.lost}"
-                ] = None
+                self.refused[answer.refused or f"{answer.task.source.part.name}: {answer.lost}"] = (
+                    None
+                )
         return held
 
 
 def analyse(
-    readings: Sequence[Reading],
+    sources: Sequence[Source],
     settings: Settings,
     folder: Path,
     bar: Bar,
@@ -175,7 +176,7 @@ def analyse(
 
     Parameters
     ----------
-    readings
+    sources
         The recordings.
     settings
         What is done to each.
@@ -193,29 +194,29 @@ def analyse(
     code = own_digest()
     with Done(folder) as done:
         work = _Work(done, bar, workers, limits, dict.fromkeys(refused))
-        digests = _digests(readings, code, work)
+        digests = _digests(sources, code, work)
         looks = {
-            reading: look_task(
-                reading,
+            source: look_task(
+                source,
                 digest,
                 tuple(settings.models.values()),
                 settings.auto,
                 settings.element,
                 settings.seed,
             )
-            for reading, digest in digests.items()
+            for source, digest in digests.items()
         }
         seen = work.contents(list(looks.values()), "looking at recordings")
         looked = {r: seen[task.key] for r, task in looks.items() if task.key in seen}
         choices = _choices(looked)
-        tasks: list[tuple[Reading, int | None, Task]] = []
-        for reading, look in looked.items():
-            for model in _models(reading, look, settings, choices):
+        tasks: list[tuple[Source, int | None, Task]] = []
+        for source, look in looked.items():
+            for model in _models(source, look, settings, choices):
                 runs = range(1, look["recording"]["runs"] + 1) if settings.per_run else ()
                 for run in (None, *(runs if len(runs) > 1 else ())):
                     task = fit_task(
-                        reading,
-                        digests[reading],
+                        source,
+                        digests[source],
                         model,
                         settings.methods,
                         run,
@@ -223,43 +224,43 @@ def analyse(
                         settings.seed,
                         folder if run is None else None,
                     )
-                    tasks.append((reading, run, task))
+                    tasks.append((source, run, task))
         held = work.contents([task for *_, task in tasks], "fitting")
         return Analysis(
             settings,
-            [reading.part for reading in looked],
+            [source.part for source in looked],
             list(looked.values()),
             choices,
-            [Fit(reading.part, run, held[task.key]) for reading, run, task in tasks],
+            [Fit(source.part, run, held[task.key]) for source, run, task in tasks],
             list(work.refused),
         )
 
 
-def _digests(readings: Sequence[Reading], code: str, work: _Work) -> dict[Reading, str]:
+def _digests(sources: Sequence[Source], code: str, work: _Work) -> dict[Source, str]:
     found = {}
-    for reading in readings:
+    for source in sources:
         try:
-            found[reading] = reading.digest() + code
+            found[source] = source.digest() + code
         except InputError as error:
             work.refused[str(error)] = None
     return found
 
 
-def _choices(looked: Mapping[Reading, Content]) -> dict[Group, Choice]:
+def _choices(looked: Mapping[Source, Content]) -> dict[Group, Choice]:
     groups: dict[Group, list[list[Candidate]]] = {}
-    for reading, look in looked.items():
+    for source, look in looked.items():
         own = [candidate_of(content) for content in look["candidates"]]
-        groups.setdefault(group_of(reading.part), []).append(own)
+        groups.setdefault(group_of(source.part), []).append(own)
     return {group: chosen(held) for group, held in groups.items()}
 
 
 def _models(
-    reading: Reading, look: Content, settings: Settings, choices: Mapping[Group, Choice]
+    source: Source, look: Content, settings: Settings, choices: Mapping[Group, Choice]
 ) -> list[PilotModel]:
     """The models that a recording is fitted with."""
     if not settings.auto:
         return list(settings.models.values())
-    name = choices[group_of(reading.part)].model
+    name = choices[group_of(source.part)].model
     return [{**MODELS, **settings.models}[name]]
 
 

@@ -8,23 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pilotid.analysis.forced import Forced, forced, objection
-from pilotid.estimates.bounds import bounds_reached
-from pilotid.estimates.method import motionless_input
-from pilotid.pilot.catalogue import MODELS
+from pilotid.analysis.candidates import Candidate, compared, sensible
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.checks import motionless
 from pilotid.recordings.names import listed
 from pilotid.recordings.recording import Recording
-from pilotid.time_domain.evidence import Evidence, evidence
-from pilotid.types import InputError
-
-#: The name that asks for a choice.
-AUTO = "auto"
-
-#: Models of the catalogue to be asked for by name: beside `lead-lag` a lead that is squared is
-#: taken by chance where few runs judge, also of pilots who have no lag at all.
-ASKED_FOR = ("lead2-lag", "lead2-lag-motion")
+from pilotid.seeds import DEFAULT_SEED
 
 #: Points of VAF by which a model may explain less of the control than the best one, where only
 #: the likelihood judges: beyond, it describes the loop and not the pilot.
@@ -36,140 +24,6 @@ CLEARLY, LEAST = 2.0, 4.0
 
 #: Where no run can be left out, it is taken where it is better by more than this in deviance.
 CLOSE = 2.0
-
-#: A neuromuscular system of a higher damping ratio is a lag in disguise.
-OVERDAMPED = 1.0
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """One model on one recording: a line of models.csv.
-
-    Attributes
-    ----------
-    model
-        Name of the model.
-    pilot, parameters
-        Number of the pilot's parameters, and of all that were estimated.
-    remnant
-        Name of the remnant's model.
-    samples
-        Number of prediction errors that the log-likelihood is of.
-    log_likelihood, aicc, bic
-        Of pilot and remnant together.
-    vaf, left_out_vaf
-        Variance accounted for, and in runs left out of the fit [%].
-    left_out_log_likelihood
-        Of each run under what the others say; empty where there is one run alone.
-    misfit, freedom
-        Chi-squared of the forcing functions' lines and its degrees of freedom; NaN and 0 where
-        there are no lines.
-    left_out_misfit
-        Chi-squared of each run's lines under what the others say; empty where there is none.
-    bounds
-        The bounds that parameters reached, in words.
-    overdamped
-        Whether the neuromuscular system is overdamped.
-    """
-
-    model: str
-    pilot: int
-    parameters: int
-    remnant: str
-    samples: int
-    log_likelihood: float
-    aicc: float
-    bic: float
-    vaf: float
-    left_out_vaf: float
-    left_out_log_likelihood: tuple[float, ...]
-    misfit: float
-    freedom: int
-    left_out_misfit: tuple[float, ...]
-    bounds: str
-    overdamped: bool
-
-    @property
-    def excess(self) -> float:
-        """Chi-squared per degree of freedom of the lines."""
-        return self.misfit / self.freedom if self.freedom > 0 else math.nan
-
-
-def sensible(recording: Recording) -> list[PilotModel]:
-    """The catalogue's models that a recording can tell apart, the simplest first.
-
-    A channel on the output beside one on the error needs two forcing functions.  Channels on
-    the target are left out: a compensatory display does not show it, and a recording does not
-    say what was displayed.
-    """
-    both = (
-        recording.ft is not None
-        and recording.fd is not None
-        and not motionless(recording, "ft")
-        and not motionless(recording, "fd")
-    )
-    found = []
-    for model in MODELS.values():
-        inputs = {channel.input for channel in model.channels}
-        if model.name in ASKED_FOR:
-            continue
-        if inputs <= ({"error", "output"} if both else {"error"}):
-            found.append(model)
-    return sorted(found, key=lambda model: len(model.parameters))
-
-
-def compared(recording: Recording, models: Sequence[PilotModel], seed: int) -> list[Candidate]:
-    """What a recording says for each of several models, in their order.
-
-    Parameters
-    ----------
-    recording
-        The recording.
-    models
-        The models; those that have no input in it are left out.
-    seed
-        Seed of the searches' random starts.
-
-    Raises
-    ------
-    InputError
-        If no model has all its inputs in the recording.
-    """
-    models = [model for model in models if motionless_input(recording, model) is None]
-    if not models:
-        raise InputError(f"{recording.source}: none of the models has its inputs in the recording")
-    by_lines: dict[str, Forced] = {}
-    if all(objection(recording, model) is None for model in models):
-        by_lines = {f.model.name: f for f in forced(recording, models, seed)}
-    # The likelihood's search begins where the lines lead, and with the model that they favour.
-    order = sorted(models, key=lambda m: by_lines[m.name].misfit if by_lines else 0.0)
-    starts = [by_lines[m.name].values if by_lines else None for m in order]
-    by_name = {e.model.name: e for e in evidence(recording, order, seed, starts)}
-    return [_candidate(by_name[m.name], by_lines.get(m.name)) for m in models]
-
-
-def _candidate(found: Evidence, lines: Forced | None) -> Candidate:
-    model = found.model
-    values = found.values if lines is None else lines.values
-    damping = dict(zip(model.keys, values.tolist(), strict=True)).get("dnm", 0.0)
-    return Candidate(
-        model=model.name,
-        pilot=len(model.parameters),
-        parameters=found.parameters,
-        remnant=found.remnant,
-        samples=found.samples,
-        log_likelihood=found.log_likelihood,
-        aicc=found.aicc,
-        bic=found.bic,
-        vaf=found.vaf,
-        left_out_vaf=found.left_out_vaf,
-        left_out_log_likelihood=tuple(found.left_out.tolist()),
-        misfit=math.nan if lines is None else lines.misfit,
-        freedom=0 if lines is None else lines.freedom,
-        left_out_misfit=() if lines is None else tuple(lines.left_out.tolist()),
-        bounds=bounds_reached(model, values),
-        overdamped=damping > OVERDAMPED,
-    )
 
 
 @dataclass(frozen=True)
@@ -299,7 +153,8 @@ def _warnings(
                 f"{name} explains no more than {vaf:.0f} % of the control of a recording that "
                 "others explain better: it describes the loop, not the pilot."
             )
-    likeliest = min(names, key=lambda name: sum(own[name].bic for own in held))
+    known = all(math.isfinite(own[name].bic) for own in held for name in names)
+    likeliest = min(names, key=lambda name: sum(own[name].bic for own in held)) if known else taken
     if likeliest != taken:
         lower = sum(own[taken].bic - own[likeliest].bic for own in held)
         told.append(f"BIC of the whole control prefers {likeliest}, by {lower:.0f}")
@@ -319,3 +174,42 @@ def _warnings(
     if bounds:
         told.append(f"With {taken}, {len(bounds)} of {len(held)} end at a bound ({bounds[0]}).")
     return told
+
+
+@dataclass(frozen=True)
+class Selection:
+    """A model for one recording, and what was known when it was taken.
+
+    Attributes
+    ----------
+    model
+        The model.
+    reason
+        Why, in sentences.
+    candidates
+        All that were compared.
+    """
+
+    model: PilotModel
+    reason: str
+    candidates: tuple[Candidate, ...]
+
+
+def select(
+    recording: Recording, models: Sequence[PilotModel] = (), seed: int = DEFAULT_SEED
+) -> Selection:
+    """Choose a model for one recording.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    models
+        The candidates; none for those of the catalogue that the recording can tell apart.
+    seed
+        Seed of the searches' random starts.
+    """
+    among = {model.name: model for model in models or sensible(recording)}
+    candidates = compared(recording, list(among.values()), seed, likelihood=False)
+    choice = chosen([candidates])
+    return Selection(among[choice.model], choice.reason, tuple(candidates))

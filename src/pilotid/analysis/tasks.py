@@ -13,8 +13,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from pilotid.analysis.choice import Candidate, compared, sensible
-from pilotid.analysis.reading import Reading
+from pilotid.analysis.candidates import Candidate, compared, sensible
+from pilotid.analysis.source import Source
 from pilotid.estimates.estimate import Outcome, failed
 from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.method import Method
@@ -42,7 +42,7 @@ class Task:
         Tells all that its content follows from.
     what
         ``look`` or ``fit``.
-    reading
+    source
         The recording: where it is and how it is read.
     run
         Number of the run to take alone, from 1; None for all.
@@ -56,7 +56,7 @@ class Task:
 
     key: str
     what: str
-    reading: Reading
+    source: Source
     run: int | None
     code: bytes
     seed: int
@@ -87,11 +87,11 @@ class Answer:
     @property
     def why(self) -> str:
         """Why there is no content, with the recording's name."""
-        return self.refused or f"{self.task.reading.part.name}: {self.lost}"
+        return self.refused or f"{self.task.source.part.name}: {self.lost}"
 
 
 def look_task(
-    reading: Reading,
+    source: Source,
     digest: str,
     models: tuple[PilotModel, ...],
     auto: bool,
@@ -102,7 +102,7 @@ def look_task(
 
     Parameters
     ----------
-    reading
+    source
         The recording.
     digest
         Of the file's bytes and the code.
@@ -117,11 +117,11 @@ def look_task(
     """
     own = [code_digest(model) for model in models]
     key = _key(digest, "look", models, own, auto, element, seed)
-    return Task(key, "look", reading, None, packed((models, auto, element)), seed, None)
+    return Task(key, "look", source, None, packed((models, auto, element)), seed, None)
 
 
 def fit_task(
-    reading: Reading,
+    source: Source,
     digest: str,
     model: PilotModel,
     methods: Mapping[str, Method],
@@ -134,7 +134,7 @@ def fit_task(
     told = {label: (plain(method), code_digest(method)) for label, method in methods.items()}
     drawn = figures is not None
     key = _key(digest, "fit", run, model, code_digest(model), told, element, seed, drawn)
-    return Task(key, "fit", reading, run, packed((model, dict(methods), element)), seed, figures)
+    return Task(key, "fit", source, run, packed((model, dict(methods), element)), seed, figures)
 
 
 def _key(*parts: object) -> str:
@@ -164,7 +164,7 @@ def given_up(task: Task, loss: Loss, why: str) -> Answer:
 
 def _look(task: Task) -> Content:
     named, auto, element = unpacked(task.code)
-    recording = task.reading.recording()
+    recording = task.source.recording()
     choice = chosen_element(recording, element)
     models = {model.name: model for model in (*(sensible(recording) if auto else ()), *named)}
     candidates = compared(recording, list(models.values()), task.seed)
@@ -185,7 +185,7 @@ def candidate_of(content: Mapping[str, Any]) -> Candidate:
 
 def _fit(task: Task) -> Content:
     model, methods, element = unpacked(task.code)
-    recording = task.reading.recording(task.run)
+    recording = task.source.recording(task.run)
     choice = chosen_element(recording, element)
     return content_of(fit_all(recording, model, methods, task.seed, choice))
 

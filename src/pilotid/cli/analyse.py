@@ -10,7 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pilotid.cli.arguments import MethodOption, SeedOption, default_method, methods_of, names_of
+from pilotid.cli.reading import DetrendOption, IntervalOption, LeadInOption, MapOption
 from pilotid.cli.stopping import StoppedError
+from pilotid.recordings.reading import Reading
+from pilotid.recordings.recording import LEAD_IN
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.terminal import make_console, make_table, print_table, with_bar
 from pilotid.types import InputError
@@ -51,14 +54,10 @@ def analyse(
     per_run: Annotated[
         bool, typer.Option("--per-run", help="Fit every run on its own as well.")
     ] = False,
-    mapping: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--map",
-            metavar="u=stick,e=err",
-            help="The files' names for t, e, u, x, ft, fd; a minus before one flips its sign.",
-        ),
-    ] = None,
+    mapping: MapOption = None,
+    dt: IntervalOption = None,
+    detrend: DetrendOption = False,
+    lead_in: LeadInOption = LEAD_IN,
     element: Annotated[
         str | None,
         typer.Option(metavar="4/s^2", help="Controlled element; default: what the signals show."),
@@ -71,16 +70,14 @@ def analyse(
     """Analyse a laboratory's recordings: subjects, conditions, runs; tables and a report."""
     from pilotid.analysis.analyse import Settings
     from pilotid.analysis.analyse import analyse as analysed
-    from pilotid.analysis.choice import AUTO
     from pilotid.analysis.pattern import Pattern, parts_of
-    from pilotid.analysis.reading import Reading
     from pilotid.analysis.report import write_report
     from pilotid.analysis.results import results_of
+    from pilotid.analysis.source import Source
     from pilotid.analysis.tables import write_tables
     from pilotid.disk import make_folder
-    from pilotid.pilot.catalogue import model_named
+    from pilotid.pilot.catalogue import AUTO, model_named
     from pilotid.pilot.element import element_named
-    from pilotid.recordings.files import parse_mapping
     from pilotid.study.facts import about_this
 
     names = names_of(model, [AUTO], [AUTO])
@@ -90,14 +87,14 @@ def analyse(
         models, AUTO in names, methods_of(method, [default_method()]), per_run, plant, seed
     )
     pairs = _pairs(contrast)
-    signals = tuple((parse_mapping(",".join(mapping)) if mapping else {}).items())
+    reading = Reading(tuple(mapping or ()), dt, detrend, lead_in)
     parts, refused = parts_of(files, Pattern(pattern) if pattern else None)
     if not parts:
         raise InputError("; ".join(refused))
     make_folder(out)
     try:
         analysis = analysed(
-            [Reading(part, signals) for part in parts],
+            [Source(part, reading) for part in parts],
             settings,
             out,
             _bar,
@@ -121,7 +118,9 @@ def analyse(
         "--seed": [str(seed)] if seed != DEFAULT_SEED else [],
     }
     said = [word for name, values in options.items() for value in values for word in (name, value)]
-    said += ["--per-run"] if per_run else []
+    said += [] if dt is None else ["--dt", f"{dt:g}"]
+    said += [] if lead_in == LEAD_IN else ["--lead-in", f"{lead_in:g}"]
+    said += [flag for flag, on in (("--detrend", detrend), ("--per-run", per_run)) if on]
     command = shlex.join(["pilotid", "analyse", *map(str, files), *said, "--out", str(out)])
     write_tables(out, results, command)
     about = {k: v for k, v in about_this(seed).items() if k not in ("seed", "code")}
@@ -142,7 +141,7 @@ def analyse(
 
 def _contrast_table(results: Results) -> Table:
     """Differences between conditions for the terminal."""
-    from pilotid.analysis.report import chance, contrast_overview, to_error
+    from pilotid.analysis.report_estimates import chance, contrast_overview, to_error
     from pilotid.numbers import MINUS, NONE, number
 
     table = make_table()

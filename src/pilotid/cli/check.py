@@ -16,7 +16,6 @@ from pilotid.cli.reading import (
     JointOption,
     LeadInOption,
     MapOption,
-    Reading,
 )
 from pilotid.disk import strict_json, write_file
 from pilotid.estimates.method import Method, motionless_input
@@ -27,6 +26,7 @@ from pilotid.pilot.catalogue import model_named
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
+from pilotid.recordings.reading import Reading
 from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.recordings.understood import Forcing, Understood, understood
 from pilotid.terminal import make_console, make_table, print_table
@@ -76,7 +76,9 @@ def check(
     json_file = None if json in (None, "-") else Path(str(json))
     if json_file is not None:
         require_writable(json_file, files)
-    recordings, refused = Reading(mapping, dt, detrend, lead_in).all(files, joint=joint)
+    recordings, refused = Reading(tuple(mapping or ()), dt, detrend, lead_in).all(
+        files, joint=joint
+    )
     known = methods_of(None, list(methods()))
     found = [_checked(recording, models, known, plant) for recording in recordings]
     text = strict_json(found[0][1] if len(found) == 1 else [entry for _, entry in found])

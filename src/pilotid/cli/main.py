@@ -34,7 +34,6 @@ from pilotid.cli.reading import (
     JointOption,
     LeadInOption,
     MapOption,
-    Reading,
 )
 from pilotid.cli.stopping import STATUS, heeding_interruptions
 from pilotid.disk import strict_json, write_file
@@ -44,10 +43,11 @@ from pilotid.estimates.response import FrequencyResponse
 from pilotid.estimates.sound import one_line
 from pilotid.naming.code import PluginWarning
 from pilotid.naming.settings import labelled
-from pilotid.pilot.catalogue import MODELS, model_named
+from pilotid.pilot.catalogue import AUTO, MODELS, model_named
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.files import save_recording
+from pilotid.recordings.reading import Reading
 from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.seeds import DEFAULT_SEED, draw_rng, recording_rng
 from pilotid.terminal import make_console, with_bar
@@ -62,8 +62,9 @@ app = typer.Typer(
 ModelOption = Annotated[
     str,
     typer.Option(
-        metavar="NAME",
-        help="Pilot model: multi (needs motion of the pilot), file.py:NAME for one of your own.",
+        metavar="NAME|auto",
+        help="Pilot model: single, multi (needs motion of the pilot), file.py:NAME for one of your "
+        "own; auto takes the catalogue's best.",
     ),
 ]
 ElementOption = Annotated[
@@ -173,7 +174,7 @@ def fit(
     files: Annotated[
         list[Path], typer.Argument(metavar="F.csv|F.mat ...", help="Recordings to identify.")
     ],
-    model: ModelOption = "single",
+    model: ModelOption = AUTO,
     method: MethodOption = None,
     mapping: MapOption = None,
     dt: IntervalOption = None,
@@ -198,16 +199,22 @@ def fit(
 ) -> None:
     """Identify a pilot model from recordings."""
     plant = element_named(element) if element else None
-    chosen = started(model_named(model), start)
-    true = read_truth(truth, chosen) if truth is not None else None
+    named = None if model == AUTO else started(model_named(model), start)
+    if named is None and start is not None:
+        raise InputError("--start names parameters of one model; name that with --model")
+    true = read_truth(truth, named) if truth is not None and named is not None else None
     methods = methods_of(method, [default_method()])
     json_file = None if json in (None, "-") else Path(str(json))
     for target in (json_file, report):
         if target is not None:
             require_writable(target, files)
-    recordings, refused = Reading(mapping, dt, detrend, lead_in).all(files, joint=joint)
+    recordings, refused = Reading(tuple(mapping or ()), dt, detrend, lead_in).all(
+        files, joint=joint
+    )
     todo = with_bar(recordings, "fitting", len(recordings))
-    fits = [_fitted(recording, chosen, methods, seed, plant) for recording in todo]
+    fits = [_fitted(recording, named, methods, seed, plant) for recording in todo]
+    if truth is not None and named is None:
+        true = read_truth(truth, fits[0].model)
 
     entries = [f.to_dict() for f in fits]
     text = strict_json(entries[0] if len(entries) == 1 else entries)
@@ -238,7 +245,7 @@ def _first_step(fit: Fitted) -> FrequencyResponse | None:
 
 def _fitted(
     recording: Recording,
-    model: PilotModel,
+    named: PilotModel | None,
     methods: Mapping[str, Method],
     seed: int,
     plant: ControlledElement | None,
@@ -246,9 +253,22 @@ def _fitted(
     """All fits of a recording, and their loops with the controlled element, if it is known."""
     from pilotid.frequency.element_choice import chosen_element
 
+    model, why, candidates = _selected(recording, named, seed)
     choice = chosen_element(recording, plant)
     fits = fit_all(recording, model, methods, seed, choice)
-    return replace(fits, remarks=(*fits.remarks, *choice.remarks))
+    return replace(fits, remarks=(*fits.remarks, *choice.remarks), choice=why, compared=candidates)
+
+
+def _selected(
+    recording: Recording, named: PilotModel | None, seed: int
+) -> tuple[PilotModel, str, tuple[dict[str, object], ...]]:
+    """The model that was named, or the one that the recording speaks for, and why."""
+    if named is not None:
+        return named, "", ()
+    from pilotid.analysis.choice import select
+
+    found = select(recording, seed=seed)
+    return found.model, found.reason, tuple(c.to_dict() for c in found.candidates)
 
 
 def _print(fits: Sequence[Fitted]) -> None:
@@ -265,7 +285,7 @@ def posterior(
     files: Annotated[
         list[Path], typer.Argument(metavar="F.csv|F.mat ...", help="Recordings to identify.")
     ],
-    model: ModelOption = "single",
+    model: ModelOption = AUTO,
     white: Annotated[
         bool, typer.Option("--white", help="Take the residual for white, as AIAA 2008-7109 does.")
     ] = False,
@@ -285,8 +305,8 @@ def posterior(
     from pilotid.disk import make_folder
 
     plant = element_named(element) if element else None
-    chosen = model_named(model)
-    reading = Reading(mapping, dt, detrend, lead_in)
+    named = None if model == AUTO else model_named(model)
+    reading = Reading(tuple(mapping or ()), dt, detrend, lead_in)
     folders = folders_of(files, out) if len(files) > 1 and not joint else {}
     recordings, refused = reading.all(files, joint=joint)
     for number, recording in enumerate(recordings):
@@ -295,6 +315,9 @@ def posterior(
             make_folder(folder)
         if number:
             make_console().print()
+        chosen, why, _ = _selected(recording, named, seed)
+        if why:
+            make_console().print(why, soft_wrap=True)
         infer(recording, chosen, white=white, element=plant, seed=seed, folder=folder)
     if refused:
         raise InputError("; ".join(refused))

@@ -38,6 +38,10 @@ class Fitted:
         What is wrong with the recording, a sentence each.
     loop_element
         The controlled element that loops are drawn with; None where nobody asked for loops.
+    choice
+        Why the model was chosen, in sentences; empty where it was named.
+    compared
+        Plain objects on the models that were compared.
     """
 
     recording: Recording
@@ -45,6 +49,8 @@ class Fitted:
     estimates: tuple[Estimate, ...]
     remarks: tuple[str, ...] = ()
     loop_element: LoopElement | None = None
+    choice: str = ""
+    compared: tuple[Mapping[str, object], ...] = ()
 
     @cached_property
     def loops(self) -> tuple[Loops, ...]:
@@ -63,6 +69,7 @@ class Fitted:
         return {
             "recording": {**self.recording.to_dict(), "remarks": list(self.remarks)},
             "model": self.model.name,
+            **({"choice": self.choice, "models": list(self.compared)} if self.choice else {}),
             "estimates": [
                 {**estimate.to_dict(), **loops}
                 for estimate, loops in zip(self.estimates, self._loop_dicts(), strict=True)
@@ -89,6 +96,8 @@ class Fitted:
     def print(self, console: Console) -> None:
         """Print tables, a line for each method, and all remarks."""
         console.print(self.heading, style="bold", soft_wrap=True)
+        if self.choice:
+            console.print(self.choice, soft_wrap=True)
         shown = [(e.method, e.quantities) for e in self.estimates if np.isfinite(e.values).any()]
         sign = "±" if console.encoding == "utf-8" else "+-"
         for columns in side_by_side(shown, console.width):

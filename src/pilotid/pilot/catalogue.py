@@ -140,6 +140,9 @@ PURSUIT = PilotModel(
 )
 
 
+#: The name by which the command line chooses one.
+AUTO = "auto"
+
 #: Models by the name that the command line takes.
 MODELS: dict[str, PilotModel] = {
     m.name: m

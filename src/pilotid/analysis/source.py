@@ -1,4 +1,4 @@
-"""A recording that is still in its files, and how they are read."""
+"""A recording that is still in its files."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ from dataclasses import dataclass, replace
 
 from pilotid.analysis.pattern import Part
 from pilotid.recordings.csv import sidecar_path
-from pilotid.recordings.files import load_recording
-from pilotid.recordings.recording import Recording, joined
+from pilotid.recordings.reading import Reading
+from pilotid.recordings.recording import Recording
 from pilotid.types import InputError
 
 
 @dataclass(frozen=True)
-class Reading:
+class Source:
     """Where a recording is, and how it is read.
 
     Attributes
     ----------
     part
         Its files.
-    mapping
-        The files' names for signals, as pairs of ours and theirs.
+    reading
+        How they are read.
     """
 
     part: Part
-    mapping: tuple[tuple[str, str], ...] = ()
+    reading: Reading
 
     def recording(self, run: int | None = None) -> Recording:
         """The recording, or one run of it alone, counted from 1.
@@ -35,8 +35,7 @@ class Reading:
         InputError
             If a file cannot be used.
         """
-        loaded = [load_recording(file, dict(self.mapping) or None) for file in self.part.files]
-        whole = joined(loaded) if len(loaded) > 1 else loaded[0]
+        (whole,), _ = self.reading.all(self.part.files, joint=True)
         return whole if run is None else alone(whole, run)
 
     def digest(self) -> str:
@@ -47,7 +46,7 @@ class Reading:
         InputError
             If a file cannot be read.
         """
-        digest = hashlib.sha256(repr((self.mapping, [str(f) for f in self.part.files])).encode())
+        digest = hashlib.sha256(repr(self).encode("utf-8", "replace"))
         for file in self.part.files:
             try:
                 digest.update(file.read_bytes())
