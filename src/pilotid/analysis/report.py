@@ -31,7 +31,7 @@ TITLE = "Pilot models of recorded subjects"
 
 
 def write_report(folder: Path, results: Results, command: str, about: Mapping[str, str]) -> Path:
-    """Write report.html and its figures as SVG.
+    """Write report.html, and its figures as SVG and PDF.
 
     Parameters
     ----------
@@ -58,6 +58,7 @@ def write_report(folder: Path, results: Results, command: str, about: Mapping[st
     for block in (block for section in sections for block in section.blocks):
         if isinstance(block, Picture):
             write_file(pictures / f"{block.name}.svg", block.svg.encode())
+            write_file(pictures / f"{block.name}.pdf", block.pdf)
     path = folder / "report.html"
     write_file(path, web_page(TITLE, sections).encode("utf-8", "replace"))
     return path

@@ -38,8 +38,7 @@ from pilotid.cli.reading import (
 from pilotid.cli.stopping import STATUS, heeding_interruptions
 from pilotid.disk import strict_json, write_file
 from pilotid.estimates.fitted import Fitted, fit_all
-from pilotid.estimates.method import Method, motionless_input
-from pilotid.estimates.response import FrequencyResponse
+from pilotid.estimates.method import Method
 from pilotid.estimates.sound import one_line
 from pilotid.naming.code import PluginWarning
 from pilotid.naming.settings import labelled
@@ -221,9 +220,12 @@ def fit(
     if json_file is not None:
         write_file(json_file, text.encode())
     if report is not None:
+        from pilotid.methods.fourier import first_step_of
         from pilotid.show.page import html_report
 
-        page = html_report(fits, true, points=[_first_step(fit) for fit in fits])
+        page = html_report(
+            fits, true, points=[first_step_of(fit.recording, fit.model) for fit in fits]
+        )
         write_file(report, page.encode("utf-8", "replace"))
     if json == "-":
         sys.stdout.write(text)
@@ -231,16 +233,6 @@ def fit(
         _print(fits)
     if refused:
         raise InputError("; ".join(refused))
-
-
-def _first_step(fit: Fitted) -> FrequencyResponse | None:
-    """Fourier coefficients, to be drawn behind what was fitted, where the lines allow them."""
-    from pilotid.methods.fourier import Fourier
-
-    fourier = Fourier()
-    if motionless_input(fit.recording, fit.model) or fourier.objection(fit.recording, fit.model):
-        return None
-    return fourier.first_step(fit.recording, fit.model)
 
 
 def _fitted(
