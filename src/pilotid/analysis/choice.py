@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pilotid.analysis.candidates import Candidate, compared, sensible
+from pilotid.estimates.method import motionless_input
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.names import listed
 from pilotid.recordings.recording import Recording
@@ -18,12 +19,12 @@ from pilotid.seeds import DEFAULT_SEED
 #: the likelihood judges: beyond, it describes the loop and not the pilot.
 LOST = 10.0
 
-#: A model with more parameters is taken where runs left out favour it by more than so many
-#: standard errors: several candidates compete, and the luckiest of them is looked at.
-CLEARLY = 3.0
+#: A model with more parameters is taken where runs left out favour it with no larger chance of
+#: doing so by accident: several candidates compete, and the luckiest of them is looked at.
+SELDOM = 0.01
 
-#: So many runs at least tell that standard error.  Where there are fewer, an information
-#: criterion judges, and a model with more parameters must be better by this in deviance.
+#: So many runs at least can show that.  Where there are fewer, an information criterion judges.
+#: Either way a model with more parameters must be better by so much in deviance.
 RUNS, CLOSE = 8, 4.0
 
 
@@ -46,9 +47,10 @@ class Choice:
 def chosen(recordings: Sequence[Sequence[Candidate]]) -> Choice:
     """The simplest model that explains recordings as well as any.
 
-    Runs left out of the fit judge: of the models whose misfit there exceeds the smallest by no
-    more than three standard errors, the one with the fewest parameters (after Hastie, Tibshirani
-    & Friedman, *The Elements of Statistical Learning*, 2nd ed., sec. 7.10, who take one).  Few
+    Runs left out of the fit judge: of the models whose misfit there is not clearly above the
+    smallest, the one with the fewest parameters (the idea of the one-standard-error rule; Hastie,
+    Tibshirani & Friedman, *The Elements of Statistical Learning*, 2nd ed., sec. 7.10).  What is
+    clear a signed-rank test says: one run may differ a hundred times as much as another.  Few
     runs are judged by an information criterion.
 
     Parameters
@@ -66,8 +68,7 @@ def chosen(recordings: Sequence[Sequence[Candidate]]) -> Choice:
     deficits = _deficits(held, credible, by_lines=by_lines, left_out=many)
     best = min(credible, key=lambda name: (sum(deficits[name]), held[0][name].pilot))
     least = {n: [a - b for a, b in zip(deficits[n], deficits[best], strict=True)] for n in credible}
-    limit = {n: CLEARLY * _standard_error(least[n]) if many else CLOSE for n in credible}
-    close = [n for n in credible if sum(least[n]) <= limit[n] or n == best]
+    close = [n for n in credible if n == best or not _clear(least[n], many=many)]
     taken = min(close, key=lambda name: (held[0][name].pilot, sum(least[name])))
     told = _reason(held, taken, least, by_lines=by_lines, left_out=many)
     told += _warnings(held, names, credible, taken)
@@ -101,6 +102,17 @@ def _deficits(
             else:
                 found[name].append(candidate.aicc)
     return found
+
+
+def _clear(deficits: Sequence[float], *, many: bool) -> bool:
+    """Whether a model leaves clearly more unexplained than the best one, by run or by file."""
+    if sum(deficits) <= CLOSE:
+        return False
+    if not many:
+        return True
+    from scipy.stats import wilcoxon
+
+    return float(wilcoxon(deficits, alternative="greater").pvalue) < SELDOM
 
 
 def _standard_error(differences: Sequence[float]) -> float:
@@ -209,6 +221,9 @@ def select(
         Seed of the searches' random starts.
     """
     among = {model.name: model for model in models or sensible(recording)}
+    if all(motionless_input(recording, model) for model in among.values()):
+        first = next(iter(among.values()))
+        return Selection(first, "No model has all its inputs in the recording.", ())
     candidates = compared(recording, list(among.values()), seed, likelihood=False)
     choice = chosen([candidates])
     return Selection(among[choice.model], choice.reason, tuple(candidates))
