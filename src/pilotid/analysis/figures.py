@@ -150,8 +150,9 @@ def spread_figure(spreads: Sequence[ConditionSpread]) -> Figure:
         axes.set_yscale("log")
         axes.set_yticks([0.5, 1.0, 2.0, 3.0, 5.0], ["0.5", "1", "2", "3", "5"])
         axes.minorticks_off()
-        turned = {"rotation": 30, "ha": "right"} if len(keys) > 8 else {}
-        axes.set_xticks(range(len(keys)), [SHORT.get(key, key) for key in keys], **turned)
+        axes.set_xticks(range(len(keys)), [SHORT.get(key, key) for key in keys])
+        if len(keys) > 8:
+            axes.tick_params("x", rotation=30)
         axes.set_ylabel("scatter of runs / claimed error")
         axes.grid(axis="y", color=GRID, linewidth=0.5)
         axes.set_axisbelow(True)
