@@ -12,7 +12,7 @@ import numpy as np
 from pilotid.types import ComplexArray, FloatArray
 
 NORMS = (4, 16, 64, 256)
-OPTIONS = {"maxiter": 40}  # for each norm
+STEPS = 40  # for each norm
 STARTS = 4
 GRID_PER_LINE = 8  # samples for a period of the highest line
 
@@ -63,7 +63,9 @@ def low_crest(
     for start in begins:
         phases = start
         for power in NORMS:
-            phases = minimize(norm, phases, (power,), "BFGS", jac=True, options=OPTIONS).x
+            phases = minimize(
+                norm, phases, (power,), "BFGS", jac=True, options={"maxiter": STEPS}
+            ).x
         crest = crest_factor(lines, amplitudes, phases)
         if crest < least:
             best, least = phases, crest
