@@ -71,6 +71,8 @@ def check(session: nox.Session) -> None:
         "constants": "constants.py",
         "elements": "elements.py",
         "findings": "findings.py",
+        "design": "design.py",
+        "models": "models.py",
     }
     names = [name for name in session.posargs[:1] if name in scripts]
     if not names:

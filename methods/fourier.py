@@ -36,6 +36,7 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate, Outcome
+from pilotid.estimates.method import motionless_input
 from pilotid.estimates.response import FrequencyResponse
 from pilotid.frequency.second_step import second_step
 from pilotid.lines.coefficients import NEIGHBOURS, TREND, Coefficients, coefficients_of
@@ -123,6 +124,14 @@ class Fourier:
                 message=f"power and leakage of the remnant did not settle in {self.rounds} rounds",
             )
         return _with_interpolation_error(estimate, coefficients, response)
+
+
+def first_step_of(recording: Recording, model: PilotModel) -> FrequencyResponse | None:
+    """The channels' responses at the forcing lines, None where lines cannot tell them."""
+    fourier = Fourier()
+    if motionless_input(recording, model) or fourier.objection(recording, model):
+        return None
+    return fourier.first_step(recording, model)
 
 
 def _response(

@@ -72,10 +72,25 @@ def forced(recording: Recording, models: Sequence[PilotModel], seed: int) -> lis
     seed
         Seed of the searches' random starts.
     """
-    fits = [fit_lines(recording, model, fit_rng(seed, model.name)) for model in models]
+    found: dict[str, LinesFit] = {}
+    for model in sorted(models, key=lambda m: len(m.parameters)):
+        starts = [
+            _widened(simpler, model)
+            for simpler in found.values()
+            if set(simpler.model.keys) < set(model.keys)
+        ]
+        rng = fit_rng(seed, model.name)
+        found[model.name] = fit_lines(recording, model, rng, starts=starts)
+    fits = [found[model.name] for model in models]
     # The power of the remnant as the model has it that leaves the least.
     power = min(fits, key=lambda fit: fit.misfit).power
     return [_account(replace(fit, power=power)) for fit in fits]
+
+
+def _widened(simpler: LinesFit, model: PilotModel) -> FloatArray:
+    """A start for a model from the optimum of one that has some of its parameters."""
+    known = dict(zip(simpler.model.keys, simpler.values.tolist(), strict=True))
+    return np.array([known.get(key, own) for key, own in zip(model.keys, model.start, strict=True)])
 
 
 def _account(fit: LinesFit) -> Forced:

@@ -9,6 +9,7 @@ less of gain and lead than the whole recording does, but their optimum lies in i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -18,7 +19,7 @@ from pilotid.lines.coefficients import NEIGHBOURS, TREND, Coefficients, coeffici
 from pilotid.lines.equations import Equations
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.solve.least_squares import minimise
+from pilotid.solve.least_squares import minimise, solve_linear
 from pilotid.solve.search import search
 from pilotid.types import FloatArray
 
@@ -96,6 +97,7 @@ def fit_lines(
     model: PilotModel,
     rng: np.random.Generator,
     *,
+    starts: Sequence[FloatArray] = (),
     candidates: int = 48,
     refined: int = 6,
     same: float = 1e-4,
@@ -108,6 +110,8 @@ def fit_lines(
         What is fitted; `pilotid.lines.objection.objection` has none.
     rng
         Draws the random starts.
+    starts
+        Starts that are minimised beside the random ones, each of shape (parameters,).
     candidates, refined
         Starts screened, and starts minimised, see `pilotid.solve.search.search`.
     same
@@ -118,6 +122,11 @@ def fit_lines(
     power = coefficients.power(residuals)
     first = Equations(coefficients.at_lines_alone(residuals), model, power)
     found = search(first.gram, model, rng, candidates=candidates, refined=refined)
+    if starts:
+        points = np.array(starts)
+        points, _ = solve_linear(first.gram(points), points, model.linear, model.lower)
+        more = minimise(first.gram, points, model, tolerance=1e-3, iterations=16)
+        found = min((found, more), key=lambda minima: float(minima.cost[0]))
     fit = LinesFit(coefficients, model, found.values[0], power)
     for _ in range(ROUNDS):
         before, fit = fit.values, fit.with_power().at_lines_alone()
