@@ -12,10 +12,10 @@ from pilotid.estimates.draws import Draws
 from pilotid.estimates.quantities import Quantity
 from pilotid.types import BoolArray, FloatArray
 
+LARGEST = 100.0  # standard error of a logarithm; exp of twice as much is a number still
 #: Correlation from which two parameters count as one.  To know the other would then divide a
 #: variance by 10, at which regressors are by custom called collinear (Marquardt,
 #: Technometrics 12, 1970): 1/(1 - r^2) = 10.
-LARGEST = 100.0  # standard error of a logarithm; exp of twice as much is a number still
 COLLINEAR = math.sqrt(0.9)
 #: Relative standard error below which a parameter is known well enough, whatever it goes with.
 WELL_KNOWN = 0.1
