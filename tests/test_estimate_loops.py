@@ -289,7 +289,7 @@ def test_margins_of_subject_1_are_those_of_one_crossing(run: Run, measured: Path
     """Means over several crossings were 7.5 +- 5.5 rad/s and -21 +- 107 deg."""
     file = measured / "yaw" / "ae2224I_measurement_data_subj1_C2.mat"
     for options in ((), ("--element", "4/s")):
-        answer = run("fit", file, "--method", "bayes", "--json", "-", *options)
+        answer = run("fit", file, "--model", "single", "--method", "bayes", "--json", "-", *options)
         assert answer.status == 0, answer.err
         target = strict(answer.out)["estimates"][0]["loops"]["target"]
         assert target["crossover"]["value"] == pytest.approx(2.86, abs=0.1)

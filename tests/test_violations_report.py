@@ -113,7 +113,7 @@ def test_a_study_keeps_what_a_user_is_told() -> None:
     drifting = replace(sound, u=sound.u + 0.01 * sound.time)
     line = told(drifting, estimate(remarks=("mind the gap", "and the step")))
     assert line.startswith("recording: u drifts by")
-    assert "take the drift out | " in line
+    assert "take it out with --detrend | " in line
     assert line.endswith(" | mind the gap | and the step") or line.endswith(" ...")
     assert len(told(sound, estimate(remarks=("long " * 100,)))) == LONGEST_TOLD
 
