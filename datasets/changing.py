@@ -102,7 +102,9 @@ class SteppedElement:
         answer = np.empty(signal.shape)
         state = self._state
         answer[:, 0] = state[:, 0]
-        for i, (own, part) in enumerate(zip(self._own[which], given.transpose(1, 0, 2), strict=True)):
+        for i, (own, part) in enumerate(
+            zip(self._own[which], given.transpose(1, 0, 2), strict=True)
+        ):
             state = state @ own + part
             answer[:, i + first] = state[:, 0]
         self._now += signal.shape[1]

@@ -315,7 +315,8 @@ def _changing() -> list[Scenario]:
 
 #: Scenarios by the name that the command line takes.
 SCENARIOS: dict[str, Scenario] = {
-    s.name: s for s in (*_of_the_paper(), *_beyond_the_paper(), _trained(), *_violated(), *_changing())
+    s.name: s
+    for s in (*_of_the_paper(), *_beyond_the_paper(), _trained(), *_violated(), *_changing())
 }
 
 

@@ -15,7 +15,9 @@ def truth(scenario: Scenario) -> dict[str, object]:
     for end, _ in scenario.constant_ends:
         target, disturbance = margins(end.model, end.values, end.element)
         loops.append({"target": asdict(target), "disturbance": asdict(disturbance)})
-    change = {} if scenario.change is None else {"controlled_element_change": asdict(scenario.change)}
+    change = (
+        {} if scenario.change is None else {"controlled_element_change": asdict(scenario.change)}
+    )
     after = {"loops_after_the_change": loops[1]} if len(loops) > 1 else {}
     return {
         "scenario": scenario.name,

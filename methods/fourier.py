@@ -36,7 +36,7 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate, Outcome
-from pilotid.estimates.method import dependent_signals
+from pilotid.estimates.method import dependent_signals, varying
 from pilotid.estimates.response import FrequencyResponse
 from pilotid.frequency.fourier_coefficients import Coefficients, coefficients_of
 from pilotid.frequency.second_step import second_step
@@ -75,6 +75,8 @@ class Fourier:
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
         """Why the forcing functions have no lines, or too few, for the model's channels."""
+        if constant_only := varying(model):
+            return constant_only
         try:
             lines = forcing_lines(recording)
         except NotMultisineError as error:

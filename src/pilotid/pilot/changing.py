@@ -16,6 +16,11 @@ import numpy as np
 from pilotid.pilot.factors import Factor, Parameter, Values
 from pilotid.types import FloatArray
 
+#: Rate [1/s] from which on a change is a step: it takes less than half a second.
+STEEP = 10.0
+#: By how much a search moves a step in time [s].
+SHIFTS = (-4.0, -2.5, -1.5, -0.75, 0.0, 0.75, 1.5, 2.5, 4.0)
+
 
 @runtime_checkable
 class Polynomial(Protocol):
@@ -95,6 +100,25 @@ class Changing:
     def order(self) -> int:
         """Highest derivative of the channel's input that is used."""
         return sum(len(c) - 1 for c in self._coefficients([p.start for p in self._changed]))
+
+    def elsewhere(self, values: FloatArray) -> list[FloatArray]:
+        """Parameter sets with the change at other times nearby, as a step.
+
+        How well a step at some time suits depends on what the input happened to do then, so that
+        the likelihood has one optimum beside the other.
+
+        Parameters
+        ----------
+        values
+            This factor's parameters, shape (parameters,).
+        """
+        found = []
+        for shift in SHIFTS:
+            moved = values.copy()
+            moved[-2] = np.clip(values[-2] + shift, *self.time_bounds)
+            moved[-1] = STEEP
+            found.append(moved)
+        return found
 
     def share(self, time: FloatArray, values: FloatArray) -> FloatArray:
         """How much of the change has passed, 0 to 1.

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from pilotid.pilot.model import Channel, PilotModel
-from pilotid.types import FloatArray
+from pilotid.types import FloatArray, IntArray
 
 
 def frozen(model: PilotModel) -> PilotModel:
@@ -30,7 +30,7 @@ def frozen_values(model: PilotModel, values: FloatArray, time: float) -> FloatAr
     values
         Its parameters, shape (..., parameters).
     time
-        The time; minus and plus infinity are before and after the change.
+        The time.
 
     Returns
     -------
@@ -48,9 +48,28 @@ def frozen_values(model: PilotModel, values: FloatArray, time: float) -> FloatAr
     return np.stack([found[key] for key in plain.keys], axis=-1)
 
 
+def ends(model: PilotModel) -> tuple[IntArray, IntArray]:
+    """Indices of a model's parameters that are those of the frozen one before and after.
+
+    For a constant model these are all its parameters, twice.
+    """
+    plain, place = frozen(model), {key: i for i, key in enumerate(model.keys)}
+    before, after = dict(place), dict(place)
+    for channel in model.channels:
+        if (changing := channel.changing) is not None:
+            for factor in changing.factors:
+                for p in factor.parameters:
+                    before[p.key], after[p.key] = place[f"{p.key}1"], place[f"{p.key}2"]
+    return (
+        np.array([before[key] for key in plain.keys]),
+        np.array([after[key] for key in plain.keys]),
+    )
+
+
 def before_and_after(model: PilotModel, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Parameters of the frozen model before and after the change."""
-    return frozen_values(model, values, -np.inf), frozen_values(model, values, np.inf)
+    """Parameters (..., parameters) of the frozen model before and after the change."""
+    before, after = ends(model)
+    return values[..., before], values[..., after]
 
 
 def _constant(channel: Channel) -> Channel:

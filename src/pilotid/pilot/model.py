@@ -201,6 +201,20 @@ class PilotModel:
             for c in self.channels
         )
 
+    def elsewhere(self, values: FloatArray) -> list[FloatArray]:
+        """Other parameter sets near which the optimum may be, see `Changing.elsewhere`.
+
+        None for a model that does not vary in time.
+        """
+        found = []
+        for channel, indices in zip(self.channels, self.changing_indices, strict=True):
+            if channel.changing is not None:
+                own = list(indices)
+                for part in channel.changing.elsewhere(values[own]):
+                    found.append(values.copy())
+                    found[-1][own] = part
+        return found
+
     def vector(self, values: Mapping[str, float]) -> FloatArray:
         """Parameter values by key as a vector in model order, shape (parameters,)."""
         missing = [key for key in self.keys if key not in values]

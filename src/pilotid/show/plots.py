@@ -16,19 +16,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate
+from pilotid.pilot.frozen import ends, frozen
+from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.show.bode import Bode
 from pilotid.show.style import GRID, INK, STYLES, log_ticks, style_of
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prepare import prepare
-from pilotid.types import ComplexArray, FloatArray, InputError
+from pilotid.types import ComplexArray, FloatArray, InputError, IntArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 POINTS = 120  # of a curve over frequency
 USUAL = (0.2, 20.0)  # rad/s, the frequencies shown where there are no points
+#: Lines of a pilot before and after a change, and what the legend adds to the method's name.
+ENDS = (("-", ""), ("--", ", after the change"))
 INSIDE = 0.8  # share of an analysis band that its filter leaves alone
 BAND = 30.0  # rad/s, up to which a residual's spectrum is shown where no model says how far
 #: A periodogram is averaged over this share of the frequency, and over so many lines at least.
@@ -127,16 +131,19 @@ def describing_function(
         index, found = _channel(estimate, channel), estimate.frequency_response
         response = None
         if np.isfinite(estimate.values).all():
-            response, errors = _fitted(estimate, index, bode.omega)
-            bode.line(response, colour, "" if found else label)
-            if np.isfinite(errors).all():
-                bode.band(response, errors, colour)
+            for end, (style, words) in zip(_ends(estimate.model), ENDS, strict=False):
+                response, errors = _fitted(estimate, index, bode.omega, end)
+                bode.line(response, colour, "" if found else f"{label}{words}", style)
+                if np.isfinite(errors).all():
+                    bode.band(response, errors, colour)
         if found:
             value, std = found.value[index], found.std[index]
             bode.points(found.omega, value, std, response, colour, marker, label)
     model, index = estimates[0].model, _channel(estimates[0], channel)
     if truth is not None:
-        bode.line(model.response(bode.omega, truth)[index], "black", "truth", "--")
+        for end in _ends(model):
+            response = frozen(model).response(bode.omega, truth[end])[index]
+            bode.line(response, "black", "truth" if end is _ends(model)[0] else "", "--")
     bode.frame()
     drawn = model.channels[index]
     axes[0].set_title(f"{drawn.name} channel", loc="left")
@@ -270,12 +277,20 @@ def _channel(estimate: Estimate, name: str | None) -> int:
     return names.index(name)
 
 
-def _fitted(estimate: Estimate, channel: int, omega: FloatArray) -> tuple[ComplexArray, FloatArray]:
+def _ends(model: PilotModel) -> tuple[IntArray, ...]:
+    """The parameters of the constant pilots that a model is: one, or those before and after."""
+    return ends(model) if model.changes else ends(model)[:1]
+
+
+def _fitted(
+    estimate: Estimate, channel: int, omega: FloatArray, end: IntArray
+) -> tuple[ComplexArray, FloatArray]:
     """A channel's response, shape (n,), and errors of its log-magnitude and phase, (2, n)."""
-    responses, jacobians = estimate.model.response_and_jacobian(omega, estimate.values)
+    own = estimate.values[end], estimate.covariance[np.ix_(end, end)]
+    responses, jacobians = frozen(estimate.model).response_and_jacobian(omega, own[0])
     slopes = jacobians[channel] / responses[channel]
     parts = np.stack([slopes.real, slopes.imag])
-    variances = np.einsum("kpn,pq,kqn->kn", parts, estimate.covariance, parts)
+    variances = np.einsum("kpn,pq,kqn->kn", parts, own[1], parts)
     return responses[channel], np.sqrt(np.maximum(variances, 0.0))
 
 

@@ -23,7 +23,6 @@ from pilotid.seeds import fit_rng
 from pilotid.solve.least_squares import minimise
 from pilotid.time_domain.maximum_likelihood import Maximum, maximise_likelihood, maximum_from
 from pilotid.time_domain.output_error import OutputErrors, simulated_vaf
-from pilotid.time_domain.prediction import Prediction
 from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.settings import LikelihoodSettings
 from pilotid.types import FloatArray
