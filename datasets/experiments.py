@@ -24,7 +24,7 @@ def experiment_of(scenario: Scenario) -> Experiment:
     """
     if scenario.changes:
         raise InputError(
-            f"scenario {scenario.name}: what changes in time has no spectra; see linearised.bound_of"
+            f"scenario {scenario.name}: what changes in time has no spectra; use bound_of"
         )
     level = white_level(scenario)
     if level == 0.0:

@@ -16,7 +16,8 @@ import numpy as np
 from pilotid.datasets.changing import SteppedElement
 from pilotid.datasets.forcing import Forcing
 from pilotid.datasets.scenarios import Scenario
-from pilotid.pilot.factors import TimeDelay
+from pilotid.pilot.changing import Changing
+from pilotid.pilot.factors import Derivative, TimeDelay
 from pilotid.pilot.model import Channel
 from pilotid.types import FloatArray, InputError, IntArray
 
@@ -161,7 +162,9 @@ class _Path:
         self.changing = channel.changing
         self.derivative = channel.derivative if self.changing else 0
         delay, top, bottom = 0.0, [float(channel.sign)], [1.0]
-        for factor in channel.dynamics if self.changing else channel.factors:
+        for factor in channel.factors:
+            if isinstance(factor, Changing) or (self.changing and isinstance(factor, Derivative)):
+                continue
             own = [values[p.key] for p in factor.parameters]
             if isinstance(factor, TimeDelay):
                 delay += float(factor.seconds([np.array(v) for v in own]))
@@ -190,7 +193,7 @@ class _Path:
         places = np.asarray(now - self.delay)
         if self.changing is None:
             return self.linear.through(_delayed(given, places))
-        # Interpolated first and modulated then: the input is smooth, what multiplies it need not be.
+        # Interpolated first, modulated then: the input is smooth, what multiplies it need not be.
         time = self.time[now] - self.delay * self.h
         weights = self.changing.weights(time, self.own)
         parts = [

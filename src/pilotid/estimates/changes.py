@@ -23,7 +23,7 @@ def steps(estimate: Estimate) -> list[str]:
         at = float(estimate.values[middle])
         told = f", at least {least:.2g} 1/s" if np.isfinite(least) else ""
         found.append(
-            f"the {channel.name} channel changes in a step at {at:.4g} s: {key} above {STEEP:g} 1/s "
-            f"means no more than fast{told}"
+            f"the {channel.name} channel changes in a step at {at:.4g} s: {key} above "
+            f"{STEEP:g} 1/s means no more than fast{told}"
         )
     return found

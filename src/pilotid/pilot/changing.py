@@ -19,7 +19,7 @@ from pilotid.types import FloatArray
 #: Rate [1/s] from which on a change is a step: it takes less than half a second.
 STEEP = 10.0
 #: By how much a search moves a step in time [s].
-SHIFTS = (-4.0, -2.5, -1.5, -0.75, 0.0, 0.75, 1.5, 2.5, 4.0)
+SHIFTS = (-4.0, -2.8, -2.0, -1.4, -0.8, -0.4, 0.0, 0.4, 0.8, 1.4, 2.0, 2.8, 4.0)
 
 
 @runtime_checkable

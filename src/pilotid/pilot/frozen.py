@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from pilotid.pilot.changing import Changing
+from pilotid.pilot.factors import Factor
 from pilotid.pilot.model import Channel, PilotModel
 from pilotid.types import FloatArray, IntArray
 
@@ -74,7 +76,7 @@ def before_and_after(model: PilotModel, values: FloatArray) -> tuple[FloatArray,
 
 def _constant(channel: Channel) -> Channel:
     """A channel with its changing factors taken for constant."""
-    factors = []
+    factors: list[Factor] = []
     for factor in channel.factors:
-        factors += list(factor.factors) if factor is channel.changing else [factor]
+        factors += list(factor.factors) if isinstance(factor, Changing) else [factor]
     return replace(channel, factors=tuple(factors))

@@ -33,13 +33,13 @@ class Channel:
     sign
         +1 or -1: motion channels act against the output.
     factors
-        Their product is the channel's response (without the sign).
+        Their product is the channel's response (without the sign); what varies in time acts first.
     """
 
     name: str
     input: Input
     sign: int
-    factors: tuple[Factor, ...]
+    factors: tuple[Factor | Changing, ...]
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r"[\w .+-]{1,40}", self.name):
@@ -70,7 +70,9 @@ class Channel:
     @property
     def dynamics(self) -> tuple[Factor, ...]:
         """The factors apart from the differentiators and from what varies in time."""
-        return tuple(f for f in self.factors if not isinstance(f, Derivative | Changing))
+        return tuple(
+            f for f in self.factors if not isinstance(f, Changing) and not isinstance(f, Derivative)
+        )
 
     @property
     def changing(self) -> Changing | None:

@@ -220,7 +220,18 @@ def _maximised(
     terms = whitened.noticeable_terms(pilot)
     if terms != explored.terms:
         best = _maximum(replace(prediction, terms=terms), band, pilot, settings)
-    return replace(best, starts=explored.starts)
+    return replace(_elsewhere(best), starts=explored.starts)
+
+
+def _elsewhere(found: Maximum) -> Maximum:
+    """The optimum, or a better one where a change in time lies elsewhere."""
+    values, pilot = found.end.values[0], found.joint.pilot
+    others = found.joint.prediction.model.elsewhere(values[:pilot])
+    if not others:
+        return found
+    starts = np.array([np.concatenate([other, values[pilot:]]) for other in others])
+    ends = minimise(found.joint.gram, starts, found.joint, tolerance=1e-4, iterations=20)
+    return found.moved(ends.values[0]) if ends.cost[0] < found.end.cost[0] else found
 
 
 def _maximum(
