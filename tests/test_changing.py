@@ -41,7 +41,7 @@ from pilotid.types import FloatArray, InputError
 pytestmark = pytest.mark.numerical
 
 SLOW, FAST = SCENARIOS["adapting-slow"], SCENARIOS["adapting-fast"]
-both = pytest.mark.parametrize("scenario", (SLOW, FAST), ids=lambda s: s.name)
+both = pytest.mark.parametrize("scenario", [SLOW, FAST], ids=lambda s: s.name)
 #: A step between samples, and a change that takes the whole run.
 SETS = np.array(
     [[0.09, 0.06, 0.5, 1.3, 41.013, rate, 0.25, 11.0, 0.3] for rate in (0.05, 0.5, 9.0, 90.0)]
@@ -69,7 +69,8 @@ def test_every_changing_parameter_is_two_and_the_rest_is_one() -> None:
         "Kvis1", "Kvis2", "tlead1", "tlead2", "tmid", "rate", "tdvis", "fnm", "dnm",
     )  # fmt: skip
     assert ADAPTING.linear == (0, 1)
-    assert ADAPTING.changes and not SINGLE.changes
+    assert ADAPTING.changes
+    assert not SINGLE.changes
     assert OWN.keys == (
         "Kvis", "tlead1", "tlead2", "tmid", "rate", "tdvis", "Km1", "Km2", "tdm", "fnm", "dnm",
     )  # fmt: skip
@@ -102,7 +103,7 @@ def test_frozen_it_is_the_constant_pilot_of_each_time() -> None:
         )
 
 
-@pytest.mark.parametrize("band", (None, 120.0, 50.0))
+@pytest.mark.parametrize("band", [None, 120.0, 50.0])
 def test_a_change_by_nothing_is_the_constant_model(band: float | None) -> None:
     recording = recording_of(SLOW)
     constant = np.array([0.08, 0.9, 0.25, 11.0, 0.3])
@@ -113,7 +114,7 @@ def test_a_change_by_nothing_is_the_constant_model(band: float | None) -> None:
     assert np.std(found - left) < 5e-4 * np.std(expected.control - left)
 
 
-@pytest.mark.parametrize("band", (None, 50.0))
+@pytest.mark.parametrize("band", [None, 50.0])
 def test_the_jacobian_is_that_of_finite_differences(band: float | None) -> None:
     prediction = predict(simulate(replace(SLOW, runs=2), np.random.default_rng(1)), ADAPTING, band)
     rows = prediction.rows(SETS)
@@ -164,7 +165,8 @@ def clean(scenario: Scenario, step: float = 0.005) -> tuple[FloatArray, FloatArr
 
 def integrated(scenario: Scenario, h: float = 0.001) -> tuple[FloatArray, FloatArray]:
     """The same by another way: Heun's method on all states, the delay by a buffer."""
-    assert scenario.target is not None and scenario.change is not None
+    assert scenario.target is not None
+    assert scenario.change is not None
     gain1, gain2, lead1, lead2, middle, rate, delay, f, d = scenario.truth
     late, begin = round(delay / h), -60.0 - scenario.run_in
     time = begin + h * np.arange(round((scenario.duration - begin) / h) + 1)
@@ -180,7 +182,7 @@ def integrated(scenario: Scenario, h: float = 0.001) -> tuple[FloatArray, FloatA
     us, xs = np.zeros(time.size), np.zeros(time.size)
 
     def change(state: FloatArray, k: int) -> FloatArray:
-        x, v, u, w = state
+        _x, v, u, w = state
         command = seen[k - late] if k >= late else 0.0
         return np.array(
             [v, gain[k] * u - damping[k] * v, w, f * f * (command - u) - 2.0 * d * f * w]
@@ -219,8 +221,10 @@ def test_the_remnant_has_the_share_of_the_power_that_the_scenario_says(scenario:
 def test_what_is_said_of_a_scenario_that_changes() -> None:
     told = truth(SLOW)
     first, last = told["loops"], told["loops_after_the_change"]
-    assert isinstance(first, dict) and isinstance(last, dict)
-    assert first["target"]["crossover"] > 0.0 and last["target"]["crossover"] > 0.0
+    assert isinstance(first, dict)
+    assert isinstance(last, dict)
+    assert first["target"]["crossover"] > 0.0
+    assert last["target"]["crossover"] > 0.0
     assert first["target"] != last["target"]
     json.dumps(told)
     with pytest.raises(InputError, match="no spectra"):
