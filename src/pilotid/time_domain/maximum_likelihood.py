@@ -102,6 +102,9 @@ class Maximum:
         joint, values = self.joint, self.end.values[0]
         prediction = joint.prediction
         rows = prediction.row_spectra(values[None, : joint.pilot], joint.whitener(values))[0, :-1]
+        # A step has all frequencies: when it was, the band need not tell in full.
+        when = [i for indices in prediction.model.changing_indices for i in indices[-2:]]
+        rows = np.delete(rows, when, axis=0)
         power = np.sum(np.abs(rows) ** 2, axis=1)
         upper = prediction.s.imag > UPPER * np.pi / prediction.dt
         return float(np.max(np.sum(power[:, upper], axis=1) / np.sum(power, axis=1)))
