@@ -71,6 +71,7 @@ def check(session: nox.Session) -> None:
         "constants": "constants.py",
         "elements": "elements.py",
         "findings": "findings.py",
+        "adapting": "adapting.py",
     }
     names = [name for name in session.posargs[:1] if name in scripts]
     if not names:

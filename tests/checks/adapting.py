@@ -111,7 +111,8 @@ def measured(subjects: list[str]) -> None:
             for model in (SINGLE, ADAPTING)
         ]
         for fit in fits:
-            values = " ".join(f"{v:.3g}+-{s:.2g}" for v, s in zip(fit.values, fit.std_error))
+            pairs = zip(fit.values, fit.std_error, strict=True)
+            values = " ".join(f"{value:.3g}+-{error:.2g}" for value, error in pairs)
             print(
                 f"{subject} {condition} {axis}, {fit.model.name}: {fit.outcome.slug}, "
                 f"{fit.seconds:.1f}, {fit.vaf:.1f}, {values}",
