@@ -141,9 +141,9 @@ def describing_function(
             bode.points(found.omega, value, std, response, colour, marker, label)
     model, index = estimates[0].model, _channel(estimates[0], channel)
     if truth is not None:
-        for end in _ends(model):
+        for number, end in enumerate(_ends(model)):
             response = frozen(model).response(bode.omega, truth[end])[index]
-            bode.line(response, "black", "truth" if end is _ends(model)[0] else "", "--")
+            bode.line(response, "black", "" if number else "truth", "--")
     bode.frame()
     drawn = model.channels[index]
     axes[0].set_title(f"{drawn.name} channel", loc="left")
