@@ -36,7 +36,7 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate, Outcome
-from pilotid.estimates.method import dependent_signals, varying
+from pilotid.estimates.method import dependent_signals, motionless_input, varying
 from pilotid.estimates.response import FrequencyResponse
 from pilotid.frequency.fourier_coefficients import Coefficients, coefficients_of
 from pilotid.frequency.second_step import second_step
@@ -148,6 +148,14 @@ class Fourier:
                 message=f"power and leakage of the remnant did not settle in {self.rounds} rounds",
             )
         return _with_interpolation_error(estimate, coefficients, response)
+
+
+def first_step_of(recording: Recording, model: PilotModel) -> FrequencyResponse | None:
+    """The channels' responses at the forcing lines, None where lines cannot tell them."""
+    fourier = Fourier()
+    if motionless_input(recording, model) or fourier.objection(recording, model):
+        return None
+    return fourier.first_step(recording, model)
 
 
 def _response(

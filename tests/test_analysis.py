@@ -256,3 +256,65 @@ def test_contrasts_that_make_no_sense_are_refused(folder: Path, run: Run, text: 
     )
     assert answer.status == 2
     assert "--contrast" in answer.err
+
+
+@pytest.mark.numerical
+def test_without_a_pattern_every_file_is_on_its_own(folder: Path, run: Run, tmp_path: Path) -> None:
+    files = [folder / "s1_A.csv", folder / "s2_A.csv"]
+    answer = run("analyse", *files, "--model", "single,gain", "--out", tmp_path)
+    assert answer.status == 0, answer.err
+    rows = table(tmp_path / "models.csv")
+    assert [(Path(r["file"]).name, r["model"]) for r in rows if r["chosen"] == "yes"] == [
+        ("s1_A.csv", "single"),
+        ("s2_A.csv", "single"),
+    ]
+    # Models that were named are all fitted.
+    assert {r["model"] for r in table(tmp_path / "estimates.csv")} == {"single", "gain"}
+    assert table(tmp_path / "contrasts.csv") == []
+    assert "needs a pattern with {subject} and {condition}" in answer.out
+
+
+@pytest.mark.numerical
+def test_every_recording_has_a_page(analysed: Path) -> None:
+    page = (analysed / "report.html").read_text(encoding="utf-8")
+    links = set(re.findall(r'href="(recordings/[^"]+)"', page))
+    assert len(links) == 4
+    for link in links:
+        own = (analysed / link).read_text(encoding="utf-8")
+        assert "<svg" in own
+    assert {path.name for path in (analysed / "figures").iterdir()} == {
+        f"{name}.{kind}" for name in ("estimates-1", "runs-1") for kind in ("svg", "pdf")
+    }
+
+
+@pytest.mark.numerical
+def test_a_page_that_is_missing_is_made_again(
+    analysed: Path, folder: Path, run: Run, tmp_path: Path
+) -> None:
+    again = shutil.copytree(analysed, tmp_path / "again")
+    shutil.rmtree(again / "recordings")
+    files = sorted(folder.glob("s[12]_*.csv"))
+    answer = run("analyse", *files, "--pattern", PATTERN, "--per-run", "--out", again)
+    assert answer.status == 0, answer.err
+    names = {path.name for path in (analysed / "recordings").iterdir()}
+    assert {path.name for path in (again / "recordings").iterdir()} == names
+
+
+@pytest.mark.numerical
+def test_own_models_and_methods_go_along(folder: Path, run: Run, tmp_path: Path) -> None:
+    """What comes from a file is known in the other processes."""
+    code = tmp_path / "mine.py"
+    code.write_text(
+        "from pilotid import Channel, PilotModel\n"
+        "from pilotid.pilot.factors import Delay, Gain, Lag, Neuromuscular\n"
+        "LAGGED = PilotModel('lagged', (Channel('visual', 'error', 1, "
+        "(Gain('Kvis'), Lag('tlag'), Delay('tdvis'), Neuromuscular())),))\n"
+    )
+    out = tmp_path / "out"
+    answer = run(
+        "analyse", folder / "s1_A.csv", "--model", f"{code}:LAGGED,auto", "--out", out
+    )  # fmt: skip
+    assert answer.status == 0, answer.err
+    compared = {row["model"] for row in table(out / "models.csv")}
+    assert {"lagged", "single"} <= compared
+    assert {row["model"] for row in table(out / "estimates.csv")} == {"single"}

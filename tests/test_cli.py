@@ -197,10 +197,16 @@ def test_fit_prints_a_table(run: Run, simulated: Path) -> None:
     assert all(line == line.rstrip() for line in lines)
 
 
-def test_default_model_is_single(run: Run, simulated: Path) -> None:
+def test_without_a_model_the_recording_chooses(run: Run, simulated: Path) -> None:
     result = strict(run("fit", simulated, "--json", "-").out)
-    assert result["model"] == "single"
+    assert result["model"] == "multi"
     assert len(result["estimates"]) == 1
+    assert result["choice"].startswith("multi was chosen among")
+    misfits = {entry["model"]: entry["chi_squared"] for entry in result["models"]}
+    assert misfits["multi"] < misfits["single"]
+    named = strict(run("fit", simulated, "--model", "single", "--json", "-").out)
+    assert named["model"] == "single"
+    assert not {"choice", "models"} & set(named)
 
 
 def test_all_methods(run: Run, simulated: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -61,20 +61,47 @@ def test_a_recording_without_a_disturbance_tells_no_two_channels_apart() -> None
     assert inputs == {"error"}
 
 
-def test_the_simpler_model_is_taken_where_a_gain_is_no_more_than_chance() -> None:
-    simple = candidate("single", 5, (30.0, 40.0, 35.0))
-    for gain, taken in (((2.0, -1.0, 1.0), "single"), ((10.0, 11.0, 9.0), "multi")):
-        richer = candidate("multi", 7, tuple(np.subtract((30.0, 40.0, 35.0), gain).tolist()))
-        assert chosen([[simple, richer]]).model == taken
+#: What ten runs leave unexplained.
+RUNS = tuple(30.0 + run for run in range(10))
+
+
+@pytest.mark.parametrize(
+    ("gains", "taken"),
+    [
+        ((2.0, -1.0, 1.0, -2.0, 0.5, 1.0, -1.5, 2.0, -1.0, 0.5), "single"),
+        ((3.0, 4.0, 2.0, 5.0, 1.0, 2.5, 3.5, 0.5, 4.5, 1.5), "multi"),
+        # One run alone may differ a hundred times as much as the others, and decides nothing.
+        ((400.0, -1.0, 1.0, -2.0, 0.5, 1.0, -1.5, 2.0, -1.0, 0.5), "single"),
+        # Nor does it hide what all others say.
+        ((400.0, 4.0, 2.0, 5.0, 1.0, 2.5, 3.5, 0.5, 4.5, 1.5), "multi"),
+        # All for it, but by nothing.
+        ((0.1, 0.2, 0.3, 0.4, 0.5, 0.25, 0.15, 0.35, 0.45, 0.05), "single"),
+    ],
+)
+def test_a_richer_model_is_taken_where_runs_left_out_clearly_favour_it(
+    gains: tuple[float, ...], taken: str
+) -> None:
+    simple = candidate("single", 5, RUNS)
+    richer = candidate("multi", 7, tuple(np.subtract(RUNS, gains).tolist()))
+    assert chosen([[simple, richer]]).model == taken
 
 
 def test_recordings_of_a_condition_are_judged_together() -> None:
     """One subject who seems to need more does not outvote the others."""
-    simple = [candidate("single", 5, (30.0, 30.0))] * 3
-    richer = [candidate("multi", 7, pair) for pair in ((20.0, 20.0), (36.0, 36.0), (35.0, 35.0))]
-    pairs = [list(pair) for pair in zip(simple, richer, strict=True)]
+    gains = (np.arange(1.0, 11.0), -np.arange(1.0, 11.0), -np.arange(2.0, 12.0))
+    pairs = [
+        [candidate("single", 5, RUNS), candidate("multi", 7, tuple((RUNS - gain).tolist()))]
+        for gain in gains
+    ]
     assert chosen(pairs[:1]).model == "multi"
     assert chosen(pairs).model == "single"
+
+
+def test_a_single_run_is_judged_by_a_criterion() -> None:
+    simple = candidate("single", 5, ())
+    for misfit, taken in ((25.0, "single"), (20.0, "multi")):
+        richer = replace(candidate("multi", 7, ()), misfit=misfit)
+        assert chosen([[simple, richer]]).model == taken
 
 
 def test_what_describes_the_loop_and_not_the_pilot_is_not_taken() -> None:

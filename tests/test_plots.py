@@ -307,20 +307,24 @@ def test_figures_of_one_page_share_no_id_and_refer_to_their_own() -> None:
 
 
 @pytest.mark.parametrize(
-    ("fields", "figures"),
+    ("fields", "words"),
     [
-        ({}, 2),
-        ({"frequency_response": first_step()}, 2),
-        ({"remnant": RemnantEstimate("white", {}, 0.2, np.array([1.0, 9.0]), np.ones(2))}, 3),
+        ({}, "of what the model of the pilot leaves"),
+        ({"frequency_response": first_step()}, "the first step of mle"),
+        (
+            {"remnant": RemnantEstimate("white", {}, 0.2, np.array([1.0, 9.0]), np.ones(2))},
+            "of the remnant as modelled (lines)",
+        ),
     ],
     ids=["plain", "two-step", "remnant"],
 )
 def test_the_page_of_a_fit_shows_what_its_method_gives(
-    fields: dict[str, object], figures: int
+    fields: dict[str, object], words: str
 ) -> None:
     page = html_report([Fitted(recording(), MULTI, (estimate(**fields),))])
-    assert page.count("<svg ") == page.count("<figcaption>") == figures
-    assert page.count("vestibular channel") == 1
+    assert page.count("<svg ") == page.count("<figcaption>") == 6
+    assert page.count("vestibular channel<") == 1
+    assert words in page
     assert ("the first step of mle" in page) == ("frequency_response" in fields)
 
 

@@ -55,6 +55,12 @@ def test_the_command_writes_draws_summary_and_figures(run: Run, tmp_path: Path) 
         text = (out / f"{name}.svg").read_text(encoding="utf-8")
         assert text.startswith("<svg")
         assert len(text) > 10_000
+        assert (out / f"{name}.pdf").read_bytes().startswith(b"%PDF")
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert page.count("<svg ") == page.count("<figcaption>") == 8
+    assert "the ensembles agree" in page
+    assert "of the recorded control lies inside the 95 % posterior predictive band." in page
+    assert "<td>disturbance phase margin</td>" in page
     assert not [path for path in out.iterdir() if path.name.endswith(".part")]
 
 

@@ -17,7 +17,7 @@ from pilotid.frequency.second_step import ResponseFit, second_step
 from pilotid.pilot.catalogue import MULTI, SINGLE
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.show.figures import response_figure
+from pilotid.show.panels import response_figure
 from pilotid.show.svg import svg
 from pilotid.types import ComplexArray, FloatArray
 

@@ -12,7 +12,7 @@ from pilotid.datasets import scenario_named, simulate
 from pilotid.estimates.method import identify
 from pilotid.methods import methods
 from pilotid.seeds import fit_rng, recording_rng
-from pilotid.show.figures import response_figure
+from pilotid.show.panels import response_figure
 from pilotid.show.svg import svg
 
 SCENARIO = "nominal"

@@ -145,6 +145,12 @@ class _Work:
     def contents(self, tasks: Sequence[Task], what: str) -> dict[str, Content]:
         """The contents of tasks by their keys; those that a file is at fault for are missing."""
         held = self.done.get(task.key for task in tasks)
+        # A page that was moved away is made again.
+        held = {
+            key: content
+            for key, content in held.items()
+            if not (page := content.get("page")) or (self.done.path.parent / page).exists()
+        }
         todo = [task for task in tasks if task.key not in held]
         if not todo:
             return held

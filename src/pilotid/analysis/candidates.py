@@ -78,6 +78,13 @@ class Candidate:
         """Chi-squared per degree of freedom of the lines."""
         return self.misfit / self.freedom if self.freedom > 0 else math.nan
 
+    @property
+    def left_out(self) -> tuple[float, ...]:
+        """What each run left out of the fit is not explained by, in units of deviance."""
+        if self.freedom > 0:
+            return self.left_out_misfit
+        return tuple(-2.0 * likelihood for likelihood in self.left_out_log_likelihood)
+
     def to_dict(self) -> dict[str, object]:
         """Plain objects, as JSON has them; NaN where there is none."""
         return {

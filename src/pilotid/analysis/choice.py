@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pilotid.analysis.candidates import Candidate, compared, sensible
+from pilotid.estimates.method import motionless_input
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.names import listed
 from pilotid.recordings.recording import Recording
@@ -18,12 +19,13 @@ from pilotid.seeds import DEFAULT_SEED
 #: the likelihood judges: beyond, it describes the loop and not the pilot.
 LOST = 10.0
 
-#: A model with more parameters is taken where it is better by more than so many standard errors,
-#: and by so much in deviance: of few runs the standard error itself is hardly known.
-CLEARLY, LEAST = 2.0, 4.0
+#: A model with more parameters is taken where runs left out favour it with no larger chance of
+#: doing so by accident: several candidates compete, and the luckiest of them is looked at.
+SELDOM = 0.01
 
-#: Where no run can be left out, it is taken where it is better by more than this in deviance.
-CLOSE = 2.0
+#: So many runs at least can show that.  Where there are fewer, an information criterion judges.
+#: Either way a model with more parameters must be better by so much in deviance.
+RUNS, CLOSE = 8, 4.0
 
 
 @dataclass(frozen=True)
@@ -45,9 +47,10 @@ class Choice:
 def chosen(recordings: Sequence[Sequence[Candidate]]) -> Choice:
     """The simplest model that explains recordings as well as any.
 
-    Runs left out of the fit judge: of the models whose misfit there exceeds the smallest by no
-    more than two standard errors, the one with the fewest parameters (after Hastie, Tibshirani &
-    Friedman, *The Elements of Statistical Learning*, 2nd ed., sec. 7.10, who take one).  Single
+    Runs left out of the fit judge: of the models whose misfit there is not clearly above the
+    smallest, the one with the fewest parameters (the idea of the one-standard-error rule; Hastie,
+    Tibshirani & Friedman, *The Elements of Statistical Learning*, 2nd ed., sec. 7.10).  What is
+    clear a signed-rank test says: one run may differ a hundred times as much as another.  Few
     runs are judged by an information criterion.
 
     Parameters
@@ -60,16 +63,14 @@ def chosen(recordings: Sequence[Sequence[Candidate]]) -> Choice:
     held = [{c.model: c for c in candidates} for candidates in recordings]
     by_lines = all(c.freedom > 0 for own in held for c in own.values())
     credible = names if by_lines else _credible(held, names)
-    deficits = _deficits(held, credible, by_lines)
+    runs = sum(len(own[names[0]].left_out) for own in held)
+    many = runs >= RUNS and all(own[name].left_out for own in held for name in names)
+    deficits = _deficits(held, credible, by_lines=by_lines, left_out=many)
     best = min(credible, key=lambda name: (sum(deficits[name]), held[0][name].pilot))
     least = {n: [a - b for a, b in zip(deficits[n], deficits[best], strict=True)] for n in credible}
-    units = len(least[best])
-    limit = {
-        n: max(LEAST, CLEARLY * _standard_error(least[n])) if units > 1 else CLOSE for n in credible
-    }
-    close = [n for n in credible if sum(least[n]) <= limit[n] or n == best]
+    close = [n for n in credible if n == best or not _clear(least[n], many=many)]
     taken = min(close, key=lambda name: (held[0][name].pilot, sum(least[name])))
-    told = _reason(held, taken, best, least, by_lines)
+    told = _reason(held, taken, least, by_lines=by_lines, left_out=many)
     told += _warnings(held, names, credible, taken)
     return Choice(taken, " ".join(told))
 
@@ -85,7 +86,7 @@ def _credible(held: Sequence[Mapping[str, Candidate]], names: Sequence[str]) -> 
 
 
 def _deficits(
-    held: Sequence[Mapping[str, Candidate]], names: Sequence[str], by_lines: bool
+    held: Sequence[Mapping[str, Candidate]], names: Sequence[str], *, by_lines: bool, left_out: bool
 ) -> dict[str, list[float]]:
     """What each model leaves unexplained, in units of deviance: by run left out, else by file."""
     found: dict[str, list[float]] = {name: [] for name in names}
@@ -94,15 +95,24 @@ def _deficits(
         size = max(1.0, min(own[n].excess for n in names)) if by_lines else 1.0
         for name in names:
             candidate = own[name]
-            if by_lines and candidate.left_out_misfit:
-                found[name] += [m / size for m in candidate.left_out_misfit]
+            if left_out:
+                found[name] += [m / size for m in candidate.left_out]
             elif by_lines:
                 found[name].append(candidate.misfit / size + 2.0 * candidate.pilot)
-            elif candidate.left_out_log_likelihood:
-                found[name] += [-2.0 * m for m in candidate.left_out_log_likelihood]
             else:
                 found[name].append(candidate.aicc)
     return found
+
+
+def _clear(deficits: Sequence[float], *, many: bool) -> bool:
+    """Whether a model leaves clearly more unexplained than the best one, by run or by file."""
+    if sum(deficits) <= CLOSE:
+        return False
+    if not many:
+        return True
+    from scipy.stats import wilcoxon
+
+    return float(wilcoxon(deficits, alternative="greater").pvalue) < SELDOM
 
 
 def _standard_error(differences: Sequence[float]) -> float:
@@ -113,22 +123,23 @@ def _standard_error(differences: Sequence[float]) -> float:
 def _reason(
     held: Sequence[Mapping[str, Candidate]],
     taken: str,
-    best: str,
     least: Mapping[str, Sequence[float]],
+    *,
     by_lines: bool,
+    left_out: bool,
 ) -> list[str]:
-    units = len(least[best])
-    what = "at the lines of the forcing functions" if by_lines else "by the errors of prediction"
-    judge = f"{units} runs, each left out of its fit" if units > 1 else "one fit"
-    names = sorted(least, key=lambda name: sum(least[name]))
-    told = [f"{taken} was chosen among {listed(names)} {what} ({judge})."]
     if all(len(candidates) == 1 for candidates in held):
         return []
+    what = "at the lines of the forcing functions" if by_lines else "by the errors of prediction"
+    criterion = "a quasi-likelihood criterion" if by_lines else "AICc"
+    judge = f"{len(least[taken])} runs, each left out of its fit" if left_out else criterion
+    names = sorted(least, key=lambda name: sum(least[name]))
+    told = [f"{taken} was chosen among {listed(names)} {what} ({judge})."]
     own, pilot = held[0], held[0][taken].pilot
     for name in names:
         differences = [a - b for a, b in zip(least[name], least[taken], strict=True)]
         size = f"{abs(sum(differences)):.0f}"
-        size += f" +- {_standard_error(differences):.0f}" if units > 1 else ""
+        size += f" +- {_standard_error(differences):.0f}" if left_out else ""
         if name != taken and sum(differences) < 0.0:
             told.append(
                 f"{name} leaves {size} less of the deviance unexplained, which is no clear gain "
@@ -210,6 +221,9 @@ def select(
         Seed of the searches' random starts.
     """
     among = {model.name: model for model in models or sensible(recording)}
+    if all(motionless_input(recording, model) for model in among.values()):
+        first = next(iter(among.values()))
+        return Selection(first, "No model has all its inputs in the recording.", ())
     candidates = compared(recording, list(among.values()), seed, likelihood=False)
     choice = chosen([candidates])
     return Selection(among[choice.model], choice.reason, tuple(candidates))

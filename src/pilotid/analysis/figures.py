@@ -21,6 +21,13 @@ ACROSS = 4  # panels in a row
 #: Of subjects in their order, told apart with a colour vision deficiency, too (Tol, 2021).
 COLOURS = ("#4477AA", "#EE6677", "#228833", "#CCBB44", "#66CCEE", "#AA3377", "#BBBBBB")
 MARKERS = "osD^vP"
+#: Loops' quantities as axes have them.
+SHORT = {
+    "target_crossover": "ωc target",
+    "target_phase_margin": "φm target",
+    "disturbance_crossover": "ωc disturb.",
+    "disturbance_phase_margin": "φm disturb.",
+}
 #: Positive values that span more than this ratio are shown on a logarithmic axis.
 WIDE = 8.0
 #: An interval that reaches further than so many times the range of the values is cut.
@@ -81,7 +88,7 @@ def _panel(axes: Axes, layout: Layout, conditions: Sequence[str], subjects: Sequ
                 label="mean over subjects" if place == len(conditions) - 1 else None,
             )  # fmt: skip
     unit = f" [{layout.unit}]" if layout.unit else ""
-    axes.set_title(f"{layout.parameter}{unit}", loc="left")
+    axes.set_title(f"{SHORT.get(layout.parameter, layout.parameter)}{unit}", loc="left")
     axes.set_xticks(range(len(conditions)), list(conditions))
     axes.set_xlim(-0.6, len(conditions) - 0.4)
     axes.grid(axis="y", color=GRID, linewidth=0.5)
@@ -143,7 +150,9 @@ def spread_figure(spreads: Sequence[ConditionSpread]) -> Figure:
         axes.set_yscale("log")
         axes.set_yticks([0.5, 1.0, 2.0, 3.0, 5.0], ["0.5", "1", "2", "3", "5"])
         axes.minorticks_off()
-        axes.set_xticks(range(len(keys)), keys)
+        axes.set_xticks(range(len(keys)), [SHORT.get(key, key) for key in keys])
+        if len(keys) > 8:
+            axes.tick_params("x", rotation=30)
         axes.set_ylabel("scatter of runs / claimed error")
         axes.grid(axis="y", color=GRID, linewidth=0.5)
         axes.set_axisbelow(True)

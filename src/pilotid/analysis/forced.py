@@ -25,7 +25,7 @@ from pilotid.methods.fourier import Equations, Fourier
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import fit_rng
-from pilotid.solve.least_squares import minimise
+from pilotid.solve.least_squares import minimise, solve_linear
 from pilotid.solve.search import search
 from pilotid.types import FloatArray
 
@@ -81,7 +81,14 @@ def forced(recording: Recording, models: Sequence[PilotModel], seed: int) -> lis
     seed
         Seed of the searches' random starts.
     """
-    fits = [_fitted(recording, model, seed) for model in models]
+    found: dict[str, tuple[Coefficients, FloatArray, FloatArray]] = {}
+    for model in sorted(models, key=lambda m: len(m.parameters)):
+        simpler = [(m, found[m.name][1]) for m in models if m.name in found]
+        starts = [
+            _widened(m, values, model) for m, values in simpler if set(m.keys) < set(model.keys)
+        ]
+        found[model.name] = _fitted(recording, model, starts, seed)
+    fits = [found[model.name] for model in models]
     # The power of the remnant as the model has it that leaves the least.
     _, power = min(
         ((_misfit(c, m, v, p), p) for m, (c, v, p) in zip(models, fits, strict=True)),
@@ -93,8 +100,14 @@ def forced(recording: Recording, models: Sequence[PilotModel], seed: int) -> lis
     ]
 
 
+def _widened(simpler: PilotModel, values: FloatArray, model: PilotModel) -> FloatArray:
+    """A start for a model from the optimum of one that has some of its parameters."""
+    known = dict(zip(simpler.keys, values.tolist(), strict=True))
+    return np.array([known.get(key, own) for key, own in zip(model.keys, model.start, strict=True)])
+
+
 def _fitted(
-    recording: Recording, model: PilotModel, seed: int
+    recording: Recording, model: PilotModel, starts: Sequence[FloatArray], seed: int
 ) -> tuple[Coefficients, FloatArray, FloatArray]:
     """A recording's coefficients, the model's parameters, and the power of the remnant."""
     usual = Fourier()
@@ -102,7 +115,14 @@ def _fitted(
     power = coefficients.power(coefficients.first_residuals())
     problem = Equations(coefficients, model, power)
     rng = fit_rng(seed, model.name)
-    values = search(problem.gram, model, rng, candidates=STARTS, refined=REFINED).values[0]
+    ends = search(problem.gram, model, rng, candidates=STARTS, refined=REFINED)
+    if starts:
+        points, _ = solve_linear(
+            problem.gram(np.array(starts)), np.array(starts), model.linear, model.lower
+        )
+        more = minimise(problem.gram, points, model, tolerance=1e-3, iterations=16)
+        ends = min((ends, more), key=lambda minima: float(minima.cost[0]))
+    values = ends.values[0]
     for _ in range(ROUNDS):
         residuals = coefficients.residuals(model.response(coefficients.omega, values))
         power = coefficients.power(residuals)

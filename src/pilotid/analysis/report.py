@@ -11,6 +11,7 @@ from pilotid.analysis.report_estimates import LEVEL, conditions, estimates, grou
 from pilotid.analysis.results import Results
 from pilotid.analysis.rows import SUBJECT
 from pilotid.analysis.spread import ConditionSpread, spread_sentence
+from pilotid.analysis.tasks import PAGES
 from pilotid.disk import make_folder, write_file
 from pilotid.numbers import NONE, number
 from pilotid.report.content import (
@@ -31,7 +32,7 @@ TITLE = "Pilot models of recorded subjects"
 
 
 def write_report(folder: Path, results: Results, command: str, about: Mapping[str, str]) -> Path:
-    """Write report.html and its figures as SVG.
+    """Write report.html, and its figures as SVG and PDF.
 
     Parameters
     ----------
@@ -58,9 +59,19 @@ def write_report(folder: Path, results: Results, command: str, about: Mapping[st
     for block in (block for section in sections for block in section.blocks):
         if isinstance(block, Picture):
             write_file(pictures / f"{block.name}.svg", block.svg.encode())
+            write_file(pictures / f"{block.name}.pdf", block.pdf)
+    _clear(folder, results.analysis)
     path = folder / "report.html"
     write_file(path, web_page(TITLE, sections).encode("utf-8", "replace"))
     return path
+
+
+def _clear(folder: Path, analysis: Analysis) -> None:
+    """Remove pages of recordings that an earlier call made and this report does not name."""
+    named = {folder / page for fit in analysis.fits if (page := fit.content.get("page"))}
+    for path in (folder / PAGES).glob("*_??????.html"):
+        if path not in named:
+            path.unlink(missing_ok=True)
 
 
 def _summary(results: Results) -> Section:
@@ -106,7 +117,7 @@ def _summary(results: Results) -> Section:
 def _models(results: Results) -> Section:
     analysis = results.analysis
     items = [
-        f"**{group_words(group)}** {choice.reason}"
+        f"**{group_words(group)}** {choice.reason.replace('+-', '±')}"
         for group, choice in analysis.choices.items()
         if choice.reason
     ]

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pilotid.analysis.cells import Layout, Stratum, layouts
 from pilotid.analysis.contrasts import Contrast
@@ -14,6 +15,10 @@ from pilotid.analysis.results import Results
 from pilotid.analysis.spread import ConditionSpread
 from pilotid.numbers import MINUS, NONE, decimals, number
 from pilotid.report.content import Block, Column, Entry, Picture, Section, Table, Text, entries
+from pilotid.show.figures import pdf
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: Below this a difference is called one.
 LEVEL = 0.05
@@ -25,6 +30,11 @@ def group_words(group: Sequence[tuple[str, str]]) -> str:
     """A group of recordings, or the stratum of a contrast, in words."""
     fields = [value for field, value in group if field != "file"]
     return " ".join(fields) or " ".join(Path(value).stem for _, value in group)
+
+
+def _picture(figure: Figure, name: str, alt: str, caption: str) -> Picture:
+    """A figure for the page, which is a PDF beside it too."""
+    return replace(Picture.of(figure, name, alt, caption), pdf=pdf(figure))
 
 
 def _groups(found: Sequence[Layout]) -> dict[tuple[Stratum, str, str], list[Layout]]:
@@ -51,7 +61,7 @@ def estimates(results: Results) -> Iterator[Section]:
         title = _title(stratum, method, model)
         blocks.append(_means(own, title))
         blocks.append(
-            Picture.of(
+            _picture(
                 estimates_figure(own),
                 f"estimates-{place}",
                 f"Estimates over conditions, {title}",
@@ -287,7 +297,7 @@ def runs(results: Results) -> Iterator[Section]:
     for place, (title, own) in enumerate(groups.items(), start=1):
         alt = f"Scatter of runs over claimed errors, {title}"
         blocks.append(
-            Picture.of(
+            _picture(
                 spread_figure(own),
                 f"runs-{place}",
                 alt,

@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -15,11 +16,13 @@ from typing import Any
 
 from pilotid.analysis.candidates import Candidate, compared, sensible
 from pilotid.analysis.source import Source
+from pilotid.disk import make_folder, write_file
 from pilotid.estimates.estimate import Outcome, failed
 from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.method import Method
 from pilotid.estimates.sound import one_line
 from pilotid.frequency.element_choice import chosen_element
+from pilotid.methods.fourier import first_step_of
 from pilotid.naming.code import packed, reason, unpacked
 from pilotid.naming.settings import plain
 from pilotid.naming.sources import code_digest
@@ -30,6 +33,9 @@ from pilotid.study.process import Loss
 from pilotid.types import InputError
 
 Content = dict[str, Any]
+
+#: The folder of the recordings' pages.
+PAGES = "recordings"
 
 
 @dataclass(frozen=True)
@@ -50,8 +56,8 @@ class Task:
         Models and methods, see `pilotid.naming.code.packed`.
     seed
         Seed of all random numbers.
-    figures
-        Folder for the figures; None for none.
+    folder
+        Where the recording's page goes; None for none.
     """
 
     key: str
@@ -60,7 +66,7 @@ class Task:
     run: int | None
     code: bytes
     seed: int
-    figures: Path | None
+    folder: Path | None
 
 
 @dataclass(frozen=True)
@@ -128,13 +134,13 @@ def fit_task(
     run: int | None,
     element: ControlledElement | None,
     seed: int,
-    figures: Path | None,
+    folder: Path | None,
 ) -> Task:
     """The task to fit one model to a recording, or to one run of it, by all methods."""
     told = {label: (plain(method), code_digest(method)) for label, method in methods.items()}
-    drawn = figures is not None
+    drawn = folder is not None
     key = _key(digest, "fit", run, model, code_digest(model), told, element, seed, drawn)
-    return Task(key, "fit", source, run, packed((model, dict(methods), element)), seed, figures)
+    return Task(key, "fit", source, run, packed((model, dict(methods), element)), seed, folder)
 
 
 def _key(*parts: object) -> str:
@@ -187,7 +193,24 @@ def _fit(task: Task) -> Content:
     model, methods, element = unpacked(task.code)
     recording = task.source.recording(task.run)
     choice = chosen_element(recording, element)
-    return content_of(fit_all(recording, model, methods, task.seed, choice))
+    fitted = fit_all(recording, model, methods, task.seed, choice)
+    content = content_of(fitted)
+    if task.folder is not None:
+        content["page"] = _page(task, fitted)
+    return content
+
+
+def _page(task: Task, fitted: Fitted) -> str:
+    """Write a recording's page, with its figures, and give its place beside the report."""
+    from pilotid.show.page import html_report
+
+    assert task.folder is not None
+    text = html_report([fitted], points=[first_step_of(fitted.recording, fitted.model)])
+    words = re.sub(r"[^\w.+-]+", "_", f"{task.source.part.words}_{fitted.model.name}")
+    name = f"{PAGES}/{words}_{task.key[:6]}.html"
+    make_folder(task.folder / PAGES)
+    write_file(task.folder / name, text.encode("utf-8", "replace"))
+    return name
 
 
 def content_of(fitted: Fitted) -> Content:

@@ -199,8 +199,6 @@ def fit(
     """Identify a pilot model from recordings."""
     plant = element_named(element) if element else None
     named = None if model == AUTO else started(model_named(model), start)
-    if named is None and start is not None:
-        raise InputError("--start names parameters of one model; name that with --model")
     true = read_truth(truth, named) if truth is not None and named is not None else None
     methods = methods_of(method, [default_method()])
     json_file = None if json in (None, "-") else Path(str(json))
@@ -211,7 +209,7 @@ def fit(
         files, joint=joint
     )
     todo = with_bar(recordings, "fitting", len(recordings))
-    fits = [_fitted(recording, named, methods, seed, plant) for recording in todo]
+    fits = [_fitted(recording, named, start, methods, seed, plant) for recording in todo]
     if truth is not None and named is None:
         true = read_truth(truth, fits[0].model)
 
@@ -220,9 +218,13 @@ def fit(
     if json_file is not None:
         write_file(json_file, text.encode())
     if report is not None:
+        from pilotid.methods.fourier import first_step_of
         from pilotid.show.page import html_report
 
-        write_file(report, html_report(fits, true).encode("utf-8", "replace"))
+        page = html_report(
+            fits, true, points=[first_step_of(fit.recording, fit.model) for fit in fits]
+        )
+        write_file(report, page.encode("utf-8", "replace"))
     if json == "-":
         sys.stdout.write(text)
     else:
@@ -234,6 +236,7 @@ def fit(
 def _fitted(
     recording: Recording,
     named: PilotModel | None,
+    start: str | None,
     methods: Mapping[str, Method],
     seed: int,
     plant: ControlledElement | None,
@@ -243,6 +246,8 @@ def _fitted(
 
     model, why, candidates = _selected(recording, named, seed)
     choice = chosen_element(recording, plant)
+    if named is None:
+        model = started(model, start)
     fits = fit_all(recording, model, methods, seed, choice)
     return replace(fits, remarks=(*fits.remarks, *choice.remarks), choice=why, compared=candidates)
 

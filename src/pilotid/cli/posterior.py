@@ -101,7 +101,6 @@ def infer(
     if plant is not None:
         notes += loop_notes(draws, model, plant)
     if folder is not None:
-        unit = recording.units.get("u", "")
-        written = write_posterior(folder, estimate, spreads, predictive, unit)
+        written = write_posterior(folder, fit, spreads, predictive, plant, notes)
         notes += [str(path) for path in written]
     print_posterior(fit, spreads, notes, predictive)

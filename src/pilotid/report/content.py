@@ -90,12 +90,13 @@ class Table:
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure; its SVG is part of a page and a file beside the Markdown."""
+    """A figure; its SVG is part of a page and a file beside it, as is its PDF if there is one."""
 
     name: str
     svg: str
     alt: str
     caption: str
+    pdf: bytes = b""
     kind: str = field(default="picture", init=False)
 
     @classmethod

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pilotid.chance import Z95
-from pilotid.show.style import GRID, log_ticks
+from pilotid.show.style import GRID, Dash, log_ticks
 from pilotid.types import ComplexArray, FloatArray
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ class Bode:
         self.omega = omega
         self._phase: FloatArray | None = None
 
-    def line(self, response: ComplexArray, color: str, label: str, linestyle: str = "-") -> None:
+    def line(self, response: ComplexArray, color: str, label: str, linestyle: Dash = "-") -> None:
         """Draw a response at `omega`, shape (n,)."""
         phase = np.rad2deg(self._turned(response))
         for axes, y in ((self.above, np.abs(response)), (self.below, phase)):
@@ -102,7 +102,7 @@ class Bode:
         )
         # A bar that reached down to zero would reach to minus infinity here.
         bars = np.array([np.minimum(reach, 0.98 * size), reach])
-        draw(self.above, omega, size, bars, label=label)
+        draw(self.above, omega, size, bars, label=label or None)
         known = reach < size  # others say nothing of the phase
         turned, share = np.rad2deg(phase[known]), np.rad2deg((reach / size)[known])
         draw(self.below, omega[known], turned, share)
@@ -125,6 +125,7 @@ class Bode:
             axes.set_xlim(self.omega[0], self.omega[-1])
             axes.grid(color=GRID, linewidth=0.5)
             axes.set_axisbelow(True)
+            axes.minorticks_off()
             log_ticks(axes, "x")
         sizes, phases = _drawn(self.above), _drawn(self.below)
         sizes = sizes[sizes > 0.0]

@@ -14,9 +14,9 @@ import numpy as np
 
 from pilotid.disk import strict_json, write_file
 from pilotid.estimates.draws import Draws, Spread
-from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.fitted import Fitted
 from pilotid.numbers import decimals
+from pilotid.pilot.element import ControlledElement
 from pilotid.posterior.predictive import PredictiveBand
 from pilotid.terminal import make_console, make_table, print_table
 
@@ -143,46 +143,47 @@ def summary_bytes(spreads: Sequence[Spread]) -> bytes:
 
 def write_posterior(
     folder: Path,
-    estimate: Estimate,
+    fit: Fitted,
     spreads: Sequence[Spread],
     predictive: PredictiveBand,
-    unit: str,
+    element: ControlledElement | None = None,
+    notes: Sequence[str] = (),
 ) -> list[Path]:
-    """Write draws, summary and figures; each file is complete or not there.
+    """Write draws, summary, figures (SVG and PDF) and page; each file is complete or not there.
 
     Parameters
     ----------
     folder
         Where to; it exists.
-    estimate
-        The estimate, which has draws.
+    fit
+        What was fitted, with one estimate that has draws.
     spreads, predictive
         What follows from the draws.
-    unit
-        Of the control.
+    element
+        The controlled element, for the open loops; None for that which the recording names.
+    notes
+        What else a reader should know, a sentence each.
 
     Returns
     -------
     The files.
     """
-    from pilotid.show.posterior_figures import autocorrelation, band, corner, trace
-    from pilotid.show.svg import svg
+    from pilotid.show.figures import save_figures
+    from pilotid.show.posterior_page import posterior_figures_of, posterior_html
 
+    estimate = fit.estimates[0]
     draws = estimate.draws
     assert draws is not None
     units = {s.key: s.unit for s in spreads}
+    figures = posterior_figures_of(fit, predictive, units, element)
+    rows = [(spread, _cells(spread)) for spread in spreads]
+    page = posterior_html(fit, rows, COLUMNS, predictive, figures, notes)
     contents = {
+        "report.html": page.encode("utf-8", "replace"),
         "draws.npy": draws_bytes(draws),
         "summary.csv": summary_bytes(spreads),
         "estimate.json": strict_json(estimate.to_dict()).encode(),
     }
-    figures = (
-        (corner(draws, units), "corner", "Posterior of every pair of parameters"),
-        (trace(draws), "trace", "Course of every parameter along the chains"),
-        (autocorrelation(draws), "autocorrelation", "Autocorrelation of every parameter"),
-        (band(predictive, unit), "predictive", "Recorded control in its predictive band"),
-    )
-    contents |= {f"{name}.svg": svg(f, name, alt).encode() for f, name, alt in figures}
     for name, content in contents.items():
         write_file(folder / name, content)
-    return [folder / name for name in contents]
+    return [*(folder / name for name in contents), *save_figures(folder, figures)]

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+#: What matplotlib takes for the stroke of a line.
+Dash = Literal["-", "--"] | tuple[float, tuple[float, ...]]
+
 # Colours that people with a colour vision deficiency tell apart (Okabe and Ito, 2008, and Tol,
 # 2021), and markers, so that methods differ without colour, too: the same in every figure.
-STYLES = {
+STYLES: dict[str, tuple[str, str]] = {
     "mmle3": ("#999999", "o"),
     "mle-white": ("#D55E00", "s"),
     "mle-genetic": ("#56B4E9", "P"),
@@ -22,9 +25,22 @@ STYLES = {
     "bayes": ("#332288", "<"),
     "bayes-white": ("#882255", ">"),
 }
+#: Strokes, so that lines differ in grey, too.
+DASHES: dict[str, Dash] = {
+    "mle": "-",
+    "fourier": (0, (5.0, 1.5)),
+    "arx": (0, (4.0, 1.2, 1.0, 1.2)),
+    "bayes": (0, (1.2, 1.0)),
+    "mle-white": (0, (7.0, 2.0)),
+    "sindy": (0, (3.0, 1.0, 1.0, 1.0, 1.0, 1.0)),
+    "mle-genetic": (0, (2.5, 2.5)),
+    "bayes-white": (0, (1.0, 2.5)),
+    "mmle3": (0, (8.0, 1.5, 1.5, 1.5)),
+}
 #: Of methods from other packages.
 OTHERS = (("#117733", "*"), ("#AA4499", "p"), ("#44AA99", "h"))
 WIDTH = 7.6  # inches, two columns of a journal
+SMALLEST = 7.5  # points, the smallest type of a figure: above 7 once an A4 page holds it
 INK = "#333333"
 GRID = "#dddddd"
 
@@ -44,6 +60,11 @@ def marker_of(method: str) -> str:
     return style_of(method)[1]
 
 
+def dash_of(method: str) -> Dash:
+    """The stroke of a method's lines."""
+    return DASHES.get(method, "-")
+
+
 def journal_style() -> AbstractContextManager[None]:
     """Small type, thin axes: a figure for a column of a journal."""
     from matplotlib import rc_context
@@ -55,9 +76,9 @@ def journal_style() -> AbstractContextManager[None]:
             "font.size": 8.0,
             "axes.titlesize": 8.5,
             "axes.labelsize": 8.0,
-            "xtick.labelsize": 7.5,
-            "ytick.labelsize": 7.5,
-            "legend.fontsize": 7.5,
+            "xtick.labelsize": SMALLEST,
+            "ytick.labelsize": SMALLEST,
+            "legend.fontsize": SMALLEST,
             "axes.spines.top": False,
             "axes.spines.right": False,
             "axes.edgecolor": "#777777",

@@ -27,11 +27,19 @@ def svg(figure: Figure, name: str, alt: str) -> str:
         What the figure shows, for those who do not see it.
     """
     from matplotlib import rc_context
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.layout_engine import PlaceHolderLayoutEngine
 
     stream = io.StringIO()
     nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
     with rc_context({"svg.hashsalt": name, "svg.fonttype": "none", "font.sans-serif": FONTS}):
-        figure.savefig(stream, format="svg", metadata=nothing)
+        if isinstance(figure.get_layout_engine(), PlaceHolderLayoutEngine):
+            # All is in its place already, and `savefig` would draw everything twice;
+            # matplotlib's backends have no types.
+            canvas = FigureCanvasSVG(figure)
+            canvas.print_svg(stream, metadata=nothing)  # type: ignore[no-untyped-call]
+        else:
+            figure.savefig(stream, format="svg", metadata=nothing)
     root = ElementTree.fromstring(stream.getvalue())
     for element in root.iter():
         if element.tag == f"{{{SVG}}}g":

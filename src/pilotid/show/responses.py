@@ -1,0 +1,236 @@
+"""Plots over frequency: describing functions of the pilot, and open loops with the element."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pilotid.estimates.estimate import Estimate
+from pilotid.estimates.response import FrequencyResponse
+from pilotid.pilot.element import ControlledElement
+from pilotid.pilot.frozen import ends, frozen
+from pilotid.pilot.loops import Margin, loop_slopes, margins, open_loops
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import INPUTS
+from pilotid.show.bode import Bode
+from pilotid.show.named import leading, legend, named, new_pair, ratio_unit, with_unit
+from pilotid.show.style import INK, Dash
+from pilotid.types import ComplexArray, FloatArray, InputError, IntArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+POINTS = 120  # of a curve over frequency
+USUAL = (0.2, 20.0)  # rad/s, the frequencies shown where there are no points
+OF_LOOPS = (0.3, 20.0)  # rad/s, the frequencies of open loops
+BANDS = 4  # fitted responses whose bands can be told apart
+NO_UNITS: Mapping[str, str] = MappingProxyType({})
+#: Name, colour, stroke and marker of the target and the disturbance loop.
+LOOP_STYLES: tuple[tuple[str, str, Dash, str], ...] = (
+    ("target", "#0072B2", "-", "o"),
+    ("disturbance", "#D55E00", (0, (5.0, 1.5)), "s"),
+)
+
+
+def describing_function(
+    *estimates: Estimate,
+    channel: str | None = None,
+    truth: FloatArray | None = None,
+    points: FrequencyResponse | None = None,
+    units: Mapping[str, str] = NO_UNITS,
+    axes: tuple[Axes, Axes] | None = None,
+) -> tuple[Axes, Axes]:
+    """A channel's frequency response: the model's with its 95 % band, a first step's as points.
+
+    Bands follow from the covariance of the parameters to first order, for the logarithm of
+    the magnitude and for the phase; bars of points hold 95 %, too.  Of more than four estimates
+    the `leading` one alone has a band.
+
+    Parameters
+    ----------
+    estimates
+        At least one estimate.
+    channel
+        Name of the channel; None for the model's first.
+    truth
+        True parameters of a simulation, in the order of the first estimate's model.
+    points
+        An estimate of the responses without a model of the pilot, such as
+        ``Fourier().first_step(recording, model)``, to be drawn behind the estimates.
+    units
+        Of the recording's signals, for the label of the magnitude.
+    axes
+        Of magnitude and phase; None makes a new figure by pyplot.
+
+    Raises
+    ------
+    InputError
+        If there is no estimate, or a model has no such channel.
+    """
+    if not estimates:
+        raise InputError("name at least one estimate whose describing function is to be drawn")
+    axes = axes or new_pair()
+    bode = Bode(axes, np.geomspace(*_shown(estimates, points), POINTS))
+    several = leading(estimates) if len(estimates) > BANDS else None
+    first: ComplexArray | None = None
+    for own in named(estimates):
+        estimate, index = own.estimate, _channel(own.estimate, channel)
+        found, response = estimate.frequency_response, None
+        if own.known:
+            for number, end in enumerate(_ends(estimate.model)):
+                response, errors = _fitted(estimate, index, bode.omega, end)
+                first = response if first is None else first
+                label = f"{own.label}, after the change" if number else own.label
+                bode.line(response, own.colour, "" if found else label, ":" if number else own.dash)
+                if np.isfinite(errors).all() and several in (None, estimate):
+                    bode.band(response, errors, own.colour)
+        if found:
+            value, std = found.value[index], found.std[index]
+            bode.points(
+                found.omega, value, std, response, own.colour, own.marker,
+                "" if own.known else own.label,
+            )  # fmt: skip
+            if own.known:  # one entry of the legend for line and points
+                axes[0].plot([], [], color=own.colour, linestyle=own.dash, marker=own.marker,
+                             markersize=4.0, markerfacecolor="white", label=own.label)  # fmt: skip
+    model, index = estimates[0].model, _channel(estimates[0], channel)
+    if points is not None:
+        value, std = points.value[index], points.std[index]
+        bode.points(points.omega, value, std, first, INK, "o", "Fourier coefficients")
+    if truth is not None:
+        for number, end in enumerate(_ends(model)):
+            response = frozen(model).response(bode.omega, truth[end])[index]
+            bode.line(response, "black", "" if number else "truth", "--")
+    bode.frame()
+    drawn = model.channels[index]
+    axes[0].set_title(f"{drawn.name} channel", loc="left")
+    magnitude = f"magnitude |u/{INPUTS[drawn.input]}|"
+    axes[0].set_ylabel(with_unit(magnitude, ratio_unit(units, drawn.input)))
+    legend(axes[0])
+    return axes
+
+
+def open_loop(
+    estimate: Estimate, element: ControlledElement, axes: tuple[Axes, Axes] | None = None
+) -> tuple[Axes, Axes]:
+    """Target and disturbance open loops with 95 % bands, crossovers and phase margins.
+
+    A dot marks where each loop first falls through a magnitude of one, a bar the margin of its
+    phase over -180 deg there; the legend has both in numbers.  Bands follow from the covariance
+    of the parameters to first order.
+
+    Parameters
+    ----------
+    estimate
+        An estimate with values.
+    element
+        The controlled element.
+    axes
+        Of magnitude and phase; None makes a new figure by pyplot.
+
+    Raises
+    ------
+    InputError
+        If the estimate has no values, or its pilot changes in time.
+    """
+    if estimate.model.changes:
+        raise InputError(f"model {estimate.model.name} varies in time: it has no one loop to draw")
+    if not np.isfinite(estimate.values).all():
+        raise InputError(f"{estimate.method} has no values, so that there is no loop to draw")
+    axes = axes or new_pair()
+    above, below = axes
+    bode = Bode(axes, np.geomspace(*OF_LOOPS, 2 * POINTS))
+    model, values = estimate.model, estimate.values
+    loops = np.array(open_loops(model, values, element, bode.omega))
+    errors = _loop_errors(estimate, element, bode.omega)
+    same = bool(np.allclose(loops[0], loops[1]))
+    above.axhline(1.0, color=INK, linewidth=0.6)
+    pairs = [*zip(loops, errors, margins(model, values, element), LOOP_STYLES, strict=True)]
+    for loop, error, margin, (own, colour, dash, marker) in pairs[: 1 if same else 2]:
+        name = "target and disturbance" if same else own
+        if not np.abs(loop).min() > 0.0:
+            continue  # no channel acts on what this loop needs
+        bode.line(loop, colour, f"{name}: {_margin_words(margin)}", dash)
+        phase = np.asarray(below.get_lines()[-1].get_ydata(), float)
+        if np.isfinite(error).all():
+            bode.band(loop, error, colour)
+        if OF_LOOPS[0] < margin.crossover < OF_LOOPS[1]:
+            at = float(np.interp(np.log(margin.crossover), np.log(bode.omega), phase))
+            limit = at - margin.phase_margin
+            below.plot([margin.crossover] * 2, [at, limit], color=colour, linewidth=2.5,
+                       zorder=3.0, solid_capstyle="butt")  # fmt: skip
+            below.axhline(limit, color=INK, linewidth=0.6)
+            for panel, height in ((above, 1.0), (below, at)):
+                panel.plot(margin.crossover, height, marker, color=colour, markersize=4.0)
+    bode.frame()
+    above.set_ylabel("magnitude |L| [-]")
+    above.set_title("open loop" if same else "open loops", loc="left")
+    legend(above)
+    return axes
+
+
+def _margin_words(margin: Margin) -> str:
+    if not np.isfinite(margin.crossover):
+        return "no crossover"
+    return f"crossover {margin.crossover:.2f} rad/s, phase margin {margin.phase_margin:.0f}°"
+
+
+def _loop_errors(estimate: Estimate, element: ControlledElement, omega: FloatArray) -> FloatArray:
+    """Errors of log-magnitude and phase [rad] of both open loops, shape (2 loops, 2, n)."""
+    with np.errstate(invalid="ignore", divide="ignore"):  # a loop without a channel is zero
+        slopes = np.array(loop_slopes(estimate.model, estimate.values, element, omega))
+    return np.array([_errors(own, estimate.covariance) for own in slopes])
+
+
+def _errors(slopes: ComplexArray, covariance: FloatArray) -> FloatArray:
+    """Errors of log-magnitude and phase [rad], shape (2, n).
+
+    Parameters
+    ----------
+    slopes
+        Derivatives of the logarithm of a response, shape (parameters, n).
+    covariance
+        Of the parameters, shape (parameters, parameters).
+    """
+    parts = np.stack([slopes.real, slopes.imag])
+    variances = np.einsum("kpn,pq,kqn->kn", parts, covariance, parts)
+    return np.asarray(np.sqrt(np.maximum(variances, 0.0)))
+
+
+def _shown(estimates: Sequence[Estimate], points: FrequencyResponse | None) -> tuple[float, float]:
+    """Range of frequencies [rad/s] that holds all points of first steps."""
+    responses = [*(e.frequency_response for e in estimates), points]
+    found = [response.omega for response in responses if response is not None]
+    if not found:
+        return USUAL
+    every = np.concatenate(found)
+    return float(0.8 * every.min()), float(1.25 * every.max())
+
+
+def _channel(estimate: Estimate, name: str | None) -> int:
+    """Index of a channel by its name."""
+    names = [c.name for c in estimate.model.channels]
+    if name is None:
+        return 0
+    if name not in names:
+        raise InputError(
+            f"model {estimate.model.name} has no channel {name}: choose from {', '.join(names)}"
+        )
+    return names.index(name)
+
+
+def _ends(model: PilotModel) -> tuple[IntArray, ...]:
+    """The parameters of the constant pilots that a model is: one, or those before and after."""
+    return ends(model) if model.changes else ends(model)[:1]
+
+
+def _fitted(
+    estimate: Estimate, channel: int, omega: FloatArray, end: IntArray
+) -> tuple[ComplexArray, FloatArray]:
+    """A channel's response, shape (n,), and errors of its log-magnitude and phase, (2, n)."""
+    values, covariance = estimate.values[end], estimate.covariance[np.ix_(end, end)]
+    responses, jacobians = frozen(estimate.model).response_and_jacobian(omega, values)
+    return responses[channel], _errors(jacobians[channel] / responses[channel], covariance)

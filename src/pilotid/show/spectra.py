@@ -1,0 +1,95 @@
+"""Plots of the remnant's spectrum."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pilotid.estimates.estimate import Estimate
+from pilotid.recordings.recording import Recording
+from pilotid.show.named import leading, legend, named, new_axes, square_unit
+from pilotid.show.signals import simulated
+from pilotid.show.style import GRID, log_ticks
+from pilotid.types import FloatArray, InputError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+INSIDE = 0.8  # share of an analysis band that its filter leaves alone
+BAND = 30.0  # rad/s, up to which a residual's spectrum is shown where no model says how far
+RESIDUALS = 2  # spectra of residuals that can be told apart
+#: A periodogram is averaged over this share of the frequency, and over so many lines at least.
+SMOOTHING, FEWEST = 1.0 / 6.0, 4
+
+
+def remnant(
+    *estimates: Estimate, recording: Recording | None = None, axes: Axes | None = None
+) -> Axes:
+    """The remnant's power density as the methods model it, and that of their residuals.
+
+    Of more than two estimates the `leading` one's residual is drawn alone.
+
+    Parameters
+    ----------
+    estimates
+        Estimates; without a recording, at least one of them has a model of the remnant.
+    recording
+        What they were estimated from, for smoothed periodograms of the residuals (points).
+    axes
+        Where to draw; None makes a new figure by pyplot.
+
+    Raises
+    ------
+    InputError
+        If there is nothing to draw.
+    """
+    if recording is None and all(e.remnant is None for e in estimates):
+        raise InputError(
+            "none of these estimates has a model of the remnant; name the recording, too, to see "
+            "the spectra of their residuals"
+        )
+    axes = axes if axes is not None else new_axes()
+    several = leading(estimates) if len(estimates) > RESIDUALS else None
+    for estimate in named(estimates):
+        own, highest = estimate.estimate.remnant, BAND
+        if own is not None:
+            highest = INSIDE * float(own.omega[-1])
+            shown = own.omega <= highest
+            model = own.omega[shown], own.density[shown]
+            line = axes.plot(*model, color=estimate.colour, linewidth=1.4, label=estimate.label)
+            line[0].set_linestyle(estimate.dash)
+        drawn = several is None or estimate.estimate is several
+        if recording is not None and estimate.known and drawn:
+            omega, density = _periodogram(recording, estimate.estimate)
+            shown = omega <= highest
+            axes.plot(omega[shown], density[shown], estimate.marker, color=estimate.colour,
+                      markersize=3.5, markerfacecolor="white",
+                      label=f"{estimate.label}: residual")  # fmt: skip
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.grid(color=GRID, linewidth=0.5)
+    axes.set_axisbelow(True)
+    axes.minorticks_off()
+    log_ticks(axes, "x")
+    axes.set_xlabel("frequency [rad/s]")
+    unit = square_unit(recording.units if recording is not None else {}, "u")
+    axes.set_ylabel(f"power density [{unit} s/rad]")
+    legend(axes)
+    return axes
+
+
+def _periodogram(recording: Recording, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
+    """One-sided power density of the residual over frequency [rad/s], all runs averaged."""
+    _, _, left = simulated(recording, estimate)
+    count = left.shape[1]
+    taper = np.hanning(count)
+    spectrum = np.fft.rfft(taper * left)
+    power = np.mean(np.abs(spectrum) ** 2, axis=0) * recording.dt / (np.pi * np.sum(taper**2))
+    omega = 2.0 * np.pi * np.fft.rfftfreq(count, recording.dt)
+    edges = [1]
+    while edges[-1] < omega.size:
+        edges.append(edges[-1] + max(FEWEST, round(SMOOTHING * edges[-1])))
+    sizes = np.diff([*edges[:-1], omega.size])
+    places = np.add.reduceat(omega, edges[:-1]) / sizes
+    return places, np.add.reduceat(power, edges[:-1]) / sizes
