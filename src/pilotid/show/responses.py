@@ -27,6 +27,7 @@ POINTS = 120  # of a curve over frequency
 USUAL = (0.2, 20.0)  # rad/s, the frequencies shown where there are no points
 OF_LOOPS = (0.3, 20.0)  # rad/s, the frequencies of open loops
 BANDS = 4  # fitted responses whose bands can be told apart
+LATER: Dash = (0, (1.0, 1.5))  # a pilot after a change
 NO_UNITS: Mapping[str, str] = MappingProxyType({})
 #: Name, colour, stroke and marker of the target and the disturbance loop.
 LOOP_STYLES: tuple[tuple[str, str, Dash, str], ...] = (
@@ -84,7 +85,9 @@ def describing_function(
                 response, errors = _fitted(estimate, index, bode.omega, end)
                 first = response if first is None else first
                 label = f"{own.label}, after the change" if number else own.label
-                bode.line(response, own.colour, "" if found else label, ":" if number else own.dash)
+                bode.line(
+                    response, own.colour, "" if found else label, LATER if number else own.dash
+                )
                 if np.isfinite(errors).all() and several in (None, estimate):
                     bode.band(response, errors, own.colour)
         if found:
