@@ -33,7 +33,9 @@ from pilotid.pilot.model import Channel, PilotModel
 from pilotid.pilot.own import fault_of
 from pilotid.show.page import html_report
 from pilotid.study.draws import truths_of
+from pilotid.time_domain.change_profile import over_changes
 from pilotid.time_domain.fast_residuals import Residuals
+from pilotid.time_domain.maximum_likelihood import maximise_likelihood
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.reduced import reduced
 from pilotid.types import FloatArray, InputError
@@ -305,3 +307,18 @@ def test_loops_and_pages_of_a_pilot_who_changes(fit: Estimate) -> None:
     assert any("the pilot changes during the recording" in note for note in loops.notes)
     page = html_report([Fitted(recording_of(SLOW), ADAPTING, (fit,))], SLOW.values)
     assert "after the change" in page
+
+
+def test_intervals_hold_changes_elsewhere_that_suit_as_well() -> None:
+    recording = simulate(FAST, np.random.default_rng(1))
+    found = maximise_likelihood(recording, ADAPTING, np.random.default_rng(101), MLE())
+    narrow = np.stack([found.end.values[0, : found.joint.pilot]] * 2, axis=1)
+    wide = over_changes(found, narrow, 3.84)
+    assert np.all(wide[:, 0] <= narrow[:, 0])
+    assert np.all(wide[:, 1] >= narrow[:, 1])
+    place = ADAPTING.keys.index("rate")
+    assert wide[place, 1] > 4.0 * wide[place, 0]  # a step suits as well as a slower change
+    np.testing.assert_array_equal(over_changes(found, narrow, -5.0), narrow)
+    constant = maximise_likelihood(recording, SINGLE, np.random.default_rng(101), MLE())
+    own = np.stack([constant.end.values[0, : constant.joint.pilot]] * 2, axis=1)
+    np.testing.assert_array_equal(over_changes(constant, own, 3.84), own)
