@@ -2,8 +2,8 @@
 
 The likelihood has one optimum beside the other in when a change was and how fast; a profile that
 sets out from the best one ends at the foot of that hill.  So other times and rates are held, one
-after the other, and all that suits the recording as well as the ends of an interval must lies
-inside the intervals, of whatever parameter.
+after the other, and all that suits the recording as well as the ends of an interval lies inside
+the intervals, of whatever parameter.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from pilotid.types import FloatArray
 #: How far beyond the ends of its interval the middle of a change is tried [s].
 BEYOND = (0.25, 0.75, 1.5, 2.5, 4.0, 6.0)
 #: Rates at which it is tried there, and that are tried themselves [1/s].
-SHAPES, RATES = (0.4, 20.0), (0.1, 0.2, 0.4, 0.8, 2.0, 6.0, 20.0, 100.0)
+SHAPES: tuple[float, ...] = (0.4, 20.0)
+RATES = (0.1, 0.2, 0.4, 0.8, 2.0, 6.0, 20.0, 100.0)
 #: Shifts of the middle at which a rate is tried [s].
 AROUND = (-2.0, -1.0, 0.0, 1.0, 2.0)
 TOLERANCE, ITERATIONS = 1e-3, 10  # of the fits of all others
@@ -47,8 +48,8 @@ def over_changes(found: Maximum, intervals: FloatArray, sought: float) -> FloatA
             continue
         middle, rate = indices[-2:]
         ends = intervals[middle]
-        tried = [(middle, ends[0] - far, rate, SHAPES) for far in BEYOND]
-        tried += [(middle, ends[1] + far, rate, SHAPES) for far in BEYOND]
+        beyond = [*(ends[0] - far for far in BEYOND), *(ends[1] + far for far in BEYOND)]
+        tried = [(middle, float(value), rate, SHAPES) for value in beyond]
         near = tuple(float(optimum[middle]) + shift for shift in AROUND)
         tried += [
             (rate, value, middle, near) for value in RATES if not _inside(value, intervals[rate])
