@@ -72,6 +72,7 @@ def check(session: nox.Session) -> None:
         "elements": "elements.py",
         "findings": "findings.py",
         "adapting": "adapting.py",
+        "design": "design.py",
         "models": "models.py",
     }
     names = [name for name in session.posargs[:1] if name in scripts]

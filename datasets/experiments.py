@@ -45,7 +45,7 @@ def experiment_of(scenario: Scenario) -> Experiment:
     for f, cause in sines:
         at = np.searchsorted(omega, f.omega)
         phasors = np.array(f.amplitudes) * np.exp(1j * np.array(f.phases))
-        e, x = _inputs(scenario, f.omega, cause)
+        e, x = inputs_of(scenario, f.omega, cause)
         error[at] += e * phasors
         output[at] += x * phasors
     return Experiment(
@@ -62,8 +62,10 @@ def experiment_of(scenario: Scenario) -> Experiment:
     )
 
 
-def _inputs(scenario: Scenario, omega: FloatArray, cause: str) -> tuple[ComplexArray, ComplexArray]:
-    """Error and output for each unit of a cause."""
+def inputs_of(
+    scenario: Scenario, omega: FloatArray, cause: str
+) -> tuple[ComplexArray, ComplexArray]:
+    """Error and output for each unit of a cause: target, disturbance or remnant."""
     loop = closed_loop(scenario, omega)
     output: ComplexArray = getattr(loop, f"x_of_{cause}")
     return (1.0 if cause == "target" else 0.0) - output, output
@@ -72,7 +74,7 @@ def _inputs(scenario: Scenario, omega: FloatArray, cause: str) -> tuple[ComplexA
 def _circulation(scenario: Scenario, level: float, omega: FloatArray) -> Circulation:
     remnant = scenario.remnant
     shaping = level * remnant_shaping(scenario, omega)
-    error, output = _inputs(scenario, omega, "remnant")
+    error, output = inputs_of(scenario, omega, "remnant")
     slopes = np.zeros((len(remnant.shaped_by), omega.size))
     for slope, name in zip(slopes, remnant.shaped_by, strict=True):
         step = 1e-5 * getattr(remnant, name)
@@ -98,7 +100,7 @@ def _transient(scenario: Scenario) -> FloatArray:
             )
 
         def response(omega: FloatArray, cause: str = cause) -> ComplexArray:
-            e, x = _inputs(scenario, omega, cause)
+            e, x = inputs_of(scenario, omega, cause)
             return gradient_of(scenario.model, omega, e, x, scenario.values)
 
         total += forcing.through(response, time)

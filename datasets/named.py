@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
+from pilotid.datasets.designed import designed_scenario
 from pilotid.datasets.population import POPULATIONS, Population
 from pilotid.datasets.scenarios import SCENARIOS, Scenario, checked, require_name
 from pilotid.naming.code import is_place, taken
@@ -26,14 +28,16 @@ def scenarios_named(text: str) -> list[AnyScenario]:
     Parameters
     ----------
     text
-        ``nominal``, ``nominal(runs=3)``, or ``file.py:NAME`` or ``package.module:NAME`` for
-        a scenario, a population or a list of them.
+        ``nominal``, ``nominal(runs=3)``, the ``design.json`` of a design, or ``file.py:NAME`` or
+        ``package.module:NAME`` for a scenario, a population or a list of them.
 
     Raises
     ------
     InputError
         If there is none; the message lists the names there are.
     """
+    if text.strip().lower().endswith(".json"):
+        return [sound(designed_scenario(Path(text.strip())))]
     if not is_place(text):
         return [_from_catalogue(text)]
     thing = taken(text)

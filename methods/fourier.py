@@ -36,16 +36,17 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate, Outcome
-from pilotid.estimates.method import dependent_signals, motionless_input, varying
+from pilotid.estimates.method import motionless_input
 from pilotid.estimates.response import FrequencyResponse
-from pilotid.frequency.fourier_coefficients import Coefficients, coefficients_of
 from pilotid.frequency.second_step import second_step
+from pilotid.lines.coefficients import NEIGHBOURS, TREND, Coefficients, coefficients_of
+from pilotid.lines.equations import Equations
+from pilotid.lines.objection import objection
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.lines import NotMultisineError, forcing_lines
 from pilotid.recordings.recording import Recording
-from pilotid.solve.least_squares import Problem, minimise
+from pilotid.solve.least_squares import minimise
 from pilotid.solve.search import search
-from pilotid.types import ComplexArray, FloatArray
+from pilotid.types import ComplexArray
 
 
 @dataclass(frozen=True)
@@ -67,40 +68,15 @@ class Fourier:
         equations at the lines, as published) to 1.
     """
 
-    neighbours: int = 16
-    trend: int | None = 1
+    neighbours: int = NEIGHBOURS
+    trend: int | None = TREND
     rounds: int = 8
     removed: float = 0.5
     name: ClassVar[str] = "fourier"
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
         """Why the forcing functions have no lines, or too few, for the model's channels."""
-        if constant_only := varying(model):
-            return constant_only
-        try:
-            lines = forcing_lines(recording)
-        except NotMultisineError as error:
-            return str(error)
-        if not lines:
-            return "the recording holds neither ft or fd nor their lines"
-        inputs = [channel.input for channel in model.channels]
-        if len(set(inputs)) < len(inputs):
-            return f"model {model.name} has two channels on one input, which no lines tell apart"
-        if inputs == ["target"]:
-            return f"model {model.name} acts on the target alone, outside any loop"
-        if dependent := dependent_signals(model):
-            return dependent
-        fewest = min(own.size for own in lines.values())
-        if len(inputs) == 2 and len(lines) < 2:
-            return "two channels need both a target and a disturbance forcing function"
-        if len(inputs) == 2 and np.intersect1d(lines["ft"], lines["fd"]).size:
-            return "two channels need forcing functions without common lines"
-        if fewest < 2:
-            return "a forcing function has a single line, where two or more are needed"
-        count = sum(own.size for own in lines.values())
-        if 2 * count < len(model.parameters):
-            return f"{count} lines are too few for {len(model.parameters)} parameters"
-        return None
+        return objection(recording, model)
 
     def first_step(self, recording: Recording, model: PilotModel) -> FrequencyResponse:
         """The channels' responses at the forcing lines, without a model of the pilot."""
@@ -186,78 +162,3 @@ def _with_interpolation_error(
         f"the median, {share.max():.1f} % at most"
     )
     return replace(estimate, frequency_response=replace(response, systematic=error, note=note))
-
-
-class Equations(Problem):
-    """Residuals of U = sum of H I at the lines, less the trend of those at the bins beside.
-
-    Times the sensitivity S = 1/(1 - sum of H G), with G the loop's way from the control to the
-    inputs, this is the control less what the forcing functions make of it in the loop, and
-    its derivative holds what the forcing functions excite alone.  Times a power of S it holds
-    the rest of the remnant in the inputs.
-
-    Parameters
-    ----------
-    coefficients
-        The recording's coefficients.
-    model
-        The pilot model.
-    power
-        Power of the remnant in each equation, shape (n,).
-    removed
-        That power, from 0 to 1.
-    fitted
-        Parameters whose sensitivity the weights are told by, shape (parameters,); needed if
-        `removed` is not 0.
-    """
-
-    def __init__(
-        self,
-        coefficients: Coefficients,
-        model: PilotModel,
-        power: FloatArray,
-        removed: float = 0.0,
-        fitted: FloatArray | None = None,
-    ) -> None:
-        self.model, self.omega = model, coefficients.omega
-        # Real and imaginary parts have half the power each.
-        scale = np.sqrt(2.0 / power)
-        lines = coefficients.lines
-        self._paths, self._removed = coefficients.paths, removed
-        if removed and fitted is not None:
-            responses = model.response(self.omega[:lines], fitted)
-            around = np.sum(responses * coefficients.paths, axis=0)
-            scale = scale * np.abs(1.0 - around) ** removed
-
-        def combined(signal: ComplexArray) -> ComplexArray:
-            """What multiplies responses at lines and bins, shape (n, all)."""
-            count = len(self.omega)
-            matrix = np.zeros((lines, count), dtype=complex)
-            rows = np.arange(lines)
-            matrix[rows, rows] = coefficients.at_lines(signal[:, :lines])
-            beside = np.mean(
-                coefficients.phases[:, :, None] * signal[:, coefficients.beside], axis=0
-            )
-            matrix[rows[:, None], coefficients.beside] = -coefficients.trend * beside
-            return scale[:, None] * matrix
-
-        self._control = combined(coefficients.control).sum(axis=1)
-        self._inputs = np.array([combined(signal) for signal in coefficients.inputs])
-
-    @property
-    def residuals(self) -> int:
-        """Number of real residuals."""
-        return 2 * int(self._control.size)
-
-    def rows(self, values: FloatArray) -> FloatArray:
-        """Standardised Jacobian and residual, shape (sets, parameters + 1, residuals)."""
-        responses, slopes = self.model.response_and_jacobian(self.omega, values)
-        everything = np.concatenate([slopes, responses[:, :, None]], axis=2)
-        rows = sum(everything[:, c] @ inputs.T for c, inputs in enumerate(self._inputs))
-        rows[:, -1] = self._control - rows[:, -1]
-        if self._removed:
-            around = np.einsum("scpn,cn->spn", everything[..., : self._control.size], self._paths)
-            sensitivity = 1.0 / (1.0 - around[:, -1:])
-            rows[:, :-1] -= self._removed * sensitivity * around[:, :-1] * rows[:, -1:]
-            rows *= sensitivity**self._removed
-        return np.concatenate([rows.real, rows.imag], axis=-1)

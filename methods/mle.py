@@ -29,7 +29,12 @@ from pilotid.solve.covariance import covariance_at_bounds, covariance_of
 from pilotid.solve.intervals import Profile, profile_intervals
 from pilotid.time_domain.change_profile import over_changes
 from pilotid.time_domain.conclusion import concluded
-from pilotid.time_domain.maximum_likelihood import Maximum, criteria_from, maximise_likelihood
+from pilotid.time_domain.maximum_likelihood import (
+    Maximum,
+    criteria_from,
+    maximise_likelihood,
+    widened,
+)
 from pilotid.time_domain.residual_tests import tested
 from pilotid.time_domain.settings import LikelihoodSettings
 from pilotid.types import FloatArray
@@ -71,7 +76,10 @@ class MLE(LikelihoodSettings):
         for _ in range(MOVES):
             if profile is None or profile.better is None:
                 break
-            found = found.moved(profile.better)
+            moved = found.moved(profile.better)
+            if found.follows and not moved.follows:
+                break
+            found = widened(moved, recording, model, rng, self)
             profile = _profile(found)
         joint, end = found.joint, found.end
         values, gram = end.values[0], end.gram[0]
@@ -106,7 +114,7 @@ class MLE(LikelihoodSettings):
             starts=found.starts,
             remnant=found.remnant,
             criterion=found.criterion,
-            remarks=tested(found, recording),
+            remarks=(*_not_followed(found), *tested(found, recording)),
         )
 
     def criteria_from(
@@ -114,6 +122,20 @@ class MLE(LikelihoodSettings):
     ) -> FloatArray:
         """Criteria of the optima reached from pilots alone, see `Searching`."""
         return criteria_from(recording, model, self, sets)
+
+
+def _not_followed(found: Maximum) -> list[str]:
+    """What to say where the likelihood has no optimum that follows the control as a pilot does."""
+    if found.follows or found.following is None:
+        return []
+    own = 100.0 * max(0.0, float(found.following.explained(found.pilot[None])[0]))
+    lines = 100.0 * found.following.lines
+    return [
+        "the likelihood is largest where the model predicts the control as the inverse of the "
+        f"controlled element, not as a pilot: its response explains {own:.0f} % of the control, "
+        f"that of a pilot fitted to the forcing functions' lines {lines:.0f} %; the values mean "
+        "nothing, choose a simpler model or the method fourier"
+    ]
 
 
 def _profile(found: Maximum) -> Profile | None:

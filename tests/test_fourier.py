@@ -23,8 +23,9 @@ from pilotid import load_recording
 from pilotid.datasets import scenario_named, simulate
 from pilotid.estimates.estimate import Outcome
 from pilotid.estimates.method import identify
-from pilotid.frequency.fourier_coefficients import coefficients_of, interpolation
-from pilotid.methods.fourier import Equations, Fourier
+from pilotid.lines.coefficients import coefficients_of, interpolation
+from pilotid.lines.equations import Equations
+from pilotid.methods.fourier import Fourier
 from pilotid.pilot.catalogue import GAIN_ONLY, MULTI, RATE, SINGLE
 from pilotid.pilot.model import Channel, PilotModel
 from pilotid.recordings.lines import NotMultisineError, forcing_lines

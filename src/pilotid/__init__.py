@@ -14,7 +14,7 @@ Methods live in `pilotid.methods`, simulated data sets in `pilotid.datasets`; a 
 methods on scenarios is a `Study`.
 """
 
-from pilotid.api import compare, identify, simulate, which_model
+from pilotid.api import compare, design, identify, simulate, which_model
 from pilotid.datasets.population import POPULATIONS, Population
 from pilotid.datasets.scenarios import SCENARIOS, Scenario
 from pilotid.estimates.estimate import Estimate, Outcome
@@ -60,6 +60,7 @@ __all__ = [
     "Scenario",
     "Study",
     "compare",
+    "design",
     "identify",
     "joined",
     "load_recording",

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from pilotid.analysis.choice import Selection, select
 from pilotid.datasets.named import AnyScenario, scenario_named
+from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.simulation import simulate as simulated
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.method import Method
@@ -20,6 +22,10 @@ from pilotid.recordings.recording import Recording
 from pilotid.seeds import DEFAULT_SEED, draw_rng, fit_rng, recording_rng
 from pilotid.study.comparison import Comparison
 from pilotid.study.study import Study
+from pilotid.types import InputError
+
+if TYPE_CHECKING:
+    from pilotid.designing.design import Design
 
 DEFAULT_METHOD = "mle"
 
@@ -130,3 +136,49 @@ def compare(
         Processes; None for one for each processor.
     """
     return Study(scenarios, methods, replications, seed).run_in(Path(out), workers)
+
+
+def design(
+    scenario: Scenario | str = "nominal",
+    minimise: str = "A",
+    *,
+    wanted: Mapping[str, float] | None = None,
+    limit: str = "e=1,u=1",
+    pilots: Sequence[Scenario] = (),
+    over: Literal["mean", "worst"] = "mean",
+    seed: int = DEFAULT_SEED,
+) -> Design:
+    """Design forcing functions: ``design("nominal", limit="e=1.5,u=1.5").errors``.
+
+    Parameters
+    ----------
+    scenario
+        Pilot, loop, remnant and window, or its name; its forcing functions are the reference.
+    minimise
+        ``A``, ``D``, ``E`` or parameters, of relative errors.
+    wanted
+        Standard errors as shares by parameter, such as ``{"tdvest": 0.03}``: the shortest time
+        is sought instead.
+    limit
+        As the command line takes it; see `pilotid.designing.limits.Limits`.
+    pilots, over
+        Pilots that the design is to suit, in the mean or in the worst case.
+    seed
+        Seed of the phases' random starts.
+
+    Returns
+    -------
+    Lines, powers, predicted errors, costs in e and u, the optimality gap, and the ``scenario``
+    of the design, which `simulate` and `compare` take.
+    """
+    from pilotid.designing.design import design as designed
+    from pilotid.designing.limits import Limits
+    from pilotid.naming.settings import made
+
+    named = scenario_named(scenario) if isinstance(scenario, str) else scenario
+    if not isinstance(named, Scenario):
+        raise InputError(f"{named.name}: is a population; a design is for one scenario")
+    limits = made(Limits, limit, f"limit={limit}")
+    return designed(
+        named, minimise, wanted=wanted, limits=limits, pilots=pilots, over=over, seed=seed
+    )

@@ -2,7 +2,8 @@
 
     nox -s check -- verdicts     20 minutes
 
-Whole reports of right methods are simulated: 23 scenarios, 8 methods, 7 parameters.  The
+Whole reports of right methods are simulated: as many scenarios and methods as there are, 7
+parameters.  The
 methods of a scenario share its recordings, so that their errors are correlated (.9); gain and
 lead have lognormal errors, as estimates of Kvis and tlead do, the others normal ones; the
 intervals hold the truth in 95 %.  Means are the truth, or each is as far off as a bias may be
@@ -19,12 +20,13 @@ from itertools import product
 import numpy as np
 
 from pilotid.chance import Z95
+from pilotid.datasets import SCENARIOS
+from pilotid.methods import METHODS
 from pilotid.report.rules import BIAS_BOUNDS, BIAS_PERCENT, ENOUGH, Rules, matters
 from pilotid.study.entries import ParameterTruth
 from pilotid.study.score import Score, scored
 from pilotid.types import FloatArray
 
-SCENARIOS, METHODS = 23, 8
 #: Share of a method's errors that the recordings make, and with it every other method's.
 SHARED = 0.9
 #: Standard deviations, relative to the truth, and whether errors are lognormal; about those of
@@ -98,8 +100,8 @@ def called(
     seed: int,
     reports: int,
     recordings: int,
-    scenarios: int = SCENARIOS,
-    methods: int = METHODS,
+    scenarios: int = len(SCENARIOS),
+    methods: int = len(METHODS),
     *,
     off: bool = False,
 ) -> dict[str, int]:
@@ -121,7 +123,7 @@ def called(
 
 def seen(seed: int, recordings: int, kind: tuple[str, float, bool], bias: float) -> list[float]:
     """Shares of 2000 cells of a whole report in which one parameter is biased, settled or open."""
-    rules = Rules(2 * SCENARIOS * METHODS * len(KINDS))
+    rules = Rules(2 * len(SCENARIOS) * len(METHODS) * len(KINDS))
     rng = np.random.default_rng(seed)
     ends = {"biased": 0, "settled": 0, "open": 0}
     for _ in range(2000):

@@ -6,9 +6,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from pilotid.analysis.forced import Forced, forced, objection
+from pilotid.analysis.forced import Forced, forced
 from pilotid.estimates.bounds import bounds_reached
 from pilotid.estimates.method import motionless_input
+from pilotid.lines.objection import objection
 from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless

@@ -20,17 +20,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pilotid.frequency.fourier_coefficients import Coefficients, coefficients_of
-from pilotid.methods.fourier import Equations, Fourier
+from pilotid.lines.coefficients import Coefficients
+from pilotid.lines.fit import LinesFit, fit_lines
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import fit_rng
-from pilotid.solve.least_squares import minimise, solve_linear
-from pilotid.solve.search import search
 from pilotid.types import FloatArray
-
-ROUNDS = 8  # in which leakage and power are found anew
-STARTS, REFINED = 48, 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,105 +59,58 @@ class Forced:
         return self.misfit / self.freedom if self.freedom > 0 else math.nan
 
 
-def objection(recording: Recording, model: PilotModel) -> str | None:
-    """Why the lines cannot judge a model, or None."""
-    return Fourier().objection(recording, model)
-
-
 def forced(recording: Recording, models: Sequence[PilotModel], seed: int) -> list[Forced]:
     """What the lines say of several models, in their order, with the same weights for all.
 
     Parameters
     ----------
     recording
-        A recording whose lines can judge all of the models, see `objection`.
+        A recording whose lines can judge all of the models, see
+        `pilotid.lines.objection.objection`.
     models
         The models, at least one.
     seed
         Seed of the searches' random starts.
     """
-    found: dict[str, tuple[Coefficients, FloatArray, FloatArray]] = {}
+    found: dict[str, LinesFit] = {}
     for model in sorted(models, key=lambda m: len(m.parameters)):
-        simpler = [(m, found[m.name][1]) for m in models if m.name in found]
         starts = [
-            _widened(m, values, model) for m, values in simpler if set(m.keys) < set(model.keys)
+            _widened(simpler, model)
+            for simpler in found.values()
+            if set(simpler.model.keys) < set(model.keys)
         ]
-        found[model.name] = _fitted(recording, model, starts, seed)
+        rng = fit_rng(seed, model.name)
+        found[model.name] = fit_lines(recording, model, rng, starts=starts)
     fits = [found[model.name] for model in models]
     # The power of the remnant as the model has it that leaves the least.
-    _, power = min(
-        ((_misfit(c, m, v, p), p) for m, (c, v, p) in zip(models, fits, strict=True)),
-        key=lambda entry: entry[0],
-    )
-    return [
-        _account(coefficients, model, values, power)
-        for model, (coefficients, values, _) in zip(models, fits, strict=True)
-    ]
+    power = min(fits, key=lambda fit: fit.misfit).power
+    return [_account(replace(fit, power=power)) for fit in fits]
 
 
-def _widened(simpler: PilotModel, values: FloatArray, model: PilotModel) -> FloatArray:
+def _widened(simpler: LinesFit, model: PilotModel) -> FloatArray:
     """A start for a model from the optimum of one that has some of its parameters."""
-    known = dict(zip(simpler.keys, values.tolist(), strict=True))
+    known = dict(zip(simpler.model.keys, simpler.values.tolist(), strict=True))
     return np.array([known.get(key, own) for key, own in zip(model.keys, model.start, strict=True)])
 
 
-def _fitted(
-    recording: Recording, model: PilotModel, starts: Sequence[FloatArray], seed: int
-) -> tuple[Coefficients, FloatArray, FloatArray]:
-    """A recording's coefficients, the model's parameters, and the power of the remnant."""
-    usual = Fourier()
-    coefficients = coefficients_of(recording, model, usual.neighbours, usual.trend)
-    power = coefficients.power(coefficients.first_residuals())
-    problem = Equations(coefficients, model, power)
-    rng = fit_rng(seed, model.name)
-    ends = search(problem.gram, model, rng, candidates=STARTS, refined=REFINED)
-    if starts:
-        points, _ = solve_linear(
-            problem.gram(np.array(starts)), np.array(starts), model.linear, model.lower
-        )
-        more = minimise(problem.gram, points, model, tolerance=1e-3, iterations=16)
-        ends = min((ends, more), key=lambda minima: float(minima.cost[0]))
-    values = ends.values[0]
-    for _ in range(ROUNDS):
-        residuals = coefficients.residuals(model.response(coefficients.omega, values))
-        power = coefficients.power(residuals)
-        before, values = values, _minimised(coefficients, model, values, power)
-        if np.all(np.abs(values - before) <= 1e-4 * np.abs(before)):
-            break
-    return coefficients, values, power
-
-
-def _minimised(
-    coefficients: Coefficients, model: PilotModel, values: FloatArray, power: FloatArray
-) -> FloatArray:
-    """Parameters whose response in the loop to the forcing functions alone fits best."""
-    problem = Equations(coefficients, model, power, 1.0, values)
-    return np.asarray(minimise(problem.gram, values[None], model, tolerance=1e-6).values[0])
-
-
-def _misfit(
-    coefficients: Coefficients, model: PilotModel, values: FloatArray, power: FloatArray
-) -> float:
-    problem = Equations(coefficients, model, power)
-    return float(np.sum(problem.rows(values[None])[0, -1] ** 2))
-
-
-def _account(
-    coefficients: Coefficients, model: PilotModel, values: FloatArray, power: FloatArray
-) -> Forced:
-    values = _minimised(coefficients, model, values, power)
+def _account(fit: LinesFit) -> Forced:
+    fit = fit.minimised()
+    coefficients = fit.coefficients
     runs = len(coefficients.control)
     left_out = []
     for run in range(runs) if runs > 1 else ():
-        others = _of_runs(coefficients, [r for r in range(runs) if r != run])
-        known = _minimised(others, model, values, power * runs / (runs - 1))
-        left_out.append(_misfit(_of_runs(coefficients, [run]), model, known, power * runs))
-    lines = 2 * coefficients.lines
+        others = replace(
+            fit,
+            coefficients=_of_runs(coefficients, [r for r in range(runs) if r != run]),
+            power=fit.power * runs / (runs - 1),
+        )
+        alone = replace(fit, coefficients=_of_runs(coefficients, [run]), power=fit.power * runs)
+        left_out.append(float(alone.misfits(others.minimised().values[None])[0]))
     return Forced(
-        model=model,
-        values=values,
-        misfit=_misfit(coefficients, model, values, power),
-        freedom=lines - len(values),
+        model=fit.model,
+        values=fit.values,
+        misfit=fit.misfit,
+        freedom=fit.freedom,
         left_out=np.array(left_out),
     )
 

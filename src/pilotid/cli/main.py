@@ -28,6 +28,7 @@ from pilotid.cli.arguments import (
 )
 from pilotid.cli.check import check
 from pilotid.cli.comparison import compare, report
+from pilotid.cli.design import design
 from pilotid.cli.reading import (
     DetrendOption,
     IntervalOption,
@@ -318,5 +319,6 @@ def posterior(
 
 app.command()(check)
 app.command()(analyse)
+app.command()(design)
 app.command()(compare)
 app.command()(report)

@@ -1,4 +1,4 @@
-"""Two-step methods: Fourier coefficients or black-box regression, then a fit to responses.
+"""Two-step methods: black-box regression, and the fit to responses that all of them end with.
 
 Imports what `time_domain` may import, and `time_domain`; not `posterior`.  Start at
 `second_step`, which every two-step method ends with.

@@ -30,7 +30,14 @@ class Problem(Protocol):
     """A sum of squares, by the rows of its Jacobian and its residual.
 
     Who derives from it gives `residuals` and `rows`, and has `gram`.
+
+    Attributes
+    ----------
+    block
+        Parameter sets evaluated at once.
     """
+
+    block: int = BLOCK
 
     @property
     def residuals(self) -> int:
@@ -63,8 +70,8 @@ class Problem(Protocol):
             Parameter sets, shape (sets, parameters).
         """
         grams = []
-        for begin in range(0, len(values), BLOCK):
-            block = self.rows(values[begin : begin + BLOCK])
+        for begin in range(0, len(values), self.block):
+            block = self.rows(values[begin : begin + self.block])
             flat = block.reshape(*block.shape[:2], -1)
             grams.append(flat @ flat.transpose(0, 2, 1))
         return np.concatenate(grams)

@@ -66,19 +66,35 @@ def bounds(experiment: Experiment, band: float | None = None, order: int = 8) ->
     forcing = _forcing_information(view)
     full = forcing + view.samples * view.products(gradient, gradient)
 
-    by_shape, _ = monic(0.5 * circulation.log_slopes, 2 * GRID)
     factor, _ = monic(0.5 * np.log(circulation.density), 2 * GRID)
     delays = np.exp(-1j * np.pi / view.band * np.outer(np.arange(1, order + 1), view.omega))
     by_coefficient = -delays * np.exp(factor)
 
-    def left(nuisance: ComplexArray) -> FloatArray:
-        """Information left when the remnant's own parameters take their share."""
-        cross = view.products(gradient, nuisance)
-        taken = cross @ np.linalg.solve(view.products(nuisance, nuisance), cross.T)
-        return np.asarray(full - view.samples * taken)
-
-    informations = full, forcing, left(by_shape), left(by_coefficient)
+    low_pass = full - view.samples * nuisance_share(view, gradient)
+    autoregressive = full - view.samples * _taken(view, gradient, by_coefficient)
+    informations = full, forcing, low_pass, autoregressive
     return Bounds(*(_inverse(experiment.runs * i) for i in informations))
+
+
+def nuisance_share(view: View, gradient: ComplexArray) -> FloatArray:
+    """Information per sample that the remnant's own parameters take for themselves.
+
+    Forcing functions have no part in it.
+
+    Parameters
+    ----------
+    view
+        The experiment in its band.
+    gradient
+        Derivatives of the predicted control for each unit of remnant, (parameters, n).
+    """
+    by_shape, _ = monic(0.5 * view.circulation.log_slopes, 2 * GRID)
+    return _taken(view, gradient, by_shape)
+
+
+def _taken(view: View, gradient: ComplexArray, nuisance: ComplexArray) -> FloatArray:
+    cross = view.products(gradient, nuisance)
+    return np.asarray(cross @ np.linalg.solve(view.products(nuisance, nuisance), cross.T))
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,10 +3,11 @@
 Two ways go wrong on their own.  A remnant taken for white has few wrong optima, but its
 best one need not be where the likelihood's is.  A remnant that is estimated along with the
 pilot makes a wrong pilot look right: what the pilot misses, the remnant explains.  So the
-first optimum is found with a white residual.  The remnant that it leaves whitens a second
-sweep, from that optimum with each parameter in turn moved to the ends of its usual range,
-and from usual pilots at random.  What this sweep ends in, each with a remnant of its own,
-are the candidates.
+first optimum is that of the forcing functions' lines alone, where there are lines, or else one
+with a white residual.  The remnant that it leaves whitens a second sweep, from that optimum
+with each parameter in turn moved to the ends of its usual range, and, without lines, from usual
+pilots at random.  What this sweep ends in, each with a remnant of its own, are the candidates;
+what does not follow the control as a pilot does is none, see `following`.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from pilotid.estimates.estimate import Starts
 from pilotid.pilot.model import PilotModel
 from pilotid.solve.least_squares import Minima, minimise, solve_linear
 from pilotid.solve.search import draw_starts, search
+from pilotid.time_domain.following import Following
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction
 from pilotid.time_domain.prediction_errors import PredictionErrors
@@ -53,11 +55,14 @@ class Explored:
         The nuisance terms that the recording shows.
     starts
         How many starts ended in the best optimum.
+    following
+        Which parameters follow the control as a pilot does.
     """
 
     candidates: FloatArray
     terms: tuple[float, ...]
     starts: Starts
+    following: Following
 
 
 def explore(
@@ -65,6 +70,7 @@ def explore(
     band: Band,
     rng: np.random.Generator,
     settings: LikelihoodSettings,
+    known: FloatArray | None = None,
 ) -> Explored:
     """Search the candidates.
 
@@ -78,31 +84,45 @@ def explore(
         Draws the random starts.
     settings
         Number of starts, and the remnant's model if it is not to be chosen.
+    known
+        Pilots near the optimum, the first fitted to the forcing functions' lines alone, shape
+        (sets, parameters); None where there are no such lines.
     """
     model = prediction.model
     coarse = reduced(prediction)
-    white = OutputErrors(coarse.below(settings.search_band))
-    found = search(white.gram, model, rng, candidates=settings.candidates, refined=settings.refined)
+    following = Following(coarse, known)
+    if known is None:
+        white = OutputErrors(coarse.below(settings.search_band))
+        firsts = search(
+            white.gram, model, rng, candidates=settings.candidates, refined=settings.refined
+        ).distinct()
+    else:
+        firsts = known
     joint = PredictionErrors(coarse, settings.noise or FIRST, band)
-    end = _own_remnant(joint, prediction, found.distinct())
+    end = _own_remnant(joint, prediction, firsts)
     taps = joint.whitener(end.values[0])
     best = end.values[0, : joint.pilot]
     whitened = OutputErrors(coarse, taps)
-    starts = _starts(model, best, rng, settings.candidates)
+    starts = _starts(model, best, rng, settings.candidates if known is None else 0)
     starts, _ = solve_linear(whitened.gram(starts), starts, model.linear, model.lower)
-    starts = np.concatenate([best[None], starts])
+    starts = np.concatenate([best[None], *([] if known is None else [known]), starts])
     first = minimise(whitened.gram, starts, model, tolerance=1e-3, iterations=SWEEP)
     # What is far behind by then is given up.
     swept = minimise(
         whitened.gram, first.values[:PROMISING], model, tolerance=1e-3, iterations=2 * SWEEP
     )
-    candidates, agreeing = optima(swept, coarse.samples, SWEPT)
+    candidates, agreeing = optima(following.only(swept), coarse.samples, SWEPT)
+    if known is not None:
+        candidates = np.concatenate([candidates, known])
     if len(candidates) > 1:
-        ends = _own_remnant(joint, prediction, candidates)
+        ends = following.only(_own_remnant(joint, prediction, candidates))
         candidates = optima(ends, coarse.samples, LIKELY)[0][:, : joint.pilot]
+    if known is not None and len(known) > 1:
+        # What is known of another band may be nearer than where the first remnant leads.
+        candidates = np.concatenate([candidates, known])
     terms = OutputErrors(prediction, taps).noticeable_terms(candidates[0])
     cost = np.sort(np.concatenate([swept.cost, first.cost[PROMISING:]]))
-    return Explored(candidates, terms, Starts(cost / cost[0], agreeing))
+    return Explored(candidates, terms, Starts(cost / cost[0], agreeing), following)
 
 
 def terms_at(

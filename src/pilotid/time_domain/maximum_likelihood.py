@@ -13,10 +13,13 @@ import numpy as np
 
 from pilotid.estimates.estimate import Starts
 from pilotid.estimates.remnant import RemnantEstimate
+from pilotid.lines.fit import fit_lines
+from pilotid.lines.objection import objection
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Minima, minimise
 from pilotid.time_domain.exploration import explore, terms_at
+from pilotid.time_domain.following import Following
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction, predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
@@ -60,12 +63,28 @@ class Maximum:
         Record of the search that led there.
     iterations
         Iterations in the analysis band.
+    following
+        Tells whether parameters follow the control, where that was asked.
+    known
+        The pilots that the search began with, see `pilotid.time_domain.exploration.explore`.
     """
 
     joint: PredictionErrors
     end: Minima
     starts: Starts
     iterations: int
+    following: Following | None = None
+    known: FloatArray | None = None
+
+    @property
+    def pilot(self) -> FloatArray:
+        """The pilot's parameters, shape (parameters,)."""
+        return self.end.values[0, : self.joint.pilot]
+
+    @property
+    def follows(self) -> bool:
+        """Whether the control is followed as a pilot does, see `pilotid.time_domain.following`."""
+        return self.following is None or bool(self.following(self.pilot[None])[0])
 
     @property
     def variance(self) -> float:
@@ -132,10 +151,45 @@ def maximise_likelihood(
     settings
         Bands, starts, and the remnant's model if it is not to be chosen.
     """
-    found = _maximised(recording, model, rng, settings, settings.band)
-    if _too_narrow(found, recording, settings):
-        found = _maximised(recording, model, rng, settings, settings.wide)
-    return found
+    known = _lines_pilot(recording, model, rng)
+    found = _maximised(recording, model, rng, settings, settings.band, known)
+    return widened(found, recording, model, rng, settings)
+
+
+def widened(
+    found: Maximum,
+    recording: Recording,
+    model: PilotModel,
+    rng: np.random.Generator,
+    settings: LikelihoodSettings,
+) -> Maximum:
+    """The optimum in the wide band, where the recording tells of the pilot near this one's edge.
+
+    Parameters
+    ----------
+    found
+        The optimum in the usual band.
+    recording, model, rng, settings
+        As for `maximise_likelihood`.
+    """
+    if not _too_narrow(found, recording, settings):
+        return found
+    known = found.known
+    if known is not None and found.follows:
+        known = np.array([known[0], found.pilot])
+    wider = _maximised(recording, model, rng, settings, settings.wide, known)
+    # The wider the band, the better the forcing functions are predicted, see `following`.
+    return wider if wider.follows or not found.follows else found
+
+
+def _lines_pilot(
+    recording: Recording, model: PilotModel, rng: np.random.Generator
+) -> FloatArray | None:
+    """The pilot that the forcing functions' lines show, shape (1, parameters), if they do."""
+    if objection(recording, model):
+        return None
+    fit = fit_lines(recording, model, rng, candidates=96, refined=8, same=0.01)
+    return fit.values[None] if np.isfinite(fit.values).all() else None
 
 
 def criteria_from(
@@ -203,27 +257,31 @@ def _maximised(
     rng: np.random.Generator,
     settings: LikelihoodSettings,
     rate: float | None,
+    known: FloatArray | None,
 ) -> Maximum:
     prediction = predict(recording, model, rate)
     band = analysis_band(recording.dt, rate)
-    explored = explore(prediction, band, rng, settings)
-    narrowed = replace(prediction, terms=explored.terms)
+    explored = explore(prediction, band, rng, settings, known)
+    narrowed, following = replace(prediction, terms=explored.terms), explored.following
     candidates = explored.candidates
     if len(candidates) > 1:
         firsts = [_chosen(narrowed, band, pilot, settings, 1e-3) for pilot in candidates]
         reached = np.array([_criterion(*first) for first in firsts])
+        candidates = np.array([end.values[0, : joint.pilot] for joint, end in firsts])
+        if (kept := following(candidates)).any():
+            reached[~kept] = np.inf
         near = reached < np.min(reached) + NEAR
-        ends = [end.values[0, : joint.pilot] for joint, end in firsts]
-        candidates = np.array(ends)[near]
-    tried = [_maximum(narrowed, band, values, settings) for values in candidates]
-    best = min(tried, key=lambda maximum: maximum.criterion)
+        candidates = candidates[near]
+    tried = [_maximum(narrowed, band, values, settings, following) for values in candidates]
+    followed = [maximum for maximum in tried if maximum.follows] or tried
+    best = min(followed, key=lambda maximum: maximum.criterion)
     # The terms were chosen beside a first estimate; at the optimum the choice may be another.
-    pilot = best.end.values[0, : best.joint.pilot]
+    pilot = best.pilot
     whitened = OutputErrors(prediction, best.joint.whitener(best.end.values[0]))
     terms = whitened.noticeable_terms(pilot)
     if terms != explored.terms:
-        best = _maximum(replace(prediction, terms=terms), band, pilot, settings)
-    return replace(_elsewhere(best), starts=explored.starts)
+        best = _maximum(replace(prediction, terms=terms), band, pilot, settings, following)
+    return replace(_elsewhere(best), starts=explored.starts, known=known)
 
 
 def _elsewhere(found: Maximum) -> Maximum:
@@ -238,7 +296,11 @@ def _elsewhere(found: Maximum) -> Maximum:
 
 
 def _maximum(
-    prediction: Prediction, band: Band, pilot: FloatArray, settings: LikelihoodSettings
+    prediction: Prediction,
+    band: Band,
+    pilot: FloatArray,
+    settings: LikelihoodSettings,
+    following: Following | None = None,
 ) -> Maximum:
     """Pilot and remnant together from one pilot, the remnant's model chosen as they move."""
     chosen, iterations = None, 0
@@ -258,7 +320,7 @@ def _maximum(
         joint, end = better
         iterations += end.iterations
         pilot = end.values[0, : joint.pilot]
-    return Maximum(joint, end, Starts(cost=np.ones(1), agreeing=1), iterations)
+    return Maximum(joint, end, Starts(cost=np.ones(1), agreeing=1), iterations, following)
 
 
 def _chosen(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from pilotid.types import BoolArray, ComplexArray, FloatArray, IntArray
 #: Least power of the remnant at a line as a share of the control's there: far below what
 #: any recording resolves, it keeps weights finite without a remnant.
 QUIETEST = 1e-12
+#: Bins beside each line that tell leakage and power, and the order of the polynomial that leakage
+#: follows there.
+NEIGHBOURS, TREND = 16, 1
 #: Adjacent lines whose scatter between runs is averaged.
 POOLED = 5
 #: Order of the polynomial in frequency that a way through the loop is taken for beside a line.
@@ -93,6 +96,26 @@ class Coefficients:
             Residuals at lines and bins, shape (..., runs, all).
         """
         return np.asarray(np.einsum("nb,...nb->...n", self.trend, residuals[..., self.beside]))
+
+    def at_lines_alone(self, residuals: ComplexArray) -> Coefficients:
+        """The lines without the bins beside them, less what these residuals leak to them.
+
+        Parameters
+        ----------
+        residuals
+            Residuals at lines and bins, shape (runs, all).
+        """
+        none = np.zeros((self.lines, 0))
+        return replace(
+            self,
+            omega=self.omega[: self.lines],
+            control=self.control[:, : self.lines] - self.leakage(residuals),
+            inputs=self.inputs[:, :, : self.lines],
+            seen=self.seen[:, :, : self.lines],
+            beside=none.astype(int),
+            trend=none,
+            detrend=none[:, :, None],
+        )
 
     def power(self, residuals: ComplexArray) -> FloatArray:
         """Power of the remnant in the averaged coefficients at the lines, shape (n,).

@@ -1,0 +1,305 @@
+"""The command `design`."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pilotid.cli.arguments import SeedOption
+from pilotid.seeds import DEFAULT_SEED
+from pilotid.terminal import make_console, make_table, print_table
+from pilotid.types import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.table import Table
+
+    from pilotid.datasets.scenarios import Scenario
+    from pilotid.designing.design import Design
+    from pilotid.designing.planning import Plan
+
+
+def design(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the design.")],
+    scenario: Annotated[
+        str,
+        typer.Argument(metavar="SCENARIO", help="Pilot, loop, remnant and reference forcing."),
+    ] = "nominal",
+    minimise: Annotated[
+        str,
+        typer.Option(metavar="A|D|E|KEY,KEY", help="What is made small, of relative errors."),
+    ] = "A",
+    wanted: Annotated[
+        str | None,
+        typer.Option(metavar="tdvest=3%,Kvest=5%", help="Standard errors: the shortest time."),
+    ] = None,
+    limit: Annotated[
+        str,
+        typer.Option(
+            metavar="e=1.5,u=1.5",
+            help="Variances of e, u, de, du over the reference's; power, line, floor, high, "
+            "peaks ft, fd, stick; shape=false, balance=false.",
+        ),
+    ] = "e=1,u=1",
+    at_most: Annotated[
+        float | None, typer.Option(metavar="S", help="Longest window for --wanted.")
+    ] = None,
+    lines: Annotated[
+        int | None, typer.Option(min=1, help="Lines of each signal; default: the reference's.")
+    ] = None,
+    pick: Annotated[
+        str, typer.Option(metavar="any|odd|prime", help="Which lines may be taken.")
+    ] = "any",
+    period: Annotated[
+        float | None, typer.Option(metavar="S", help="Period of line 1; default: the reference's.")
+    ] = None,
+    seconds: Annotated[
+        float | None, typer.Option(metavar="S", help="Window; default: the scenario's.")
+    ] = None,
+    runs: Annotated[
+        int | None,
+        typer.Option(min=1, help="Runs (of a subject in each condition); default: the scenario's."),
+    ] = None,
+    truth: Annotated[
+        str | None, typer.Option(metavar="tlead=2,Kvest=1", help="True values that differ.")
+    ] = None,
+    estimates: Annotated[
+        Path | None,
+        typer.Option("--from", metavar="F.json", help="Pilots of a pilot study: fit --json."),
+    ] = None,
+    pilots: Annotated[
+        int | None, typer.Option(min=2, help="Pilots of the populations' ranges to suit.")
+    ] = None,
+    over: Annotated[
+        str, typer.Option(metavar="mean|worst", help="What counts of several pilots.")
+    ] = "mean",
+    power: Annotated[
+        str | None,
+        typer.Option(metavar="'tlead +15%'", help="A difference between conditions to plan for."),
+    ] = None,
+    subjects: Annotated[int, typer.Option(min=2, help="Subjects, for --power.")] = 8,
+    between: Annotated[
+        float, typer.Option(help="Spread of the difference between subjects, a share.")
+    ] = 0.1,
+    within: Annotated[float, typer.Option(help="Spread from run to run, a share.")] = 0.05,
+    rate: Annotated[
+        float | None, typer.Option(metavar="HZ", help="Rate of forcing.csv; default: scenario's.")
+    ] = None,
+    fade: Annotated[float, typer.Option(metavar="S", help="Fades of forcing.csv.")] = 2.0,
+    seed: SeedOption = DEFAULT_SEED,
+) -> None:
+    """Design forcing functions and recording time for the precision wanted."""
+    from importlib.metadata import version
+
+    from pilotid.designing import design as designing
+    from pilotid.designing.limits import Limits
+    from pilotid.designing.lines import chosen_lines, reference_lines
+    from pilotid.designing.output import write_files
+    from pilotid.designing.planning import plan, read_effect
+    from pilotid.designing.report import write_report
+    from pilotid.disk import make_folder
+    from pilotid.naming.settings import made as configured
+
+    if over not in ("mean", "worst"):
+        raise InputError(f"--over {over}: must be mean or worst")
+    for option, value in (
+        ("--at-most", at_most),
+        ("--period", period),
+        ("--seconds", seconds),
+        ("--rate", rate),
+    ):
+        if value is not None and not 0.0 < value < math.inf:
+            raise InputError(f"{option} {value:g}: must be a number above 0")
+    for option, value in (("--between", between), ("--within", within), ("--fade", fade)):
+        if not 0.0 <= value < math.inf:
+            raise InputError(f"{option} {value:g}: must be a number of at least 0")
+    chosen = _scenario(scenario, truth, seconds, runs)
+    everyone = _pilots(chosen, estimates, pilots, seed)
+    if estimates is not None:
+        chosen = everyone[0]
+        everyone = everyone if len(everyone) > 1 else ()
+    effect = read_effect(power) if power else None
+    made = designing.design(
+        chosen,
+        minimise,
+        wanted=_wishes(wanted),
+        limits=configured(Limits, limit, f"--limit {limit}"),
+        lines=chosen_lines(reference_lines(chosen), lines, pick, period),  # type: ignore[arg-type]
+        pilots=everyone,
+        over=over,  # type: ignore[arg-type]
+        at_most=at_most,
+        seed=seed,
+    )
+    plans: list[tuple[str, Plan]] = []
+    if effect is not None:
+        for name, experiment in (("design", made.scenario), ("reference", made.reference)):
+            plans.append((name, plan(experiment, *effect, between=between, within=within)))
+
+    make_folder(out)
+    command = _command({k: v for k, v in locals().items() if k in OPTIONS}, scenario)
+    about = {
+        "pilotid": version("pilotid"),
+        "command": command,
+        "plan": {name: asdict(found) for name, found in plans} or None,
+    }
+    write_files(out, made, about, rate, fade)
+    page = write_report(out, made, command, version("pilotid"), plans)
+    _print(made, plans, subjects)
+    console = make_console()
+    console.print(f"design: {out / 'design.json'}, signals: {out / 'forcing.csv'}", soft_wrap=True)
+    console.print(f"report: {page}", soft_wrap=True)
+
+
+#: Options by the names of their variables, as the command that is noted has them.
+OPTIONS = {
+    "minimise": ("--minimise", "A"),
+    "wanted": ("--wanted", None),
+    "limit": ("--limit", "e=1,u=1"),
+    "at_most": ("--at-most", None),
+    "lines": ("--lines", None),
+    "pick": ("--pick", "any"),
+    "period": ("--period", None),
+    "seconds": ("--seconds", None),
+    "runs": ("--runs", None),
+    "truth": ("--truth", None),
+    "estimates": ("--from", None),
+    "pilots": ("--pilots", None),
+    "over": ("--over", "mean"),
+    "power": ("--power", None),
+    "subjects": ("--subjects", 8),
+    "between": ("--between", 0.1),
+    "within": ("--within", 0.05),
+    "rate": ("--rate", None),
+    "fade": ("--fade", 2.0),
+    "seed": ("--seed", DEFAULT_SEED),
+    "out": ("--out", None),
+}
+
+
+def _command(given: dict[str, object], scenario: str) -> str:
+    words = ["pilotid", "design", scenario]
+    for name, (option, usual) in OPTIONS.items():
+        if given[name] != usual:
+            words += [option, str(given[name])]
+    return shlex.join(words)
+
+
+def _scenario(name: str, truth: str | None, seconds: float | None, runs: int | None) -> Scenario:
+    from pilotid.datasets import Scenario, scenario_named
+    from pilotid.designing.loop import with_held_remnant
+    from pilotid.designing.pilots import with_truth
+
+    chosen = scenario_named(name)
+    if not isinstance(chosen, Scenario):
+        raise InputError(
+            f"{name}: is a population; a design is for one loop: name a scenario, and --pilots for "
+            "pilots of the populations' ranges in it"
+        )
+    if chosen.violation is not None:
+        raise InputError(
+            f"scenario {chosen.name}: a design cannot be made for what methods break on"
+        )
+    if truth is not None:
+        chosen = with_truth(chosen, _pairs("--truth", truth))
+    if seconds is not None:
+        chosen = replace(with_held_remnant(chosen), duration=seconds, family="", varied="")
+    return replace(chosen, runs=runs or chosen.runs)
+
+
+def _pilots(
+    scenario: Scenario, estimates: Path | None, count: int | None, seed: int
+) -> Sequence[Scenario]:
+    from pilotid.designing.pilots import drawn_pilots, studied
+
+    if estimates is not None and count is not None:
+        raise InputError("--from and --pilots exclude each other; leave one out")
+    if estimates is not None:
+        return studied(scenario, estimates)
+    return drawn_pilots(scenario, count, seed) if count is not None else ()
+
+
+def _pairs(option: str, text: str) -> dict[str, float]:
+    """Numbers by key in a text such as ``tlead=2,Kvest=1``; a % divides by 100."""
+    found = {}
+    for pair in text.split(","):
+        key, _, value = (part.strip() for part in pair.partition("="))
+        try:
+            share = value.endswith("%")
+            found[key] = float(value.removesuffix("%")) / (100.0 if share else 1.0)
+        except ValueError:
+            raise InputError(f"{option} {text}: '{pair}' is not PARAMETER=NUMBER") from None
+    return found
+
+
+def _wishes(text: str | None) -> dict[str, float]:
+    if text is None:
+        return {}
+    wishes = _pairs("--wanted", text)
+    for key, share in wishes.items():
+        if not 0.0 < share < 1.0:
+            raise InputError(f"--wanted {text}: {key} must be between 0 and 100 %, as in {key}=3%")
+    return wishes
+
+
+def _print(made: Design, plans: Sequence[tuple[str, Plan]], subjects: int) -> None:
+    from pilotid.designing.report import sentences
+
+    console, runs = make_console(), made.scenario.runs
+    print_table(console, _table(made))
+    costs = ", ".join(f"{name} {cost:.2f}" for name, cost in made.costs.items())
+    crests = ", ".join(f"{name} {crest:.2f}" for name, (crest, _) in made.crest.items())
+    console.print(
+        f"Variances over the reference's: {costs}. Crest factors: {crests}.", soft_wrap=True
+    )
+    for sentence in sentences(made):
+        console.print(sentence, soft_wrap=True)
+    if len(made.gains) > 1:
+        console.print(
+            f"Better than the reference for {made.better} of {len(made.gains)} pilots (errors "
+            f"{min(made.gains):.2f} to {max(made.gains):.2f} of the reference's).",
+            soft_wrap=True,
+        )
+    for name, found in plans:
+        console.print(
+            f"{name}: {subjects} subjects with {runs} run{'s' if runs > 1 else ''} in each "
+            f"condition see {found.key} {100.0 * found.effect:+g} % with a chance of "
+            f"{100.0 * found.chance(subjects, runs):.0f} %",
+            soft_wrap=True,
+        )
+        print_table(console, _plan_table(found, name))
+
+
+def _table(made: Design) -> Table:
+    table = make_table()
+    table.title = (
+        f"predicted standard errors, {made.scenario.runs} x {made.scenario.duration:.2f} s"
+    )
+    table.title_justify, table.title_style = "left", ""
+    for title in ("parameter", "design %", "reference %", "ratio"):
+        table.add_column(title, justify="left" if title == "parameter" else "right")
+    for key, error in made.errors.items():
+        before = made.reference_errors[key]
+        table.add_row(key, f"{100 * error:.2f}", f"{100 * before:.2f}", f"{error / before:.2f}")
+    return table
+
+
+def _plan_table(found: Plan, name: str) -> Table:
+    from pilotid.designing.planning import RUNS
+
+    table = make_table()
+    table.title = f"subjects for 80 %, forcing functions of the {name}"
+    table.title_justify, table.title_style = "left", ""
+    for title in ("window", *(f"{runs} runs" for runs in RUNS)):
+        table.add_column(title, justify="right")
+    rows: dict[float, list[str]] = {}
+    for window, _, count in found.table():
+        rows.setdefault(window, [f"{window:.2f} s"]).append("-" if count is None else str(count))
+    for row in rows.values():
+        table.add_row(*row)
+    return table

@@ -1,0 +1,138 @@
+"""The pilots that a design is for: a scenario's, those of a pilot study, or many at random."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pilotid.datasets.population import (
+    RANGES,
+    drawn_pilot,
+    drawn_remnant,
+    reachable,
+)
+from pilotid.datasets.remnant import Remnant
+from pilotid.datasets.scenarios import Scenario
+from pilotid.designing.loop import with_held_remnant
+from pilotid.pilot.catalogue import model_named
+from pilotid.pilot.element import element_named
+from pilotid.recordings.paths import file_size
+from pilotid.seeds import draw_rng
+from pilotid.types import InputError
+
+LARGEST = 2**26  # bytes of estimates
+DRAWS = 20_000  # until pilots of a population are given up
+
+
+def with_truth(scenario: Scenario, values: Mapping[str, float]) -> Scenario:
+    """The scenario with other true values; the power of its remnant is held."""
+    known = dict(zip(scenario.model.keys, scenario.truth, strict=True))
+    unknown = [key for key in values if key not in known]
+    if unknown:
+        raise InputError(
+            f"--truth: model {scenario.model.name} has no parameter {unknown[0]}: choose from "
+            f"{', '.join(known)}"
+        )
+    truth = {**known, **values}
+    for p in scenario.model.parameters:
+        if not p.lower < truth[p.key] < p.upper:
+            raise InputError(
+                f"--truth: {p.key}={truth[p.key]:g} lies outside {p.lower:g} to {p.upper:g}"
+            )
+    return replace(with_held_remnant(scenario), truth=tuple(truth.values()))
+
+
+def studied(scenario: Scenario, path: Path) -> list[Scenario]:
+    """The pilots of a pilot study, from the JSON of ``pilotid fit --json``.
+
+    Forcing functions, window and, where the file has none, the controlled element are the
+    scenario's.  A remnant of second order is the estimated one; its share of the control's
+    power holds under the scenario's forcing functions.
+
+    Raises
+    ------
+    InputError
+        If the file holds no usable estimate, or they are of several models.
+    """
+    file_size(path, LARGEST)
+    try:
+        held = json.loads(path.read_text(encoding="utf-8"))
+        entries = held if isinstance(held, list) else [held]
+        found = [p for entry in entries if (p := _pilot(scenario, entry, path)) is not None]
+    except InputError:
+        raise
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        raise InputError(
+            f"{path}: cannot be read as estimates; name the file that `pilotid fit --json` wrote"
+        ) from None
+    if not found:
+        raise InputError(f"{path}: holds no estimate that converged")
+    if len({pilot.model.name for pilot in found}) > 1:
+        raise InputError(f"{path}: holds estimates of several models; fit one with --model")
+    return found
+
+
+def _pilot(scenario: Scenario, entry: dict[str, Any], path: Path) -> Scenario | None:
+    usable = [e for e in entry["estimates"] if e["outcome"] in ("converged", "at-bound")]
+    if not usable:
+        return None
+    estimate, model = usable[0], model_named(str(entry["model"]))
+    values = {key: float(p["value"]) for key, p in estimate["parameters"].items()}
+    element = (estimate.get("loops") or {}).get("element")
+    remnant = scenario.remnant
+    known = estimate.get("remnant") or {}
+    if known.get("model") == "second-order":
+        shape = known["parameters"]
+        ratio = float(known["power_ratio"])
+        remnant = Remnant(
+            2, float(shape["frequency"]), float(shape["damping"]), ratio, level_is="ratio"
+        )
+    return replace(
+        scenario,
+        name=f"{scenario.name}-{path.stem}"[:60],
+        model=model,
+        truth=tuple(model.vector(values).tolist()),
+        element=element_named(element) if element else scenario.element,
+        remnant=remnant,
+        family="",
+        varied="",
+    )
+
+
+def drawn_pilots(scenario: Scenario, count: int, seed: int) -> list[Scenario]:
+    """Pilots and remnants from the ranges of the populations, in the scenario's loop.
+
+    The remnant's share of the control's power holds under the scenario's forcing functions.
+
+    Raises
+    ------
+    InputError
+        If the ranges hold no pilot for this model or element.
+    """
+    outside = [key for key in scenario.model.keys if key not in RANGES]
+    if outside:
+        raise InputError(
+            f"there is no population of model {scenario.model.name}: nothing is known of the range "
+            f"of {outside[0]}"
+        )
+    rng = draw_rng(seed, "pilots")
+    found: list[Scenario] = []
+    for _ in range(DRAWS):
+        if len(found) == count:
+            return found
+        truth = drawn_pilot(scenario.model, scenario.element, rng)
+        if truth is None:
+            continue
+        remnant = drawn_remnant(rng, exotic=False)
+        pilot = replace(scenario, truth=tuple(np.asarray(truth).tolist()), remnant=remnant)
+        if reachable(pilot):
+            found.append(pilot)
+    raise InputError(
+        f"scenario {scenario.name}: of {DRAWS} pilots drawn only {len(found)} make a sensible loop "
+        f"with {scenario.element.name}; ask for fewer --pilots or name another element"
+    )

@@ -1,0 +1,156 @@
+"""How many subjects, runs and seconds it takes to see a difference between two conditions.
+
+Every subject flies both conditions; the test is the paired t test of the subjects'
+differences.  A subject's estimate errs by the bound of its runs together, by what differs
+from run to run, and the true difference varies between subjects; the chance to find it is
+that of a noncentral t distribution (Cohen, Statistical Power Analysis, 1988).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pilotid.datasets.scenarios import Scenario
+from pilotid.datasets.simulation import require_stable
+from pilotid.designing.lines import reference_lines
+from pilotid.designing.loop import loop_of, powers_of, widening, with_held_remnant
+from pilotid.types import InputError
+
+LEVEL = 0.05  # of the two-sided test
+WANTED = 0.8  # chance to see the difference
+MOST = 200  # subjects that are looked at
+RUNS = (1, 2, 3, 5, 8)
+WINDOWS = (0.5, 1.0, 2.0)  # in multiples of the design's
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A difference to be seen, and what hides it.
+
+    All are shares of the parameter's value in the first condition.
+
+    Attributes
+    ----------
+    key, effect
+        The parameter, and its difference between the conditions.
+    error
+        Standard error of the difference that one run in each condition leaves, by the bound.
+    between
+        Standard deviation of the true difference between subjects.
+    within
+        Standard deviation of the parameter from run to run.
+    window
+        Length of a run [s] that `error` belongs to.
+    """
+
+    key: str
+    effect: float
+    error: float
+    between: float
+    within: float
+    window: float
+
+    def deviation(self, runs: int, times: float = 1.0) -> float:
+        """Standard deviation of a subject's estimated difference.
+
+        Parameters
+        ----------
+        runs
+            Runs in each condition, fitted jointly.
+        times
+            Length of a run in multiples of `window`.
+        """
+        widened = widening(runs, times * self.window)
+        per_run = widened * self.error**2 / times + 2.0 * self.within**2
+        return math.sqrt(self.between**2 + per_run / runs)
+
+    def chance(self, subjects: int, runs: int, times: float = 1.0) -> float:
+        """Chance that the test finds the difference, 0 for fewer than two subjects."""
+        from scipy.stats import nct
+        from scipy.stats import t as student
+
+        if subjects < 2:
+            return 0.0
+        freedom = subjects - 1
+        critical = float(student.ppf(1.0 - 0.5 * LEVEL, freedom))
+        shift = abs(self.effect) / self.deviation(runs, times) * math.sqrt(subjects)
+        if shift > 30.0:  # certain, and beyond what the distribution's series takes
+            return 1.0
+        return float(nct.sf(critical, freedom, shift) + nct.cdf(-critical, freedom, shift))
+
+    def subjects(self, runs: int, times: float = 1.0, wanted: float = WANTED) -> int | None:
+        """Fewest subjects with whom the chance is as wanted; None for more than `MOST`."""
+        return next((n for n in range(2, MOST + 1) if self.chance(n, runs, times) >= wanted), None)
+
+    def table(self) -> Iterator[tuple[float, int, int | None]]:
+        """Length of a run [s], runs in each condition, and subjects that suffice."""
+        for times in WINDOWS:
+            for runs in RUNS:
+                yield times * self.window, runs, self.subjects(runs, times)
+
+
+def read_effect(text: str) -> tuple[str, float]:
+    """The parameter and the share of a text such as ``tlead +15%``."""
+    found = re.fullmatch(r"\s*(\w+)\s*[ =]?\s*([+-]?\d+(?:\.\d+)?)\s*%\s*", text)
+    if found is None or float(found[2]) == 0.0:
+        raise InputError(f"--power {text}: must be a parameter and its change, as in 'tlead +15%'")
+    return found[1], float(found[2]) / 100.0
+
+
+def plan(
+    scenario: Scenario, key: str, effect: float, *, between: float = 0.1, within: float = 0.05
+) -> Plan:
+    """A plan for a difference between the scenario's pilot and one who differs in a parameter.
+
+    Parameters
+    ----------
+    scenario
+        The experiment; of its runs one counts.
+    key, effect
+        The parameter, and the share by which it differs.
+    between, within
+        See `Plan`.
+
+    Raises
+    ------
+    InputError
+        If there is no such parameter, or the other pilot's loop is unstable.
+    """
+    if key not in scenario.model.keys:
+        raise InputError(
+            f"--power: model {scenario.model.name} has no parameter {key}: choose from "
+            f"{', '.join(scenario.model.keys)}"
+        )
+    first = with_held_remnant(replace(scenario, runs=1))
+    truth = dict(zip(first.model.keys, first.truth, strict=True))
+    truth[key] *= 1.0 + effect
+    second = replace(first, truth=tuple(truth.values()))
+    require_stable(second)
+    i = first.model.keys.index(key)
+    lines, powers = reference_lines(first), powers_of(first)
+    one, other = (float(loop_of(s, lines).errors(powers)[i]) for s in (first, second))
+    error = math.hypot(one, other * (1.0 + effect))
+    return Plan(key, effect, error, between, within, first.duration)
+
+
+def simulated_chance(
+    made: Plan, subjects: int, runs: int, experiments: int, rng: np.random.Generator
+) -> float:
+    """Share of simulated experiments in which the paired t test finds the difference.
+
+    Subjects, runs and estimates are drawn one by one, as the plan says that they vary.
+    """
+    from scipy.stats import ttest_1samp
+
+    shape = (experiments, subjects)
+    true = made.effect + made.between * rng.standard_normal(shape)
+    runs_shape = (*shape, runs)
+    by_run = made.within * (rng.standard_normal(runs_shape) - rng.standard_normal(runs_shape))
+    error = made.error * math.sqrt(widening(runs, made.window) / runs)
+    seen = true + by_run.mean(axis=2) + error * rng.standard_normal(shape)
+    return float(np.mean(ttest_1samp(seen, 0.0, axis=1).pvalue < LEVEL))

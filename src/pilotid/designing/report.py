@@ -1,0 +1,290 @@
+"""The report of a design: spectra, predicted errors, price, signals, wrong pilots, plan."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pilotid.designing.design import Design
+from pilotid.designing.figures import signals_figure, spectra_figure
+from pilotid.designing.planning import RUNS, Plan
+from pilotid.designing.sensitivity import OFF, wrong_pilots
+from pilotid.disk import write_file
+from pilotid.numbers import MINUS, NONE, number
+from pilotid.report.content import (
+    Block,
+    Bullets,
+    Column,
+    Command,
+    Picture,
+    Section,
+    Table,
+    Text,
+    entries,
+    web_page,
+)
+
+COSTS = {"e": "error e", "u": "control u", "de": "rate of e", "du": "rate of u"}
+
+
+def write_report(
+    folder: Path, made: Design, command: str, version: str, plans: Sequence[tuple[str, Plan]] = ()
+) -> Path:
+    """Write report.html.
+
+    Parameters
+    ----------
+    folder
+        Where to write.
+    made
+        The design.
+    command
+        The command that made it.
+    version
+        Of this package.
+    plans
+        Plans by the name of their forcing functions.
+    """
+    sections = [_summary(made), _spectra(made), _price(made), _signals(made), _wrong(made)]
+    if len(made.gains) > 1:
+        sections.append(_pilots(made))
+    if plans:
+        sections.append(_planning(plans))
+    sections.append(_origin(folder, command, version))
+    path = folder / "report.html"
+    title = f"Forcing functions for {made.reference.name}"
+    write_file(path, web_page(title, sections).encode("utf-8", "replace"))
+    return path
+
+
+def objective(made: Design) -> str:
+    """What a design makes small, in words."""
+    whose = "" if len(made.loops) == 1 else f", the {made.over} of {len(made.loops)} pilots"
+    if made.wanted:
+        wish = ", ".join(f"{key} to {100.0 * share:g} %" for key, share in made.wanted.items())
+        return f"shortest time for {wish}{whose}"
+    words = {
+        "A": "mean relative variance of all parameters (A)",
+        "D": "volume of the confidence ellipsoid (D)",
+        "E": "longest axis of the confidence ellipsoid (E)",
+    }
+    return words.get(made.minimise, f"mean relative variance of {made.minimise}") + whose
+
+
+def sentences(made: Design) -> list[str]:
+    """What to know of a design, a sentence each."""
+    told = [f"Minimised: {objective(made)}.", gap_sentence(made)]
+    if made.wanted:
+        told.append(
+            f"The shortest window is {made.unrounded:.1f} s; with whole periods it is "
+            f"{made.scenario.duration:.2f} s."
+        )
+    if made.binding:
+        prices = ", ".join(
+            f"{name} ({100.0 * price / abs(made.optimum.value):.2g} %)"
+            for name, price in made.optimum.prices[:4]
+        )
+        told.append(
+            "Limits that bind, with the share of the variance that each would save, to first "
+            f"order, if it were doubled: {prices}."
+        )
+    return told
+
+
+def gap_sentence(made: Design) -> str:
+    """How near the optimum the design is."""
+    return (
+        f"No design within the limits has less than {100.0 * max(made.gap, 1e-8):.1g} % less of "
+        f"that variance (optimality gap, {made.optimum.steps} Newton steps)."
+    )
+
+
+def _summary(made: Design) -> Section:
+    columns = [
+        Column("parameter", text=True),
+        Column("design %"),
+        Column("reference %"),
+        Column("ratio"),
+        Column(
+            "design %, remnant grows", hint="if the remnant's power is a share of the control's"
+        ),
+    ]
+    rows = [
+        [
+            key,
+            number(100.0 * error),
+            number(100.0 * made.reference_errors[key]),
+            f"{error / made.reference_errors[key]:.2f}",
+            number(100.0 * made.errors_if_scaled[key]),
+        ]
+        for key, error in made.errors.items()
+    ]
+    runs = made.scenario.runs
+    caption = (
+        f"Predicted standard errors in % of the true values, from the Cramer-Rao bounds of "
+        f"{runs} run{'s' if runs > 1 else ''} of {made.scenario.duration:.2f} s, the remnant's own "
+        "parameters estimated too"
+    )
+    return Section(
+        "summary", "Summary", [Bullets(sentences(made)), Table(caption, columns, entries(rows))]
+    )
+
+
+def _spectra(made: Design) -> Section:
+    picture = Picture.of(
+        spectra_figure(made),
+        "spectra",
+        "Amplitudes of the lines of the design and of the reference, and predicted errors",
+        "Amplitudes of the design and of the reference, and the standard errors predicted",
+    )
+    columns = [
+        Column("signal", text=True),
+        Column("line"),
+        Column("rad/s"),
+        Column("amplitude"),
+        Column("share %", hint="of the signal's power"),
+        Column("phase rad"),
+    ]
+    rows: list[list[str]] = []
+    for name, at in made.lines.signals:
+        forcing = made.scenario.target if name == "ft" else made.scenario.disturbance
+        assert forcing is not None
+        phases = getattr(forcing, "phases", ())
+        powers = made.powers[at]
+        for line, omega, power, phase in zip(
+            forcing.lines, made.lines.omega[at], powers, phases, strict=True
+        ):
+            share = 100.0 * power / powers.sum()
+            rows.append(
+                [
+                    name,
+                    str(line),
+                    number(float(omega)),
+                    number(math.sqrt(2.0 * power), 4),
+                    number(share),
+                    f"{phase:.3f}".replace("-", MINUS),
+                ]
+            )
+    table = Table("The lines", columns, entries(rows), heads=2, folded=True)
+    return Section("spectra", "Spectra", [picture, table])
+
+
+def _price(made: Design) -> Section:
+    columns = [Column("signal", text=True), Column("variance over the reference's")]
+    rows = [[COSTS[name], f"{cost:.2f}"] for name, cost in made.costs.items()]
+    text = "What the pilot pays for it: variances with the remnant's part, which is held."
+    return Section(
+        "price",
+        "Price",
+        [Text(text), Table("Variances over those of the reference", columns, entries(rows))],
+    )
+
+
+def _signals(made: Design) -> Section:
+    columns = [
+        Column("signal", text=True),
+        Column("crest factor"),
+        Column("reference", hint="with the phases that it has"),
+        Column("peak"),
+        Column("rms"),
+    ]
+    rows = []
+    for name, at in made.lines.signals:
+        rms = math.sqrt(float(made.powers[at].sum()))
+        crest, before = made.crest[name]
+        rows.append([name, f"{crest:.2f}", f"{before:.2f}", number(crest * rms), number(rms)])
+    picture = Picture.of(
+        signals_figure(made),
+        "signals",
+        "The forcing functions over time",
+        "The forcing functions in the first seconds of the measurement window",
+    )
+    return Section(
+        "signals",
+        "Signals",
+        [picture, Table("Peaks of the forcing functions", columns, entries(rows))],
+    )
+
+
+def _wrong(made: Design) -> Section:
+    keys = list(made.errors)
+    columns = [
+        Column("pilot", text=True),
+        *(Column(key) for key in keys),
+        Column("e"),
+        Column("u"),
+    ]
+    rows = []
+    for wrong in wrong_pilots(made):
+        name = f"{wrong.key} {'+' if wrong.share > 0 else MINUS}{100.0 * abs(wrong.share):.0f} %"
+        shown = (
+            [NONE] * len(keys)
+            if wrong.errors is None
+            else [f"{ratio:.2f}" for ratio in np.asarray(wrong.errors)]
+        )
+        costs = (wrong.error_cost, wrong.control_cost)
+        rows.append([name, *shown, *(NONE if math.isnan(c) else f"{c:.2f}" for c in costs)])
+    caption = (
+        f"Standard errors, and variances of e and u, over those of the reference if one parameter "
+        f"of the pilot is {100.0 * OFF:.0f} % off; a dash: the loop is unstable"
+    )
+    return Section("wrong", "Another pilot", [Table(caption, columns, entries(rows))])
+
+
+def _pilots(made: Design) -> Section:
+    gains = np.sort(made.gains)
+    text = (
+        f"The design was made for {len(gains)} pilots. It is better than the reference for "
+        f"{made.better} of them: root of what is minimised, over that of the reference, "
+        f"{gains[0]:.2f} to {gains[-1]:.2f}, median {np.median(gains):.2f}."
+    )
+    if made.better < len(gains):
+        text += " For the others the limits leave no better design that suits all at once."
+    return Section("pilots", "Pilots", [Text(text)])
+
+
+def _planning(plans: Sequence[tuple[str, Plan]]) -> Section:
+    first = plans[0][1]
+    blocks: list[Block] = [
+        Text(
+            f"Difference sought: {first.key} {100.0 * first.effect:+g} % between two conditions, "
+            "the same subjects in both; two-sided paired t test at 5 %. Spread between subjects "
+            f"{100.0 * first.between:g} % of the value (of the difference), from run to run "
+            f"{100.0 * first.within:g} %."
+        )
+    ]
+    for name, found in plans:
+        rows: dict[float, list[str]] = {}
+        for window, _, subjects in found.table():
+            rows.setdefault(window, [f"{window:.2f} s"]).append(
+                NONE if subjects is None else str(subjects)
+            )
+        columns = [
+            Column("window", text=True),
+            *(Column(f"{runs} run{'s' if runs > 1 else ''}") for runs in RUNS),
+        ]
+        caption = (
+            f"Subjects that see it with 80 %, forcing functions of the {name}, runs a condition"
+        )
+        blocks.append(Table(caption, columns, entries(list(rows.values()))))
+    return Section("plan", "Subjects, runs and time", blocks)
+
+
+def _origin(folder: Path, command: str, version: str) -> Section:
+    design = folder / "design.json"
+    return Section(
+        "origin",
+        "Files",
+        [
+            Command("To make it again:", command),
+            Command("A recording of it:", f"pilotid simulate {design} --out F.csv"),
+            Command("Methods on it:", f"pilotid compare --scenario {design} --out DIR"),
+            Text(
+                "`forcing.csv` holds both signals for the apparatus, faded in before and out after "
+                f"the measurement window, which begins at t = 0. Version: pilotid {version}."
+            ),
+        ],
+    )

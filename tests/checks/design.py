@@ -1,0 +1,162 @@
+"""Predicted standard errors of designs against the scatter of `mle` on simulated recordings.
+
+    nox -s check -- design [--fits 300]     a table for each design; status 1 if it disagrees
+    nox -s check -- design --table          what limits on e and u leave, with gaps; docs/design.svg
+    nox -s check -- design --robust         a design for 30 pilots against the paper's spectrum
+    nox -s check -- design --planned 500    planned power against simulated experiments
+
+Designs are those of criterion A for scenario `nominal` with the variances of e and u within the
+paper's, twice as large, and unlimited.  The disagreement that counts is one of more than 10 %
+and of more than three Monte Carlo errors of the scatter.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from pilotid.datasets import Scenario, scenario_named, simulate
+from pilotid.designing.design import Design, design
+from pilotid.designing.figures import spectra_figure
+from pilotid.designing.limits import Limits
+from pilotid.designing.pilots import drawn_pilots
+from pilotid.designing.planning import plan, simulated_chance
+from pilotid.estimates.method import identify
+from pilotid.methods.mle import MLE
+from pilotid.seeds import fit_rng, recording_rng
+from pilotid.show.svg import svg
+
+NEAR = 0.10
+FIGURE = 1.5  # limit on e and u of the design that docs/design.svg shows
+
+
+def designs() -> list[Design]:
+    nominal = scenario_named("nominal")
+    assert isinstance(nominal, Scenario)
+    return [design(nominal, limits=Limits(e=most, u=most)) for most in (1.0, 2.0, None)]
+
+
+def table() -> bool:
+    """Standard errors over the reference's for looser and looser limits."""
+    nominal = scenario_named("nominal")
+    assert isinstance(nominal, Scenario)
+    print(f"{'limit':>6}{'e':>6}{'u':>6}" + "".join(f"{k:>8}" for k in nominal.model.keys), end="")
+    print(f"{'gap %':>10}{'CPU s':>7}")
+    good = True
+    for most in (1.0, 1.5, 2.0, None):
+        start = time.process_time()
+        made = design(nominal, limits=Limits(e=most, u=most))
+        seconds = time.process_time() - start
+        ratios = [made.errors[key] / made.reference_errors[key] for key in made.errors]
+        print(
+            f"{'none' if most is None else f'x{most:g}':>6}{made.costs['e']:6.2f}"
+            f"{made.costs['u']:6.2f}"
+            + "".join(f"{ratio:8.2f}" for ratio in ratios)
+            + f"{100.0 * made.gap:10.1e}{seconds:7.2f}"
+        )
+        good = good and made.gap < 0.01
+        if most == FIGURE:
+            text = svg(spectra_figure(made), "design", "Spectra of a design and predicted errors")
+            (Path(__file__).parents[2] / "docs" / "design.svg").write_text(text)
+    return good
+
+
+def compare(made: Design, fits: int) -> bool:
+    """Print one design's table; returns whether theory and simulation agree."""
+    scenario, method = made.scenario, MLE()
+    values, claimed = [], []
+    for i in range(fits):
+        recording = simulate(scenario, recording_rng(1, scenario.name, i))
+        rng = fit_rng(1, method.name, scenario.name, i)
+        fit = identify(method, recording, scenario.model, rng)
+        if not fit.outcome.usable:
+            print(f"{scenario.name}, replication {i}: {fit.sentence}")
+            return False
+        values.append(fit.values)
+        claimed.append(fit.std_error)
+    relative = np.array(values) / scenario.values
+    scatter = relative.std(axis=0, ddof=1)
+    # The scatter's own error, from the fourth moment: estimates need not be normal.
+    squares = (relative - relative.mean(axis=0)) ** 2
+    error = 0.5 * squares.std(axis=0, ddof=1) / np.sqrt(fits) / scatter
+    predicted = np.array(list(made.errors.values()))
+    # A scatter that came out low has a low error as well: that of the prediction is the least.
+    error = np.maximum(error, predicted / np.sqrt(2.0 * fits))
+    off = scatter / predicted - 1.0
+    print(f"limits e={made.limits.e} u={made.limits.u}: {fits} fits, gap {100 * made.gap:.1e} %")
+    print(f"{'':28}" + "".join(f"{key:>9}" for key in scenario.model.keys))
+    for name, numbers in {
+        "predicted %": 100.0 * predicted,
+        "scatter %": 100.0 * scatter,
+        "  its Monte Carlo error": 100.0 * error,
+        "scatter of logarithm %": 100.0 * np.log(relative).std(axis=0, ddof=1),
+        "mean claimed %": 100.0 * np.mean(np.array(claimed) / scenario.values, axis=0),
+        "scatter over predicted": scatter / predicted,
+        "bias %": 100.0 * (relative.mean(axis=0) - 1.0),
+    }.items():
+        print(f"{name:28}" + "".join(f"{number:9.2f}" for number in numbers))
+    print(flush=True)
+    return bool((np.abs(off) < np.maximum(NEAR, 3.0 * error / predicted)).all())
+
+
+def robust(count: int = 30) -> bool:
+    """A design for many pilots against the paper's spectrum, at the same limits."""
+    nominal = scenario_named("nominal")
+    assert isinstance(nominal, Scenario)
+    pilots = drawn_pilots(nominal, count, 1)
+    good = True
+    for over in ("mean", "worst"):
+        for most in (1.0, 1.5):
+            made = design(nominal, limits=Limits(e=most, u=most), pilots=pilots, over=over)
+            print(
+                f"over {over}, e={most} u={most}: better for {made.better} of {count}, errors over "
+                f"the reference's {min(made.gains):.3f} to {max(made.gains):.3f}, gap "
+                f"{100 * made.gap:.1e} %, binding: {', '.join(made.binding[:3])}",
+                flush=True,
+            )
+            good = good and (most == 1.0 or made.better >= 0.9 * count)
+    return good
+
+
+def planned(experiments: int) -> bool:
+    """Planned power against simulated experiments, and what is left in Monte Carlo errors."""
+    good = True
+    for made in designs()[:2]:
+        for subjects, runs in ((8, 5), (12, 3), (20, 5)):
+            found = plan(made.scenario, "tlead", 0.15)
+            chance = found.chance(subjects, runs)
+            rng = np.random.default_rng(subjects)
+            seen = simulated_chance(found, subjects, runs, experiments, rng)
+            error = np.sqrt(chance * (1.0 - chance) / experiments)
+            print(
+                f"{subjects} subjects, {runs} runs: planned {chance:.3f}, simulated {seen:.3f}, "
+                f"{(seen - chance) / error:+.1f} Monte Carlo errors",
+                flush=True,
+            )
+            good = good and abs(seen - chance) < 3.0 * error
+    return good
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--fits", type=int, default=300)
+    parser.add_argument("--table", action="store_true")
+    parser.add_argument("--robust", action="store_true")
+    parser.add_argument("--planned", type=int, metavar="EXPERIMENTS")
+    given = parser.parse_args()
+    if given.table:
+        return int(not table())
+    if given.robust:
+        return int(not robust())
+    if given.planned:
+        return int(not planned(given.planned))
+    agree = [compare(made, given.fits) for made in designs()]
+    return int(not all(agree))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

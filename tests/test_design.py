@@ -1,0 +1,472 @@
+"""Designs of forcing functions: derivatives, optima against a conic solver, limits, files."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import NOMINAL, SINGLE_LOOP
+
+import pilotid
+from pilotid.cli.main import main
+from pilotid.datasets import scenario_named
+from pilotid.datasets.experiments import experiment_of
+from pilotid.datasets.forcing import PERIOD, Multisine
+from pilotid.datasets.remnant import Remnant
+from pilotid.designing.design import Design, design
+from pilotid.designing.goals import Criterion, Goal, LongestAxis, Mean, Worst
+from pilotid.designing.limits import Limits, linear
+from pilotid.designing.lines import chosen_lines, reference_lines, shares_like
+from pilotid.designing.loop import loop_of, powers_of, widening
+from pilotid.designing.objectives import goal_of
+from pilotid.designing.output import forcing_table
+from pilotid.designing.phases import crest_factor, low_crest
+from pilotid.designing.pilots import drawn_pilots, studied, with_truth
+from pilotid.designing.planning import plan, read_effect, simulated_chance
+from pilotid.designing.sensitivity import wrong_pilots
+from pilotid.designing.solver import InfeasibleError, Limit, minimised
+from pilotid.theory.bounds import bounds
+from pilotid.types import FloatArray, InputError
+
+pytestmark = pytest.mark.numerical
+
+
+def with_powers(scenario: pilotid.Scenario, powers: FloatArray) -> pilotid.Scenario:
+    amplitudes = np.sqrt(2.0 * powers)
+    sines, begin = [], 0
+    for f in (scenario.target, scenario.disturbance):
+        assert isinstance(f, Multisine)
+        own = amplitudes[begin : begin + len(f.lines)]
+        begin += len(f.lines)
+        sines.append(replace(f, amplitudes=tuple(own.tolist())))
+    return replace(scenario, target=sines[0], disturbance=sines[1])
+
+
+def changed() -> FloatArray:
+    """Powers unlike those of the reference."""
+    return np.asarray(powers_of(NOMINAL) * np.random.default_rng(1).uniform(0.3, 3.0, 24))
+
+
+# ------------------------------------------------------------------------------- theory
+
+
+def test_information_is_affine_in_the_powers() -> None:
+    loop = loop_of(NOMINAL, reference_lines(NOMINAL))
+    powers = changed()
+    expected = bounds(experiment_of(with_powers(NOMINAL, powers))).low_pass
+    relative = expected / np.outer(NOMINAL.values, NOMINAL.values)
+    np.testing.assert_allclose(loop.information.covariance(powers), relative, rtol=1e-6)
+
+
+def test_slopes_are_those_of_the_bound() -> None:
+    information = loop_of(NOMINAL, reference_lines(NOMINAL)).information
+    powers = changed()
+    slopes = information.slopes(powers)
+    for j in (0, 5, 11, 12, 20, 23):
+        step = np.eye(24)[j] * 1e-4 * powers[j]
+        ahead, behind = (information.covariance(powers + s) for s in (step, -step))
+        found = (ahead - behind) / (2.0 * step[j])
+        # Entries that all but vanish have the error of the largest.
+        np.testing.assert_allclose(found, slopes[j], rtol=1e-4, atol=1e-5 * abs(slopes[j]).max())
+
+
+def test_remnant_that_is_a_share_of_the_control() -> None:
+    """The bound, from the scenario with other powers, and its slopes, from differences."""
+    sharing = replace(NOMINAL, remnant=Remnant(level=0.15, level_is="ratio"))
+    loop = loop_of(sharing, reference_lines(sharing))
+    usual, powers, control = powers_of(sharing), changed(), loop.gains["u"]
+    forced = float(control @ usual)
+    found = loop.information.scaled_to_control(powers, control, forced)
+    expected = bounds(experiment_of(with_powers(sharing, powers))).low_pass
+    np.testing.assert_allclose(
+        found, expected / np.outer(sharing.values, sharing.values), rtol=1e-3
+    )
+    slopes = loop.information.slopes_scaled_to_control(powers, control, forced)
+    for j in (0, 11, 12, 23):
+        step = np.eye(24)[j] * 1e-4 * powers[j]
+        ahead, behind = (
+            loop.information.scaled_to_control(powers + s, control, forced) for s in (step, -step)
+        )
+        difference = (ahead - behind) / (2.0 * step[j])
+        np.testing.assert_allclose(
+            difference, slopes[j], rtol=1e-4, atol=1e-5 * abs(slopes[j]).max()
+        )
+
+
+def test_variances_are_those_of_the_simulation() -> None:
+    loop = loop_of(NOMINAL, reference_lines(NOMINAL))
+    powers = powers_of(NOMINAL)
+    for name in ("e", "u"):
+        seen = []
+        for seed in range(12):
+            recording = pilotid.simulate(replace(NOMINAL, runs=8), seed)
+            signal = getattr(recording, name)[:, recording.run_in :]
+            seen.append(np.mean(signal**2))
+        error = np.std(seen, ddof=1) / np.sqrt(len(seen))
+        assert abs(np.mean(seen) - loop.variance(name, powers)) < 5.0 * error
+
+
+# ------------------------------------------------------------------------------- goals
+
+
+def criteria() -> list[Criterion]:
+    rng = np.random.default_rng(3)
+    found = []
+    for _ in range(3):
+        root = rng.standard_normal((4, 4))
+        weights = rng.uniform(0.5, 1.0, 4)
+        found.append(Criterion(root @ root.T, rng.standard_normal((6, 4, 2)), weights, 0.7))
+    return found
+
+
+GOALS: list[Goal] = [
+    Mean(criteria()),
+    Mean([replace(c, weights=None) for c in criteria()]),
+    Worst(criteria()),
+    LongestAxis(criteria()),
+]
+
+
+@pytest.mark.parametrize("goal", GOALS, ids=["mean", "volume", "worst", "axis"])
+def test_gradients_and_hessians_are_exact(goal: Goal) -> None:
+    powers = np.linspace(0.2, 1.2, 6)
+    point = np.concatenate([powers, goal.start(powers)])
+    here = goal.terms(point, 3.0)
+    for j in range(point.size):
+        step = 1e-5 * np.eye(point.size)[j]
+        ahead, behind = goal.terms(point + step, 3.0), goal.terms(point - step, 3.0)
+        assert (ahead.value - behind.value) / 2e-5 == pytest.approx(here.gradient[j], rel=1e-5)
+        np.testing.assert_allclose(
+            (ahead.gradient - behind.gradient) / 2e-5, here.hessian[j], rtol=1e-4, atol=1e-5
+        )
+
+
+@pytest.mark.parametrize("goal", GOALS, ids=["mean", "volume", "worst", "axis"])
+def test_cuts_lie_below_the_goal(goal: Goal) -> None:
+    powers = np.linspace(0.2, 1.2, 6)
+    cut = goal.cut(np.concatenate([powers, goal.start(powers)]), 3.0)
+    rng = np.random.default_rng(5)
+    for other in rng.uniform(0.01, 3.0, (50, 6)):
+        assert cut.value + cut.gradient @ other <= goal.value(other) + 1e-9
+
+
+# ------------------------------------------------------------------------------- optima
+
+
+def conic(minimise: str, limits: Limits) -> float:
+    """The optimum by Clarabel: semidefinite programs (Boyd and Vandenberghe, sec. 7.5).
+
+    A: minimise the sum of t_i with [[M, e_i], [e_i', t_i]] >= 0; E: one t with [[M, I], [I, tI]].
+    """
+    import clarabel
+    from scipy import sparse
+
+    loop = loop_of(NOMINAL, reference_lines(NOMINAL))
+    usual = powers_of(NOMINAL)
+    lines, keys = usual.size, len(NOMINAL.model.keys)
+    unit = np.concatenate([np.full(12, usual[:12].sum()), np.full(12, usual[12:].sum())])
+    rows = linear(limits, [loop], [loop], usual)
+    goal = goal_of(minimise, {}, [loop], [loop], usual, unit, "mean")
+    # Parameters in units of their errors with the reference: well scaled.
+    size = np.sqrt(np.diag(loop.information.covariance(usual)))
+    base = loop.information.base * np.outer(size, size)
+    factors = loop.information.factors * size[:, None] * np.sqrt(unit)[:, None, None]
+    extra = keys if minimise == "A" else 1
+    cost = np.zeros(lines + extra)
+    cost[lines:] = size**2 / np.sum(size**2) if minimise == "A" else 1.0
+
+    def triangle(matrix: FloatArray) -> FloatArray:
+        entries = []
+        for column in range(matrix.shape[0]):
+            for row in range(column + 1):
+                scale = 1.0 if row == column else np.sqrt(2.0)
+                entries.append(scale * matrix[row, column])
+        return np.array(entries)
+
+    a, b, cones = [], [], []
+    equal = [row for row in rows if row.equal]
+    for row in equal:
+        a.append(np.append(row.gradient * unit, np.zeros(extra)))
+        b.append(row.bound)
+    cones.append(clarabel.ZeroConeT(len(equal)))
+    bounding = [row for row in rows if not row.equal]
+    for row in bounding:
+        a.append(np.append(row.gradient * unit, np.zeros(extra)))
+        b.append(row.bound)
+    for j in range(lines):
+        a.append(-np.eye(lines + extra)[j])
+        b.append(0.0)
+    cones.append(clarabel.NonnegativeConeT(len(bounding) + lines))
+
+    def block(corner: FloatArray, beside: FloatArray, below: FloatArray) -> FloatArray:
+        return triangle(np.block([[corner, beside], [beside.T, below]]))
+
+    sides = [np.eye(keys)[:, [i]] for i in range(keys)] if minimise == "A" else [np.diag(size)]
+    for i, side in enumerate(sides):
+        width = side.shape[1]
+        zero, none = np.zeros((keys, width)), np.zeros((width, width))
+        columns = [block(f @ f.T, zero, none) for f in factors]
+        own = [np.zeros_like(columns[0]) for _ in range(extra)]
+        own[i] = block(np.zeros((keys, keys)), zero, np.eye(width))
+        a.extend(-np.array([*columns, *own]).T)
+        b.extend(block(base, side, none))
+        cones.append(clarabel.PSDTriangleConeT(keys + width))
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    problem = clarabel.DefaultSolver(
+        sparse.csc_matrix((lines + extra, lines + extra)),
+        cost,
+        sparse.csc_matrix(np.array(a)),
+        np.array(b),
+        cones,
+        settings,
+    )
+    answer = problem.solve()
+    assert "Solved" in str(answer.status)
+    powers = np.maximum(np.array(answer.x[:lines]), 0.0)
+    for row in rows:  # the conic solver's own answer keeps the limits, but for its tolerance
+        assert row.gradient * unit @ powers <= row.bound + 1e-5
+    return goal.value(powers)
+
+
+@pytest.mark.parametrize("minimise", ["A", "E"])
+@pytest.mark.parametrize("most", [1.0, 2.0, None])
+def test_the_optimum_is_that_of_a_conic_solver(minimise: str, most: float | None) -> None:
+    limits = Limits(e=most, u=most)
+    made = design(NOMINAL, minimise, limits=limits)
+    assert 0.0 <= made.gap < 1e-3
+    assert made.optimum.value == pytest.approx(conic(minimise, limits), rel=1e-3)
+
+
+@pytest.mark.parametrize("minimise", ["A", "D", "E", "Kvis,tlead"])
+def test_designs_keep_their_limits_and_are_no_worse(minimise: str) -> None:
+    made = design(NOMINAL, minimise, limits=Limits(e=1.5, u=1.5, du=1.4, high=0.9))
+    assert made.gains[0] < 1.0
+    assert 0.0 <= made.gap < 1e-3
+    assert max(made.costs["e"], made.costs["u"]) <= 1.5 + 1e-9
+    assert made.costs["du"] <= 1.4 + 1e-9
+    powers = made.powers[made.lines.of_target]
+    assert powers[made.lines.omega[:12] > 0.8 * made.loops[0].crossover].sum() < 0.9 * powers.sum()
+    for _, at in made.lines.signals:
+        assert made.powers[at].sum() <= powers_of(NOMINAL)[at].sum() * (1.0 + 1e-9)
+    share = made.powers[:12] / made.powers[:12].sum()
+    assert (share > 0.0999 * powers_of(NOMINAL)[:12] / powers_of(NOMINAL)[:12].sum()).all()
+
+
+def test_prices_say_what_a_limit_costs() -> None:
+    at = {e: design(NOMINAL, limits=Limits(e=e)) for e in (1.5, 1.505)}
+    (binding,) = [p for name, p in at[1.5].optimum.prices if name.startswith("e=")]
+    room = 1.5 - at[1.5].loops[0].free["e"] / (at[1.5].loops[0].variance("e", powers_of(NOMINAL)))
+    saved = at[1.5].optimum.value - at[1.505].optimum.value
+    assert saved == pytest.approx(binding * 0.005 / room, rel=0.05)
+
+
+def test_a_design_for_several_pilots() -> None:
+    pilots = drawn_pilots(NOMINAL, 4, 1)
+    assert pilots == drawn_pilots(NOMINAL, 4, 1)
+    limits = Limits(e=1.5, u=1.5)
+    mean = design(NOMINAL, limits=limits, pilots=pilots)
+    worst = design(NOMINAL, limits=limits, pilots=pilots, over="worst")
+    own = [design(pilot, limits=limits).gains[0] for pilot in pilots]
+    assert len(worst.gains) == 4
+    assert max(worst.gains) < 1.0
+    assert all(g >= o - 1e-6 for g, o in zip(worst.gains, own, strict=True))
+    # In the mean the limits hold in the mean, which leaves more room.
+    assert np.mean(np.square(mean.gains)) <= np.mean(np.square(worst.gains)) + 1e-6
+    with pytest.raises(InputError, match="--over worst"):
+        design(NOMINAL, "E", pilots=pilots)
+
+
+# ------------------------------------------------------------------------------- wishes
+
+
+def test_wishes_are_met_in_the_shortest_time() -> None:
+    wanted = {"tdvest": 0.01, "Kvest": 0.03}
+    made = design(NOMINAL, wanted=wanted, limits=Limits(e=1.5, u=1.5))
+    assert made.unrounded <= made.scenario.duration < made.unrounded + PERIOD
+    assert made.errors["tdvest"] <= 0.01
+    assert made.errors["Kvest"] <= 0.03
+    # At the unrounded length the harder wish is met exactly.
+    longer = made.scenario.duration * widening(1, made.unrounded)
+    longer /= made.unrounded * widening(1, made.scenario.duration)
+    reached = max(made.errors[key] * np.sqrt(longer) / wanted[key] for key in wanted)
+    assert reached == pytest.approx(1.0, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ({"limits": Limits(e=0.8)}, "remnant alone"),
+        ({"limits": Limits(above=0.01, beyond=1.0, floor=0.9)}, "keep .*(floor|above)"),
+        ({"minimise": "Kfoo"}, "choose from Kvis"),
+        ({"wanted": {"tdvest": 0.001}, "at_most": 300.0}, "the limit that binds most is power=1"),
+    ],
+)
+def test_the_impossible_is_one_sentence(given: dict[str, object], sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence) as refused:
+        design(NOMINAL, **given)  # type: ignore[arg-type]
+    assert "\n" not in str(refused.value)
+
+
+def test_limits_that_exclude_one_another_are_named() -> None:
+    rows = [
+        Limit("low", np.array([1.0, 1.0]), 1.0),
+        Limit("high", np.array([-1.0, -1.0]), -2.0),
+        Limit("else", np.array([1.0, 0.0]), 9.0),
+    ]
+    with pytest.raises(InfeasibleError, match=r"(low and high)|(high and low)"):
+        minimised(Mean([replace(criteria()[0], factors=np.ones((2, 4, 2)))]), rows)
+
+
+# ------------------------------------------------------------------------------- lines, phases
+
+
+def test_lines_that_are_asked_for() -> None:
+    known = reference_lines(NOMINAL)
+    assert chosen_lines(known) is known
+    for pick, wrong in (("odd", 2), ("prime", 9)):
+        found = chosen_lines(known, 8, pick)  # type: ignore[arg-type]
+        both = {*found.target, *found.disturbance}
+        assert len(both) == 16
+        assert wrong not in both
+        assert all(k % 2 for k in both) or pick == "prime"
+    half = chosen_lines(known, period=0.5 * PERIOD)
+    assert half.period == 0.5 * PERIOD
+    assert max(half.omega) == pytest.approx(max(known.omega), rel=0.02)
+    with pytest.raises(InputError, match="fewer than 200"):
+        chosen_lines(known, 100, "prime")
+
+
+def test_a_spectrum_on_other_lines() -> None:
+    known, powers = reference_lines(NOMINAL), powers_of(NOMINAL)
+    own = shares_like(known, powers, known, "fd")
+    np.testing.assert_allclose(own, powers[12:] / powers[12:].sum())
+    other = chosen_lines(known, 20)
+    shares = shares_like(known, powers, other, "ft")
+    assert shares.sum() == pytest.approx(1.0)
+    low = other.omega[other.of_target] < 2.0
+    assert shares[low].sum() == pytest.approx(
+        powers[:12][known.omega[:12] < 2.0].sum() / powers[:12].sum(), abs=0.03
+    )
+
+
+def test_crest_factors() -> None:
+    lines = np.array([3, 5, 7, 11, 17, 23, 31, 43, 61, 89], dtype=float)
+    amplitudes = np.ones(10)
+    phases = low_crest(lines, amplitudes, np.random.default_rng(1))
+    assert crest_factor(lines, amplitudes, phases) < 1.8
+    assert crest_factor(np.ones(1), np.ones(1), np.zeros(1)) == pytest.approx(
+        np.sqrt(2.0), rel=1e-3
+    )
+
+
+# ------------------------------------------------------------------------------- pilots, plans
+
+
+def test_pilots_of_a_truth_and_of_a_study(tmp_path: Path) -> None:
+    slower = with_truth(NOMINAL, {"tdvis": 0.35})
+    assert slower.truth[2] == 0.35
+    assert slower.remnant.level_is == "gain"
+    with pytest.raises(InputError, match="no parameter"):
+        with_truth(NOMINAL, {"tdv": 0.3})
+    recording = pilotid.simulate("nominal", 3)
+    estimate = pilotid.identify("mle", recording, "multi").to_dict()
+    file = tmp_path / "estimates.json"
+    file.write_text(json.dumps({"model": "multi", "estimates": [estimate]}))
+    (pilot,) = studied(NOMINAL, file)
+    assert pilot.truth[2] == estimate["parameters"]["tdvis"]["value"]  # type: ignore[index]
+    file.write_text("{}")
+    with pytest.raises(InputError, match="cannot be read as estimates"):
+        studied(NOMINAL, file)
+
+
+def test_planned_power_is_that_of_simulated_experiments() -> None:
+    found = plan(NOMINAL, "tlead", 0.15)
+    for subjects, runs in ((8, 5), (20, 2)):
+        chance = found.chance(subjects, runs)
+        seen = simulated_chance(found, subjects, runs, 4000, np.random.default_rng(subjects))
+        assert abs(seen - chance) < 4.0 * np.sqrt(chance * (1.0 - chance) / 4000)
+    enough = found.subjects(5)
+    assert enough is not None
+    assert found.chance(enough, 5) >= 0.8 > found.chance(enough - 1, 5)
+    assert found.chance(1, 5) == 0.0
+    assert read_effect("tlead +15%") == ("tlead", 0.15)
+    assert read_effect("tdvis -5 %") == ("tdvis", -0.05)
+    with pytest.raises(InputError, match="tlead \\+15%"):
+        read_effect("more lead")
+
+
+# ------------------------------------------------------------------------------- files
+
+
+def made() -> Design:
+    return pilotid.design("nominal", limit="e=1.5,u=1.5")
+
+
+def test_signals_for_the_apparatus() -> None:
+    found = made()
+    table = forcing_table(found, rate=100.0)
+    time = table[:, 0]
+    assert time[0] == pytest.approx(-8.0)
+    assert time[-1] == pytest.approx(PERIOD + 2.0, abs=0.01)
+    assert abs(table[[0, -1], 1:]).max() < 1e-12
+    inside = (time >= 0.0) & (time < PERIOD)
+    assert found.scenario.target is not None
+    np.testing.assert_allclose(table[inside, 1], found.scenario.target.at(time[inside]), atol=1e-12)
+
+
+def test_wrong_pilots_stay_known() -> None:
+    wrong = list(wrong_pilots(made()))
+    assert len(wrong) == 14
+    assert all(w.errors is None or np.isfinite(w.errors).all() for w in wrong)
+
+
+def test_the_command_writes_what_others_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "design"
+    words = ["design", "single", "--limit", "e=1.5,u=1.5", "--power", "tlead +15%"]
+    with pytest.raises(SystemExit) as left:
+        main([*words, "--out", str(out)])
+    assert left.value.code == 0
+    printed = capsys.readouterr().out
+    assert "optimality gap" in printed
+    assert "subjects for 80 %" in printed
+    held = json.loads((out / "design.json").read_text())
+    assert held["gap"] < 0.01
+    scenario = scenario_named(str(out / "design.json"))
+    assert scenario.name == held["scenario"]["name"]
+    again = design(SINGLE_LOOP, limits=Limits(e=1.5, u=1.5))
+    assert scenario == again.scenario
+    assert pilotid.simulate(scenario, 1).lines["ft"] == again.scenario.target.lines  # type: ignore[union-attr]
+    header = (out / "forcing.csv").read_text().splitlines()[0]
+    assert header == "t,ft,fd"
+    page = (out / "report.html").read_text()
+    assert page.count("<svg") == 2
+    assert "Another pilot" in page
+    (out / "design.json").write_text("[]")
+    with pytest.raises(InputError, match="cannot be read as a design"):
+        scenario_named(str(out / "design.json"))
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--limit", "e=-1"],
+        ["--limit", "power=none"],
+        ["--wanted", "tdvest=300%"],
+        ["--over", "median"],
+        ["--power", "tlead"],
+        ["--seconds", "100"],
+    ],
+)
+def test_bad_options_are_refused(
+    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as left:
+        main(["design", "nominal", *words, "--out", str(tmp_path)])
+    assert left.value.code == 2
+    assert capsys.readouterr().err.count("\n") == 1

@@ -1,0 +1,90 @@
+"""The pilot that the forcing functions' lines show, and what does not follow the control."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import NOMINAL, fit_of, without_remnant
+
+from pilotid.datasets import simulate
+from pilotid.lines.fit import fit_lines
+from pilotid.methods.mle import MLE
+from pilotid.solve.least_squares import Minima
+from pilotid.time_domain.following import LESS, Following
+from pilotid.time_domain.maximum_likelihood import maximise_likelihood, widened
+from pilotid.time_domain.prediction import predict
+from pilotid.time_domain.reduced import reduced
+
+pytestmark = pytest.mark.numerical
+
+TRUTH = NOMINAL.values
+#: A pilot who does next to nothing.
+IDLE = np.concatenate([[1e-3 * TRUTH[0]], TRUTH[1:3], [1e-3 * TRUTH[3]], TRUTH[4:]])
+
+
+def following(known: np.ndarray[tuple[int, ...], np.dtype[np.float64]] | None) -> Following:
+    recording = simulate(NOMINAL, np.random.default_rng(1))
+    return Following(reduced(predict(recording, NOMINAL.model, 50.0)), known)
+
+
+def test_the_lines_alone_tell_the_pilot_where_there_is_no_remnant() -> None:
+    recording = simulate(without_remnant(NOMINAL), np.random.default_rng(1))
+    found = fit_lines(recording, NOMINAL.model, np.random.default_rng(2))
+    np.testing.assert_allclose(found.values, TRUTH, rtol=0.02)
+    # Best of all at the lines, but for what each of the two ways of fitting leaves.
+    others = np.array([found.values, 1.2 * TRUTH, IDLE])
+    assert np.argmin(found.misfits(others)) == 0
+    assert found.misfits(found.values[None])[0] == pytest.approx(found.misfit)
+
+
+def test_the_lines_optimum_does_not_depend_on_the_starts() -> None:
+    recording = simulate(NOMINAL, np.random.default_rng(3))
+    ends = [
+        fit_lines(recording, NOMINAL.model, np.random.default_rng(seed)).minimised().values
+        for seed in range(3)
+    ]
+    np.testing.assert_allclose(ends[1:], [ends[0], ends[0]], rtol=0.02)
+
+
+def test_who_explains_far_less_than_the_lines_pilot_does_not_follow() -> None:
+    judged = following(TRUTH[None])
+    own, idle = judged.explained(np.array([TRUTH, IDLE]))
+    assert 0.6 < own < 1.0  # a remnant of 20 % or less is left
+    assert idle < LESS * own
+    np.testing.assert_array_equal(judged(np.array([TRUTH, IDLE])), [True, False])
+    # What stands behind the pilot's parameters is not looked at.
+    behind = np.hstack([np.array([TRUTH, IDLE]), np.full((2, 3), np.nan)])
+    np.testing.assert_array_equal(judged(behind), [True, False])
+    assert following(None)(np.array([TRUTH, IDLE])).all()
+
+
+def test_ends_that_do_not_follow_are_left_out_unless_none_does() -> None:
+    judged = following(TRUTH[None])
+    sets = np.array([IDLE, TRUTH])
+    ends = Minima(
+        sets, np.array([1.0, 2.0]), np.ones(2, dtype=bool), np.tile(np.eye(8), (2, 1, 1)), 3
+    )
+    kept = judged.only(ends)
+    np.testing.assert_array_equal(kept.values, [TRUTH])
+    np.testing.assert_array_equal(kept.cost, [2.0])
+    none = replace(ends, values=np.array([IDLE, IDLE]))
+    assert judged.only(none) is none
+
+
+def test_an_estimate_that_does_not_follow_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert not any("inverse" in remark for remark in fit_of(MLE(), NOMINAL).remarks)
+    monkeypatch.setattr("pilotid.time_domain.following.LESS", 2.0)  # nobody explains as much
+    remarks = fit_of(MLE(), NOMINAL).remarks
+    assert any("inverse of the controlled element" in remark for remark in remarks)
+
+
+def test_an_optimum_that_the_usual_band_holds_is_not_sought_in_the_wide_one() -> None:
+    recording = simulate(NOMINAL, np.random.default_rng(3))
+    rng = np.random.default_rng(1)
+    found = maximise_likelihood(recording, NOMINAL.model, rng, MLE())
+    assert found.follows
+    assert widened(found, recording, NOMINAL.model, rng, MLE()) is found
+    assert found.known is not None
+    assert found.known.shape == (1, len(TRUTH))
