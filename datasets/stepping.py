@@ -72,7 +72,7 @@ def stepped(
 
     pilots, share = _pilots(scenario, time)
     channels = [
-        (weight, [_Path(channel, pilot, time) for channel in scenario.model.channels])
+        (weight, [_Path(channel, pilot, time, h) for channel in scenario.model.channels])
         for pilot, weight in zip(pilots, share, strict=True)
     ]
     block = min(path.block for _, paths in channels for path in paths)
@@ -157,8 +157,10 @@ class _Linear:
 class _Path:
     """A channel of a pilot: what varies in time, its delay, and the rest of it."""
 
-    def __init__(self, channel: Channel, values: dict[str, float], time: FloatArray) -> None:
-        self.time, self.h = time, float(time[1] - time[0])
+    def __init__(
+        self, channel: Channel, values: dict[str, float], time: FloatArray, h: float
+    ) -> None:
+        self.time, self.h = time, h
         self.changing = channel.changing
         self.derivative = channel.derivative if self.changing else 0
         delay, top, bottom = 0.0, [float(channel.sign)], [1.0]
