@@ -12,6 +12,7 @@ from pilotid.estimates.draws import Draws
 from pilotid.estimates.quantities import Quantity
 from pilotid.types import BoolArray, FloatArray
 
+LARGEST = 100.0  # standard error of a logarithm; exp of twice as much is a number still
 #: Correlation from which two parameters count as one.  To know the other would then divide a
 #: variance by 10, at which regressors are by custom called collinear (Marquardt,
 #: Technometrics 12, 1970): 1/(1 - r^2) = 10.
@@ -109,7 +110,8 @@ def inseparable(
         known = None
         if positive[i] and positive[j] and BETTER**2 * left <= min(spread[i, i], spread[j, j]):
             value = float(values[i] * values[j] ** sign)
-            off = math.sqrt(max(float(left), 0.0))
+            # A wild fit may claim an error beyond all numbers, which is none.
+            off = min(math.sqrt(max(float(left), 0.0)), LARGEST)
             known = Quantity(
                 keys[i] + ("*" if sign > 0.0 else "/") + keys[j],
                 _unit(units[i], units[j], divided=sign < 0.0),
