@@ -71,6 +71,7 @@ def check(session: nox.Session) -> None:
         "constants": "constants.py",
         "elements": "elements.py",
         "findings": "findings.py",
+        "adapting": "adapting.py",
         "design": "design.py",
         "models": "models.py",
     }

@@ -22,6 +22,10 @@ def experiment_of(scenario: Scenario) -> Experiment:
         If the loop is unstable, if there is no remnant, if a multisine and another kind of
         forcing function occur together, or if that other kind starts during the run-in.
     """
+    if scenario.changes:
+        raise InputError(
+            f"scenario {scenario.name}: what changes in time has no spectra; use bound_of"
+        )
     level = white_level(scenario)
     if level == 0.0:
         raise InputError(f"scenario {scenario.name}: without a remnant every bound is zero")

@@ -165,6 +165,15 @@ def paper_disturbance() -> Multisine:
     )
 
 
+def adaptation_target() -> Multisine:
+    """The target in roll of Zaal (JGCD 39(5) 2016), Table 1 [deg]."""
+    return Multisine(
+        (3, 5, 8, 13, 22, 34, 53, 86, 139, 229),
+        (1.186, 1.121, 0.991, 0.756, 0.447, 0.245, 0.123, 0.061, 0.036, 0.025),
+        (0.974, -3.026, 0.744, -2.3, 2.984, -2.513, 2.211, 1.004, -2.255, 2.21),
+    )
+
+
 def interleaved_sines(
     count: int, disturbed: Response, period: float = PERIOD
 ) -> tuple[Multisine, Multisine]:

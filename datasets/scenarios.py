@@ -10,9 +10,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from pilotid.datasets.changing import ElementChange
 from pilotid.datasets.forcing import (
     PERIOD,
     Forcing,
+    adaptation_target,
     half_and_half_step,
     interleaved_sines,
     paper_disturbance,
@@ -20,8 +22,9 @@ from pilotid.datasets.forcing import (
 )
 from pilotid.datasets.remnant import Remnant, white
 from pilotid.datasets.violations import Kind, Violation
-from pilotid.pilot.catalogue import LEAD2_LAG_MOTION, MULTI, SINGLE
+from pilotid.pilot.catalogue import ADAPTING, LEAD2_LAG_MOTION, MULTI, SINGLE
 from pilotid.pilot.element import ControlledElement, double_integrator
+from pilotid.pilot.frozen import before_and_after, frozen
 from pilotid.pilot.model import PilotModel
 from pilotid.types import FloatArray, InputError
 
@@ -66,6 +69,8 @@ class Scenario:
         Whether all replications fit the same recording.
     violation
         What in the loop or in the recorder is not as the truth says, None for nothing.
+    change
+        What the controlled element becomes, and when; None for a constant one.
     family, varied
         Scenarios of one family differ in one number alone, such as ``duration`` or
         ``remnant.level``; reports draw errors over it.  Those of the family ``violation``
@@ -87,6 +92,7 @@ class Scenario:
     start_spread: float = 0.0
     one_recording: bool = False
     violation: Violation | None = None
+    change: ElementChange | None = None
     family: str = ""
     varied: str = ""
 
@@ -94,6 +100,29 @@ class Scenario:
     def values(self) -> FloatArray:
         """True parameters in model order, shape (parameters,)."""
         return self.model.vector(dict(zip(self.model.keys, self.truth, strict=True)))
+
+    @property
+    def changes(self) -> bool:
+        """Whether pilot or controlled element change in time, as the truth says."""
+        return self.change is not None or self.model.changes
+
+    @property
+    def constant_ends(self) -> tuple[tuple[Scenario, float], ...]:
+        """What it is before and after all changes, constant, and the share of the window of each.
+
+        A constant scenario is itself all the time.
+        """
+        if not self.changes:
+            return ((self, 1.0),)
+        middle = 0.5 * self.duration if self.change is None else self.change.middle
+        share = float(np.clip(middle / self.duration, 0.0, 1.0))
+        element = self.element if self.change is None else self.change.after
+        before, after = before_and_after(self.model, self.values)
+        plain = replace(self, model=frozen(self.model), change=None)
+        return (
+            (replace(plain, truth=tuple(before.tolist())), share),
+            (replace(plain, truth=tuple(after.tolist()), element=element), 1.0 - share),
+        )
 
     def drawn(self, rng: np.random.Generator) -> Scenario:
         """Itself: every replication has the same pilot; see `pilotid.datasets.population`."""
@@ -250,9 +279,44 @@ def _violated() -> list[Scenario]:
     ]
 
 
+def _changing() -> list[Scenario]:
+    """The Monte Carlo simulations of Zaal (JGCD 39(5) 2016), roll."""
+    middle = 50.0 - (90.0 - PERIOD)  # 50 s after the start of a run of 90 s
+    hard = ControlledElement((90.0,), (1.0, 6.0, 0.0), name="90/(s(s+6))")
+    easy = ControlledElement((30.0,), (1.0, 0.2, 0.0), name="30/(s(s+0.2))")
+    found = []
+    for name, rate in (("slow", 0.5), ("fast", 100.0)):
+        own = Scenario(
+            f"adapting-{name}",
+            f"an element that becomes harder to control at {rate:g}/s half-way, and a pilot who "
+            "adapts to it; target alone, remnant of 15 % power (Zaal 2016)",
+            model=ADAPTING,
+            truth=(0.09, 0.07, 0.4, 1.2, middle, rate, 0.28, 11.25, 0.35),
+            element=hard,
+            change=ElementChange(easy, middle, rate),
+            target=adaptation_target(),
+            disturbance=None,
+            remnant=Remnant(order=1, frequency=5.0, level=0.15, level_is="ratio"),
+            run_in=90.0 - PERIOD,
+            dt=0.01,
+        )
+        found.append(own)
+        found += [
+            replace(
+                own,
+                name=f"{own.name}-{level:.0%}".removesuffix("%"),
+                description=own.description.replace("15 %", f"{level:.0%}".replace("%", " %")),
+                remnant=replace(own.remnant, level=level),
+            )
+            for level in (0.05, 0.25)
+        ]
+    return found
+
+
 #: Scenarios by the name that the command line takes.
 SCENARIOS: dict[str, Scenario] = {
-    s.name: s for s in (*_of_the_paper(), *_beyond_the_paper(), _trained(), *_violated())
+    s.name: s
+    for s in (*_of_the_paper(), *_beyond_the_paper(), _trained(), *_violated(), *_changing())
 }
 
 

@@ -61,6 +61,10 @@ def closed_loop(scenario: Scenario, omega: FloatArray) -> ClosedLoop:
 
 def require_stable(scenario: Scenario) -> None:
     """Refuse a closed loop that is not stable, with its margins in the message."""
+    if scenario.changes:
+        for end, _ in scenario.constant_ends:
+            require_stable(end)
+        return
     if unstable_poles(scenario.model, scenario.values, scenario.element) == 0:
         return
     target, disturbance = margins(scenario.model, scenario.values, scenario.element)
@@ -106,6 +110,7 @@ class _Prepared:
     u_forced: FloatArray
     x_forced: FloatArray
     remnant_to_n: ComplexArray
+    remnant_to_u: ComplexArray  # its power, averaged over what a scenario that changes is
     loop: ClosedLoop
     level: float
 
@@ -128,20 +133,22 @@ def _prepared(scenario: Scenario) -> _Prepared:
     # An even length keeps the Nyquist bin.
     grid = 2 * next_fast_len(samples, real=True)
     omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(grid, scenario.dt), dtype=float)
-    loop = closed_loop(scenario, omega)
-    shaping = remnant_shaping(scenario, omega)
-
-    u_forced, x_forced = np.zeros(samples), np.zeros(samples)
-    for forcing, u_name, x_name in (
-        (scenario.target, "u_of_target", "x_of_target"),
-        (scenario.disturbance, "u_of_disturbance", "x_of_disturbance"),
-    ):
-        if forcing is not None:
-            u_forced += forcing.through(_path(scenario, u_name), time)
-            x_forced += forcing.through(_path(scenario, x_name), time)
-
+    ends = [(closed_loop(end, omega), share) for end, share in scenario.constant_ends]
+    if scenario.model.changes and scenario.remnant.enters == "error":
+        raise InputError(
+            f"scenario {scenario.name}: the remnant cannot enter at the error of a pilot who "
+            "changes; let it enter at the control"
+        )
+    shaping = remnant_shaping(scenario.constant_ends[0][0], omega)
+    power = sum(share * np.abs(loop.u_of_remnant) ** 2 for loop, share in ends)
+    to_u = shaping * np.sqrt(power)
+    if scenario.changes:
+        nothing = np.zeros((1, grid))
+        u_forced, x_forced = (signal[0] for signal in stepped(scenario, nothing, 1.0))
+    else:
+        u_forced, x_forced = _forced(scenario, time)
     window_power = float(np.var(u_forced[run_in:]))
-    level = _level(scenario, shaping, shaping * loop.u_of_remnant, window_power)
+    level = _level(scenario, shaping, to_u, window_power)
 
     def sampled(forcing: Forcing | None) -> FloatArray | None:
         return None if forcing is None else forcing.at(time)
@@ -154,9 +161,20 @@ def _prepared(scenario: Scenario) -> _Prepared:
         u_forced,
         x_forced,
         shaping,
-        loop,
+        to_u,
+        ends[0][0],
         level,
     )
+
+
+def _forced(scenario: Scenario, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Control and output without remnant at times [s]."""
+    u, x = np.zeros(time.size), np.zeros(time.size)
+    for forcing, cause in ((scenario.target, "target"), (scenario.disturbance, "disturbance")):
+        if forcing is not None:
+            u += forcing.through(_path(scenario, f"u_of_{cause}"), time)
+            x += forcing.through(_path(scenario, f"x_of_{cause}"), time)
+    return u, x
 
 
 def _path(scenario: Scenario, name: str) -> Response:
@@ -196,14 +214,14 @@ def remnant_ratio(scenario: Scenario) -> float:
     """Expected power ratio var(n)/var(u) of a scenario."""
     shared = _prepared(scenario)
     power_n = shared.level**2 * _power(shared.remnant_to_n)
-    power_u = shared.level**2 * _power(shared.remnant_to_n * shared.loop.u_of_remnant)
+    power_u = shared.level**2 * _power(shared.remnant_to_u)
     return power_n / (power_u + float(np.var(shared.u_forced[shared.run_in :])))
 
 
 def linear_rms(scenario: Scenario) -> float:
     """Expected root mean square of the control in the window, without any violation."""
     shared = _prepared(scenario)
-    of_remnant = shared.level**2 * _power(shared.remnant_to_n * shared.loop.u_of_remnant)
+    of_remnant = shared.level**2 * _power(shared.remnant_to_u)
     return float(np.sqrt(of_remnant + np.var(shared.u_forced[shared.run_in :])))
 
 
@@ -235,12 +253,13 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> Recording:
     samples = shared.time.size
     noise = shared.level * scenario.remnant.white_noise(rng, (scenario.runs, shared.grid))
     spectrum = np.fft.rfft(noise) * shared.remnant_to_n
-    u = shared.u_forced + np.fft.irfft(spectrum * shared.loop.u_of_remnant)[:, :samples]
-    x = shared.x_forced + np.fft.irfft(spectrum * shared.loop.x_of_remnant)[:, :samples]
+    if scenario.changes or (scenario.violation is not None and scenario.violation.in_loop):
+        u, x = stepped(scenario, np.fft.irfft(spectrum), linear_rms(scenario))
+    else:
+        u = shared.u_forced + np.fft.irfft(spectrum * shared.loop.u_of_remnant)[:, :samples]
+        x = shared.x_forced + np.fft.irfft(spectrum * shared.loop.x_of_remnant)[:, :samples]
     if scenario.violation is not None:
         rms = linear_rms(scenario)
-        if scenario.violation.in_loop:
-            u, x = stepped(scenario, np.fft.irfft(spectrum), rms)
         u = scenario.violation.recorded(u, shared.time / scenario.duration, rms, rng)
     zero = np.zeros(samples)
     target = zero if shared.target is None else shared.target

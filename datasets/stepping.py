@@ -13,21 +13,30 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from pilotid.datasets.changing import SteppedElement
 from pilotid.datasets.forcing import Forcing
 from pilotid.datasets.scenarios import Scenario
-from pilotid.pilot.factors import TimeDelay
+from pilotid.pilot.changing import Changing
+from pilotid.pilot.factors import Derivative, TimeDelay
 from pilotid.pilot.model import Channel
 from pilotid.types import FloatArray, InputError, IntArray
 
 STEP = 0.005  # seconds, at most
 RUN_UP = 60.0  # seconds before the recording, in which the start from rest is forgotten
+#: Central differences over so many steps on either side, by the order of the derivative.
+REACH = 2
+STENCILS = {
+    0: (0.0, 0.0, 1.0, 0.0, 0.0),
+    1: (1 / 12, -8 / 12, 0.0, 8 / 12, -1 / 12),
+    2: (-1 / 12, 16 / 12, -30 / 12, 16 / 12, -1 / 12),
+}
 PASSING = 2.0  # seconds in which a pilot who changes passes from one to the other
 
 
 def stepped(
     scenario: Scenario, remnant: FloatArray, rms: float, step: float = STEP
 ) -> tuple[FloatArray, FloatArray]:
-    """Control and output of a loop, with the scenario's violation in it.
+    """Control and output of a loop that changes, or has the scenario's violation in it.
 
     Parameters
     ----------
@@ -63,16 +72,20 @@ def stepped(
 
     pilots, share = _pilots(scenario, time)
     channels = [
-        (weight, [_Path(channel, pilot, h) for channel in scenario.model.channels])
+        (weight, [_Path(channel, pilot, time, h) for channel in scenario.model.channels])
         for pilot, weight in zip(pilots, share, strict=True)
     ]
-    block = min(math.floor(path.delay + 1e-9) for _, paths in channels for path in paths)
+    block = min(path.block for _, paths in channels for path in paths)
     if block < 1:
         raise InputError(
             f"scenario {scenario.name}: a violation inside the loop is simulated in blocks of the "
             f"pilot's delays, which must be at least {h:g} s each; give it longer ones"
         )
-    element = _Linear(scenario.element.numerator, scenario.element.denominator, h)
+    element: _Linear | SteppedElement
+    if scenario.change is None:
+        element = _Linear(scenario.element.numerator, scenario.element.denominator, h)
+    else:
+        element = SteppedElement(scenario.element, scenario.change, time)
     late = scenario.element.delay / h
     e, u, y = (np.zeros((len(noise), count)) for _ in range(3))
     x = y if late == 0.0 else np.zeros_like(y)
@@ -142,11 +155,18 @@ class _Linear:
 
 
 class _Path:
-    """A channel of a pilot: its delay, and the rest of it."""
+    """A channel of a pilot: what varies in time, its delay, and the rest of it."""
 
-    def __init__(self, channel: Channel, values: dict[str, float], h: float) -> None:
+    def __init__(
+        self, channel: Channel, values: dict[str, float], time: FloatArray, h: float
+    ) -> None:
+        self.time, self.h = time, h
+        self.changing = channel.changing
+        self.derivative = channel.derivative if self.changing else 0
         delay, top, bottom = 0.0, [float(channel.sign)], [1.0]
         for factor in channel.factors:
+            if isinstance(factor, Changing) or (self.changing and isinstance(factor, Derivative)):
+                continue
             own = [values[p.key] for p in factor.parameters]
             if isinstance(factor, TimeDelay):
                 delay += float(factor.seconds([np.array(v) for v in own]))
@@ -154,12 +174,43 @@ class _Path:
             above, below = factor.rational(own, 1)
             top = np.polymul(top, above).tolist()
             bottom = np.polymul(bottom, below).tolist()
-        self.input, self.delay = channel.input, delay / h
-        self.linear = _Linear(top, bottom, h)
+        self.input, self.delay = channel.input, delay / self.h
+        self.linear = _Linear(top, bottom, self.h)
+        if self.changing:
+            self.own = np.array([values[p.key] for p in self.changing.parameters])
+            if self.derivative + self.changing.order not in STENCILS:
+                raise InputError(
+                    f"channel {channel.name}: a channel that varies in time is simulated with "
+                    f"derivatives up to order {max(STENCILS)} of its input"
+                )
+
+    @property
+    def block(self) -> int:
+        """Steps that it can answer without knowing what comes."""
+        ahead = REACH + 1 if self.changing else 0
+        return math.floor(self.delay + 1e-9) - ahead
 
     def through(self, given: FloatArray, now: IntArray) -> FloatArray:
         """Its part of the command at these steps, from all of its input before them."""
-        return self.linear.through(_delayed(given, np.asarray(now - self.delay)))
+        places = np.asarray(now - self.delay)
+        if self.changing is None:
+            return self.linear.through(_delayed(given, places))
+        # Interpolated first, modulated then: the input is smooth, what multiplies it need not be.
+        time = self.time[now] - self.delay * self.h
+        weights = self.changing.weights(time, self.own)
+        parts = [
+            weight * self._derived(given, places, self.derivative + order)
+            for order, weight in enumerate(weights)
+        ]
+        return self.linear.through(sum(parts[1:], parts[0]))
+
+    def _derived(self, given: FloatArray, places: FloatArray, order: int) -> FloatArray:
+        """A derivative of a signal between its steps, by central differences."""
+        total = np.zeros((len(given), places.size))
+        for offset, weight in zip(range(-REACH, REACH + 1), STENCILS[order], strict=True):
+            if weight:
+                total += weight / self.h**order * _delayed(given, places + offset)
+        return total
 
 
 def _delayed(signal: FloatArray, places: FloatArray) -> FloatArray:

@@ -11,8 +11,14 @@ from pilotid.pilot.loops import margins
 
 def truth(scenario: Scenario) -> dict[str, object]:
     """What a scenario's recordings were made of, as plain objects."""
-    element = scenario.element
-    target, disturbance = margins(scenario.model, scenario.values, element)
+    loops = []
+    for end, _ in scenario.constant_ends:
+        target, disturbance = margins(end.model, end.values, end.element)
+        loops.append({"target": asdict(target), "disturbance": asdict(disturbance)})
+    change = (
+        {} if scenario.change is None else {"controlled_element_change": asdict(scenario.change)}
+    )
+    after = {"loops_after_the_change": loops[1]} if len(loops) > 1 else {}
     return {
         "scenario": scenario.name,
         "description": scenario.description,
@@ -23,6 +29,8 @@ def truth(scenario: Scenario) -> dict[str, object]:
             for p, value in zip(scenario.model.parameters, scenario.values, strict=True)
         },
         "remnant": {**asdict(scenario.remnant), "expected_power_ratio": remnant_ratio(scenario)},
-        "controlled_element": asdict(element),
-        "loops": {"target": asdict(target), "disturbance": asdict(disturbance)},
+        "controlled_element": asdict(scenario.element),
+        **change,
+        "loops": loops[0],
+        **after,
     }

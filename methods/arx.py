@@ -49,7 +49,7 @@ import numpy as np
 
 from pilotid.chance import SELDOM, chi_squared_limit
 from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.estimates.method import dependent_signals
+from pilotid.estimates.method import dependent_signals, varying
 from pilotid.estimates.response import FrequencyResponse
 from pilotid.frequency.consistency import against_recording, output_at_once
 from pilotid.frequency.regression import (
@@ -175,6 +175,8 @@ class ARX:
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
         """Why least squares cannot tell the pilot: no forcing function, or an output at once."""
+        if constant_only := varying(model):
+            return constant_only
         if dependent := dependent_signals(model):
             return dependent
         signals_used = {c.input for c in model.channels}

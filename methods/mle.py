@@ -20,12 +20,14 @@ from typing import ClassVar
 
 import numpy as np
 
+from pilotid.chance import CHI_SQUARED_95
 from pilotid.estimates.bounds import at_bounds
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_at_bounds, covariance_of
 from pilotid.solve.intervals import Profile, profile_intervals
+from pilotid.time_domain.change_profile import over_changes
 from pilotid.time_domain.conclusion import concluded
 from pilotid.time_domain.maximum_likelihood import (
     Maximum,
@@ -99,7 +101,8 @@ class MLE(LikelihoodSettings):
             converged=bool(end.converged[0]),
         )
         if profile is not None:
-            estimate = replace(estimate, intervals=profile.intervals)
+            intervals = over_changes(found, profile.intervals, found.widened * CHI_SQUARED_95)
+            estimate = replace(estimate, intervals=intervals)
             held = np.logical_or(*at_bounds(model, estimate.values, estimate.values))
             if held.any():
                 information = np.asarray(np.linalg.inv(covariance[pilot, pilot]))

@@ -21,6 +21,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate, Outcome, failed
+from pilotid.estimates.method import varying
 from pilotid.pilot.factors import Rational
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
@@ -59,12 +60,12 @@ class MMLE3:
     name: ClassVar[str] = "mmle3"
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
-        """None: any recording and any model will do."""
+        """Why it cannot treat a model: it varies in time."""
         # Imported here, before the fit is timed, since they take longer than the fit.
         import control  # noqa: F401
         import scipy.signal  # noqa: F401
 
-        return None
+        return varying(model)
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
         """Iterate from the model's start until the cost settles.

@@ -38,7 +38,7 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.estimates.method import dependent_signals
+from pilotid.estimates.method import dependent_signals, varying
 from pilotid.estimates.response import FrequencyResponse
 from pilotid.frequency.consistency import against_recording, output_at_once
 from pilotid.frequency.regression import (
@@ -103,6 +103,8 @@ class SINDy:
         # Imported here, before the fit is timed, since it takes longer than the fit.
         import pysindy  # noqa: F401
 
+        if constant_only := varying(model):
+            return constant_only
         if dependent := dependent_signals(model):
             return dependent
         inputs = {c.input for c in model.channels}

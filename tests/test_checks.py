@@ -41,6 +41,15 @@ def test_sound_recordings_have_no_remarks(name: str) -> None:
         assert remarks(recording_of(name, seed)) == ()
 
 
+@pytest.mark.parametrize("name", ["adapting-slow", "adapting-fast"])
+def test_of_an_element_that_changes_no_more_is_said_than_that_it_may(name: str) -> None:
+    for seed in range(3):
+        told = remarks(recording_of(name, seed))
+        assert len(told) <= 1
+        assert all("or the element changes during the recording" in remark for remark in told)
+    assert remarks(recording_of("adapting-slow", 0))
+
+
 def test_rest_and_saturation_are_no_repetition() -> None:
     recording = recording_of("nominal", 1)
     u = recording.u.copy()

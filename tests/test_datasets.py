@@ -319,16 +319,17 @@ def test_unknown_scenario_is_refused_in_one_line_with_the_names_there_are() -> N
 def test_recording_of_every_scenario(name: str) -> None:
     scenario = SCENARIOS[name]
     recording = simulate(scenario, rng())
-    samples = round(scenario.duration / 0.02)
-    assert (recording.dt, recording.run_in, recording.samples) == (0.02, 400, samples)
-    assert recording.time[0] == -8.0
-    assert recording.time[400] == 0.0
-    assert recording.u.shape == (scenario.runs, samples + 400)
+    dt, run_in = (0.01, 808) if scenario.changes else (0.02, 400)
+    samples = round(scenario.duration / dt)
+    assert (recording.dt, recording.run_in, recording.samples) == (dt, run_in, samples)
+    assert recording.time[0] == -run_in * dt
+    assert recording.time[run_in] == 0.0
+    assert recording.u.shape == (scenario.runs, samples + run_in)
     assert recording.ft is not None
     assert recording.fd is not None
     np.testing.assert_array_equal(recording.e, recording.ft - recording.x)
     for signal, forcing in ((recording.ft, scenario.target), (recording.fd, scenario.disturbance)):
-        expected = np.zeros(samples + 400) if forcing is None else forcing.at(recording.time)
+        expected = np.zeros(samples + run_in) if forcing is None else forcing.at(recording.time)
         np.testing.assert_array_equal(signal, np.tile(expected, (scenario.runs, 1)))
     assert name in recording.source
 

@@ -26,7 +26,11 @@ from pilotid.recordings.checks import remarks
 from pilotid.recordings.files import load_recording
 from pilotid.recordings.recording import Recording
 
-SOUND = {name: scenario for name, scenario in SCENARIOS.items() if scenario.violation is None}
+SOUND = {
+    name: scenario
+    for name, scenario in SCENARIOS.items()
+    if scenario.violation is None and scenario.change is None
+}
 #: Target alone, where the sign of u follows from the slope of the element.
 TARGET_ALONE = {"sign of u, no disturbance": "u has the wrong sign: x answers to -u"}
 DRAWN = 100  # pilots of each population

@@ -110,7 +110,7 @@ def sensible(recording: Recording) -> list[PilotModel]:
 
     A channel on the output beside one on the error needs two forcing functions.  Channels on
     the target are left out: a compensatory display does not show it, and a recording does not
-    say what was displayed.
+    say what was displayed.  Models that vary in time are to be asked for.
     """
     both = (
         recording.ft is not None
@@ -121,7 +121,7 @@ def sensible(recording: Recording) -> list[PilotModel]:
     found = []
     for model in MODELS.values():
         inputs = {channel.input for channel in model.channels}
-        if model.name in ASKED_FOR:
+        if model.name in ASKED_FOR or model.changes:
             continue
         if inputs <= ({"error", "output"} if both else {"error"}):
             found.append(model)

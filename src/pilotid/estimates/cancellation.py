@@ -22,7 +22,7 @@ def cancellations(estimate: Estimate) -> list[str]:
     index = {key: i for i, key in enumerate(estimate.model.keys)}
     for channel in estimate.model.channels:
         leads = dict.fromkeys(f for f in channel.factors if isinstance(f, Lead))
-        poles = [p for f in channel.factors for p in _poles(f, index, estimate.values)]
+        poles = [p for f in channel.dynamics for p in _poles(f, index, estimate.values)]
         for lead in leads:
             for name, logarithm, slope in poles:
                 i = index[lead.key]

@@ -35,6 +35,10 @@ COARSE = GRID[:: len(GRID) // 1000]  # for many sets of parameters
 COUNT = 1000  # draws of a posterior that are followed
 NEAR = math.log(1.5)  # how far one crossing moves in one step; others lie further off
 STEPS = 4  # from an estimate to a draw whose crossing is not near
+CHANGES = (
+    "the pilot changes during the recording, and the controlled element, by which pilots change, "
+    "most likely too: it has no one loop"
+)
 LOST = 0.02  # share of draws without the crossing that is worth a word
 
 
@@ -59,6 +63,9 @@ def loops_of(estimate: Estimate, element: ControlledElement) -> Loops:
     model, values = estimate.model, estimate.values
     if not np.isfinite(values).all():
         target, disturbance = (no_loop(name, "the fit failed") for name in NAMES)
+        return Loops(element, target, disturbance)
+    if model.changes:
+        target, disturbance = (no_loop(name, CHANGES) for name in NAMES)
         return Loops(element, target, disturbance)
     remarks = []
     if unstable_poles(model, values, element):

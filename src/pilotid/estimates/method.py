@@ -158,6 +158,16 @@ def dependent_signals(model: PilotModel) -> str | None:
     )
 
 
+def varying(model: PilotModel) -> str | None:
+    """Why a method of constant pilots cannot treat a model: its parameters vary in time."""
+    if not model.changes:
+        return None
+    return (
+        f"model {model.name} varies in time, and this method knows constant pilots alone; use mle, "
+        "mle-white, mle-genetic or bayes, or fit a constant model"
+    )
+
+
 def one_signal(recording: Recording, model: PilotModel) -> str | None:
     """Why channels on error and output can hardly be told apart: there is no target."""
     if len({channel.input for channel in model.channels}) < 2:

@@ -88,7 +88,11 @@ class Product:
 
 #: Gain and lead time of the visual channel are correlated at about -0.99; their product, the
 #: gain on the error's rate, is known several times more accurately than either.
-PRODUCTS = (Product(("Kvis", "tlead"), "s"),)
+PRODUCTS = (
+    Product(("Kvis", "tlead"), "s"),
+    Product(("Kvis1", "tlead1"), "s"),
+    Product(("Kvis2", "tlead2"), "s"),
+)
 
 
 def products_of(keys: tuple[str, ...]) -> list[Product]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pilotid.estimates.cancellation import cancellations
+from pilotid.estimates.changes import steps
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.intervals import little_known, short_delays
 
@@ -37,6 +38,7 @@ def remarks_on(estimate: Estimate) -> tuple[str, ...]:
             "sign), or choose another model"
         )
         return tuple(found)
+    found += steps(estimate)
     found += [*short_delays(estimate), *cancellations(estimate), *what_is_open(estimate)]
     return tuple(found)
 

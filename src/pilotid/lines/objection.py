@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pilotid.estimates.method import dependent_signals
+from pilotid.estimates.method import dependent_signals, varying
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.lines import NotMultisineError, forcing_lines
 from pilotid.recordings.recording import Recording
@@ -12,6 +12,8 @@ from pilotid.recordings.recording import Recording
 
 def objection(recording: Recording, model: PilotModel) -> str | None:
     """Why the forcing functions have no lines, or too few, for the model's channels; or None."""
+    if constant_only := varying(model):
+        return constant_only
     try:
         lines = forcing_lines(recording)
     except NotMultisineError as error:

@@ -13,6 +13,7 @@ from dataclasses import replace
 from pilotid.naming.code import is_place
 from pilotid.naming.settings import configured
 from pilotid.naming.text import split_call
+from pilotid.pilot.changing import Changing
 from pilotid.pilot.factors import (
     Canals,
     Delay,
@@ -140,6 +141,26 @@ PURSUIT = PilotModel(
 )
 
 
+#: Gain and lead pass from one value to another along one sigmoid, as where the element changes.
+ADAPTING = PilotModel(
+    "adapting",
+    (
+        Channel(
+            "visual",
+            "error",
+            1,
+            (
+                Changing((Gain("Kvis", 0.25), Lead("tlead", usual=(0.1, 5.0)))),
+                Delay("tdvis"),
+                Neuromuscular(),
+            ),
+        ),
+    ),
+    "visual channel whose gain and lead pass from Kvis1, tlead1 to Kvis2, tlead2 along a sigmoid "
+    "in time (Zaal, JGCD 39(5) 2016)",
+)
+
+
 #: The name by which the command line chooses one.
 AUTO = "auto"
 
@@ -156,6 +177,7 @@ MODELS: dict[str, PilotModel] = {
         LEAD_LAG_MOTION,
         LEAD2_LAG_MOTION,
         PURSUIT,
+        ADAPTING,
     )
 }
 

@@ -167,6 +167,9 @@ class Gain:
     def log_derivative(self, s: ComplexArray, values: Values) -> tuple[FloatArray]:
         return (1.0 / values[0],)
 
+    def coefficients(self, values: Values) -> tuple[FloatArray]:
+        return (values[0],)
+
     def rational(self, values: Sequence[float], pade_order: int) -> Rational:
         return [float(values[0])], [1.0]
 
@@ -190,6 +193,9 @@ class Lead:
 
     def log_derivative(self, s: ComplexArray, values: Values) -> tuple[ComplexArray]:
         return (s / (1.0 + values[0] * s),)
+
+    def coefficients(self, values: Values) -> tuple[FloatArray, FloatArray]:
+        return np.ones_like(values[0]), values[0]
 
     def rational(self, values: Sequence[float], pade_order: int) -> Rational:
         return [float(values[0]), 1.0], [1.0]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
+from pilotid.pilot.changing import Changing
 from pilotid.pilot.factors import Derivative, Factor, Parameter, Rational, Response
 from pilotid.types import BoolArray, ComplexArray, FloatArray, InputError
 
@@ -32,13 +33,13 @@ class Channel:
     sign
         +1 or -1: motion channels act against the output.
     factors
-        Their product is the channel's response (without the sign).
+        Their product is the channel's response (without the sign); what varies in time acts first.
     """
 
     name: str
     input: Input
     sign: int
-    factors: tuple[Factor, ...]
+    factors: tuple[Factor | Changing, ...]
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r"[\w .+-]{1,40}", self.name):
@@ -56,6 +57,10 @@ class Channel:
                 f"channel {self.name}: the sign must be 1 or -1, not {self.sign!r}; "
                 "its size belongs to a gain"
             )
+        if sum(isinstance(f, Changing) for f in self.factors) > 1:
+            raise ValueError(
+                f"channel {self.name}: put all factors that vary in time into one Changing"
+            )
 
     @property
     def derivative(self) -> int:
@@ -64,8 +69,15 @@ class Channel:
 
     @property
     def dynamics(self) -> tuple[Factor, ...]:
-        """The factors apart from the differentiators."""
-        return tuple(f for f in self.factors if not isinstance(f, Derivative))
+        """The factors apart from the differentiators and from what varies in time."""
+        return tuple(
+            f for f in self.factors if not isinstance(f, Changing) and not isinstance(f, Derivative)
+        )
+
+    @property
+    def changing(self) -> Changing | None:
+        """The factor that varies in time and acts on the input first; None for none."""
+        return next((f for f in self.factors if isinstance(f, Changing)), None)
 
 
 #: Response of a channel without its differentiators and without its sign, and
@@ -160,6 +172,20 @@ class PilotModel:
         return tuple(sorted(poles))
 
     @cached_property
+    def changes(self) -> bool:
+        """Whether a parameter varies in time; such a model has no frequency response.
+
+        `pilotid.pilot.frozen` has the constant pilots that it is at any one time.
+        """
+        return any(c.changing is not None for c in self.channels)
+
+    def _require_constant(self) -> None:
+        if self.changes:
+            raise ValueError(
+                f"model {self.name} varies in time, so that it has no frequency response"
+            )
+
+    @cached_property
     def _layout(self) -> tuple[tuple[tuple[Factor, tuple[int, ...]], ...], ...]:
         """Per channel, its dynamics, each with the indices of its parameters."""
         index = {key: i for i, key in enumerate(self.keys)}
@@ -167,6 +193,29 @@ class PilotModel:
             tuple((f, tuple(index[p.key] for p in f.parameters)) for f in c.dynamics)
             for c in self.channels
         )
+
+    @cached_property
+    def changing_indices(self) -> tuple[tuple[int, ...], ...]:
+        """Per channel, the indices of the parameters of what varies in time; empty for nothing."""
+        index = {key: i for i, key in enumerate(self.keys)}
+        return tuple(
+            tuple(index[p.key] for p in c.changing.parameters) if c.changing else ()
+            for c in self.channels
+        )
+
+    def elsewhere(self, values: FloatArray) -> list[FloatArray]:
+        """Other parameter sets near which the optimum may be, see `Changing.elsewhere`.
+
+        None for a model that does not vary in time.
+        """
+        found = []
+        for channel, indices in zip(self.channels, self.changing_indices, strict=True):
+            if channel.changing is not None:
+                own = list(indices)
+                for part in channel.changing.elsewhere(values[own]):
+                    found.append(values.copy())
+                    found[-1][own] = part
+        return found
 
     def vector(self, values: Mapping[str, float]) -> FloatArray:
         """Parameter values by key as a vector in model order, shape (parameters,)."""
@@ -176,7 +225,7 @@ class PilotModel:
         return np.array([float(values[key]) for key in self.keys])
 
     def responses(self, s: ComplexArray, values: FloatArray) -> list[ComplexArray]:
-        """Each channel's response without its sign and its differentiators.
+        """Each channel's response without its sign, its differentiators, and what varies in time.
 
         Parameters
         ----------
@@ -194,7 +243,7 @@ class PilotModel:
         return result
 
     def terms(self, s: ComplexArray, values: FloatArray) -> list[ChannelTerms]:
-        """Responses without sign and differentiators, and their log-derivatives.
+        """Responses, as `responses` has them, and their log-derivatives.
 
         Parameters
         ----------
@@ -233,6 +282,7 @@ class PilotModel:
         -------
         Complex response, shape (channels, n).
         """
+        self._require_constant()
         s = 1j * np.asarray(omega, dtype=float)
         return np.array(
             [
@@ -263,6 +313,7 @@ class PilotModel:
         Complex responses, shape (channels, n), and derivatives, shape
         (channels, parameters, n); for parameter sets (sets, ...) each.
         """
+        self._require_constant()
         s = 1j * np.asarray(omega, dtype=float)
         shape = (*values.shape[:-1], len(self.channels))
         responses = np.zeros((*shape, s.size), dtype=complex)
@@ -279,6 +330,7 @@ class PilotModel:
 
         Without sign and differentiators: the input is the derivative that the channel acts on.
         """
+        self._require_constant()
         result: list[Rational] = []
         for layout in self._layout:
             top, bottom = np.ones(1), np.ones(1)

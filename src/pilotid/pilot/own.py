@@ -7,6 +7,7 @@ import re
 import numpy as np
 
 from pilotid.naming.code import reason, taken
+from pilotid.pilot.frozen import frozen
 from pilotid.pilot.model import PilotModel
 from pilotid.types import FloatArray, InputError
 
@@ -49,6 +50,7 @@ def fault_of(model: PilotModel) -> str:
     """What is wrong with the numbers that a model's factors give, empty if they are sound."""
     if not model.parameters:
         return f"model {model.name} has no parameter to estimate"
+    model = frozen(model)  # what varies in time is put together of constant factors
     try:
         response, jacobian = model.response_and_jacobian(TRIED, model.start)
         differences = [_difference(model, i) for i in range(len(model.parameters))]

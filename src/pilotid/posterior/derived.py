@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pilotid.estimates.draws import Draws, Spread, spread_of
-from pilotid.estimates.loops import COUNT, TracedLoop, traced_loops
+from pilotid.estimates.loops import CHANGES, COUNT, TracedLoop, traced_loops
 from pilotid.estimates.quantities import product_spreads
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
@@ -45,7 +45,7 @@ def derived_spreads(
     result = product_spreads(draws)
     some = draws.equally_weighted(COUNT)[:, : len(model.parameters)]
     result.append(spread_of("VAF", "%", vafs(recording, model, some)))
-    if element is not None:
+    if element is not None and not model.changes:
         result += _margin_spreads(draws, model, element)
     return result
 
@@ -81,6 +81,8 @@ def _margin_spreads(
 
 def loop_notes(draws: Draws, model: PilotModel, element: ControlledElement) -> list[str]:
     """What should be known of the loops' margins over draws, a sentence each."""
+    if model.changes:
+        return [CHANGES]
     return [note for loop in _traced(draws, model, element) for note in loop.loop.notes]
 
 

@@ -193,8 +193,8 @@ def unrelated(recording: Recording) -> str | None:
     what = "u" if recording.fd is None else "u + fd"
     return (
         f"x is not the answer to {what}: their coherence is {plant.mean_coherence:.2f} where an "
-        "element without noise has 1; the signals are of different runs, times, axes or units, or "
-        "another disturbance acts"
+        "element without noise has 1; the signals are of different runs, times, axes or units, "
+        "another disturbance acts, or the element changes during the recording"
     )
 
 

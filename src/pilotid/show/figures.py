@@ -149,7 +149,7 @@ def _figures(
     if chosen is None:
         return
     plant = element or _element_of(fit)
-    if plant is not None:
+    if plant is not None and not chosen.model.changes:
         caption = (
             f"Open loops of the pilot ({chosen.method}) with the controlled element "
             f"{plant.name or 'given'}, with 95 % bands: that which the target sees and that which "

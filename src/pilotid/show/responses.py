@@ -11,12 +11,14 @@ import numpy as np
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.response import FrequencyResponse
 from pilotid.pilot.element import ControlledElement
+from pilotid.pilot.frozen import ends, frozen
 from pilotid.pilot.loops import Margin, loop_slopes, margins, open_loops
+from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import INPUTS
 from pilotid.show.bode import Bode
 from pilotid.show.named import leading, legend, named, new_pair, ratio_unit, with_unit
 from pilotid.show.style import INK, Dash
-from pilotid.types import ComplexArray, FloatArray, InputError
+from pilotid.types import ComplexArray, FloatArray, InputError, IntArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,6 +27,7 @@ POINTS = 120  # of a curve over frequency
 USUAL = (0.2, 20.0)  # rad/s, the frequencies shown where there are no points
 OF_LOOPS = (0.3, 20.0)  # rad/s, the frequencies of open loops
 BANDS = 4  # fitted responses whose bands can be told apart
+LATER: Dash = (0, (1.0, 1.5))  # a pilot after a change
 NO_UNITS: Mapping[str, str] = MappingProxyType({})
 #: Name, colour, stroke and marker of the target and the disturbance loop.
 LOOP_STYLES: tuple[tuple[str, str, Dash, str], ...] = (
@@ -78,11 +81,15 @@ def describing_function(
         estimate, index = own.estimate, _channel(own.estimate, channel)
         found, response = estimate.frequency_response, None
         if own.known:
-            response, errors = _fitted(estimate, index, bode.omega)
-            first = response if first is None else first
-            bode.line(response, own.colour, "" if found else own.label, own.dash)
-            if np.isfinite(errors).all() and several in (None, estimate):
-                bode.band(response, errors, own.colour)
+            for number, end in enumerate(_ends(estimate.model)):
+                response, errors = _fitted(estimate, index, bode.omega, end)
+                first = response if first is None else first
+                label = f"{own.label}, after the change" if number else own.label
+                bode.line(
+                    response, own.colour, "" if found else label, LATER if number else own.dash
+                )
+                if np.isfinite(errors).all() and several in (None, estimate):
+                    bode.band(response, errors, own.colour)
         if found:
             value, std = found.value[index], found.std[index]
             bode.points(
@@ -97,7 +104,9 @@ def describing_function(
         value, std = points.value[index], points.std[index]
         bode.points(points.omega, value, std, first, INK, "o", "Fourier coefficients")
     if truth is not None:
-        bode.line(model.response(bode.omega, truth)[index], "black", "truth", "--")
+        for number, end in enumerate(_ends(model)):
+            response = frozen(model).response(bode.omega, truth[end])[index]
+            bode.line(response, "black", "" if number else "truth", "--")
     bode.frame()
     drawn = model.channels[index]
     axes[0].set_title(f"{drawn.name} channel", loc="left")
@@ -128,8 +137,10 @@ def open_loop(
     Raises
     ------
     InputError
-        If the estimate has no values.
+        If the estimate has no values, or its pilot changes in time.
     """
+    if estimate.model.changes:
+        raise InputError(f"model {estimate.model.name} varies in time: it has no one loop to draw")
     if not np.isfinite(estimate.values).all():
         raise InputError(f"{estimate.method} has no values, so that there is no loop to draw")
     axes = axes or new_pair()
@@ -214,8 +225,15 @@ def _channel(estimate: Estimate, name: str | None) -> int:
     return names.index(name)
 
 
-def _fitted(estimate: Estimate, channel: int, omega: FloatArray) -> tuple[ComplexArray, FloatArray]:
+def _ends(model: PilotModel) -> tuple[IntArray, ...]:
+    """The parameters of the constant pilots that a model is: one, or those before and after."""
+    return ends(model) if model.changes else ends(model)[:1]
+
+
+def _fitted(
+    estimate: Estimate, channel: int, omega: FloatArray, end: IntArray
+) -> tuple[ComplexArray, FloatArray]:
     """A channel's response, shape (n,), and errors of its log-magnitude and phase, (2, n)."""
-    responses, jacobians = estimate.model.response_and_jacobian(omega, estimate.values)
-    slopes = jacobians[channel] / responses[channel]
-    return responses[channel], _errors(slopes, estimate.covariance)
+    values, covariance = estimate.values[end], estimate.covariance[np.ix_(end, end)]
+    responses, jacobians = frozen(estimate.model).response_and_jacobian(omega, values)
+    return responses[channel], _errors(jacobians[channel] / responses[channel], covariance)

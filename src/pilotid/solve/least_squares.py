@@ -294,6 +294,7 @@ def solve_linear(
     hessian = grams[:, index][:, :, index]
     descent = grams[:, index, -1]
     size = np.sqrt(np.einsum("sii->si", hessian))
+    size = np.where(size > 0.0, size, 1.0)  # a gain that a change never lets act
     scaled = hessian / (size[:, :, None] * size[:, None, :]) + 1e-10 * np.eye(len(index))
     step = np.linalg.solve(scaled, (descent / size)[:, :, None])[:, :, 0] / size
     old = values[:, index]

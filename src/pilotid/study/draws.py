@@ -9,6 +9,7 @@ import numpy as np
 from pilotid.datasets import Population, Scenario
 from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.forcing import Multisine
+from pilotid.datasets.linearised import bound_of
 from pilotid.datasets.named import AnyScenario
 from pilotid.datasets.simulation import lines_in
 from pilotid.pilot.element import ControlledElement
@@ -44,7 +45,10 @@ def truths_of(scenario: Scenario) -> tuple[ParameterTruth, ...]:
     InputError
         If no bounds can be given, for example because the loop is unstable.
     """
-    deviations = np.sqrt(np.diag(bounds(experiment_of(scenario)).full))
+    if scenario.changes:
+        deviations = bound_of(scenario)
+    else:
+        deviations = np.sqrt(np.diag(bounds(experiment_of(scenario)).full))
     return tuple(
         ParameterTruth(p.key, p.unit, float(value), number(float(deviation)))
         for p, value, deviation in zip(

@@ -23,7 +23,6 @@ from pilotid.seeds import fit_rng
 from pilotid.solve.least_squares import minimise
 from pilotid.time_domain.maximum_likelihood import Maximum, maximise_likelihood, maximum_from
 from pilotid.time_domain.output_error import OutputErrors, simulated_vaf
-from pilotid.time_domain.prediction import Prediction
 from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.settings import LikelihoodSettings
 from pilotid.types import FloatArray
@@ -172,13 +171,13 @@ def _left_out(
     if prediction.runs == 1:
         return math.nan, math.nan
     others = PredictionErrors(
-        _of_runs(prediction, [r for r in range(prediction.runs) if r != run]),
+        prediction.of_runs([r for r in range(prediction.runs) if r != run]),
         joint.noise,
         joint.band,
     )
     end = minimise(others.gram, values[None], others, tolerance=TOLERANCE, iterations=STEPS)
     variance = float(end.cost[0]) / (others.residuals - len(values))
-    alone = PredictionErrors(_of_runs(prediction, [run]), joint.noise, joint.band)
+    alone = PredictionErrors(prediction.of_runs([run]), joint.noise, joint.band)
     errors = _errors(alone, end.values[0])[:, :scored]
     count = scored - len(prediction.terms)
     squares = float(np.sum(errors**2)) / variance
@@ -186,12 +185,3 @@ def _left_out(
     residual = OutputErrors(alone.prediction).residual(end.values[0, : joint.pilot])
     share = float(np.var(residual)) / float(np.var(alone.prediction.control))
     return likelihood, 100.0 * max(0.0, 1.0 - share)
-
-
-def _of_runs(prediction: Prediction, runs: list[int]) -> Prediction:
-    """The prediction of some runs alone."""
-    return replace(
-        prediction,
-        spectra=tuple(spectrum[runs] for spectrum in prediction.spectra),
-        control_spectrum=prediction.control_spectrum[runs],
-    )

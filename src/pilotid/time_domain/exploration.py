@@ -149,6 +149,7 @@ def _starts(
             for value in (low[index], *between, high[index]):
                 moved.append(best.copy())
                 moved[-1][index] = value
+    moved += model.elsewhere(best)
     return np.array([*moved, *draw_starts(model, rng, count), model.start])
 
 

@@ -63,8 +63,11 @@ class Residuals:
             Parameter sets, shape (sets, parameters).
         """
         total: ComplexArray | None = None
-        for layout, spectrum in self._channels:
+        given = self.prediction.varying(values)
+        for (layout, spectrum), varying in zip(self._channels, given, strict=True):
             part = self._product(layout, values)[:, None, :] * spectrum
+            if varying is not None:
+                part = part * varying
             total = part if total is None else np.add(total, part, out=total)
         assert total is not None
         if self._common:

@@ -16,7 +16,7 @@ import numpy as np
 
 from pilotid.solve.least_squares import Minima
 from pilotid.time_domain.output_error import OutputErrors
-from pilotid.time_domain.reduced import Reduced
+from pilotid.time_domain.prediction import Prediction
 from pilotid.types import BoolArray, FloatArray
 
 #: A pilot's simulated response explains at least this share of what that of the lines' pilot does;
@@ -36,7 +36,7 @@ class Following:
         lines: then all parameters follow.
     """
 
-    def __init__(self, coarse: Reduced, known: FloatArray | None) -> None:
+    def __init__(self, coarse: Prediction, known: FloatArray | None) -> None:
         self._errors = OutputErrors(coarse)
         self._pilot = len(coarse.model.parameters)
         self._total = float(np.sum(coarse.samples_of(coarse.control_spectrum) ** 2))

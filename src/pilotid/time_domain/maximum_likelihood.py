@@ -121,6 +121,9 @@ class Maximum:
         joint, values = self.joint, self.end.values[0]
         prediction = joint.prediction
         rows = prediction.row_spectra(values[None, : joint.pilot], joint.whitener(values))[0, :-1]
+        # A step has all frequencies: when it was, the band need not tell in full.
+        when = [i for indices in prediction.model.changing_indices for i in indices[-2:]]
+        rows = np.delete(rows, when, axis=0)
         power = np.sum(np.abs(rows) ** 2, axis=1)
         upper = prediction.s.imag > UPPER * np.pi / prediction.dt
         return float(np.max(np.sum(power[:, upper], axis=1) / np.sum(power, axis=1)))
@@ -278,7 +281,18 @@ def _maximised(
     terms = whitened.noticeable_terms(pilot)
     if terms != explored.terms:
         best = _maximum(replace(prediction, terms=terms), band, pilot, settings, following)
-    return replace(best, starts=explored.starts, known=known)
+    return replace(_elsewhere(best), starts=explored.starts, known=known)
+
+
+def _elsewhere(found: Maximum) -> Maximum:
+    """The optimum, or a better one where a change in time lies elsewhere."""
+    values, pilot = found.end.values[0], found.joint.pilot
+    others = found.joint.prediction.model.elsewhere(values[:pilot])
+    if not others:
+        return found
+    starts = np.array([np.concatenate([other, values[pilot:]]) for other in others])
+    ends = minimise(found.joint.gram, starts, found.joint, tolerance=1e-4, iterations=20)
+    return found.moved(ends.values[0]) if ends.cost[0] < found.end.cost[0] else found
 
 
 def _maximum(

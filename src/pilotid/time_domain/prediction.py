@@ -9,7 +9,7 @@ nuisance term, which is projected out of both.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +17,7 @@ import numpy as np
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.time_domain.extension import _extended
+from pilotid.time_domain.modulated import FineInput, fine_input
 from pilotid.time_domain.prepare import Prepared, prepare
 from pilotid.types import ComplexArray, FloatArray
 
@@ -47,6 +48,9 @@ class Prediction:
     terms
         Poles of the nuisance terms e^{pole t} [rad/s]: 0 for an offset, and the model's
         fixed poles for their free decay.
+    fine
+        Per channel, its input in samples if it varies in time, else None.  The entry of
+        `spectra` is then one.
     """
 
     model: PilotModel
@@ -58,6 +62,7 @@ class Prediction:
     first: int
     scored: int
     terms: tuple[float, ...]
+    fine: tuple[FineInput | None, ...]
 
     @property
     def runs(self) -> int:
@@ -89,10 +94,11 @@ class Prediction:
         Array of shape (runs, scored).
         """
         spectrum = self.control_spectrum.copy()
-        for response, signal in zip(
-            self.model.responses(self.s, values), self.spectra, strict=True
+        responses = self.model.responses(self.s, values)
+        for response, signal, varying in zip(
+            responses, self.spectra, self.varying(values[None]), strict=True
         ):
-            spectrum -= response * signal
+            spectrum -= response * signal if varying is None else response * varying[0]
         if taps is not None:
             spectrum *= self.filter_response(taps)
         return self.samples_of(spectrum)
@@ -120,8 +126,16 @@ class Prediction:
         spectrum = np.zeros((sets, count + 1, *self.control_spectrum.shape), dtype=complex)
         spectrum[:, -1] = self.control_spectrum
         terms = self.model.terms(self.s, values)
-        for (response, slopes), input_spectrum in zip(terms, self.spectra, strict=True):
+        for c, ((response, slopes), input_spectrum) in enumerate(
+            zip(terms, self.spectra, strict=True)
+        ):
             part = response[:, None, :] * input_spectrum
+            fine, changing = self.fine[c], self.model.channels[c].changing
+            if fine and changing:
+                own = list(self.model.changing_indices[c])
+                signal, by_own = fine.modulated_slopes(changing, values[:, own])
+                spectrum[:, own] += part[:, None] * by_own
+                part = part * signal
             spectrum[:, -1] -= part
             for index, slope in slopes:
                 spectrum[:, index] += slope[:, None, :] * part if slope.ndim > 1 else slope * part
@@ -129,6 +143,36 @@ class Prediction:
             response = self.filter_response(taps)
             spectrum *= response[:, None, None] if response.ndim > 1 else response
         return spectrum
+
+    def varying(self, values: FloatArray) -> list[ComplexArray | None]:
+        """Per channel, the transform of its input where it varies, (sets, runs, bins), or None.
+
+        Parameters
+        ----------
+        values
+            Parameter sets, shape (sets, parameters).
+        """
+        return [
+            fine.modulated(channel.changing, values[:, list(own)])
+            if fine and channel.changing
+            else None
+            for fine, channel, own in zip(
+                self.fine, self.model.channels, self.model.changing_indices, strict=True
+            )
+        ]
+
+    def of_runs(self, runs: list[int]) -> Prediction:
+        """The prediction of some runs alone."""
+        return replace(
+            self,
+            spectra=tuple(spectrum[runs] for spectrum in self.spectra),
+            control_spectrum=self.control_spectrum[runs],
+            fine=tuple(fine and fine.of_runs(runs) for fine in self.fine),
+        )
+
+    def below(self, band: float) -> Prediction:
+        """Itself: only a reduced prediction is any faster with fewer frequencies."""
+        return self
 
     def filter_response(self, taps: FloatArray) -> ComplexArray:
         """Response of moving-average filters at the bins, shape (..., bins)."""
@@ -178,14 +222,23 @@ def predict(recording: Recording, model: PilotModel, band: float | None = None) 
     def transformed(signal: FloatArray, edges: FloatArray) -> ComplexArray:
         return np.fft.rfft(_extended(signal, edges, extension, prepared.dt), n=length)
 
+    span = (prepared.control.shape[1], extension, length)
+    fine = tuple(
+        fine_input(recording, channel, float(prepared.time[0]), span, band)
+        if channel.changing
+        else None
+        for channel in model.channels
+    )
     return Prediction(
         model=model,
         dt=prepared.dt,
         s=_laplace(length, prepared.dt),
         spectra=tuple(
             channel.sign * transformed(signal, edges)
-            for channel, signal, edges in zip(
-                model.channels, prepared.inputs, prepared.edges, strict=True
+            if own is None
+            else np.ones((recording.runs, length // 2 + 1), dtype=complex)
+            for channel, signal, edges, own in zip(
+                model.channels, prepared.inputs, prepared.edges, fine, strict=True
             )
         ),
         control_spectrum=transformed(prepared.control, np.zeros((0, 2, recording.runs))),
@@ -193,13 +246,15 @@ def predict(recording: Recording, model: PilotModel, band: float | None = None) 
         first=extension + prepared.first,
         scored=prepared.control.shape[1] - prepared.first,
         terms=(0.0, *model.fixed_poles),
+        fine=fine,
     )
 
 
 def predict_circular(recording: Recording, model: PilotModel) -> Prediction:
     """The exact prediction of a recording that is one whole period, without remnant.
 
-    Such a recording has no edges: its transform is the steady state itself.
+    Such a recording has no edges: its transform is the steady state itself.  The model must not
+    vary in time.
     """
     length = recording.samples
     s = _laplace(length, recording.dt)
@@ -218,6 +273,7 @@ def predict_circular(recording: Recording, model: PilotModel) -> Prediction:
         first=0,
         scored=length,
         terms=(),
+        fine=(None,) * len(model.channels),
     )
 
 

@@ -84,7 +84,7 @@ def prepare(
     factor = decimation(recording.dt, band)
     smoothing = lowpass(factor)
     highest = max(c.derivative for c in model.channels)
-    kernels = {order: _kernel(order, smoothing) for order in range(highest + 1)}
+    kernels = {order: derivative_kernel(order, smoothing) for order in range(highest + 1)}
     half = max((k.size - 1) // 2 for k in kernels.values())
 
     total = recording.u.shape[1]
@@ -157,8 +157,8 @@ def _difference(order: int) -> FloatArray:
     return np.asarray(0.5 * (weights + (-1.0) ** order * weights[::-1]))
 
 
-def _kernel(order: int, smoothing: FloatArray) -> FloatArray:
-    """Convolution kernel of the low-pass filter and a derivative, per sample^order."""
+def derivative_kernel(order: int, smoothing: FloatArray) -> FloatArray:
+    """Convolution kernel of a low-pass filter and a derivative, per sample^order."""
     if order == 0:
         return smoothing
     return np.convolve(smoothing, _difference(order)[::-1])

@@ -62,8 +62,13 @@ class Reduced(Prediction):
         return Reduced(**given)
 
 
-def reduced(prediction: Prediction) -> Reduced:
-    """The prediction at few frequencies; the mean and what the window makes of it are left out."""
+def reduced(prediction: Prediction) -> Prediction:
+    """The prediction at few frequencies; the mean and what the window makes of it are left out.
+
+    One whose inputs vary in time has no such form, and stays as it is.
+    """
+    if prediction.model.changes:
+        return prediction
     scored = prediction.scored
     window = np.sqrt(8.0 / 3.0) * np.sin(np.pi * (np.arange(scored) + 0.5) / scored) ** 2
     given = np.array([*prediction.spectra, prediction.control_spectrum])

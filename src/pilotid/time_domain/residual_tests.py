@@ -16,6 +16,7 @@ from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_of
 from pilotid.time_domain.drift import drift_left
 from pilotid.time_domain.maximum_likelihood import Maximum
+from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.types import FloatArray
 
 LAGS = 40  # samples of the analysis band over which prediction errors must not be correlated
@@ -29,7 +30,7 @@ def tested(found: Maximum, recording: Recording) -> tuple[str, ...]:
     rows = found.joint.rows(found.end.values[:1])[0]
     remarks = [
         _held(recording),
-        _changed(rows, found.joint.pilot),
+        _changed(rows, found.joint),
         _uneven(rows[-1]),
         _drifting(found),
         _coloured(rows[-1]),
@@ -48,14 +49,18 @@ def _held(recording: Recording) -> str | None:
     )
 
 
-def _changed(rows: FloatArray, pilot: int) -> str | None:
+def _changed(rows: FloatArray, joint: PredictionErrors) -> str | None:
+    pilot = joint.pilot
     statistic = score_of_halves(rows, pilot)
     if statistic <= chi_squared_limit(pilot, SELDOM):
         return None
+    remedy = "fit the halves apart, or a model that varies in time, as adapting does"
+    if joint.prediction.model.changes:
+        remedy = "the pilot changes in another way than the model says"
     return (
         "the first half of the recording asks for another pilot than the second (score test: "
         f"{statistic:.0f}, where chance gives {pilot}): the pilot or the recorder changed; the "
-        "values are a mixture, so fit the halves apart"
+        f"values are a mixture, so {remedy}"
     )
 
 

@@ -1,0 +1,29 @@
+"""What must be known of an estimate of a pilot who changes, in words."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pilotid.estimates.estimate import Estimate
+from pilotid.pilot.changing import STEEP
+
+
+def steps(estimate: Estimate) -> list[str]:
+    """Changes that are a step for all that the recording tells."""
+    found = []
+    for channel, indices in zip(
+        estimate.model.channels, estimate.model.changing_indices, strict=True
+    ):
+        if channel.changing is None:
+            continue
+        middle, rate = indices[-2:]
+        if estimate.values[rate] <= STEEP:
+            continue
+        key, least = channel.changing.rate_key, float(estimate.intervals[rate, 0])
+        at = float(estimate.values[middle])
+        told = f", at least {least:.2g} 1/s" if np.isfinite(least) else ""
+        found.append(
+            f"the {channel.name} channel changes in a step at {at:.4g} s: {key} above "
+            f"{STEEP:g} 1/s means no more than fast{told}"
+        )
+    return found

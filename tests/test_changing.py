@@ -1,0 +1,324 @@
+"""Pilots who change: models whose parameters vary in time, their scenarios, and who fits them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import recording_of, without_remnant
+
+from pilotid.datasets import SCENARIOS, Scenario, simulate
+from pilotid.datasets.experiments import experiment_of
+from pilotid.datasets.linearised import bound_of
+from pilotid.datasets.simulation import linear_rms, remnant_ratio
+from pilotid.datasets.stepping import stepped
+from pilotid.datasets.truth import truth
+from pilotid.estimates.estimate import Estimate, Outcome
+from pilotid.estimates.fitted import Fitted
+from pilotid.estimates.loops import loops_of
+from pilotid.estimates.method import identify
+from pilotid.estimates.remarks import remarks_on
+from pilotid.methods import methods
+from pilotid.methods.bayes import Bayes
+from pilotid.methods.mle import MLE
+from pilotid.methods.mle_white import MLEWhite
+from pilotid.pilot.catalogue import ADAPTING, SINGLE
+from pilotid.pilot.changing import Changing
+from pilotid.pilot.element import double_integrator
+from pilotid.pilot.factors import Delay, Differentiator, Gain, Lag, Lead, Neuromuscular
+from pilotid.pilot.frozen import before_and_after, frozen, frozen_values
+from pilotid.pilot.model import Channel, PilotModel
+from pilotid.pilot.own import fault_of
+from pilotid.show.page import html_report
+from pilotid.study.draws import truths_of
+from pilotid.time_domain.change_profile import over_changes
+from pilotid.time_domain.fast_residuals import Residuals
+from pilotid.time_domain.maximum_likelihood import maximise_likelihood
+from pilotid.time_domain.prediction import predict
+from pilotid.time_domain.reduced import reduced
+from pilotid.types import FloatArray, InputError
+
+pytestmark = pytest.mark.numerical
+
+SLOW, FAST = SCENARIOS["adapting-slow"], SCENARIOS["adapting-fast"]
+both = pytest.mark.parametrize("scenario", [SLOW, FAST], ids=lambda s: s.name)
+#: A step between samples, and a change that takes the whole run.
+SETS = np.array(
+    [[0.09, 0.06, 0.5, 1.3, 41.013, rate, 0.25, 11.0, 0.3] for rate in (0.05, 0.5, 9.0, 90.0)]
+)
+
+#: A structure of one's own: a lead that changes on a channel whose gain does not.
+OWN = PilotModel(
+    "learner",
+    (
+        Channel(
+            "visual", "error", 1, (Gain("Kvis"), Changing((Lead(),)), Delay(), Neuromuscular())
+        ),
+        Channel(
+            "motion",
+            "output",
+            -1,
+            (Differentiator(1), Changing((Gain("Km"),)), Delay("tdm"), Neuromuscular()),
+        ),
+    ),
+)
+
+
+def test_every_changing_parameter_is_two_and_the_rest_is_one() -> None:
+    assert ADAPTING.keys == (
+        "Kvis1", "Kvis2", "tlead1", "tlead2", "tmid", "rate", "tdvis", "fnm", "dnm",
+    )  # fmt: skip
+    assert ADAPTING.linear == (0, 1)
+    assert ADAPTING.changes
+    assert not SINGLE.changes
+    assert OWN.keys == (
+        "Kvis", "tlead1", "tlead2", "tmid", "rate", "tdvis", "Km1", "Km2", "tdm", "fnm", "dnm",
+    )  # fmt: skip
+    assert fault_of(OWN) == ""
+
+
+def test_what_has_a_memory_cannot_change_and_one_channel_changes_once() -> None:
+    with pytest.raises(ValueError, match="Lag cannot vary in time"):
+        Changing((Gain("K"), Lag()))
+    with pytest.raises(ValueError, match="at least one factor"):
+        Changing(())
+    with pytest.raises(ValueError, match="into one Changing"):
+        Channel("visual", "error", 1, (Changing((Gain("K"),)), Changing((Lead(),))))
+    with pytest.raises(ValueError, match="has no frequency response"):
+        ADAPTING.response(np.ones(1), ADAPTING.start)
+
+
+def test_frozen_it_is_the_constant_pilot_of_each_time() -> None:
+    assert frozen(ADAPTING).keys == SINGLE.keys
+    assert frozen(SINGLE) is SINGLE
+    before, after = before_and_after(ADAPTING, SLOW.values)
+    np.testing.assert_allclose(before, [0.09, 0.4, 0.28, 11.25, 0.35])
+    np.testing.assert_allclose(after, [0.07, 1.2, 0.28, 11.25, 0.35])
+    np.testing.assert_allclose(
+        frozen_values(ADAPTING, SLOW.values, 41.92), 0.5 * (before + after), rtol=1e-12
+    )
+    for time, share in ((41.92 - 4.0, 1.0 / (1.0 + np.exp(2.0))), (41.92 + 4.0, 0.880797)):
+        np.testing.assert_allclose(
+            frozen_values(ADAPTING, SLOW.values, time), before + share * (after - before), rtol=1e-6
+        )
+
+
+@pytest.mark.parametrize("band", [None, 120.0, 50.0])
+def test_a_change_by_nothing_is_the_constant_model(band: float | None) -> None:
+    recording = recording_of(SLOW)
+    constant = np.array([0.08, 0.9, 0.25, 11.0, 0.3])
+    same = np.array([0.08, 0.08, 0.9, 0.9, 40.0, 20.0, 0.25, 11.0, 0.3])
+    expected = predict(recording, SINGLE, band)
+    left = expected.residual(constant)
+    found = predict(recording, ADAPTING, band).residual(same)
+    assert np.std(found - left) < 5e-4 * np.std(expected.control - left)
+
+
+@pytest.mark.parametrize("band", [None, 50.0])
+def test_the_jacobian_is_that_of_finite_differences(band: float | None) -> None:
+    prediction = predict(simulate(replace(SLOW, runs=2), np.random.default_rng(1)), ADAPTING, band)
+    rows = prediction.rows(SETS)
+    for values, own in zip(SETS, rows, strict=True):
+        for i, slope in enumerate(own[:-1]):
+            step = 1e-6 * values[i] * np.eye(len(values))[i]
+            ends = prediction.rows(np.array([values - step, values + step]))[:, -1]
+            found = (ends[0] - ends[1]) / (2.0 * step[i])
+            assert np.max(np.abs(found - slope)) < 1e-5 * np.max(np.abs(slope)), ADAPTING.keys[i]
+
+
+def test_a_model_of_ones_own_has_its_jacobian_too() -> None:
+    recording = recording_of(SCENARIOS["nominal"])
+    prediction = predict(recording, OWN, 50.0)
+    values = OWN.start
+    own = prediction.rows(values[None])[0]
+    for i, slope in enumerate(own[:-1]):
+        step = 1e-6 * max(values[i], 0.1) * np.eye(len(values))[i]
+        ends = prediction.rows(np.array([values - step, values + step]))[:, -1]
+        found = (ends[0] - ends[1]) / (2.0 * step[i])
+        # The lead does not change at the start: nothing depends on when.
+        size = max(float(np.max(np.abs(slope))), 1e-6)
+        assert np.max(np.abs(found - slope)) < 1e-4 * size, OWN.keys[i]
+
+
+def test_all_ways_to_the_residual_agree() -> None:
+    prediction = predict(simulate(replace(SLOW, runs=2), np.random.default_rng(1)), ADAPTING, 50.0)
+    spectra = prediction.row_spectra(SETS)[:, -1]
+    np.testing.assert_allclose(Residuals(prediction).spectra(SETS), spectra, atol=1e-9)
+    for values, own in zip(SETS, spectra, strict=True):
+        np.testing.assert_allclose(
+            prediction.residual(values), prediction.samples_of(own), atol=1e-12
+        )
+    assert reduced(prediction) is prediction
+    second = prediction.of_runs([1])
+    np.testing.assert_allclose(second.row_spectra(SETS)[:, -1], spectra[:, 1:], atol=1e-12)
+
+
+# ------------------------------------------------------------------ scenarios
+
+
+def clean(scenario: Scenario, step: float = 0.005) -> tuple[FloatArray, FloatArray]:
+    """Control and output without remnant, shape (samples,)."""
+    samples = round((scenario.run_in + scenario.duration) / scenario.dt)
+    u, x = stepped(scenario, np.zeros((1, 2 * samples)), 1.0, step)
+    return u[0], x[0]
+
+
+def integrated(scenario: Scenario, h: float = 0.001) -> tuple[FloatArray, FloatArray]:
+    """The same by another way: Heun's method on all states, the delay by a buffer."""
+    assert scenario.target is not None
+    assert scenario.change is not None
+    gain1, gain2, lead1, lead2, middle, rate, delay, f, d = scenario.truth
+    late, begin = round(delay / h), -60.0 - scenario.run_in
+    time = begin + h * np.arange(round((scenario.duration - begin) / h) + 1)
+    share = 1.0 / (1.0 + np.exp(np.clip(-rate * (time - middle), -700.0, 700.0)))
+    kvis, lead = gain1 + (gain2 - gain1) * share, lead1 + (lead2 - lead1) * share
+    ends = (scenario.element, scenario.change.after)
+    k1, k2 = (float(element.numerator[0]) for element in ends)
+    b1, b2 = (float(element.denominator[1]) for element in ends)
+    gain, damping = k1 + (k2 - k1) * share, b1 + (b2 - b1) * share
+    target = scenario.target.at(time)
+    slope = np.gradient(target, h, edge_order=2)
+    state, seen = np.zeros(4), np.zeros(time.size)  # x, dx/dt, u, du/dt
+    us, xs = np.zeros(time.size), np.zeros(time.size)
+
+    def change(state: FloatArray, k: int) -> FloatArray:
+        _x, v, u, w = state
+        command = seen[k - late] if k >= late else 0.0
+        return np.array(
+            [v, gain[k] * u - damping[k] * v, w, f * f * (command - u) - 2.0 * d * f * w]
+        )
+
+    for k in range(time.size - 1):
+        us[k], xs[k] = state[2], state[0]
+        seen[k] = kvis[k] * (target[k] - state[0] + lead[k] * (slope[k] - state[1]))
+        first = change(state, k)
+        state = state + 0.5 * h * (first + change(state + h * first, k + 1))
+    recorded = slice(round(60.0 / h), time.size - 1, round(scenario.dt / h))
+    return us[recorded], xs[recorded]
+
+
+@both
+def test_simulation_is_exact_enough_and_agrees_with_another_way(scenario: Scenario) -> None:
+    u, x = clean(scenario)
+    finer = clean(scenario, 0.0025)
+    for found, half in zip((u, x), finer, strict=True):
+        assert np.std(found - half) < 5e-4 * np.std(half)
+    for found, other in zip(finer, integrated(scenario), strict=True):
+        assert np.std(found - other) < 2e-3 * np.std(other)
+
+
+@both
+def test_the_remnant_has_the_share_of_the_power_that_the_scenario_says(scenario: Scenario) -> None:
+    recording = simulate(replace(scenario, runs=40), np.random.default_rng(3))
+    power = float(np.mean(np.var(recording.window(recording.u), axis=1)))
+    assert power == pytest.approx(linear_rms(scenario) ** 2, rel=0.03)
+    assert remnant_ratio(scenario) == pytest.approx(0.15)
+    forced = float(np.var(clean(scenario)[0][recording.run_in :]))
+    assert forced == pytest.approx(linear_rms(without_remnant(scenario)) ** 2, rel=1e-6)
+    assert recording.controlled_element == "90/(s(s+6))"
+
+
+def test_what_is_said_of_a_scenario_that_changes() -> None:
+    told = truth(SLOW)
+    first, last = told["loops"], told["loops_after_the_change"]
+    assert isinstance(first, dict)
+    assert isinstance(last, dict)
+    assert first["target"]["crossover"] > 0.0
+    assert last["target"]["crossover"] > 0.0
+    assert first["target"] != last["target"]
+    json.dumps(told)
+    with pytest.raises(InputError, match="no spectra"):
+        experiment_of(SLOW)
+    unstable = replace(SLOW, truth=(0.09, 0.7, *SLOW.truth[2:]))
+    with pytest.raises(InputError, match="closed loop is unstable"):
+        simulate(unstable, np.random.default_rng(1))
+    mixed = replace(SLOW, remnant=replace(SLOW.remnant, enters="error"))
+    with pytest.raises(InputError, match="cannot enter at the error"):
+        simulate(mixed, np.random.default_rng(1))
+
+
+def test_bounds_of_four_runs_are_half_those_of_one() -> None:
+    one = bound_of(SLOW)
+    assert [t.bound for t in truths_of(SLOW)] == pytest.approx(one.tolist(), rel=1e-3)
+    ratio = bound_of(replace(SLOW, runs=4)) / one
+    np.testing.assert_allclose(ratio, 0.5, rtol=0.1)
+
+
+# ------------------------------------------------------------------ fits
+
+
+@both
+def test_without_remnant_the_pilot_comes_back(scenario: Scenario) -> None:
+    recording = simulate(without_remnant(scenario), np.random.default_rng(1))
+    found = identify(MLEWhite(), recording, ADAPTING, np.random.default_rng(2))
+    assert found.outcome.usable
+    keys = [i for i, key in enumerate(ADAPTING.keys) if key != "rate"]
+    np.testing.assert_allclose(found.values[keys], scenario.values[keys], rtol=3e-3)
+    assert found.vaf > 99.99
+    rate = float(found.values[ADAPTING.keys.index("rate")])
+    assert rate > 20.0 if scenario is FAST else abs(rate - 0.5) < 0.01
+
+
+@pytest.fixture(scope="module")
+def fit() -> Estimate:
+    return identify(MLE(), recording_of(SLOW), ADAPTING, np.random.default_rng(2))
+
+
+def test_mle_finds_the_change(fit: Estimate) -> None:
+    assert fit.outcome is Outcome.CONVERGED
+    off = np.abs(fit.values - SLOW.values) / bound_of(SLOW)
+    assert np.all(np.delete(off, ADAPTING.keys.index("rate")) < 4.0)
+    constant = identify(MLE(), recording_of(SLOW), SINGLE, np.random.default_rng(2))
+    assert fit.vaf > constant.vaf + 2.0
+    assert {"Kvis1*tlead1", "Kvis2*tlead2"} <= {q.key for q in fit.quantities}
+
+
+def test_bayes_agrees_with_mle(fit: Estimate) -> None:
+    found = identify(Bayes(), recording_of(SLOW), ADAPTING, np.random.default_rng(2))
+    assert found.outcome.usable
+    off = np.abs(found.values - fit.values) / fit.std_error
+    assert np.all(np.delete(off, ADAPTING.keys.index("rate")) < 1.0)
+
+
+def test_methods_that_know_constant_pilots_alone_say_so() -> None:
+    recording = recording_of(SLOW)
+    refusing = {
+        name
+        for name, method in methods().items()
+        if "varies in time" in (method.objection(recording, ADAPTING) or "")
+    }
+    assert refusing == {"mmle3", "fourier", "arx", "sindy"}
+    for name in refusing:
+        assert "varies in time" not in (methods()[name].objection(recording, SINGLE) or "")
+
+
+def test_a_step_is_called_one(fit: Estimate) -> None:
+    assert not any("in a step" in remark for remark in remarks_on(fit))
+    values = fit.values.copy()
+    values[ADAPTING.keys.index("rate")] = 40.0
+    assert any("changes in a step at" in r for r in remarks_on(replace(fit, values=values)))
+
+
+def test_loops_and_pages_of_a_pilot_who_changes(fit: Estimate) -> None:
+    loops = loops_of(fit, double_integrator(4.0))
+    assert all(np.isnan(q.value) for q in loops.quantities)
+    assert any("the pilot changes during the recording" in note for note in loops.notes)
+    page = html_report([Fitted(recording_of(SLOW), ADAPTING, (fit,))], SLOW.values)
+    assert "after the change" in page
+
+
+def test_intervals_hold_changes_elsewhere_that_suit_as_well() -> None:
+    recording = simulate(FAST, np.random.default_rng(1))
+    found = maximise_likelihood(recording, ADAPTING, np.random.default_rng(101), MLE())
+    narrow = np.stack([found.end.values[0, : found.joint.pilot]] * 2, axis=1)
+    wide = over_changes(found, narrow, 3.84)
+    assert np.all(wide[:, 0] <= narrow[:, 0])
+    assert np.all(wide[:, 1] >= narrow[:, 1])
+    place = ADAPTING.keys.index("rate")
+    assert wide[place, 1] > 4.0 * wide[place, 0]  # a step suits as well as a slower change
+    np.testing.assert_array_equal(over_changes(found, narrow, -5.0), narrow)
+    constant = maximise_likelihood(recording, SINGLE, np.random.default_rng(101), MLE())
+    own = np.stack([constant.end.values[0, : constant.joint.pilot]] * 2, axis=1)
+    np.testing.assert_array_equal(over_changes(constant, own, 3.84), own)
