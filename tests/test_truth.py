@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 from types import BuiltinFunctionType, FunctionType, MethodType, ModuleType
 from typing import ClassVar
 
@@ -82,6 +83,15 @@ def parts(thing: object, path: str, seen: dict[int, object]) -> Iterator[tuple[s
         yield from parts(child, where, seen)
 
 
+@cache
+def elsewhere(key: str) -> frozenset[float]:
+    """Numbers that tell nothing of a parameter: models without it hold them, too."""
+    others = [model for model in MODELS.values() if key not in model.keys]
+    return frozenset(
+        thing for model in others for _, thing in parts(model, "", {}) if isinstance(thing, float)
+    )
+
+
 def leaks(handed: object, scenario: Scenario) -> list[str]:
     """Where a true parameter value, or the scenario, can be reached."""
     # A true zero or one would be found everywhere; no scenario has one.
@@ -96,6 +106,8 @@ def leaks(handed: object, scenario: Scenario) -> list[str]:
         if not numbers or np.asarray(thing).dtype.kind not in "fc":
             continue
         for key, truth in zip(scenario.model.keys, scenario.truth, strict=True):
+            if truth in elsewhere(key):
+                continue
             if np.any(np.isclose(np.asarray(thing), truth, rtol=1e-9, atol=0.0)):
                 found.append(f"{path} holds {key} = {truth:g}")
     return found

@@ -93,7 +93,7 @@ class Changing:
         middle = Parameter(
             self.time_key, "s", *self.time_bounds, self.time_start, self.time_usual, positive=False
         )
-        rate = Parameter(self.rate_key, "1/s", 0.05, 100.0, 2.0, (0.1, 50.0))
+        rate = Parameter(self.rate_key, "1/s", 0.05, 120.0, 2.0, (0.1, 50.0))
         return (*both, middle, rate)
 
     @property
