@@ -247,7 +247,10 @@ class Autoregressive:
 
     def guess(self, products: FloatArray, band: Band) -> FloatArray:
         own = products[: self.order + 1, : self.order + 1]
-        return np.asarray(-np.linalg.solve(own[1:, 1:], own[1:, 0]))
+        try:
+            return np.asarray(-np.linalg.solve(own[1:, 1:], own[1:, 0]))
+        except np.linalg.LinAlgError:  # rounding errors are all that is left: white will do
+            return np.zeros(self.order)
 
 
 def _filters_and_slopes(
