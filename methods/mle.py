@@ -32,8 +32,8 @@ from pilotid.time_domain.conclusion import concluded
 from pilotid.time_domain.maximum_likelihood import (
     Maximum,
     criteria_from,
+    in_wide_band,
     maximise_likelihood,
-    widened,
 )
 from pilotid.time_domain.residual_tests import tested
 from pilotid.time_domain.settings import LikelihoodSettings
@@ -79,7 +79,7 @@ class MLE(LikelihoodSettings):
             moved = found.moved(profile.better)
             if found.follows and not moved.follows:
                 break
-            found = widened(moved, recording, model, rng, self)
+            found = in_wide_band(moved, recording, model, rng, self)
             profile = _profile(found)
         joint, end = found.joint, found.end
         values, gram = end.values[0], end.gram[0]

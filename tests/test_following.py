@@ -13,7 +13,7 @@ from pilotid.lines.fit import fit_lines
 from pilotid.methods.mle import MLE
 from pilotid.solve.least_squares import Minima
 from pilotid.time_domain.following import LESS, Following
-from pilotid.time_domain.maximum_likelihood import maximise_likelihood, widened
+from pilotid.time_domain.maximum_likelihood import in_wide_band, maximise_likelihood
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.reduced import reduced
 
@@ -85,6 +85,6 @@ def test_an_optimum_that_the_usual_band_holds_is_not_sought_in_the_wide_one() ->
     rng = np.random.default_rng(1)
     found = maximise_likelihood(recording, NOMINAL.model, rng, MLE())
     assert found.follows
-    assert widened(found, recording, NOMINAL.model, rng, MLE()) is found
+    assert in_wide_band(found, recording, NOMINAL.model, rng, MLE()) is found
     assert found.known is not None
     assert found.known.shape == (1, len(TRUTH))

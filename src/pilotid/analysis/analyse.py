@@ -17,7 +17,7 @@ from pilotid.analysis.tasks import (
     Answer,
     Content,
     Task,
-    candidate_of,
+    candidates_of,
     failed_content,
     fit_task,
     given_up,
@@ -82,10 +82,8 @@ class Analysis:
     ----------
     settings
         What was done to every recording.
-    parts
-        The recordings that could be read.
     looks
-        What a look at each gave, in the same order.
+        The recordings that could be read, and what a look at each gave.
     choices
         The model chosen for each group of recordings.
     fits
@@ -95,11 +93,15 @@ class Analysis:
     """
 
     settings: Settings
-    parts: Sequence[Part]
-    looks: Sequence[Content]
+    looks: Mapping[Part, Content]
     choices: Mapping[Group, Choice]
     fits: Sequence[Fit]
     refused: Sequence[str]
+
+    @property
+    def parts(self) -> list[Part]:
+        """The recordings that could be read."""
+        return list(self.looks)
 
     @property
     def rows(self) -> list[Row]:
@@ -111,14 +113,17 @@ class Analysis:
         """Crossover frequencies and phase margins of every fit."""
         return [row for fit in self.fits for row in _rows(fit, "loops", "loop_remarks")]
 
-    def element(self, file: str) -> str:
-        """The controlled element that a recording's loops are drawn with."""
-        return next((f.content["element"] for f in self.fits if f.part.name == file), "")
+    @property
+    def elements(self) -> dict[tuple[str, int | None, str], str]:
+        """The controlled element that loops are drawn with, by file, run and model."""
+        return {
+            (fit.part.name, fit.run, fit.content["model"]): fit.content["element"]
+            for fit in self.fits
+        }
 
     def candidates(self, part: Part) -> list[Candidate]:
         """The models compared on a recording."""
-        look = self.looks[list(self.parts).index(part)]
-        return [candidate_of(content) for content in look["candidates"]]
+        return candidates_of(self.looks[part])
 
 
 def group_of(part: Part) -> Group:
@@ -163,9 +168,7 @@ class _Work:
             elif answer.task.what == "fit":
                 held[answer.task.key] = failed_content(answer.task, answer.refused or answer.lost)
             else:
-                self.refused[answer.refused or f"{answer.task.source.part.name}: {answer.lost}"] = (
-                    None
-                )
+                self.refused[answer.why] = None
         return held
 
 
@@ -217,7 +220,7 @@ def analyse(
         choices = _choices(looked)
         tasks: list[tuple[Source, int | None, Task]] = []
         for source, look in looked.items():
-            for model in _models(source, look, settings, choices):
+            for model in _models(source, settings, choices):
                 runs = range(1, look["recording"]["runs"] + 1) if settings.per_run else ()
                 for run in (None, *(runs if len(runs) > 1 else ())):
                     task = fit_task(
@@ -234,8 +237,7 @@ def analyse(
         held = work.contents([task for *_, task in tasks], "fitting")
         return Analysis(
             settings,
-            [source.part for source in looked],
-            list(looked.values()),
+            {source.part: look for source, look in looked.items()},
             choices,
             [Fit(source.part, run, held[task.key]) for source, run, task in tasks],
             list(work.refused),
@@ -255,13 +257,12 @@ def _digests(sources: Sequence[Source], code: str, work: _Work) -> dict[Source, 
 def _choices(looked: Mapping[Source, Content]) -> dict[Group, Choice]:
     groups: dict[Group, list[list[Candidate]]] = {}
     for source, look in looked.items():
-        own = [candidate_of(content) for content in look["candidates"]]
-        groups.setdefault(group_of(source.part), []).append(own)
+        groups.setdefault(group_of(source.part), []).append(candidates_of(look))
     return {group: chosen(held) for group, held in groups.items()}
 
 
 def _models(
-    source: Source, look: Content, settings: Settings, choices: Mapping[Group, Choice]
+    source: Source, settings: Settings, choices: Mapping[Group, Choice]
 ) -> list[PilotModel]:
     """The models that a recording is fitted with."""
     if not settings.auto:

@@ -161,7 +161,7 @@ def compared(
     # The likelihood's search begins where the lines lead, and with the model that they favour.
     order = sorted(range(len(models)), key=lambda place: lines[place].misfit)
     found = evidence(recording, [models[i] for i in order], seed, [lines[i].values for i in order])
-    return [_by_both(found[order.index(i)], own) for i, own in enumerate(lines)]
+    return [_with_lines(_by_likelihood(found[order.index(i)]), own) for i, own in enumerate(lines)]
 
 
 def _by_likelihood(found: Evidence) -> Candidate:
@@ -182,28 +182,21 @@ def _by_likelihood(found: Evidence) -> Candidate:
     )
 
 
-def _by_lines(recording: Recording, found: Forced) -> Candidate:
-    return Candidate(
-        model=found.model.name,
-        pilot=len(found.model.parameters),
-        vaf=simulated_vaf(recording, found.model, found.values),
-        misfit=found.misfit,
-        freedom=found.freedom,
-        left_out_misfit=tuple(found.left_out.tolist()),
-        bounds=bounds_reached(found.model, found.values),
-        overdamped=_overdamped(found.model, found.values),
-    )
-
-
-def _by_both(found: Evidence, lines: Forced) -> Candidate:
+def _with_lines(candidate: Candidate, lines: Forced) -> Candidate:
+    """A candidate with what the lines say of its model."""
     return replace(
-        _by_likelihood(found),
+        candidate,
         misfit=lines.misfit,
         freedom=lines.freedom,
         left_out_misfit=tuple(lines.left_out.tolist()),
         bounds=bounds_reached(lines.model, lines.values),
         overdamped=_overdamped(lines.model, lines.values),
     )
+
+
+def _by_lines(recording: Recording, found: Forced) -> Candidate:
+    vaf = simulated_vaf(recording, found.model, found.values)
+    return _with_lines(Candidate(found.model.name, len(found.model.parameters), vaf=vaf), found)
 
 
 def _overdamped(model: PilotModel, values: FloatArray) -> bool:

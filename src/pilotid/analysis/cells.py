@@ -6,6 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from pilotid.analysis.combine import plain_mean
 from pilotid.analysis.rows import CONDITION, SUBJECT, Row, in_order
 from pilotid.chance import Z95
 from pilotid.estimates.estimate import Outcome
@@ -151,3 +154,23 @@ def _cell(rows: Sequence[Row]) -> Cell:
     if count == 1 and math.isfinite(sound[0].lower) and math.isfinite(sound[0].upper):
         interval = (sound[0].lower, sound[0].upper)
     return Cell(value, error, "", count, at_bound, interval)
+
+
+def by_table(
+    found: Sequence[Layout], *, one_model: bool
+) -> dict[tuple[Stratum, str, str], list[Layout]]:
+    """Quantities that share a table: those of one stratum and method, and of one model if so asked.
+
+    The model is empty where a table holds several.
+    """
+    groups: dict[tuple[Stratum, str, str], list[Layout]] = {}
+    for layout in found:
+        own = next(iter(layout.models.values())) if one_model else ""
+        groups.setdefault((layout.stratum, layout.method, own), []).append(layout)
+    return groups
+
+
+def mean_and_spread(cells: Sequence[Cell]) -> tuple[float, float]:
+    """Mean over usable cells, and their standard deviation; NaN where there are too few."""
+    mean = plain_mean(np.array([cell.value for cell in cells]))
+    return mean.value, mean.std_error * math.sqrt(len(cells))

@@ -8,10 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import numpy as np
-
-from pilotid.analysis.cells import Chosen, Layout, Stratum, layouts
-from pilotid.analysis.combine import plain_mean
+from pilotid.analysis.cells import Chosen, Layout, Stratum, by_table, layouts, mean_and_spread
 from pilotid.analysis.contrasts import Contrast
 from pilotid.analysis.rows import Row, in_order
 from pilotid.numbers import decimals
@@ -66,7 +63,9 @@ def tables_tex(
         f"% Made by: {printable(made_by)}",
         r"% Needs \usepackage{booktabs}; each tabular may be put into a table of its own.",
     ]
-    for title, group in _groups(layouts(rows, chosen), one_model=chosen is None):
+    groups = by_table(layouts(rows, chosen), one_model=chosen is None)
+    for (stratum, method, _), group in groups.items():
+        title = _title(stratum, method, [m for layout in group for m in layout.models.values()])
         if any(len(cells) > 1 for layout in group for cells in layout.cells.values()):
             parts += [
                 f"% Means over subjects, standard deviations in brackets{title}",
@@ -127,18 +126,6 @@ def _title(stratum: Stratum, method: str, models: Sequence[str]) -> str:
     return f" ({printable('; '.join(told))})"
 
 
-def _groups(found: Sequence[Layout], *, one_model: bool) -> list[tuple[str, list[Layout]]]:
-    """Quantities that share a table: those of one stratum and method, and of one model."""
-    groups: dict[tuple[Stratum, str, str], list[Layout]] = {}
-    for layout in found:
-        own = next(iter(layout.models.values())) if one_model else ""
-        groups.setdefault((layout.stratum, layout.method, own), []).append(layout)
-    return [
-        (_title(stratum, method, [m for layout in some for m in layout.models.values()]), some)
-        for (stratum, method, _), some in groups.items()
-    ]
-
-
 def _means(group: Sequence[Layout]) -> str:
     """Parameters down, conditions across: mean over subjects and their standard deviation."""
     conditions = in_order([c for layout in group for c in layout.conditions])
@@ -147,13 +134,11 @@ def _means(group: Sequence[Layout]) -> str:
     for layout in group:
         line = [_named(layout.parameter, layout.unit)]
         for condition in conditions:
-            cells = layout.cells.get(condition, {}).values()
-            values = np.array([cell.value for cell in cells if not cell.fault])
-            mean = plain_mean(values)
-            deviation = mean.std_error * math.sqrt(len(values))
-            shown = number(mean.value, deviation)
-            if len(values) > 1:
-                fewer = f", $n = {len(values)}$" if len(values) < counts[condition] else ""
+            cells = [c for c in layout.cells.get(condition, {}).values() if not c.fault]
+            mean, deviation = mean_and_spread(cells)
+            shown = number(mean, deviation)
+            if len(cells) > 1:
+                fewer = f", $n = {len(cells)}$" if len(cells) < counts[condition] else ""
                 shown += f" ({number(deviation, deviation)}{fewer})"
             line.append(shown)
         body.append(line)

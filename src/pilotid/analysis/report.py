@@ -77,7 +77,7 @@ def _clear(folder: Path, analysis: Analysis) -> None:
 def _summary(results: Results) -> Section:
     analysis = results.analysis
     subjects = {dict(part.fields).get(SUBJECT) for part in analysis.parts} - {None}
-    runs = sum(int(look["recording"]["runs"]) for look in analysis.looks)
+    runs = sum(int(look["recording"]["runs"]) for look in analysis.looks.values())
     of = f" of {len(subjects)} subjects" if subjects else ""
     told = [f"{len(analysis.parts)} recordings{of}, {runs} runs."]
     items: list[str] = []
@@ -104,7 +104,7 @@ def _summary(results: Results) -> Section:
     ]
     if failed:
         items.append(f"Not converged, or at a bound: {'; '.join(failed)}.")
-    remarked = sum(bool(look["remarks"]) for look in analysis.looks)
+    remarked = sum(bool(look["remarks"]) for look in analysis.looks.values())
     if remarked:
         items.append(f"{remarked} recordings have remarks: see [recordings](#recordings).")
     items += results.notes
@@ -191,12 +191,11 @@ def _recordings(analysis: Analysis) -> Section:
         Column("outcome", text=True),
         Column("remarks", text=True),
     ]
-    looks = dict(zip(analysis.parts, analysis.looks, strict=True))
     rows: list[list[str]] = []
     for fit in analysis.fits:
         if fit.run is not None:
             continue
-        look = looks[fit.part]
+        look = analysis.looks[fit.part]
         page = fit.content.get("page")
         name = f"[{fit.part.words}]({page})" if page else fit.part.words
         for place, e in enumerate(fit.content["estimates"]):

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pilotid.analysis.cells import Layout, Stratum, layouts
+from pilotid.analysis.cells import Layout, Stratum, by_table, layouts, mean_and_spread
 from pilotid.analysis.contrasts import Contrast
 from pilotid.analysis.figures import estimates_figure, spread_figure
 from pilotid.analysis.results import Results
@@ -37,16 +37,6 @@ def _picture(figure: Figure, name: str, alt: str, caption: str) -> Picture:
     return replace(Picture.of(figure, name, alt, caption), pdf=pdf(figure))
 
 
-def _groups(found: Sequence[Layout]) -> dict[tuple[Stratum, str, str], list[Layout]]:
-    """Quantities by stratum, method and, where every model has its own, model."""
-    groups: dict[tuple[Stratum, str, str], list[Layout]] = {}
-    for layout in found:
-        models = set(layout.models.values())
-        model = next(iter(models)) if len(models) == 1 else ""
-        groups.setdefault((layout.stratum, layout.method, model), []).append(layout)
-    return groups
-
-
 def _title(stratum: Stratum, method: str, model: str) -> str:
     words = [group_words(stratum), f"method `{method}`", f"model `{model}`" if model else ""]
     return ", ".join(word for word in words if word)
@@ -55,7 +45,7 @@ def _title(stratum: Stratum, method: str, model: str) -> str:
 def estimates(results: Results) -> Iterator[Section]:
     """Estimates over conditions, in tables and figures; nothing where there are none."""
     found = layouts(results.shown, results.chosen)
-    groups = _merged(_groups(found)) if results.chosen is not None else _groups(found)
+    groups = by_table(found, one_model=results.chosen is None)
     blocks: list[Block] = []
     for place, ((stratum, method, model), own) in enumerate(groups.items(), start=1):
         title = _title(stratum, method, model)
@@ -75,16 +65,6 @@ def estimates(results: Results) -> Iterator[Section]:
         yield Section("estimates", "Estimates", [Text(intro), *blocks])
 
 
-def _merged(
-    groups: Mapping[tuple[Stratum, str, str], list[Layout]],
-) -> dict[tuple[Stratum, str, str], list[Layout]]:
-    """One group for each stratum and method: every condition has one model there."""
-    merged: dict[tuple[Stratum, str, str], list[Layout]] = {}
-    for (stratum, method, _), own in groups.items():
-        merged.setdefault((stratum, method, ""), []).extend(own)
-    return merged
-
-
 def _means(own: Sequence[Layout], title: str) -> Table:
     conditions = list(dict.fromkeys(c for layout in own for c in layout.conditions))
     heads = [c or "all" for c in conditions]
@@ -102,11 +82,9 @@ def _mean(layout: Layout, condition: str) -> str:
     cells = [c for c in layout.cells.get(condition, {}).values() if not c.fault]
     if not cells:
         return NONE if condition not in layout.cells else "no usable fit"
-    values = [cell.value for cell in cells]
-    mean = sum(values) / len(values)
-    if len(values) > 1:
-        spread = math.sqrt(sum((v - mean) ** 2 for v in values) / (len(values) - 1))
-        return f"{to_error(mean, spread)} ± {to_error(spread, spread)} ({len(values)})"
+    mean, spread = mean_and_spread(cells)
+    if len(cells) > 1:
+        return f"{to_error(mean, spread)} ± {to_error(spread, spread)} ({len(cells)})"
     error = cells[0].std_error
     return f"{to_error(mean, error)} ± {to_error(error, error)}"
 

@@ -43,7 +43,10 @@ def write_tables(folder: Path, results: Results, command: str) -> None:
     rows = [_estimate_cells(row, names) for row in results.rows]
     write_file(folder / ESTIMATES, table_bytes(head, rows))
     head = ["file", *names, "run", "model", "method", "element", "quantity", *QUANTITY_COLUMNS]
-    loops = [_loop_cells(row, names, analysis.element(row.file)) for row in results.loops]
+    elements = analysis.elements
+    loops = [
+        _loop_cells(row, names, elements[row.file, row.run, row.model]) for row in results.loops
+    ]
     write_file(folder / LOOPS, table_bytes(head, loops))
     models = [cells for part in analysis.parts for cells in _model_cells(analysis, part, names)]
     write_file(folder / MODELS, table_bytes(["file", *names, *MODEL_COLUMNS], models))

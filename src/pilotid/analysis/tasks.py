@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -20,6 +19,7 @@ from pilotid.disk import make_folder, write_file
 from pilotid.estimates.estimate import Outcome, failed
 from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.method import Method
+from pilotid.estimates.quantities import Quantity
 from pilotid.estimates.sound import one_line
 from pilotid.frequency.element_choice import chosen_element
 from pilotid.methods.fourier import first_step_of
@@ -29,6 +29,7 @@ from pilotid.naming.sources import code_digest
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
+from pilotid.study.entries import number
 from pilotid.study.process import Loss
 from pilotid.types import InputError
 
@@ -176,17 +177,18 @@ def _look(task: Task) -> Content:
     candidates = compared(recording, list(models.values()), task.seed)
     return {
         "recording": recording.to_dict(),
-        "description": recording.description,
         "remarks": [*remarks(recording), *choice.remarks],
-        "element": choice.words,
         "candidates": [asdict(candidate) for candidate in candidates],
     }
 
 
-def candidate_of(content: Mapping[str, Any]) -> Candidate:
-    """A candidate from what a look at its recording gave."""
-    values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in content.items()}
-    return Candidate(**values)
+def candidates_of(look: Content) -> list[Candidate]:
+    """The models compared, from what a look at a recording gave."""
+    found = []
+    for held in look["candidates"]:
+        fields: Content = {k: tuple(v) if isinstance(v, list) else v for k, v in held.items()}
+        found.append(Candidate(**fields))
+    return found
 
 
 def _fit(task: Task) -> Content:
@@ -226,7 +228,7 @@ def content_of(fitted: Fitted) -> Content:
                 "outcome": e.outcome.slug,
                 "usable": e.outcome.usable,
                 "verdict": e.verdict(timed=False),
-                "vaf": _number(e.vaf),
+                "vaf": number(e.vaf),
                 "remarks": list(e.remarks),
                 "parameters": [[q.key, q.unit, *_numbers(q)] for q in e.quantities],
                 "loops": [[q.key, q.unit, *_numbers(q)] for q in own.quantities] if own else [],
@@ -244,12 +246,5 @@ def failed_content(task: Task, why: str) -> Content:
     return content_of(Fitted(None, model, estimates))  # type: ignore[arg-type]
 
 
-def _numbers(quantity: Any) -> list[float | None]:
-    return [
-        _number(float(n))
-        for n in (quantity.value, quantity.std_error, quantity.lower, quantity.upper)
-    ]
-
-
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+def _numbers(q: Quantity) -> list[float | None]:
+    return [number(n) for n in (q.value, q.std_error, q.lower, q.upper)]

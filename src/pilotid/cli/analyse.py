@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pilotid.cli.arguments import MethodOption, SeedOption, default_method, methods_of, names_of
+from pilotid.cli.arguments import (
+    ElementOption,
+    MethodOption,
+    SeedOption,
+    default_method,
+    methods_of,
+    names_of,
+)
 from pilotid.cli.reading import DetrendOption, IntervalOption, LeadInOption, MapOption
 from pilotid.cli.stopping import StoppedError
 from pilotid.recordings.reading import Reading
@@ -58,10 +65,7 @@ def analyse(
     dt: IntervalOption = None,
     detrend: DetrendOption = False,
     lead_in: LeadInOption = LEAD_IN,
-    element: Annotated[
-        str | None,
-        typer.Option(metavar="4/s^2", help="Controlled element; default: what the signals show."),
-    ] = None,
+    element: ElementOption = None,
     seed: SeedOption = DEFAULT_SEED,
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes; default: one for each processor.")
@@ -97,7 +101,7 @@ def analyse(
             [Source(part, reading) for part in parts],
             settings,
             out,
-            _bar,
+            with_bar,
             workers,
             refused=refused,
         )
@@ -176,7 +180,3 @@ def _pairs(texts: Sequence[str] | None) -> list[tuple[str, str]]:
             raise InputError(f"--contrast {text}: must be two conditions, as in C3:C6")
         pairs.append((first, second))
     return pairs
-
-
-def _bar(answers: Iterable[Any], what: str, total: int) -> Iterator[Any]:
-    return with_bar(answers, what, total)

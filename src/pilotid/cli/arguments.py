@@ -35,6 +35,13 @@ ScenarioOption = Annotated[
     ),
 ]
 
+ElementOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="15/s^2",
+        help="Controlled element, for the loops' margins; else the file's, or what u and x show.",
+    ),
+]
 
 LARGEST_TRUTH = 2**22  # bytes of a file that names true parameters
 

@@ -18,6 +18,7 @@ import typer
 
 from pilotid.cli.analyse import analyse
 from pilotid.cli.arguments import (
+    ElementOption,
     MethodOption,
     SeedOption,
     default_method,
@@ -65,13 +66,6 @@ ModelOption = Annotated[
         metavar="NAME|auto",
         help="Pilot model: single, multi (needs motion of the pilot), file.py:NAME for one of your "
         "own; auto takes the catalogue's best.",
-    ),
-]
-ElementOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="15/s^2",
-        help="Controlled element, for the loops' margins; else the file's, or what u and x show.",
     ),
 ]
 
@@ -250,7 +244,7 @@ def _fitted(
     if named is None:
         model = started(model, start)
     fits = fit_all(recording, model, methods, seed, choice)
-    return replace(fits, remarks=(*fits.remarks, *choice.remarks), choice=why, compared=candidates)
+    return replace(fits, choice=why, compared=candidates)
 
 
 def _selected(

@@ -153,4 +153,5 @@ def fit_all(
         replace(identify(method, recording, model, fit_rng(seed, label)), method=label)
         for label, method in methods.items()
     )
-    return Fitted(recording, model, tuple(estimates), remarks(recording), loop_element)
+    found = (*remarks(recording), *(loop_element.remarks if loop_element else ()))
+    return Fitted(recording, model, tuple(estimates), found, loop_element)

@@ -20,11 +20,14 @@ class LoopElement:
         ``given``, named by the ``recording``, or ``identified`` from its signals.
     why
         Why none is known, in a sentence.
+    remarks
+        Where what is said of it and what signals show disagree, a sentence each.
     """
 
     element: ControlledElement | None = None
     origin: str = ""
     why: str = ""
+    remarks: tuple[str, ...] = ()
 
     @property
     def words(self) -> str:

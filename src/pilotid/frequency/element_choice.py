@@ -27,12 +27,9 @@ class ElementChoice(LoopElement):
     ----------
     identified
         What u, fd and x say.
-    remarks
-        Where the sources disagree, a sentence each.
     """
 
     identified: IdentifiedElement
-    remarks: tuple[str, ...] = ()
 
 
 def chosen_element(recording: Recording, given: ControlledElement | None = None) -> ElementChoice:

@@ -73,23 +73,19 @@ class LinesFit:
 
     def minimised(self) -> LinesFit:
         """The same with the parameters that fit best under this power, from these ones."""
-        problem = Equations(self.coefficients, self.model, self.power, 1.0, self.values)
-        end = minimise(problem.gram, self.values[None], self.model, tolerance=1e-6)
-        return replace(self, values=end.values[0])
+        return self._minimised(self.coefficients, self.power)
 
-    def at_lines_alone(self) -> LinesFit:
-        """The same with parameters that fit best under this power and what leaks now."""
+    def again(self) -> LinesFit:
+        """The same with the power and the leakage that these parameters leave, and a new fit."""
         responses = self.model.response(self.coefficients.omega, self.values)
-        alone = self.coefficients.at_lines_alone(self.coefficients.residuals(responses))
-        problem = Equations(alone, self.model, self.power, 1.0, self.values)
-        end = minimise(problem.gram, self.values[None], self.model, tolerance=1e-6)
-        return replace(self, values=end.values[0])
+        residuals = self.coefficients.residuals(responses)
+        alone = self.coefficients.at_lines_alone(residuals)
+        return self._minimised(alone, self.coefficients.power(residuals))
 
-    def with_power(self) -> LinesFit:
-        """The same with the power of the remnant that these parameters leave."""
-        responses = self.model.response(self.coefficients.omega, self.values)
-        power = self.coefficients.power(self.coefficients.residuals(responses))
-        return replace(self, power=power)
+    def _minimised(self, coefficients: Coefficients, power: FloatArray) -> LinesFit:
+        problem = Equations(coefficients, self.model, power, 1.0, self.values)
+        end = minimise(problem.gram, self.values[None], self.model, tolerance=1e-6)
+        return replace(self, values=end.values[0], power=power)
 
 
 def fit_lines(
@@ -129,7 +125,7 @@ def fit_lines(
         found = min((found, more), key=lambda minima: float(minima.cost[0]))
     fit = LinesFit(coefficients, model, found.values[0], power)
     for _ in range(ROUNDS):
-        before, fit = fit.values, fit.with_power().at_lines_alone()
+        before, fit = fit.values, fit.again()
         if np.all(np.abs(fit.values - before) <= same * np.abs(before)):
             break
     return fit

@@ -75,7 +75,7 @@ def plant_of(recording: Recording, run: int | None = None) -> Plant | None:
         One of its runs alone; None for all.
     """
     rows = slice(None) if run is None else slice(run, run + 1)
-    control, output = (_spectrum(recording, s)[rows] for s in (recording.u, recording.x))
+    control, output = (_spectrum(recording, s[rows]) for s in (recording.u, recording.x))
     bins = np.arange(control.shape[1]) * 2.0 * np.pi / recording.duration
     edges = np.geomspace(LOWEST, HIGHEST, BANDS + 1)
     bands = [np.flatnonzero((bins >= a) & (bins < b)) for a, b in pairwise(edges)]
@@ -84,7 +84,7 @@ def plant_of(recording: Recording, run: int | None = None) -> Plant | None:
         return None
     omega = np.array([float(np.exp(np.mean(np.log(bins[band])))) for band in bands])
     found = []
-    disturbance = 0.0 if recording.fd is None else _spectrum(recording, recording.fd)[rows]
+    disturbance = 0.0 if recording.fd is None else _spectrum(recording, recording.fd[rows])
     for sign in (1.0, -1.0) if recording.fd is not None else (1.0,):
         drive = sign * control + disturbance
         cross, power, own = _products(output, drive, bands)

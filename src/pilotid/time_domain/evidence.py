@@ -90,7 +90,6 @@ def evidence(
     models: Sequence[PilotModel],
     seed: int,
     starts: Sequence[FloatArray | None] = (),
-    settings: LikelihoodSettings = SETTINGS,
 ) -> list[Evidence]:
     """What a recording says for each of several models, in their order.
 
@@ -106,10 +105,8 @@ def evidence(
     starts
         For each model the pilot that its optimum is sought from, shape (parameters,); where
         there is none, it is searched everywhere.
-    settings
-        How the likelihood is maximised; the band is the same for all models.
     """
-    settings = replace(settings, wide=None)
+    settings = SETTINGS
     maxima: list[Maximum] = []
     for model, start in zip(models, starts or [None] * len(models), strict=True):
         if start is None:

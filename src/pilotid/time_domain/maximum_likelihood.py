@@ -153,10 +153,10 @@ def maximise_likelihood(
     """
     known = _lines_pilot(recording, model, rng)
     found = _maximised(recording, model, rng, settings, settings.band, known)
-    return widened(found, recording, model, rng, settings)
+    return in_wide_band(found, recording, model, rng, settings)
 
 
-def widened(
+def in_wide_band(
     found: Maximum,
     recording: Recording,
     model: PilotModel,
