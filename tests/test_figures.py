@@ -42,8 +42,6 @@ from pilotid.show.style import DASHES, SMALLEST, STYLES
 from pilotid.show.words import summary
 from pilotid.types import InputError
 
-pytestmark = pytest.mark.numerical
-
 ELEMENT = double_integrator(4.0)
 
 
