@@ -203,8 +203,47 @@ class PilotModel:
             for c in self.channels
         )
 
+    @property
+    def whens(self) -> tuple[tuple[int, ...], ...]:
+        """Per channel, the indices of middle and rate of its change; empty where it has none."""
+        return tuple(
+            tuple(self.keys.index(key) for key in c.changing.course.when) if c.changing else ()
+            for c in self.channels
+        )
+
+    def over(self, seconds: float) -> PilotModel:
+        """The model over a measurement window of so many seconds, see `Course.over`."""
+        if not self.changes:
+            return self
+        channels = tuple(
+            replace(
+                c,
+                factors=tuple(
+                    f.over(seconds) if isinstance(f, Changing) else f for f in c.factors
+                ),
+            )
+            for c in self.channels
+        )
+        return replace(self, channels=channels)
+
+    @cached_property
+    def rough(self) -> tuple[tuple[tuple[int, ...], FloatArray], ...]:
+        """What is penalised where parameters vary freely, see `Spline.roughness`.
+
+        For each such parameter the indices of what describes it, of which the logarithm counts,
+        and the matrix of its roughness.
+        """
+        found: dict[tuple[int, ...], FloatArray] = {}
+        for channel, indices in zip(self.channels, self.changing_indices, strict=True):
+            if channel.changing is None or channel.changing.course.roughness is None:
+                continue
+            matrix = channel.changing.course.roughness
+            for begin in range(0, len(indices), len(matrix)):
+                found[indices[begin : begin + len(matrix)]] = matrix
+        return tuple(found.items())
+
     def elsewhere(self, values: FloatArray) -> list[FloatArray]:
-        """Other parameter sets near which the optimum may be, see `Changing.elsewhere`.
+        """Other parameter sets near which the optimum may be, see `Course.elsewhere`.
 
         None for a model that does not vary in time.
         """
@@ -212,7 +251,7 @@ class PilotModel:
         for channel, indices in zip(self.channels, self.changing_indices, strict=True):
             if channel.changing is not None:
                 own = list(indices)
-                for part in channel.changing.elsewhere(values[own]):
+                for part in channel.changing.course.elsewhere(values[own]):
                     found.append(values.copy())
                     found[-1][own] = part
         return found

@@ -1,0 +1,87 @@
+"""The optimum of a model whose parameters go along splines, as smooth as the recording says."""
+
+from __future__ import annotations
+
+from typing import Protocol, Self, TypeVar
+
+import numpy as np
+
+from pilotid.pilot.model import PilotModel
+from pilotid.solve.least_squares import Gram, Minima, Space, minimise
+from pilotid.solve.scale import Scale
+from pilotid.solve.smoothing import Penalty, Restricted
+from pilotid.types import FloatArray
+
+ROUNDS = 25  # of weights and optimum in turn, at the most
+SETTLED = 0.05  # change of the logarithms of the weights that ends them
+TOLERANCE = 1e-5  # of the optima between
+
+
+class Penalisable(Protocol):
+    """A sum of squares that can have a penalty."""
+
+    @property
+    def gram(self) -> Gram:
+        """Gram matrices, see `pilotid.solve.least_squares.Problem`."""
+        ...
+
+    @property
+    def residuals(self) -> int:
+        """Number of residuals."""
+        ...
+
+    def penalised(self, penalty: Penalty | None) -> Self:
+        """The same with a penalty, or without."""
+        ...
+
+
+P = TypeVar("P", bound=Penalisable)
+
+
+def smoothed(
+    problem: P, space: Space, model: PilotModel, values: FloatArray, tolerance: float
+) -> tuple[P, Minima]:
+    """The problem with the penalty that suits the recording best, and its optimum.
+
+    Weights are those of the largest restricted likelihood of the problem made linear about the
+    optimum, which is then sought anew, until both stay.
+
+    Parameters
+    ----------
+    problem
+        The sum of squares, by the pilot's parameters and any others behind them.
+    space
+        Their bounds.
+    model
+        The pilot model; its courses say what is penalised.
+    values
+        Where to begin, shape (parameters,).
+    tolerance
+        Of the last optimum.
+    """
+    scale, curves = Scale(space.positive), model.rough
+    free = problem.penalised(None)
+    point, logs = values[None], None
+    for _ in range(ROUNDS):
+        gram = scale.inner(free.gram(point), point)[0]
+        restricted = Restricted(gram, scale.enter(point)[0], curves, free.residuals)
+        last, logs = logs, restricted.best(logs)
+        problem = free.penalised(Penalty(curves, np.exp(logs)))
+        end = minimise(problem.gram, point, space, tolerance=TOLERANCE)
+        point = end.values[:1]
+        if last is not None and np.max(np.abs(logs - last)) < SETTLED:
+            break
+    return problem, minimise(problem.gram, point, space, tolerance=tolerance)
+
+
+def restricted_criterion(problem: Penalisable, space: Space, end: Minima) -> float:
+    """-2 log of the likelihood at an optimum, the curves integrated out, up to a constant."""
+    penalty = getattr(problem, "penalty", None)
+    assert isinstance(penalty, Penalty)
+    scale = Scale(space.positive)
+    values = end.values[:1]
+    free = problem.penalised(None)
+    gram = scale.inner(free.gram(values), values)[0]
+    point = scale.enter(values)[0]
+    restricted = Restricted(gram, point, penalty.curves, free.residuals)
+    return restricted(np.log(penalty.weights))[0]
