@@ -75,6 +75,11 @@ def before_and_after(model: PilotModel, values: FloatArray) -> tuple[FloatArray,
     return values[..., before], values[..., after]
 
 
+def searched(model: PilotModel) -> PilotModel:
+    """The model that an optimum is searched with: the constant one where parameters vary freely."""
+    return frozen(model) if model.rough else model
+
+
 def unfrozen(model: PilotModel, constant: FloatArray) -> FloatArray:
     """Parameters with which a model that changes is a constant pilot all the time.
 
