@@ -38,16 +38,39 @@ def frozen_values(model: PilotModel, values: FloatArray, time: float) -> FloatAr
     -------
     Array of shape (..., parameters of the frozen model).
     """
+    return np.asarray(frozen_over(model, values, np.array([time]))[..., 0])
+
+
+def frozen_over(model: PilotModel, values: FloatArray, time: FloatArray) -> FloatArray:
+    """Parameters of the frozen model at several times from the start of the window [s].
+
+    Parameters
+    ----------
+    model
+        The model that changes, or a constant one.
+    values
+        Its parameters, shape (..., parameters).
+    time
+        The times, shape (n,).
+
+    Returns
+    -------
+    Array of shape (..., parameters of the frozen model, n).
+    """
     plain = frozen(model)
     place = {key: i for i, key in enumerate(model.keys)}
-    found = {key: values[..., place[key]] for key in plain.keys if key in place}
+    still = (*values.shape[:-1], time.size)
+    found = {
+        key: np.broadcast_to(values[..., place[key], None], still)
+        for key in plain.keys
+        if key in place
+    }
     for channel in model.channels:
         if (changing := channel.changing) is not None:
             own = values[..., [place[p.key] for p in changing.parameters]]
-            at = changing.at(np.array([time]), own)[..., 0]
             keys = [p.key for factor in changing.factors for p in factor.parameters]
-            found.update(zip(keys, np.moveaxis(at, -1, 0), strict=True))
-    return np.stack([found[key] for key in plain.keys], axis=-1)
+            found.update(zip(keys, np.moveaxis(changing.at(time, own), -2, 0), strict=True))
+    return np.stack([found[key] for key in plain.keys], axis=-2)
 
 
 def ends(model: PilotModel) -> tuple[IntArray, IntArray]:
