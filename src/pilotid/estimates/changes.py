@@ -10,10 +10,11 @@ from pilotid.pilot.courses import STEEP
 
 def steps(estimate: Estimate) -> list[str]:
     """Changes that are a step for all that the recording tells."""
-    found = []
+    found, told_of = [], set()
     for channel, when in zip(estimate.model.channels, estimate.model.whens, strict=True):
-        if not when:
+        if not when or when in told_of:
             continue
+        told_of.add(when)
         middle, rate = when
         if estimate.values[rate] <= STEEP:
             continue

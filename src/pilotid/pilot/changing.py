@@ -56,7 +56,7 @@ class Changing:
             if not isinstance(factor, Polynomial):
                 raise ValueError(
                     f"{type(factor).__name__} cannot vary in time: it has a memory of its own; "
-                    "only gains and leads can"
+                    "only gains and leads can, or whole channels by Fading"
                 )
 
     @property
@@ -77,6 +77,14 @@ class Changing:
     def over(self, seconds: float) -> Changing:
         """The same over a measurement window of so many seconds."""
         return replace(self, course=self.course.over(seconds))
+
+    def ends(self, key: str) -> tuple[str, str]:
+        """Keys of what a parameter of the factors is at the beginning and at the end."""
+        return self.course.ends(key)
+
+    def constant(self, values: FloatArray) -> FloatArray:
+        """The parameters, (..., parameters), with which those of the factors stay as given."""
+        return self.course.constant(values)
 
     def at(self, time: FloatArray, values: FloatArray) -> FloatArray:
         """Parameters of the factors at some times, shape (..., parameters of the factors, n).
@@ -118,12 +126,7 @@ class Changing:
         -------
         Arrays of shape (sets, runs, n) and (sets, parameters, runs, n).
         """
-        parameters = list(np.moveaxis(self.at(time, values), -2, 0))
-        signal = _weighted(_product(self._coefficients(parameters)), signals)
-        by_own = [
-            _weighted(_product(self._coefficients(parameters, by=i)), signals)
-            for i in range(len(parameters))
-        ]
+        signal, by_own = self._by_changed(signals, time, values)
         slopes = np.empty((len(values), values.shape[1], *signals.shape[1:]))
         for j, moved in enumerate(self.course.moved(time, values)):
             (first, weight), *others = moved
@@ -131,6 +134,17 @@ class Changing:
             for i, weight in others:
                 slopes[:, j] += by_own[i] * weight[:, None]
         return signal, slopes
+
+    def _by_changed(
+        self, signals: FloatArray, time: FloatArray, values: FloatArray
+    ) -> tuple[FloatArray, list[FloatArray]]:
+        """What the factors make of the input, and its derivative by each of their parameters."""
+        parameters = list(np.moveaxis(self.at(time, values), -2, 0))
+        whole = _weighted(_product(self._coefficients(parameters)), signals)
+        return whole, [
+            _weighted(_product(self._coefficients(parameters, by=i)), signals)
+            for i in range(len(parameters))
+        ]
 
     def _coefficients(
         self, parameters: list[FloatArray] | list[float], by: int | None = None
@@ -152,6 +166,74 @@ class Changing:
             result.append(coefficients)
             first = last
         return result
+
+
+@dataclass(frozen=True)
+class Fading(Changing):
+    """A channel that fades out, or in, along a sigmoid from none to all.
+
+    Two channels on one input, one before and one after a change, are a pilot who becomes
+    another, delay and neuromuscular system included.  That is an approximation: what the pilot
+    saw before the change is answered with the dynamics before, what was seen afterwards with
+    those after it.  It errs for as long as those dynamics remember, about the delay and
+    2/(fnm dnm); docs/adapting.md has figures.
+
+    Attributes
+    ----------
+    factors
+        The channel's gains and leads, constant; they act before it fades.
+    course
+        The sigmoid, whose middle and rate the two channels share.
+    after
+        Whether the channel fades in.
+    """
+
+    course: Course = Sigmoid()
+    after: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not isinstance(self.course, Sigmoid):
+            raise ValueError("what fades goes along a Sigmoid")
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Those of the factors, then the middle and the rate of the change."""
+        return (*self.changed, *self.course.parameters(()))
+
+    def ends(self, key: str) -> tuple[str, str]:
+        """The parameter itself, twice: it is constant."""
+        return key, key
+
+    def constant(self, values: FloatArray) -> FloatArray:
+        """See `Changing.constant`."""
+        return np.concatenate([values, self.course.constant(values[..., :0])], axis=-1)
+
+    def at(self, time: FloatArray, values: FloatArray) -> FloatArray:
+        """The factors' parameters, the same at all times, see `Changing.at`."""
+        own = values[..., :-2, None]
+        return np.broadcast_to(own, (*own.shape[:-1], time.size))
+
+    def weights(self, time: FloatArray, values: FloatArray) -> list[FloatArray]:
+        """What multiplies the input and its derivatives, see `Changing.weights`."""
+        share = self.course.at(time, self._shares(values))[..., 0, :]
+        return [share * weight for weight in super().weights(time, values)]
+
+    def modulated(
+        self, signals: FloatArray, time: FloatArray, values: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """See `Changing.modulated`."""
+        given = self._shares(values)
+        share = self.course.at(time, given)[:, 0, None]
+        whole, by_own = self._by_changed(signals, time, values)
+        by_when = [slope[:, None] * whole for ((_, slope),) in self.course.moved(time, given)[2:]]
+        slopes = [*(share * part for part in by_own), *by_when]
+        return share * whole, np.stack(slopes, axis=1)
+
+    def _shares(self, values: FloatArray) -> FloatArray:
+        """Parameters of a sigmoid from 1 to 0, or from 0 to 1."""
+        ends = np.broadcast_to([1.0 - self.after, float(self.after)], (*values.shape[:-1], 2))
+        return np.concatenate([ends, values[..., -2:]], axis=-1)
 
 
 def _product(polynomials: list[tuple[FloatArray, ...]]) -> list[FloatArray]:

@@ -84,7 +84,7 @@ def ends(model: PilotModel) -> tuple[IntArray, IntArray]:
         if (changing := channel.changing) is not None:
             for factor in changing.factors:
                 for p in factor.parameters:
-                    first, last = changing.course.ends(p.key)
+                    first, last = changing.ends(p.key)
                     before[p.key], after[p.key] = place[first], place[last]
     return (
         np.array([before[key] for key in plain.keys]),
@@ -122,7 +122,7 @@ def unfrozen(model: PilotModel, constant: FloatArray) -> FloatArray:
     for channel in model.channels:
         if (changing := channel.changing) is not None:
             own = constant[..., [plain[p.key] for p in changing.changed]]
-            spread = np.moveaxis(changing.course.constant(own), -1, 0)
+            spread = np.moveaxis(changing.constant(own), -1, 0)
             found.update(zip((p.key for p in changing.parameters), spread, strict=True))
     return np.stack([found[key] for key in model.keys], axis=-1)
 

@@ -43,7 +43,7 @@ def over_changes(found: Maximum, intervals: FloatArray, sought: float) -> FloatA
     optimum, pilot = end.values[0], joint.pilot
     target = float(end.cost[0]) * math.exp(sought / (joint.residuals - len(optimum)))
     result = intervals.copy()
-    for when in joint.prediction.model.whens:
+    for when in dict.fromkeys(joint.prediction.model.whens):
         if not when:
             continue
         middle, rate = when
