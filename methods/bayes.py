@@ -167,7 +167,7 @@ class Bayes(LikelihoodSettings):
             converged=sampled.converged,
             optimum=found.end.values[0, :pilot],
         )
-        words = (estimate.message, sampled.message)
+        words = (estimate.message, found.curves, sampled.message)
         estimate = replace(
             estimate,
             intervals=intervals[:pilot],

@@ -21,7 +21,7 @@ from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.pilot.catalogue import ADAPTING, ADAPTING_FREE, SINGLE
 from pilotid.pilot.changing import Changing, Fading
-from pilotid.pilot.courses import Sigmoid, Spline
+from pilotid.pilot.courses import Curve, Sigmoid, Spline
 from pilotid.pilot.factors import Delay, Gain, Lag, Lead, Neuromuscular, Parameter
 from pilotid.pilot.frozen import (
     before_and_after,
@@ -145,7 +145,10 @@ def test_the_jacobian_is_that_of_finite_differences(model: PilotModel, band: flo
 
 
 def test_a_penalty_is_a_sum_of_squares() -> None:
-    curves = (((0, 1, 2, 3), Spline(3).roughness), ((4, 5, 6, 7), Spline(3).roughness))
+    curves = tuple(
+        Curve(key, tuple(range(first, first + 4)), Spline(3).roughness)
+        for key, first in (("a", 0), ("b", 4))
+    )
     penalty = Penalty(curves, np.array([2.0, 0.5]))
     assert penalty.rank == 4
     sets = np.exp(np.random.default_rng(1).standard_normal((3, 9)))
@@ -166,7 +169,7 @@ def test_weights_are_those_of_the_largest_marginal_likelihood() -> None:
     matrix = Spline(8).roughness
     design = rng.standard_normal((40, 10))  # nine knots, and a parameter without a penalty
     data = design @ np.concatenate([np.sin(np.arange(9.0)), [0.5]]) + rng.standard_normal(40)
-    curves = ((tuple(range(9)), matrix),)
+    curves = (Curve("a", tuple(range(9)), matrix),)
     point = rng.standard_normal(10)
     left = data - design @ point
     gram = np.empty((11, 11))
@@ -181,12 +184,13 @@ def test_weights_are_those_of_the_largest_marginal_likelihood() -> None:
     spread[:9, :9] = np.linalg.pinv(matrix)
 
     def direct(log: float) -> float:
-        """-2 log of the density of the contrasts, the variance at its best."""
+        """-2 log of the density of contrasts and weight, the residuals' variance at its best."""
         covariance = contrasts.T @ (np.eye(40) + np.exp(-log) * design @ spread @ design.T)
         covariance = covariance @ contrasts
         own = contrasts.T @ data
         squares = own @ np.linalg.solve(covariance, own)
-        return float(37.0 * np.log(squares) + np.linalg.slogdet(covariance)[1])
+        likelihood = 37.0 * np.log(squares) + np.linalg.slogdet(covariance)[1]
+        return float(likelihood + log)  # and a flat density of the standard deviation exp(-log/2)
 
     logs = np.array([-3.0, 0.0, 2.0, 5.0])
     found = [restricted(np.array([log]))[0] - direct(log) for log in logs]
@@ -196,7 +200,9 @@ def test_weights_are_those_of_the_largest_marginal_likelihood() -> None:
         slope = restricted(np.array([log]))[1][0]
         assert slope == pytest.approx((ends[1] - ends[0]) / 2e-4, rel=1e-5, abs=1e-5)
     best = restricted.best()[0]
-    assert direct(best) <= min(direct(log) for log in np.linspace(best - 4.0, best + 4.0, 81)) + 1e-6
+    assert (
+        direct(best) <= min(direct(log) for log in np.linspace(best - 4.0, best + 4.0, 81)) + 1e-6
+    )
     assert restricted.degrees(np.array([20.0]))[0] == pytest.approx(2.0, abs=1e-3)
     assert restricted.degrees(np.array([-20.0]))[0] == pytest.approx(9.0, abs=1e-3)
 
@@ -320,9 +326,7 @@ def test_fading_is_near_a_pilot_all_of_whose_parameters_change(
 ) -> None:
     recording = simulate(SLOW, np.random.default_rng(3))
     given = {
-        name: getattr(recording, name)
-        for name in recording.__dataclass_fields__
-        if name != "u"
+        name: getattr(recording, name) for name in recording.__dataclass_fields__ if name != "u"
     }
     own = Recording(**given, u=stepped(recording, rate, BEFORE, np.array(after))[None])
     keys = ("Kvis", "tlead", "tdvis", "fnm", "dnm")

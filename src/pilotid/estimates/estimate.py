@@ -177,8 +177,8 @@ class Estimate:
         pairs = inseparable(
             model.keys, units, model.positive, self.values, self.covariance, self.draws
         )
-        curves = [{model.keys[i] for i in indices} for indices, _ in model.rough]
-        return [p for p in pairs if not any({p.first, p.second} <= curve for curve in curves)]
+        curves = [{model.keys[i] for i in curve.indices} for curve in model.curves]
+        return [p for p in pairs if not any({p.first, p.second} <= keys for keys in curves)]
 
     @property
     def quantities(self) -> list[Quantity]:

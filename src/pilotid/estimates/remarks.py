@@ -45,7 +45,7 @@ def remarks_on(estimate: Estimate) -> tuple[str, ...]:
 
 def what_is_open(estimate: Estimate) -> list[str]:
     """What the recording leaves open; no fault of recording, model or fit."""
-    curves = {estimate.model.keys[i] for indices, _ in estimate.model.rough for i in indices}
+    curves = {estimate.model.keys[i] for curve in estimate.model.curves for i in curve.indices}
     pairs = [p for p in estimate.inseparable if not {p.first, p.second} <= curves]
     along = [p for p in estimate.inseparable if p not in pairs]
     found = [pair.words for pair in pairs]

@@ -13,7 +13,7 @@ from typing import Protocol, cast, runtime_checkable
 
 import numpy as np
 
-from pilotid.pilot.courses import Course, Sigmoid
+from pilotid.pilot.courses import SIGMOID, Course, Sigmoid
 from pilotid.pilot.factors import Factor, Parameter, Values
 from pilotid.types import FloatArray
 
@@ -46,7 +46,7 @@ class Changing:
     """
 
     factors: tuple[Factor, ...]
-    course: Course = Sigmoid()
+    course: Course = SIGMOID
     fixed_poles = ()
 
     def __post_init__(self) -> None:
@@ -188,7 +188,7 @@ class Fading(Changing):
         Whether the channel fades in.
     """
 
-    course: Course = Sigmoid()
+    course: Course = SIGMOID
     after: bool = False
 
     def __post_init__(self) -> None:

@@ -7,7 +7,7 @@ along splines, one for each.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -22,6 +22,24 @@ SHIFTS = (-4.0, -2.8, -2.0, -1.4, -0.8, -0.4, 0.0, 0.4, 0.8, 1.4, 2.0, 2.8, 4.0)
 #: Derivatives by one parameter of a course: the indices of the parameters over time that it
 #: moves, and how much, each of shape (sets, n).
 Moved = list[tuple[int, FloatArray]]
+
+
+class Curve(NamedTuple):
+    """A parameter that varies freely, whose roughness is penalised.
+
+    Attributes
+    ----------
+    key
+        The parameter's key.
+    indices
+        Indices of the parameters that describe it; their logarithms f count.
+    matrix
+        Its roughness is f' matrix f.
+    """
+
+    key: str
+    indices: tuple[int, ...]
+    matrix: FloatArray
 
 
 class Course(Protocol):
@@ -172,6 +190,10 @@ class Sigmoid:
         for by in (by_middle, by_rate):
             found.append([(i, step[:, i, None] * by) for i in range(step.shape[1])])
         return found
+
+
+#: What a change is where nobody says how.
+SIGMOID = Sigmoid()
 
 
 @dataclass(frozen=True)

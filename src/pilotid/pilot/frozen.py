@@ -100,7 +100,7 @@ def before_and_after(model: PilotModel, values: FloatArray) -> tuple[FloatArray,
 
 def searched(model: PilotModel) -> PilotModel:
     """The model that an optimum is searched with: the constant one where parameters vary freely."""
-    return frozen(model) if model.rough else model
+    return frozen(model) if model.curves else model
 
 
 def unfrozen(model: PilotModel, constant: FloatArray) -> FloatArray:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 
 from pilotid.pilot.changing import Changing
+from pilotid.pilot.courses import Curve
 from pilotid.pilot.factors import Derivative, Factor, Parameter, Rational, Response
 from pilotid.types import BoolArray, ComplexArray, FloatArray, InputError
 
@@ -218,29 +219,24 @@ class PilotModel:
         channels = tuple(
             replace(
                 c,
-                factors=tuple(
-                    f.over(seconds) if isinstance(f, Changing) else f for f in c.factors
-                ),
+                factors=tuple(f.over(seconds) if isinstance(f, Changing) else f for f in c.factors),
             )
             for c in self.channels
         )
         return replace(self, channels=channels)
 
     @cached_property
-    def rough(self) -> tuple[tuple[tuple[int, ...], FloatArray], ...]:
-        """What is penalised where parameters vary freely, see `Spline.roughness`.
-
-        For each such parameter the indices of what describes it, of which the logarithm counts,
-        and the matrix of its roughness.
-        """
-        found: dict[tuple[int, ...], FloatArray] = {}
+    def curves(self) -> tuple[Curve, ...]:
+        """The parameters that vary freely, see `Spline.roughness`."""
+        found: dict[str, Curve] = {}
         for channel, indices in zip(self.channels, self.changing_indices, strict=True):
             if channel.changing is None or channel.changing.course.roughness is None:
                 continue
             matrix = channel.changing.course.roughness
-            for begin in range(0, len(indices), len(matrix)):
-                found[indices[begin : begin + len(matrix)]] = matrix
-        return tuple(found.items())
+            for i, parameter in enumerate(channel.changing.changed):
+                own = indices[i * len(matrix) : (i + 1) * len(matrix)]
+                found[parameter.key] = Curve(parameter.key, own, matrix)
+        return tuple(found.values())
 
     def elsewhere(self, values: FloatArray) -> list[FloatArray]:
         """Other parameter sets near which the optimum may be, see `Course.elsewhere`.

@@ -173,7 +173,7 @@ def priors_of(
             f"choose from {', '.join((*model.keys, *REMNANT))}"
         )
     # Of a curve the penalty is the prior.
-    curves = {model.keys[i] for indices, _ in model.rough for i in indices}
+    curves = {model.keys[i] for curve in model.curves for i in curve.indices}
     pilot = [
         given.get(p.key) or (LogUniform(p.lower, p.upper) if p.key in curves else default_prior(p))
         for p in model.parameters

@@ -6,7 +6,10 @@ f'Kf, whose variance is that of the residuals over the weight, and so as many mo
 has rank; with them the inverse of the information is the posterior covariance, whose bands hold
 the truth in 95 % of the time on average, the penalty's bias included (Nychka, JASA 83, 1988).
 The weights are those of the largest likelihood once all curves are integrated out (restricted
-maximum likelihood; Wood, JRSS B 73, 2011), here for the problem made linear about an optimum.
+maximum likelihood; Wood, JRSS B 73, 2011), here for the problem made linear about an optimum,
+and under a flat prior of each curve's standard deviation (Gelman, Bayesian Analysis 1, 2006):
+without it the likelihood of a short recording is often largest for a straight line, and bands
+are then too narrow.
 """
 
 from __future__ import annotations
@@ -15,14 +18,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pilotid.pilot.courses import Curve
 from pilotid.types import FloatArray
-
-#: Indices of the parameters that describe a curve, and its matrix K.
-Rough = tuple[tuple[int, ...], FloatArray]
 
 #: Logarithms between which a weight is sought, that of the weight which makes penalty and
 #: information equal being zero.  At the ends a curve is free, and straight.
 LIGHTEST, HEAVIEST = -12.0, 14.0
+FLAT = 1.0  # of a weight's logarithm in -2 log of a density that is flat in the standard deviation
 TRIED = 14  # weights, the same for all curves, from the best of which the search begins
 
 
@@ -38,18 +40,18 @@ class Penalty:
         One for each, shape (curves,).
     """
 
-    curves: tuple[Rough, ...]
+    curves: tuple[Curve, ...]
     weights: FloatArray
 
     @property
     def rank(self) -> int:
         """How many residuals it is: straight lines are not penalised."""
-        return sum(len(indices) - 2 for indices, _ in self.curves)
+        return sum(len(curve.indices) - 2 for curve in self.curves)
 
     def of(self, values: FloatArray) -> FloatArray:
         """The penalty of parameter sets, (sets, parameters), shape (sets,)."""
         total = np.zeros(len(values))
-        for (indices, matrix), weight in zip(self.curves, self.weights, strict=True):
+        for (_, indices, matrix), weight in zip(self.curves, self.weights, strict=True):
             logs = np.log(values[:, list(indices)])
             total += weight * np.einsum("si,ij,sj->s", logs, matrix, logs)
         return total
@@ -64,7 +66,7 @@ class Penalty:
         """
         sets, count = values.shape
         total = np.zeros((sets, count + 1, count + 1))
-        for (indices, matrix), weight in zip(self.curves, self.weights, strict=True):
+        for (_, indices, matrix), weight in zip(self.curves, self.weights, strict=True):
             own = list(indices)
             scale = 1.0 / values[:, own]
             logs = np.log(values[:, own])
@@ -78,7 +80,7 @@ class Penalty:
 
 
 class Restricted:
-    """-2 log of the likelihood with the curves integrated out, by the weights' logarithms.
+    """-2 log of the weights' density, the curves integrated out, by the weights' logarithms.
 
     Parameters
     ----------
@@ -94,17 +96,17 @@ class Restricted:
     """
 
     def __init__(
-        self, gram: FloatArray, point: FloatArray, curves: tuple[Rough, ...], samples: int
+        self, gram: FloatArray, point: FloatArray, curves: tuple[Curve, ...], samples: int
     ) -> None:
         self._information, self._descent = gram[:-1, :-1], gram[:-1, -1]
         self._squares = float(gram[-1, -1])
         self._point = point
         self._matrices = np.zeros((len(curves), len(point), len(point)))
-        self._ranks = np.array([len(matrix) - 2.0 for _, matrix in curves])
+        self._ranks = np.array([len(curve.indices) - 2.0 for curve in curves])
         self._freedom = samples - (len(point) - float(self._ranks.sum()))
         #: Logarithms of the weights that make penalty and information equal.
         self.even = np.empty(len(curves))
-        for k, (indices, matrix) in enumerate(curves):
+        for k, (_, indices, matrix) in enumerate(curves):
             own = np.ix_(indices, indices)
             self._matrices[k][own] = matrix
             self.even[k] = np.log(np.trace(self._information[own]) / np.trace(matrix))
@@ -126,10 +128,11 @@ class Restricted:
             + moved @ total @ moved
         )
         determinant = float(np.linalg.slogdet(scaled)[1] + 2.0 * np.sum(np.log(scale)))
-        value = self._freedom * np.log(squares) + determinant - self._ranks @ logs
+        ranks = self._ranks - FLAT
+        value = self._freedom * np.log(squares) + determinant - ranks @ logs
         rough = np.einsum("i,kij,j->k", moved, weighted, moved)
         used = np.einsum("ij,kji->k", inverse, weighted)
-        return float(value), self._freedom * rough / squares + used - self._ranks
+        return float(value), self._freedom * rough / squares + used - ranks
 
     def degrees(self, logs: FloatArray) -> FloatArray:
         """Effective degrees of freedom of each curve: 2 straight, as many as knots free."""

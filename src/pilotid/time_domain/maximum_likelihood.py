@@ -28,7 +28,7 @@ from pilotid.time_domain.prepare import decimation
 from pilotid.time_domain.remnant_choice import contenders, criterion, guessed, neighbours
 from pilotid.time_domain.remnant_models import Band, NoiseModel, analysis_band, remnant_estimate
 from pilotid.time_domain.settings import LikelihoodSettings
-from pilotid.time_domain.smoothness import restricted_criterion, smoothed
+from pilotid.time_domain.smoothness import criterion_and_degrees, smoothed
 from pilotid.types import FloatArray
 
 #: A band is wide enough if its upper part, from this share on, holds no more than this share of
@@ -104,8 +104,18 @@ class Maximum:
     def criterion(self) -> float:
         """The criterion that chose the remnant's model, of pilot and remnant together."""
         if self.joint.penalty is not None:
-            return restricted_criterion(self.joint, self.joint, self.end)
+            return criterion_and_degrees(self.joint, self.joint, self.end)[0]
         return _criterion(self.joint, self.end)
+
+    @property
+    def curves(self) -> str:
+        """How free the curves of a pilot are who varies freely, in words; empty for others."""
+        if self.joint.penalty is None:
+            return ""
+        degrees = criterion_and_degrees(self.joint, self.joint, self.end)[1]
+        named = zip(self.joint.penalty.curves, degrees, strict=True)
+        told = " and ".join(f"{curve.key} {degree:.1f}" for curve, degree in named)
+        return f"degrees of freedom of {told}"
 
     @property
     def remnant(self) -> RemnantEstimate:
@@ -263,7 +273,7 @@ def _maximised(
     rate: float | None,
     known: FloatArray | None,
 ) -> Maximum:
-    if model.rough:
+    if model.curves:
         plain = frozen(model)
         lines = _lines_pilot(recording, plain, rng)
         first = _maximised(recording, plain, rng, settings, rate, lines)
@@ -315,7 +325,7 @@ def _maximum(
     following: Following | None = None,
 ) -> Maximum:
     """Pilot and remnant together from one pilot, the remnant's model chosen as they move."""
-    if prediction.model.rough and prediction.penalty is None:
+    if prediction.model.curves and prediction.penalty is None:
         return _smooth_maximum(prediction, band, pilot, settings)
     chosen, iterations = None, 0
     for _ in range(settings.rounds):

@@ -6,6 +6,7 @@ from typing import Protocol, Self, TypeVar
 
 import numpy as np
 
+from pilotid.pilot.courses import Curve
 from pilotid.pilot.model import PilotModel
 from pilotid.solve.least_squares import Gram, Minima, Space, minimise
 from pilotid.solve.scale import Scale
@@ -19,6 +20,11 @@ TOLERANCE = 1e-5  # of the optima between
 
 class Penalisable(Protocol):
     """A sum of squares that can have a penalty."""
+
+    @property
+    def penalty(self) -> Penalty | None:
+        """The penalty that it has."""
+        ...
 
     @property
     def gram(self) -> Gram:
@@ -59,13 +65,10 @@ def smoothed(
     tolerance
         Of the last optimum.
     """
-    scale, curves = Scale(space.positive), model.rough
-    free = problem.penalised(None)
+    free, curves = problem.penalised(None), model.curves
     point, logs = values[None], None
     for _ in range(ROUNDS):
-        gram = scale.inner(free.gram(point), point)[0]
-        restricted = Restricted(gram, scale.enter(point)[0], curves, free.residuals)
-        last, logs = logs, restricted.best(logs)
+        last, logs = logs, _restricted(free, space, point, curves).best(logs)
         problem = free.penalised(Penalty(curves, np.exp(logs)))
         end = minimise(problem.gram, point, space, tolerance=TOLERANCE)
         point = end.values[:1]
@@ -74,14 +77,33 @@ def smoothed(
     return problem, minimise(problem.gram, point, space, tolerance=tolerance)
 
 
-def restricted_criterion(problem: Penalisable, space: Space, end: Minima) -> float:
-    """-2 log of the likelihood at an optimum, the curves integrated out, up to a constant."""
-    penalty = getattr(problem, "penalty", None)
-    assert isinstance(penalty, Penalty)
+def criterion_and_degrees(
+    problem: Penalisable, space: Space, end: Minima
+) -> tuple[float, FloatArray]:
+    """How likely an optimum is, and how free its curves are.
+
+    Parameters
+    ----------
+    problem, space
+        The problem with its penalty.
+    end
+        Its optimum.
+
+    Returns
+    -------
+    -2 log of the likelihood with the curves integrated out, up to a constant, and the effective
+    degrees of freedom of each curve, shape (curves,): 2 of a straight line.
+    """
+    assert problem.penalty is not None
+    free, curves = problem.penalised(None), problem.penalty.curves
+    restricted = _restricted(free, space, end.values[:1], curves)
+    logs = np.log(problem.penalty.weights)
+    return restricted(logs)[0], restricted.degrees(logs)
+
+
+def _restricted(
+    free: Penalisable, space: Space, point: FloatArray, curves: tuple[Curve, ...]
+) -> Restricted:
     scale = Scale(space.positive)
-    values = end.values[:1]
-    free = problem.penalised(None)
-    gram = scale.inner(free.gram(values), values)[0]
-    point = scale.enter(values)[0]
-    restricted = Restricted(gram, point, penalty.curves, free.residuals)
-    return restricted(np.log(penalty.weights))[0]
+    gram = scale.inner(free.gram(point), point)[0]
+    return Restricted(gram, scale.enter(point)[0], curves, free.residuals)

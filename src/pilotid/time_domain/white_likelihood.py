@@ -50,10 +50,10 @@ class WhiteLikelihood:
             The search in a narrower band, of the model that `searched` says.
         """
         prediction = predict(recording, model, self.band)
-        start = unfrozen(model, found.values[0]) if model.rough else found.values[0]
+        start = unfrozen(model, found.values[0]) if model.curves else found.values[0]
         terms = OutputErrors(prediction).noticeable_terms(start)
         problem = OutputErrors(replace(prediction, terms=terms))
-        if model.rough:
+        if model.curves:
             problem, end = smoothed(problem, model, model, start, 1e-6)
         else:
             end = minimise(problem.gram, start[None], model, tolerance=1e-6)
