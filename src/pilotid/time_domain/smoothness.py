@@ -66,7 +66,8 @@ def smoothed(
         Of the last optimum.
     """
     free, curves = problem.penalised(None), model.curves
-    point, logs = values[None], None
+    point = values[None]
+    logs: FloatArray | None = None
     for _ in range(ROUNDS):
         last, logs = logs, _restricted(free, space, point, curves).best(logs)
         problem = free.penalised(Penalty(curves, np.exp(logs)))

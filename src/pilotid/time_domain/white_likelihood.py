@@ -62,7 +62,9 @@ class WhiteLikelihood:
         covariance = covariance_of(gram[:-1, :-1], variance)
         if self.covariance == "sandwich":
             rows = problem.rows(values[None])[0]
-            prior = problem.penalty and variance * problem.penalty.gram(values[None])[0, :-1, :-1]
+            prior = None
+            if problem.penalty is not None:
+                prior = variance * problem.penalty.gram(values[None])[0, :-1, :-1]
             covariance = sandwich(problem.gram, rows, values, prediction.dt, prior=prior)
         if covariance is None:
             return failed(method, model, Outcome.SINGULAR)
