@@ -141,6 +141,15 @@ def test_the_jacobian_is_that_of_finite_differences(model: PilotModel, band: flo
             assert np.max(np.abs(found - slope)) < 1e-5 * np.max(np.abs(slope)), model.keys[i]
 
 
+def test_the_stepped_pilot_along_a_spline_is_the_predicted_one() -> None:
+    gain, lead = 0.08 + 0.01 * np.sin(np.arange(13.0)), 0.6 + 0.02 * np.arange(13.0)
+    truth = (*gain, *lead, 0.28, 11.25, 0.35)
+    scenario = replace(without_remnant(STAYS), model=ADAPTING_FREE, truth=truth)
+    prediction = predict(simulate(scenario, np.random.default_rng(1)), ADAPTING_FREE, 50.0)
+    left = prediction.residual(np.array(truth))
+    assert np.std(left) < 3e-3 * np.std(prediction.control)
+
+
 # ------------------------------------------------------------------ smoothing
 
 
