@@ -33,10 +33,12 @@ from pilotid.pilot.frozen import (
 )
 from pilotid.pilot.model import Channel, PilotModel
 from pilotid.pilot.own import fault_of
+from pilotid.posterior.priors import LogUniform, priors_of
 from pilotid.recordings.recording import Recording
 from pilotid.show.page import html_report
 from pilotid.solve.smoothing import Penalty, Restricted
 from pilotid.time_domain.prediction import predict
+from pilotid.time_domain.remnant_models import LowPass
 from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical
@@ -278,6 +280,26 @@ def test_remarks_are_few_and_pages_show_both_ends(fit: Estimate) -> None:
     assert "after the change" in page
 
 
+def test_of_a_curve_the_penalty_is_the_prior() -> None:
+    first, *_, delay = priors_of(ADAPTING_FREE, LowPass(0))[:27]
+    assert isinstance(first, LogUniform)
+    assert not isinstance(delay, LogUniform)
+    assert quad(lambda x: float(np.exp(first.logpdf(np.array(x)))), 0.01, 0.1)[0] == pytest.approx(
+        1.0 / 12.0  # of the decades of a gain's bounds
+    )
+    drawn = first.draw(np.random.default_rng(1), 1000)
+    assert 1e-6 <= drawn.min() < 1e-4 < 1e4 < drawn.max() <= 1e6
+
+
+def test_a_sandwich_holds_the_curves_together() -> None:
+    method = MLEWhite(covariance="sandwich")
+    found = identify(method, recording_of(SLOW), ADAPTING_FREE, np.random.default_rng(2))
+    claimed = identify(MLEWhite(), recording_of(SLOW), ADAPTING_FREE, np.random.default_rng(2))
+    np.testing.assert_array_equal(found.values, claimed.values)
+    # The remnant is not white, so that its scores spread further than the information says.
+    assert np.all(found.std_error[-3:] > 1.3 * claimed.std_error[-3:])
+
+
 def test_searches_from_elsewhere_end_in_the_same_optimum(fit: Estimate) -> None:
     moved = fit.values.copy()
     moved[:13] *= 1.3
@@ -344,9 +366,13 @@ def test_fading_is_near_a_pilot_all_of_whose_parameters_change(
         for number, end in ((1, BEFORE), (2, after))
         for key, value in zip(keys, end, strict=True)
     }
+    truth = OTHER.vector({**both, "tmid": 41.92, "rate": rate})
     prediction = predict(own, OTHER, 50.0)
-    left = prediction.residual(OTHER.vector({**both, "tmid": 41.92, "rate": rate}))
-    assert np.std(left) < off * np.std(prediction.control)
+    assert np.std(prediction.residual(truth)) < off * np.std(prediction.control)
+    if rate == 0.5:
+        found = identify(MLEWhite(), own, OTHER, np.random.default_rng(1))
+        share = np.abs(found.values / truth - 1.0)
+        assert np.max(np.delete(share, OTHER.keys.index("rate"))) < 0.05
 
 
 def test_a_pilot_who_becomes_another_is_frozen_whole() -> None:
