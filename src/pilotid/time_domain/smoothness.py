@@ -13,6 +13,12 @@ from pilotid.solve.scale import Scale
 from pilotid.solve.smoothing import Penalty, Restricted
 from pilotid.types import FloatArray
 
+#: What must be known of curves whose smoothness was judged by a white residual.
+AGAINST_WHITE = (
+    "how smooth the curves are was judged as if the remnant were white, so that they follow the "
+    "remnant and their bands are far too narrow; use mle or bayes"
+)
+
 ROUNDS = 25  # of weights and optimum in turn, at the most
 SETTLED = 0.05  # change of the logarithms of the weights that ends them
 TOLERANCE = 1e-5  # of the optima between

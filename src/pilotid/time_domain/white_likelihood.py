@@ -14,7 +14,7 @@ from pilotid.solve.least_squares import Minima, minimise
 from pilotid.time_domain.conclusion import concluded
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
-from pilotid.time_domain.smoothness import smoothed
+from pilotid.time_domain.smoothness import AGAINST_WHITE, smoothed
 
 Covariance = Literal["claimed", "sandwich"]
 
@@ -77,4 +77,8 @@ class WhiteLikelihood:
             converged=bool(end.converged[0]),
             prediction=prediction if self.band is None else None,
         )
-        return replace(estimate, iterations=found.iterations + end.iterations)
+        return replace(
+            estimate,
+            iterations=found.iterations + end.iterations,
+            remarks=(AGAINST_WHITE,) if model.curves else (),
+        )
