@@ -2,8 +2,8 @@
 
 The pilot's parameters are states: gains and leads whose logarithms walk at random, and delay and
 neuromuscular parameters that do not, beside the two states of the neuromuscular system and those
-of the remnant.  The filter goes through the recording once, the smoother back, and what they find is
-the course of the parameters with a band; the model's own parameters are fitted to that course
+of the remnant.  The filter goes through the recording once, the smoother back, and what they find
+is the course of the parameters with a band; the model's own parameters are fitted to that course
 (`pilotid.time_domain.over_time`).  Published filters have their noise levels from experience and
 take the remnant for white; here the levels are those under which the recording is likeliest, and
 the remnant has one lag or two, whichever is likelier.  The band is of all likely levels together.
@@ -17,8 +17,8 @@ A delay asks for the recorded error a while ago, between its samples as well: no
 no states for it.  Several runs share their parameters at each time, each with states of its own.
 
 A walk is no sigmoid: before and after a change it wanders, and a step it rounds over seconds.
-Where the filter starts far from the pilot it may diverge; by default it starts at the constant pilot
-of best fit, and a course that describes the control worse than that one is called diverged.
+Where the filter starts far from the pilot it may diverge; by default it starts at the constant
+pilot of best fit, and a course that describes the control worse than that one is called diverged.
 Use `mle` with a model that changes where its form is known.
 """
 

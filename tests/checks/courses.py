@@ -1,9 +1,10 @@
 """The course of parameters over time against truth: `nox -s check -- courses`.
 
-For each scenario and method: root mean square errors of the trajectory before, during and after the
-change, how often its 95 % band holds the truth, bias and coverage of delay and neuromuscular
-parameters, when it passes half of the change of the lead, and how fits ended.  `--measured` fits recordings
-of pilots who change, all runs of a condition jointly (PILOTID_MEASURED names the folder).
+For each scenario and method: root mean square errors of the trajectory before, during and after
+the change, how often its 95 % band holds the truth, bias and coverage of delay and neuromuscular
+parameters, when it passes half of the change of the lead, and how fits ended.  `--measured` fits
+recordings of pilots who change, all runs of a condition jointly (PILOTID_MEASURED names the
+folder).
 """
 
 from __future__ import annotations
@@ -78,7 +79,7 @@ def shown(scenario: Scenario, method: str, found: list[Estimate]) -> None:
     rmse = np.sqrt(np.mean(errors, axis=0))
     spread = np.std(np.sqrt(errors), axis=0) / np.sqrt(len(errors))
     cover = np.mean(inside, axis=0)
-    print("trajectory  rmse before           during            after   coverage before/during/after")
+    print("trajectory: rmse before, during and after the change, and coverage of its band there")
     for i, name in enumerate(names):
         parts_shown = "".join(
             f"{r:>10.4f} +- {s:.4f}" for r, s in zip(rmse[:, i], spread[:, i], strict=True)

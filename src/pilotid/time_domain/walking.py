@@ -134,7 +134,7 @@ class WalkingPilot:
         """See `pilotid.time_domain.unscented.System`."""
         own = np.clip(parameters, *self._limits)
         np.exp(own, out=own, where=self.positive)
-        matrix, weights = _muscle(own[..., 0], own[..., 1], self.dt)
+        matrix, weights = muscle_step(own[..., 0], own[..., 1], self.dt)
         place = (self.time[k] - self.fine[0] - own[..., 2]) / self.fine[1]
         below = np.clip(place.astype(int), 0, len(self.inputs) - 2)
         part = (place - below)[..., None, None, None]
@@ -203,7 +203,9 @@ class WalkingPilot:
         return total
 
 
-def _muscle(frequency: FloatArray, damping: FloatArray, dt: float) -> tuple[FloatArray, FloatArray]:
+def muscle_step(
+    frequency: FloatArray, damping: FloatArray, dt: float
+) -> tuple[FloatArray, FloatArray]:
     """Step of f^2/(s^2 + 2 d f s + f^2) with states output and rate.
 
     Returns
