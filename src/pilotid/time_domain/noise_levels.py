@@ -63,13 +63,13 @@ class Walks:
     def usual(self) -> FloatArray:
         """Where the search begins: logarithms of the levels, shape (levels,)."""
         first = [USUAL_WALK] * len(self.groups) + [np.clip(self.remnant, *REMNANTS)]
-        return np.log(np.array([*first, USUAL_LAG] if self.order else first))
+        return np.asarray(np.log([*first, USUAL_LAG] if self.order else first), dtype=float)
 
     @property
     def bounds(self) -> FloatArray:
         """Logarithms of the least and the largest levels, shape (2, levels)."""
         pairs = [(SLOWEST, FASTEST)] * len(self.groups) + [REMNANTS]
-        return np.log(np.array([*pairs, LAGS] if self.order else pairs)).T
+        return np.asarray(np.log([*pairs, LAGS] if self.order else pairs), dtype=float).T
 
     @property
     def spread(self) -> float:

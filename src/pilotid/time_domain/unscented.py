@@ -226,7 +226,7 @@ def smoothed(found: Filtered) -> Smoothed:
         mean[:, k] += (gain @ (mean[:, k + 1] - found.predicted[:, k])[..., None])[..., 0]
         change = covariance[:, k + 1] - found.predicted_covariance[:, k]
         covariance[:, k] += gain @ change @ gain.swapaxes(1, 2)
-    return Smoothed(mean, covariance, gains)
+    return Smoothed(mean, covariance, np.asarray(gains, dtype=float))
 
 
 class _Transform:
@@ -299,7 +299,7 @@ def _root(covariance: FloatArray, alive: BoolArray) -> tuple[FloatArray, BoolArr
     covariance = covariance.copy()
     covariance[:, diagonal, diagonal] *= 1.0 + ROUNDING
     try:
-        return np.linalg.cholesky(covariance), alive
+        return np.asarray(np.linalg.cholesky(covariance), dtype=float), alive
     except np.linalg.LinAlgError:
         roots = np.empty_like(covariance)
         good = alive.copy()
