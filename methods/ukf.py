@@ -24,12 +24,13 @@ Use `mle` with a model that changes where its form is known.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 import numpy as np
 
-from pilotid.chance import Z95
+from pilotid.chance import SELDOM, Z95, chi_squared_limit
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.trajectory import Trajectory, times_of
 from pilotid.pilot.frozen import frozen
@@ -41,6 +42,7 @@ from pilotid.time_domain.noise_levels import Found, Walks, likeliest
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.over_time import TrajectoryFit, estimated_over_time, no_reduction
 from pilotid.time_domain.prediction import predict
+from pilotid.time_domain.residual_tests import LAGS, portmanteau, ratio_of_halves
 from pilotid.time_domain.unscented import Smoothed, smoothed
 from pilotid.time_domain.walking import WalkingPilot, unsuited, walking_pilot
 from pilotid.types import FloatArray
@@ -49,9 +51,12 @@ SEARCH_BAND = 26.0  # rad/s, of the constant pilot that the filter starts at
 #: By how much [% of the control's variance] a course may describe the control worse than the
 #: constant pilot.
 WORSE = 2.0
+#: Numbers that the covariances of all steps may take up, for all sets of noise levels.
+MOST = 6e6
 ORDERS = {"white": (0,), "lag": (1,), "lags": (2,), "likelier": (1, 2)}
 #: How far delay and neuromuscular parameters go with a level, where all walk.
 ALL = (1.0, 1.0, 0.1)
+LEARN = 5.0  # s, after which innovations are tested
 MEMORY = 5.0  # s, of a walk; weighs nothing but the first guess of an error
 
 
@@ -111,10 +116,13 @@ class UKF:
         pilot = walking_pilot(recording, plain, self.band, white=orders == (0,))
         groups = self._groups(pilot)
         choices = [Walks(pilot, start, groups, remnant, order) for order in orders]
-        found = likeliest(choices, rng, self.rounds, self.candidates, self.kept)
+        size = pilot.numbers(max(orders))
+        kept = max(1, min(self.kept, int(MOST / size)))
+        found = likeliest(choices, rng, self.rounds, self.candidates, kept)
         if not np.isfinite(found.log_likelihood):
             return failed(self.name, model, Outcome.DIVERGED, "every filter broke down")
-        course = smoothed(found.walks.filtered(found.levels, keep=True))
+        passed = found.walks.filtered(found.levels, keep=True)
+        course = smoothed(passed)
         mean, error = _mixed(course, found.weights, len(start))
         if not (np.isfinite(mean).all() and (error > 0.0).all()):
             return failed(self.name, model, Outcome.DIVERGED, "the smoother broke down")
@@ -130,7 +138,8 @@ class UKF:
         if not np.isfinite(estimate.values).all():
             return estimate
         estimate = _with_errors(estimate, trajectory, pilot, course, found)
-        return replace(estimate, criterion=-2.0 * found.log_likelihood)
+        remarks = (*estimate.remarks, *_remarks(passed.errors[0, math.ceil(LEARN / pilot.dt) :].T))
+        return replace(estimate, criterion=-2.0 * found.log_likelihood, remarks=remarks)
 
     def _groups(self, pilot: WalkingPilot) -> FloatArray:
         """See `Walks`: gains and leads have a level each, all others one together."""
@@ -148,6 +157,25 @@ def _constant(
     found = search(errors.gram, plain, rng)
     left = found.cost[0] / errors.residuals
     return found.values[0], float(np.sqrt(left / np.mean(np.var(errors.prediction.control, 1))))
+
+
+def _remarks(errors: FloatArray) -> tuple[str, ...]:
+    """What the innovations (runs, steps) say against the filter, a sentence each."""
+    found = []
+    statistic = portmanteau(errors, LAGS)
+    if statistic > chi_squared_limit(LAGS, SELDOM):
+        found.append(
+            f"the innovations are not white (Ljung-Box over {LAGS} lags: {statistic:.0f}, where "
+            f"chance gives {LAGS}): the remnant is another than the filter knows, or the pilot "
+            "changes faster than it follows, and the band may be too narrow"
+        )
+    ratio, deviations = ratio_of_halves(errors)
+    if deviations**2 > chi_squared_limit(1, SELDOM):
+        found.append(
+            f"the innovations of the second half have {ratio:.2g} times the variance of those of "
+            "the first: the remnant changes, which the filter takes for constant"
+        )
+    return tuple(found)
 
 
 def _mixed(course: Smoothed, weights: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:

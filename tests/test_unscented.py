@@ -16,9 +16,10 @@ from pilotid.methods.ukf import UKF
 from pilotid.pilot.catalogue import ADAPTING, LEAD_LAG, SINGLE
 from pilotid.pilot.frozen import frozen_over
 from pilotid.recordings.recording import Recording
+from pilotid.time_domain.muscle import muscle_step
 from pilotid.time_domain.noise_levels import Walks
 from pilotid.time_domain.unscented import Levels, filtered, smoothed
-from pilotid.time_domain.walking import muscle_step, walking_pilot
+from pilotid.time_domain.walking import walking_pilot
 from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical

@@ -140,15 +140,12 @@ class Found:
         How likely each set is, shape (sets,); their sum is 1.
     log_likelihood
         Of the likeliest; minus infinity if every filter broke down.
-    broken
-        Share of the filters that broke down.
     """
 
     walks: Walks
     levels: FloatArray
     weights: FloatArray
     log_likelihood: float
-    broken: float
 
 
 def likeliest(
@@ -217,17 +214,16 @@ class _Search:
 
     def end(self, kept: int) -> Found:
         """The likely sets of the last round."""
-        broken = float(np.mean(~np.isfinite(self.worth)))
         first = int(np.argmax(self.worth))
         best = float(self.worth[first])
         if not np.isfinite(best):
-            return Found(self.walks, self.tried[:1], np.ones(1), best, broken)
+            return Found(self.walks, self.tried[:1], np.ones(1), best)
         levels, worth = self.tried[-len(self._last) :], self._last - self._density
         order = np.argsort(-worth, kind="stable")[:kept]
         weights = np.exp(worth[order] - worth[order[0]])
         order = order[weights > LEAST * weights.sum()]
         weights = weights[: len(order)] / weights[: len(order)].sum()
-        return Found(self.walks, levels[order], weights, best, broken)
+        return Found(self.walks, levels[order], weights, best)
 
 
 def _top(tried: FloatArray, worth: FloatArray) -> FloatArray | None:

@@ -17,7 +17,7 @@ E. A. Wan and R. van der Merwe, *The unscented Kalman filter for nonlinear estim
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -174,7 +174,7 @@ def filtered(system: System, levels: Levels, spread: float, *, keep: bool = Fals
     alive = np.ones(len(mean), dtype=bool)
     sets, size = mean.shape
     total = np.zeros(sets)
-    kept = _Kept(sets, steps if keep else 0, size, runs)
+    kept = _room(sets, steps if keep else 0, size, runs)
     error = levels.error[:, None, None] * np.eye(runs)
     constant = 0.5 * runs * np.log(2.0 * np.pi)
     with np.errstate(all="ignore"):
@@ -198,15 +198,14 @@ def filtered(system: System, levels: Levels, spread: float, *, keep: bool = Fals
                     kept.predicted[:, k], kept.predicted_covariance[:, k] = mean, covariance
                     kept.cross[:, k] = cross
     total = np.where(alive & np.isfinite(total), total, -np.inf)
-    return Filtered(
-        total,
-        kept.errors,
-        kept.mean,
-        kept.covariance,
-        kept.predicted,
-        kept.predicted_covariance,
-        kept.cross,
-    )
+    return replace(kept, log_likelihood=total)
+
+
+def _room(sets: int, steps: int, size: int, runs: int) -> Filtered:
+    """Room for what a filter keeps."""
+    means, square = (sets, steps, size), (sets, steps, size, size)
+    shapes = ((sets,), (sets, steps, runs), means, square, means, square, square)
+    return Filtered(*(np.zeros(shape) for shape in shapes))
 
 
 def smoothed(found: Filtered) -> Smoothed:
@@ -259,9 +258,7 @@ class _Transform:
         states = points[..., count:].reshape(*points.shape[:2], self.runs, self.states)
         moved = given + (matrix[:, :, None] @ states[..., None])[..., 0]
         points[..., count:] = moved.reshape(*points.shape[:2], -1)
-        after = points.mean(axis=1) if self.centre == self.weight else None
-        if after is None:
-            after = self.centre * points[:, 0] + self.weight * points[:, 1:].sum(axis=1)
+        after = self.centre * points[:, 0] + self.weight * points[:, 1:].sum(axis=1)
         lower = root[:, count:, count:].reshape(sets, self.runs, self.states, size - count)
         columns = np.zeros((sets, size, size - count))
         columns[:, count:] = (matrix[:, :1] @ lower).reshape(sets, size - count, size - count)
@@ -274,18 +271,6 @@ class _Transform:
         between = self.weight * (away.swapaxes(1, 2) @ difference)
         between += root[:, :, count:] @ columns.swapaxes(1, 2)
         return after, covariance, between
-
-
-class _Kept:
-    """Room for what a smoother needs."""
-
-    def __init__(self, sets: int, steps: int, size: int, runs: int) -> None:
-        self.errors = np.zeros((sets, steps, runs))
-        self.mean = np.zeros((sets, steps, size))
-        self.covariance = np.zeros((sets, steps, size, size))
-        self.predicted = np.zeros_like(self.mean)
-        self.predicted_covariance = np.zeros_like(self.covariance)
-        self.cross = np.zeros_like(self.covariance)
 
 
 def _root(covariance: FloatArray, alive: BoolArray) -> tuple[FloatArray, BoolArray]:
