@@ -109,7 +109,10 @@ def notes_on_inference(study: Comparison) -> Text:
 def origin(study: Comparison, about: Mapping[str, str]) -> Section:
     """Seed, versions, and how to make the numbers again."""
     facts = [["seed", about.get("seed", "?")], ["code digest", about.get("code", "?")]]
-    skipped = (*OWN_FACTS, *(key for key in about if key.startswith("remnant ratio")))
+    skipped = (
+        *OWN_FACTS,
+        *(key for key in about if key.startswith(("remnant ratio", "trajectory "))),
+    )
     facts += [[key, value] for key, value in about.items() if key not in skipped]
     table = Table("Seed and versions", [Column("what", text=True), Column("value", text=True)],
                   entries(facts))  # fmt: skip

@@ -23,7 +23,7 @@ from pilotid.naming.code import packed, reason
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.study.comparison import Comparison, comparison_of
 from pilotid.study.entries import MethodEntry, Result, ScenarioEntry, Unit
-from pilotid.study.facts import about_this, method_entry, scenario_entry
+from pilotid.study.facts import about_this, method_entry, scenario_entry, trajectory_fact
 from pilotid.study.fits import OUTSIDE, Task, given_up, run_task
 from pilotid.study.process import USUAL_LIMITS, Limits
 from pilotid.study.store import Store
@@ -151,6 +151,7 @@ class Study:
             if isinstance(scenario, Scenario):
                 share = f"{remnant_ratio(scenario):.4f}"
                 store.describe({f"remnant ratio {entry.name}": share})
+                store.describe(trajectory_fact(scenario))
         for method in methods:
             store.add_method(method)
         fits = store.done()
