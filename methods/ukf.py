@@ -4,14 +4,14 @@ The pilot's parameters are states: gains and leads whose logarithms walk at rand
 neuromuscular parameters that do not, beside the two states of the neuromuscular system and those
 of the remnant.  The filter goes through the recording once, the smoother back, and what they find
 is the course of the parameters with a band; the model's own parameters are fitted to that course
-(`pilotid.time_domain.over_time`).  Published filters have their noise levels from experience and
+(`pilotid.time_domain.over_time`).  Published filters are tuned on simulations and
 take the remnant for white; here the levels are those under which the recording is likeliest, and
 the remnant has one lag or two, whichever is likelier.  The band is of all likely levels together.
 
-D. M. Pool and co-workers identify time-varying pilots so: A. Popovici, P. M. T. Zaal and D. M.
-Pool, *Dual extended Kalman filter for the identification of time-varying human manual control
-behavior*, AIAA 2017-3666; J. Rojer, D. M. Pool, M. M. van Paassen and M. Mulder, *UKF-based
-identification of time-varying manual control behaviour*, IFAC-PapersOnLine 52(19), 2019.
+References: A. Popovici, P. M. T. Zaal and D. M. Pool, *Dual extended Kalman filter for the
+identification of time-varying human manual control behavior*, AIAA 2017-3666; J. Rojer, D. M. Pool,
+M. M. van Paassen and M. Mulder, *UKF-based identification of time-varying manual control
+behaviour*, IFAC-PapersOnLine 52(19), 2019.
 
 A delay asks for the recorded error a while ago, between its samples as well: no Pade approximant,
 no states for it.  Several runs share their parameters at each time, each with states of its own.

@@ -21,6 +21,7 @@ from pilotid.pilot.factors import Delay, Factor, Neuromuscular
 from pilotid.pilot.frozen import frozen
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
+from pilotid.solve.scale import Scale
 from pilotid.time_domain.muscle import NODES, muscle_step
 from pilotid.time_domain.prepare import decimation, derivative_kernel
 from pilotid.types import BoolArray, FloatArray, InputError, IntArray
@@ -119,20 +120,22 @@ class WalkingPilot:
         """Which parameters are gains or leads, shape (parameters,)."""
         return np.arange(len(self.order)) >= 3
 
+    @cached_property
+    def _scale(self) -> Scale:
+        return Scale(self.positive)
+
     def with_remnant(self, remnant: FloatArray) -> WalkingPilot:
         """The system with another remnant."""
         return replace(self, remnant=remnant)
 
     def to_walk(self, values: FloatArray) -> FloatArray:
         """Parameters in model order, shape (..., parameters), as the filter has them."""
-        own = values[..., self.order]
-        return np.where(self.positive, np.log(np.where(self.positive, own, 1.0)), own)
+        return self._scale.enter(values[..., self.order])
 
     def from_walk(self, walk: FloatArray) -> FloatArray:
         """The opposite of `to_walk`; within the model's bounds."""
-        own = np.where(self.positive, np.exp(np.where(self.positive, walk, 0.0)), walk)
-        result = np.empty_like(own)
-        result[..., self.order] = own
+        result = np.empty_like(walk)
+        result[..., self.order] = self._scale.leave(walk)
         return np.asarray(np.clip(result, self.model.lower, self.model.upper))
 
     def step(self, k: int, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
