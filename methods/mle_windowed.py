@@ -64,6 +64,7 @@ class MLEWindowed:
     candidates: int = 8
     refined: int = 2
     name: ClassVar[str] = "mle-windowed"
+    follows: ClassVar[bool] = True
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
         """Why it cannot treat a recording: it holds no window, or the model is not its kind."""

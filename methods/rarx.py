@@ -75,6 +75,7 @@ class RARX:
     highest: float = 12.0
     points: int = 24
     name: ClassVar[str] = "rarx"
+    follows: ClassVar[bool] = True
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
         """Why it cannot treat a model: it has other channels than one on the error."""

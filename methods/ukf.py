@@ -89,6 +89,7 @@ class UKF:
     candidates: int = 24
     kept: int = 8
     name: ClassVar[str] = "ukf"
+    follows: ClassVar[bool] = True
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
         """Why it cannot treat a model: other channels or dynamics than it knows."""

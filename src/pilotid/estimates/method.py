@@ -72,6 +72,15 @@ class Searching(Protocol):
         ...
 
 
+def follows(method: Method) -> bool:
+    """Whether a method is for pilots who change: its class says ``follows = True``.
+
+    Of a constant pilot it tells nothing that others do not tell better, so that studies leave
+    it out there unless it is asked for.
+    """
+    return bool(getattr(method, "follows", False))
+
+
 def identify(
     method: Method, recording: Recording, model: PilotModel, rng: np.random.Generator
 ) -> Estimate:

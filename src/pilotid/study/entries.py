@@ -7,6 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+#: How the facts of a store on true trajectories begin, before the scenario's name.
+TRAJECTORY = "trajectory"
+
 
 @dataclass(frozen=True)
 class Unit:

@@ -15,12 +15,9 @@ from pilotid.naming.code import place_of, reason
 from pilotid.naming.settings import labelled, plain
 from pilotid.naming.sources import code_digest, package_digest
 from pilotid.study.draws import truths_of
-from pilotid.study.entries import MethodEntry, ParameterTruth, ScenarioEntry
+from pilotid.study.entries import TRAJECTORY, MethodEntry, ParameterTruth, ScenarioEntry
 from pilotid.study.tracks import truth_over_time
 from pilotid.types import InputError
-
-#: How the facts on true trajectories begin.
-TRAJECTORY = "trajectory"
 
 LIBRARIES = ("numpy", "scipy", "control", "pysindy", "emcee")
 

@@ -115,11 +115,6 @@ class WalkingPilot:
         """Which parameters are logarithms, shape (parameters,)."""
         return self.model.positive[self.order]
 
-    @property
-    def walking(self) -> BoolArray:
-        """Which parameters are gains or leads, shape (parameters,)."""
-        return np.arange(len(self.order)) >= 3
-
     @cached_property
     def _scale(self) -> Scale:
         return Scale(self.positive)
