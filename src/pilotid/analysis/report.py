@@ -97,7 +97,7 @@ def _summary(results: Results) -> Section:
     clear = [c for c in results.contrasts if c.p_holm < LEVEL]
     if results.contrasts:
         items.append(
-            f"{len(clear)} of {len(results.contrasts)} differences between conditions have p < "
+            f"{len(clear)} of {len(results.contrasts)} {_compared(results)} have p < "
             f"{LEVEL:g} after Holm's correction"
             + (": see [conditions](#conditions)." if clear else ".")
         )
@@ -121,6 +121,15 @@ def _summary(results: Results) -> Section:
     if analysis.refused:
         blocks += [Text("**Left out:**"), Bullets(list(analysis.refused))]
     return Section("summary", "Summary", blocks)
+
+
+def _compared(results: Results) -> str:
+    """What contrasts are differences of."""
+    within = {contrast.within for contrast in results.contrasts}
+    between = "differences between conditions"
+    if len(within) > 1:
+        return f"{between}, or between parameters of the same fits,"
+    return "differences between parameters of the same fits" if True in within else between
 
 
 def _changing(analysis: Analysis) -> list[str]:
