@@ -33,7 +33,8 @@ class Limits:
         Largest variance of error, control and their rates, over that of the reference; None
         for none.
     power
-        Largest power of ft and of fd over that of the reference.
+        Largest power of ft and of fd over that of the reference; their power if the remnant is a
+        share of the control's.
     balance
         Whether ft and fd keep the ratio of their powers.
     shape
@@ -105,6 +106,11 @@ def linear(
     over
         Whether e and u keep their limits in the mean over pilots, or for each of them.
     """
+    if loops[0].control is not None and limits.power is None:
+        raise InputError(
+            "where the remnant is a share of the control's power, only ratios of powers count: "
+            "give a limit on power"
+        )
     lines, known = loops[0].lines, references[0].lines
     found = _of_variances(limits, loops, references, powers, over)
     whole = []
@@ -114,7 +120,9 @@ def linear(
         power = float(powers[dict(known.signals)[name]].sum())
         whole.append(here / power)
         if limits.power is not None:
-            found.append(Limit(f"power={limits.power:g}", here / power, limits.power))
+            # Where the remnant falls with the control, less power would cost nothing.
+            used = loops[0].control is not None
+            found.append(Limit(f"power={limits.power:g}", here / power, limits.power, equal=used))
         peak = getattr(limits, name)
         if peak is not None:
             found.append(Limit(f"{name}={peak:g}", here / (peak / CREST) ** 2, 1.0))

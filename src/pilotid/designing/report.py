@@ -12,6 +12,7 @@ from pilotid.designing.design import Design
 from pilotid.designing.figures import signals_figure, spectra_figure
 from pilotid.designing.planning import RUNS, Plan
 from pilotid.designing.sensitivity import OFF, wrong_pilots
+from pilotid.designing.words import sentences
 from pilotid.disk import write_file
 from pilotid.numbers import MINUS, NONE, number
 from pilotid.report.content import (
@@ -58,48 +59,6 @@ def write_report(
     title = f"Forcing functions for {made.reference.name}"
     write_file(path, web_page(title, sections).encode("utf-8", "replace"))
     return path
-
-
-def objective(made: Design) -> str:
-    """What a design makes small, in words."""
-    whose = "" if len(made.loops) == 1 else f", the {made.over} of {len(made.loops)} pilots"
-    if made.wanted:
-        wish = ", ".join(f"{key} to {100.0 * share:g} %" for key, share in made.wanted.items())
-        return f"shortest time for {wish}{whose}"
-    words = {
-        "A": "mean relative variance of all parameters (A)",
-        "D": "volume of the confidence ellipsoid (D)",
-        "E": "longest axis of the confidence ellipsoid (E)",
-    }
-    return words.get(made.minimise, f"mean relative variance of {made.minimise}") + whose
-
-
-def sentences(made: Design) -> list[str]:
-    """What to know of a design, a sentence each."""
-    told = [f"Minimised: {objective(made)}.", gap_sentence(made)]
-    if made.wanted:
-        told.append(
-            f"The shortest window is {made.unrounded:.1f} s; with whole periods it is "
-            f"{made.scenario.duration:.2f} s."
-        )
-    if made.binding:
-        prices = ", ".join(
-            f"{name} ({100.0 * price / abs(made.optimum.value):.2g} %)"
-            for name, price in made.optimum.prices[:4]
-        )
-        told.append(
-            "Limits that bind, with the share of the variance that each would save, to first "
-            f"order, if it were doubled: {prices}."
-        )
-    return told
-
-
-def gap_sentence(made: Design) -> str:
-    """How near the optimum the design is."""
-    return (
-        f"No design within the limits has less than {100.0 * max(made.gap, 1e-8):.1g} % less of "
-        f"that variance (optimality gap, {made.optimum.steps} Newton steps)."
-    )
 
 
 def _summary(made: Design) -> Section:
@@ -257,11 +216,6 @@ def _planning(plans: Sequence[tuple[str, Plan]]) -> Section:
         )
     ]
     for name, found in plans:
-        rows: dict[float, list[str]] = {}
-        for window, _, subjects in found.table():
-            rows.setdefault(window, [f"{window:.2f} s"]).append(
-                NONE if subjects is None else str(subjects)
-            )
         columns = [
             Column("window", text=True),
             *(Column(f"{runs} run{'s' if runs > 1 else ''}") for runs in RUNS),
@@ -269,7 +223,7 @@ def _planning(plans: Sequence[tuple[str, Plan]]) -> Section:
         caption = (
             f"Subjects that see it with 80 %, forcing functions of the {name}, runs a condition"
         )
-        blocks.append(Table(caption, columns, entries(list(rows.values()))))
+        blocks.append(Table(caption, columns, entries(found.rows(NONE))))
     return Section("plan", "Subjects, runs and time", blocks)
 
 
