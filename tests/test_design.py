@@ -246,7 +246,7 @@ def conic(minimise: str, limits: Limits, remnant: str = "held") -> float:
 
 
 @pytest.mark.parametrize("minimise", ["A", "E"])
-@pytest.mark.parametrize("most", [1.0, 2.0, None])
+@pytest.mark.parametrize("most", [1.0, 1.5, 2.0, None])
 def test_the_optimum_is_that_of_a_conic_solver(minimise: str, most: float | None) -> None:
     limits = Limits(e=most, u=most)
     made = design(NOMINAL, minimise, limits=limits)
@@ -412,7 +412,7 @@ def test_lines_that_both_signals_have() -> None:
     fewer = chosen_lines(reference_lines(NOMINAL), 8, shared=True)
     assert len(fewer.target) == 8
     assert fewer.target == fewer.disturbance
-    made = design(twice, limits=Limits(e=1.5, u=1.5), lines=shared)
+    made = pilotid.design(twice, limit="e=1.5,u=1.5", shared=True)
     assert made.scenario.alternating
     assert isinstance(made.scenario.disturbance, Multisine)
     # The information of both runs, with the phases that they have, by the bounds of each.

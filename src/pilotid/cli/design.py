@@ -170,7 +170,7 @@ def design(
         "plan": {name: asdict(found) for name, found in plans} or None,
     }
     write_files(out, made, about, rate, fade, model or model_place(scenario))
-    page = write_report(out, made, command, version("pilotid"), plans)
+    page = write_report(out, made, command, version("pilotid"), plans, subjects)
     show(made, plans, subjects)
     console = make_console()
     console.print(f"design: {out / 'design.json'}, signals: {out / 'forcing.csv'}", soft_wrap=True)

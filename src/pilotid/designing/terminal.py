@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from pilotid.designing.design import Design
 from pilotid.designing.planning import RUNS, Plan
-from pilotid.designing.words import sentences
+from pilotid.designing.words import chance_sentence, pilots_sentence, sentences
 from pilotid.terminal import make_console, make_table, print_table
 
 if TYPE_CHECKING:
@@ -26,18 +26,9 @@ def show(made: Design, plans: Sequence[tuple[str, Plan]], subjects: int) -> None
     for sentence in sentences(made):
         console.print(sentence, soft_wrap=True)
     if len(made.gains) > 1:
-        console.print(
-            f"Better than the reference for {made.better} of {len(made.gains)} pilots (errors "
-            f"{min(made.gains):.2f} to {max(made.gains):.2f} of the reference's).",
-            soft_wrap=True,
-        )
+        console.print(pilots_sentence(made), soft_wrap=True)
     for name, found in plans:
-        console.print(
-            f"{name}: {subjects} subjects with {runs} run{'s' if runs > 1 else ''} in each "
-            f"condition see {found.key} {100.0 * found.effect:+g} % with a chance of "
-            f"{100.0 * found.chance(subjects, runs):.0f} %",
-            soft_wrap=True,
-        )
+        console.print(chance_sentence(name, found, subjects, runs), soft_wrap=True)
         print_table(console, _plan_table(found, name))
 
 
@@ -57,7 +48,7 @@ def _table(made: Design) -> Table:
 
 def _plan_table(found: Plan, name: str) -> Table:
     table = make_table()
-    table.title = f"subjects for 80 %, forcing functions of the {name}"
+    table.title = f"subjects for 80 %, {name}"
     table.title_justify, table.title_style = "left", ""
     for title in ("window", *(f"{runs} run{'s' if runs > 1 else ''}" for runs in RUNS)):
         table.add_column(title, justify="right")

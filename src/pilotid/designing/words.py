@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 from pilotid.designing.design import Design
+from pilotid.designing.limits import Limits
+from pilotid.designing.planning import Plan
 
 
 def objective(made: Design) -> str:
@@ -52,6 +56,44 @@ def sentences(made: Design) -> list[str]:
 def gap_sentence(made: Design) -> str:
     """How near the optimum the design is."""
     return (
-        f"No design within the limits has more than {100.0 * max(made.gap, 1e-8):.1g} % less of "
+        f"No design within the limits has more than {100.0 * max(made.gap, 1e-5):.1g} % less of "
         f"that variance (optimality gap, {made.optimum.steps} Newton steps)."
+    )
+
+
+def limits_kept(limits: Limits) -> str:
+    """The limits, as they are typed."""
+    told = []
+    for field in fields(limits):
+        value = getattr(limits, field.name)
+        if isinstance(value, bool):
+            told.append(f"{field.name}={str(value).lower()}")
+        elif value is not None:
+            told.append(f"{field.name}={value:g}")
+    return ", ".join(told)
+
+
+def pilots_sentence(made: Design) -> str:
+    """For how many pilots a design is better, and what keeps it from more."""
+    gains = sorted(made.gains)
+    told = (
+        f"Better than the reference for {made.better} of {len(gains)} pilots: errors "
+        f"{gains[0]:.2f} to {gains[-1]:.2f} of the reference's, median "
+        f"{gains[len(gains) // 2]:.2f}."
+    )
+    if made.better < len(gains):
+        held = f"what binds is {', '.join(made.binding[:3])}" if made.binding else "no limit binds"
+        told += (
+            " The powers that some pilots could spare others need, and there are no more within "
+            f"the limits; {held}."
+        )
+    return told
+
+
+def chance_sentence(name: str, plan: Plan, subjects: int, runs: int) -> str:
+    """The chance of a plan with the forcing functions of this name."""
+    return (
+        f"{name}: {subjects} subjects with {runs} run{'s' if runs > 1 else ''} in each condition "
+        f"see {plan.key} {100.0 * plan.effect:+g} % with a chance of "
+        f"{100.0 * plan.chance(subjects, runs):.0f} %"
     )
