@@ -326,6 +326,8 @@ def test_a_design_for_several_pilots() -> None:
         over: np.square(design(NOMINAL, "E", limits=limits, pilots=pilots, over=over).gains)
         for over in OVERS
     }
+    roomy = design(NOMINAL, limits=replace(limits, each=False), pilots=pilots, over="worst")
+    assert max(roomy.gains) <= max(worst.gains) + 1e-6
     assert axis["mean"].mean() <= axis["worst"].mean() + 1e-6
     assert axis["worst"].max() < 1.0
 
@@ -401,6 +403,18 @@ def test_a_spectrum_on_other_lines() -> None:
     assert shares[low].sum() == pytest.approx(
         powers[:12][known.omega[:12] < 2.0].sum() / powers[:12].sum(), abs=0.03
     )
+
+
+def test_a_steep_spectrum_has_the_crest_factor_that_phases_can_give() -> None:
+    """A few descents find what many do: the rest is up to amplitudes and lines."""
+    assert isinstance(NOMINAL.target, Multisine)
+    lines, amplitudes = np.array(NOMINAL.target.lines), np.array(NOMINAL.target.amplitudes)
+    few, many = (
+        crest_factor(lines, amplitudes, low_crest(lines, amplitudes, rng, starts))
+        for rng, starts in ((np.random.default_rng(1), 4), (np.random.default_rng(2), 24))
+    )
+    assert few < 1.01 * many
+    assert few < crest_factor(lines, amplitudes, np.zeros(12)) - 0.3
 
 
 def test_lines_that_both_signals_have() -> None:
@@ -535,6 +549,8 @@ def test_the_command_writes_what_others_read(
     page = (out / "report.html").read_text()
     assert page.count("<svg") == 2
     assert "Another pilot" in page
+    assert "with a chance of" in page
+    assert "What the design is for" in page
     (out / "design.json").write_text("[]")
     with pytest.raises(InputError, match="cannot be read as a design"):
         scenario_named(str(out / "design.json"))
@@ -585,6 +601,10 @@ def test_a_model_of_ones_own_reads_back(
         ["--over", "median"],
         ["--power", "tlead"],
         ["--seconds", "100"],
+        ["--remnant", "louder"],
+        ["--shared"],
+        ["--remnant", "share", "--pilots", "2"],
+        ["--limit", "e=0.5,u=0.5"],
     ],
 )
 def test_bad_options_are_refused(

@@ -148,8 +148,12 @@ def design(
         minimise,
         wanted=_wishes(wanted),
         limits=configured(Limits, limit, f"--limit {limit}"),
-        lines=chosen_lines(  # type: ignore[arg-type]
-            reference_lines(chosen), lines, pick, period, shared=shared
+        lines=chosen_lines(
+            reference_lines(chosen),
+            lines,
+            pick,  # type: ignore[arg-type]
+            period,
+            shared=shared,
         ),
         pilots=everyone,
         over=over,  # type: ignore[arg-type]

@@ -47,6 +47,9 @@ class Limits:
     high
         Largest share of a signal's power above 0.8 of the crossover frequency, where power lets
         pilots lower the crossover (McRuer and Jex 1967); None for none.
+    each
+        Whether e, u and their rates keep their limits for each of several pilots, or in the mean
+        over them; None for each if the worst pilot counts.
     above, beyond
         Largest share of a signal's power above a frequency [rad/s]; None for none.
     ft, fd, stick
@@ -68,6 +71,7 @@ class Limits:
     ft: float | None = None
     fd: float | None = None
     stick: float | None = None
+    each: bool | None = None
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -104,7 +108,7 @@ def linear(
     powers
         Powers of the reference, shape (reference's lines,).
     over
-        Whether e and u keep their limits in the mean over pilots, or for each of them.
+        What counts of several pilots; see `Limits.each`.
     """
     if loops[0].control is not None and limits.power is None:
         raise InputError(
@@ -112,7 +116,8 @@ def linear(
             "give a limit on power"
         )
     lines, known = loops[0].lines, references[0].lines
-    found = _of_variances(limits, loops, references, powers, over)
+    each = over == "worst" if limits.each is None else limits.each
+    found = _of_variances(limits, loops, references, powers, each=each)
     whole = []
     for name, at in lines.signals:
         here = np.zeros(lines.omega.size)
@@ -141,7 +146,8 @@ def _of_variances(
     loops: Sequence[Loop],
     references: Sequence[Loop],
     powers: FloatArray,
-    over: Literal["mean", "worst"],
+    *,
+    each: bool,
 ) -> list[Limit]:
     found = []
     for signal in SIGNALS:
@@ -165,7 +171,7 @@ def _of_variances(
                 f"the limit {name} cannot be kept: the remnant alone makes the variance of "
                 f"{signal} {alone:.2f} of the reference's"
             )
-        if over == "mean":
+        if not each:
             rows, rooms = [np.mean(rows, axis=0)], [float(np.mean(rooms))]
         found += [Limit(name, row, room) for row, room in zip(rows, rooms, strict=True)]
     return found

@@ -96,7 +96,11 @@ def _summary(made: Design) -> Section:
         f"{runs} run{'s' if runs > 1 else ''} of {made.scenario.duration:.2f} s, the remnant's own "
         "parameters estimated too"
     )
-    blocks = [Bullets(sentences(made)), Table(caption, columns, entries(rows)), _asked(made)]
+    blocks: list[Block] = [
+        Bullets(sentences(made)),
+        Table(caption, columns, entries(rows)),
+        _asked(made),
+    ]
     return Section("summary", "Summary", blocks)
 
 
