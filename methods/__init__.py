@@ -22,6 +22,7 @@ from pilotid.methods.mle_windowed import MLEWindowed
 from pilotid.methods.mmle3 import MMLE3
 from pilotid.methods.rarx import RARX
 from pilotid.methods.sindy import SINDy
+from pilotid.methods.ukf import UKF
 from pilotid.naming.code import PluginWarning, is_place, reason, taken
 from pilotid.naming.settings import configured, labelled
 from pilotid.naming.text import split_call
@@ -40,6 +41,7 @@ METHODS: tuple[Method, ...] = (
     SINDy(),
     MLEWindowed(),
     RARX(),
+    UKF(),
 )
 
 

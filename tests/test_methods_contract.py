@@ -26,7 +26,7 @@ SCENARIOS = {"single": SINGLE_LOOP, "multi": NOMINAL}
 every_method = pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
 every_model = pytest.mark.parametrize("model", MODELS)
 #: Methods of one channel on the error, which object to any other model.
-ONE_CHANNEL = ("rarx",)
+ONE_CHANNEL = ("rarx", "ukf")
 #: Every method with the models that it is made for.
 every_fit = pytest.mark.parametrize(
     ("method", "model"),

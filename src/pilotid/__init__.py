@@ -29,6 +29,7 @@ from pilotid.methods.mle_windowed import MLEWindowed
 from pilotid.methods.mmle3 import MMLE3
 from pilotid.methods.rarx import RARX
 from pilotid.methods.sindy import SINDy
+from pilotid.methods.ukf import UKF
 from pilotid.pilot.catalogue import MODELS, model_named
 from pilotid.pilot.model import Channel, PilotModel
 from pilotid.recordings.files import load_recording, save_recording
@@ -47,6 +48,7 @@ __all__ = [
     "POPULATIONS",
     "RARX",
     "SCENARIOS",
+    "UKF",
     "Bayes",
     "Channel",
     "Estimate",

@@ -23,7 +23,6 @@ from pilotid.datasets.linearised import bound_of
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.method import Searching, identify
 from pilotid.methods import method_named
-from pilotid.methods.mle import MLE
 from pilotid.pilot.catalogue import ADAPTING, SINGLE
 from pilotid.recordings.files import load_recording
 from pilotid.seeds import fit_rng
@@ -114,11 +113,11 @@ def followed(scenario: Scenario, found: list[Tried]) -> None:
         )
 
 
-def measured(subjects: list[str]) -> None:
+def measured(subjects: list[str], named: str) -> None:
     """Fit pilots of whom the element changed, a line for each subject, condition and axis."""
     folder = Path(os.environ["PILOTID_MEASURED"]) / "adaptation"
     subjects = subjects or sorted({path.name.split("_")[0] for path in folder.glob("*.mat")})
-    method = MLE()
+    method = method_named(named)
     print("file, model: outcome, s, VAF %, parameters, standard errors")
     gained: dict[str, list[FloatArray]] = {}
     for subject, condition, axis in product(subjects, CHANGED, ("roll", "pitch")):
@@ -169,7 +168,7 @@ def main() -> None:
     parser.add_argument("--measured", nargs="*", help="subjects, for example pilot2; none for all")
     options = parser.parse_args()
     if options.measured is not None:
-        measured(options.measured)
+        measured(options.measured, options.method[0])
         return
     for name in options.scenario:
         scenario = SCENARIOS[name]
