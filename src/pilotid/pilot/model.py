@@ -62,19 +62,20 @@ class Channel:
                 f"channel {self.name}: put all factors that vary in time into one Changing"
             )
 
-    @property
+    # Asking a factor what it is takes as long as its response: asked once.
+    @cached_property
     def derivative(self) -> int:
         """Order of the input's derivative that the channel acts on."""
         return sum(f.derivative for f in self.factors if isinstance(f, Derivative))
 
-    @property
+    @cached_property
     def dynamics(self) -> tuple[Factor, ...]:
         """The factors apart from the differentiators and from what varies in time."""
         return tuple(
             f for f in self.factors if not isinstance(f, Changing) and not isinstance(f, Derivative)
         )
 
-    @property
+    @cached_property
     def changing(self) -> Changing | None:
         """The factor that varies in time and acts on the input first; None for none."""
         return next((f for f in self.factors if isinstance(f, Changing)), None)
