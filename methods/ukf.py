@@ -34,6 +34,7 @@ import numpy as np
 from pilotid.chance import SELDOM, Z95, chi_squared_limit
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.trajectory import Trajectory, times_of
+from pilotid.pilot.courses import Sigmoid
 from pilotid.pilot.frozen import frozen
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
@@ -234,8 +235,8 @@ def _with_errors(
     inner = scale.enter(values)
     reached = scale.leave(np.stack([inner - reach, inner + reach]))
     intervals = np.clip(reached, np.minimum(model.lower, values), np.maximum(model.upper, values)).T
-    for channel in model.channels:
-        if channel.changing is not None:  # a walk rounds a change, which may be as fast as it likes
-            rate = model.keys.index(channel.changing.rate_key)
-            intervals[rate, 1] = model.upper[rate]
+    for changing in (c.changing for c in model.channels):
+        if changing is not None and isinstance(changing.course, Sigmoid):
+            rate = model.keys.index(changing.course.rate_key)
+            intervals[rate, 1] = model.upper[rate]  # a walk rounds a change, however fast it is
     return replace(estimate, covariance=scaled * np.outer(slope, slope), intervals=intervals)

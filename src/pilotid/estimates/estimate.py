@@ -171,12 +171,14 @@ class Estimate:
 
     @property
     def inseparable(self) -> list[Pair]:
-        """Pairs of parameters that the recording cannot tell apart."""
+        """Pairs of parameters that the recording cannot tell apart, but for those of one curve."""
         model = self.model
         units = tuple(p.unit for p in model.parameters)
-        return inseparable(
+        pairs = inseparable(
             model.keys, units, model.positive, self.values, self.covariance, self.draws
         )
+        curves = [{model.keys[i] for i in curve.indices} for curve in model.curves]
+        return [p for p in pairs if not any({p.first, p.second} <= keys for keys in curves)]
 
     @property
     def quantities(self) -> list[Quantity]:

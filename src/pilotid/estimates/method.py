@@ -125,7 +125,7 @@ def _over_time(estimate: Estimate, recording: Recording, rng: np.random.Generato
         return estimate
     draws = estimate.draws
     trajectory = trajectory_of(
-        model,
+        model.over(recording.duration),
         estimate.values,
         estimate.covariance,
         estimate.intervals,

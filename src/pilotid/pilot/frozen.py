@@ -84,7 +84,8 @@ def ends(model: PilotModel) -> tuple[IntArray, IntArray]:
         if (changing := channel.changing) is not None:
             for factor in changing.factors:
                 for p in factor.parameters:
-                    before[p.key], after[p.key] = place[f"{p.key}1"], place[f"{p.key}2"]
+                    first, last = changing.ends(p.key)
+                    before[p.key], after[p.key] = place[first], place[last]
     return (
         np.array([before[key] for key in plain.keys]),
         np.array([after[key] for key in plain.keys]),
@@ -95,6 +96,35 @@ def before_and_after(model: PilotModel, values: FloatArray) -> tuple[FloatArray,
     """Parameters (..., parameters) of the frozen model before and after the change."""
     before, after = ends(model)
     return values[..., before], values[..., after]
+
+
+def searched(model: PilotModel) -> PilotModel:
+    """The model that an optimum is searched with: the constant one where parameters vary freely."""
+    return frozen(model) if model.curves else model
+
+
+def unfrozen(model: PilotModel, constant: FloatArray) -> FloatArray:
+    """Parameters with which a model that changes is a constant pilot all the time.
+
+    Parameters
+    ----------
+    model
+        The model that changes.
+    constant
+        Parameters of the frozen model, shape (..., parameters of the frozen model).
+
+    Returns
+    -------
+    Array of shape (..., parameters).
+    """
+    plain = {key: i for i, key in enumerate(frozen(model).keys)}
+    found = {key: constant[..., i] for key, i in plain.items()}
+    for channel in model.channels:
+        if (changing := channel.changing) is not None:
+            own = constant[..., [plain[p.key] for p in changing.changed]]
+            spread = np.moveaxis(changing.constant(own), -1, 0)
+            found.update(zip((p.key for p in changing.parameters), spread, strict=True))
+    return np.stack([found[key] for key in model.keys], axis=-1)
 
 
 def _constant(channel: Channel) -> Channel:

@@ -14,6 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from pilotid.solve.scale import Scale
+from pilotid.solve.smoothing import Penalty
 from pilotid.types import BoolArray, FloatArray, IntArray
 
 #: Longest step of a positive parameter, on its logarithmic scale: a gain that is
@@ -37,9 +38,12 @@ class Problem(Protocol):
     ----------
     block
         Parameter sets evaluated at once.
+    penalty
+        What is added to the sum of squares; None for nothing.
     """
 
     block: int = BLOCK
+    penalty: Penalty | None = None
 
     @property
     def residuals(self) -> int:
@@ -76,7 +80,8 @@ class Problem(Protocol):
             block = self.rows(values[begin : begin + self.block])
             flat = block.reshape(*block.shape[:2], -1)
             grams.append(flat @ flat.transpose(0, 2, 1))
-        return np.concatenate(grams)
+        found = np.concatenate(grams)
+        return found if self.penalty is None else found + self.penalty.gram(values)
 
 
 class Space(Protocol):

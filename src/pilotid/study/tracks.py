@@ -61,7 +61,7 @@ def truth_over_time(scenario: Scenario) -> Trajectory | None:
     if not scenario.model.changes:
         return None
     time = np.linspace(0.0, scenario.duration, THINNED)
-    values = frozen_over(scenario.model, scenario.values, time)
+    values = frozen_over(scenario.model.over(scenario.duration), scenario.values, time)
     return Trajectory(frozen(scenario.model).keys, time, values, values, values)
 
 
@@ -77,8 +77,9 @@ def tracks_of(trajectory: Trajectory, scenario: Scenario) -> tuple[Track, ...]:
     """
     fine = times_of(scenario.duration)
     beyond = np.arange(-FARTHEST, scenario.duration + FARTHEST + FINE, FINE)
-    truth = frozen_over(scenario.model, scenario.values, fine)
-    around = frozen_over(scenario.model, scenario.values, beyond)
+    model = scenario.model.over(scenario.duration)
+    truth = frozen_over(model, scenario.values, fine)
+    around = frozen_over(model, scenario.values, beyond)
     found = trajectory.at(fine)
     thinned = trajectory.at(np.linspace(0.0, scenario.duration, THINNED)).values
     periods = periods_of(fine, truth)

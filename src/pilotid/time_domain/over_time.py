@@ -14,7 +14,8 @@ import numpy as np
 from pilotid.chance import Z95
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.trajectory import Trajectory
-from pilotid.pilot.changing import Changing
+from pilotid.pilot.changing import Fading
+from pilotid.pilot.courses import Sigmoid
 from pilotid.pilot.frozen import ends, frozen, frozen_over
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
@@ -109,8 +110,7 @@ class TrajectoryFit(Problem):
         model, time = self.model, self.trajectory.time
         every = np.ones(time.size, dtype=bool)
         whole = self._means(every)
-        changings = [c.changing for c in model.channels if c.changing is not None]
-        if not changings:
+        if not model.changes:
             return whole[None]
         before, after = ends(model)
         found = []
@@ -118,9 +118,8 @@ class TrajectoryFit(Problem):
             start = model.start.copy()
             start[before], start[after] = self._means(time < middle), self._means(time >= middle)
             start[before[before == after]] = whole[before == after]
-            for changing in changings:
-                start[model.keys.index(changing.time_key)] = middle
-                start[model.keys.index(changing.rate_key)] = rate
+            for when in model.whens:
+                start[list(when)] = [middle, rate][: len(when)]
             found.append(start)
         return np.clip(np.array(found), model.lower, model.upper)
 
@@ -218,7 +217,8 @@ def _covariance(
 
 def no_reduction(model: PilotModel) -> str | None:
     """Why a trajectory does not lead to a model's parameters: they change in another way."""
-    if all(isinstance(c.changing, Changing) for c in model.channels if c.changing is not None):
+    changings = [c.changing for c in model.channels if c.changing is not None]
+    if all(isinstance(c.course, Sigmoid) and not isinstance(c, Fading) for c in changings):
         return None
     return (
         f"the parameters of model {model.name} do not follow from what they are at each time; fit "
