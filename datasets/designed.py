@@ -9,27 +9,38 @@ from typing import Any
 from pilotid.datasets.forcing import Forcing, Multisine
 from pilotid.datasets.remnant import Remnant
 from pilotid.datasets.scenarios import Scenario
+from pilotid.naming.code import is_place, taken
 from pilotid.naming.settings import plain
-from pilotid.pilot.catalogue import MODELS
+from pilotid.pilot.catalogue import MODELS, model_named
 from pilotid.pilot.element import ControlledElement
+from pilotid.pilot.model import PilotModel
 from pilotid.recordings.paths import file_size
 from pilotid.types import InputError
 
 LARGEST = 2**24  # bytes of a design
 
 
-def scenario_json(scenario: Scenario) -> dict[str, Any]:
-    """A scenario of a model of the catalogue and sums of sines as plain objects.
+def scenario_json(scenario: Scenario, place: str = "") -> dict[str, Any]:
+    """A scenario with sums of sines as plain objects.
+
+    Parameters
+    ----------
+    scenario
+        The scenario.
+    place
+        Where a model that is not the catalogue's is found, ``file.py:NAME``, by itself or in a
+        scenario.
 
     Raises
     ------
     InputError
-        If it has another model or other forcing functions.
+        If its model is not found there, or it has other forcing functions.
     """
-    if MODELS.get(scenario.model.name) != scenario.model:
+    model = scenario.model.name if MODELS.get(scenario.model.name) == scenario.model else place
+    if not model or _model(model) != scenario.model:
         raise InputError(
-            f"scenario {scenario.name}: a design can be kept for models of the catalogue alone "
-            f"({', '.join(MODELS)})"
+            f"scenario {scenario.name}: its model {scenario.model.name} is not one of the "
+            "catalogue; name it with --model file.py:NAME, so that the design can be read again"
         )
     held = plain(scenario)
     for name in ("target", "disturbance"):
@@ -39,7 +50,28 @@ def scenario_json(scenario: Scenario) -> dict[str, Any]:
         raise InputError(f"scenario {scenario.name}: a design has no violation of assumptions")
     for name in ("class", "violation", "family", "varied", "start_spread", "one_recording"):
         held.pop(name)
-    return {**held, "model": scenario.model.name}
+    return {**held, "model": model}
+
+
+def model_place(text: str) -> str:
+    """Where the model of a scenario that is named so is found; empty for the catalogue's."""
+    if is_place(text):
+        return text
+    if not text.strip().lower().endswith(".json"):
+        return ""
+    try:
+        return str(json.loads(Path(text.strip()).read_text(encoding="utf-8"))["scenario"]["model"])
+    except (OSError, ValueError, TypeError, KeyError, RecursionError):
+        return ""
+
+
+def _model(text: str) -> PilotModel:
+    """A model of the catalogue, one of somebody's own, or that of a scenario of their own."""
+    if not is_place(text):
+        return model_named(text)
+    thing = taken(text)
+    model = thing.model if isinstance(thing, Scenario) else model_named(text)
+    return model
 
 
 def designed_scenario(path: Path) -> Scenario:
@@ -53,7 +85,7 @@ def designed_scenario(path: Path) -> Scenario:
     file_size(path, LARGEST)
     try:
         held = dict(json.loads(path.read_text(encoding="utf-8"))["scenario"])
-        model = MODELS[held.pop("model")]
+        model = _model(str(held.pop("model")))
         element, remnant = _fields(held.pop("element")), _fields(held.pop("remnant"))
         element |= {k: tuple(element[k]) for k in ("numerator", "denominator")}
         target, disturbance = _sines(held.pop("target")), _sines(held.pop("disturbance"))
@@ -65,6 +97,8 @@ def designed_scenario(path: Path) -> Scenario:
             target=target,
             disturbance=disturbance,
         )
+    except InputError:
+        raise
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise InputError(
             f"{path}: cannot be read as a design ({error}); name the design.json that "

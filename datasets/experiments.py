@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -40,14 +41,12 @@ def experiment_of(scenario: Scenario) -> Experiment:
             f"scenario {scenario.name}: bounds for a multisine together with another kind of "
             "forcing function are not implemented"
         )
-    omega = np.unique(np.concatenate([np.zeros(0), *(f.omega for f, _ in sines)]))
-    error, output = np.zeros((2, omega.size), dtype=complex)
-    for f, cause in sines:
-        at = np.searchsorted(omega, f.omega)
-        phasors = np.array(f.amplitudes) * np.exp(1j * np.array(f.phases))
-        e, x = inputs_of(scenario, f.omega, cause)
-        error[at] += e * phasors
-        output[at] += x * phasors
+    if scenario.alternating and (scenario.runs % 2 or len(sines) < len(forcing)):
+        raise InputError(
+            f"scenario {scenario.name}: bounds for a disturbance that alternates are for sums of "
+            "sines in an even number of runs"
+        )
+    omega, error, output = _phasors(scenario, sines)
     return Experiment(
         model=scenario.model,
         values=scenario.values,
@@ -60,6 +59,29 @@ def experiment_of(scenario: Scenario) -> Experiment:
         line_output=output,
         transient=_transient(scenario) if len(forcing) > len(sines) else None,
     )
+
+
+def _phasors(
+    scenario: Scenario, sines: Sequence[tuple[Multisine, str]]
+) -> tuple[FloatArray, ComplexArray, ComplexArray]:
+    """Frequencies of the lines, and the phasors of e and x there.
+
+    A line that both causes have is one line, and phases count.  If the disturbance alternates
+    it is two: over the runs whatever is a product of both causes cancels out.
+    """
+    each = [(np.zeros(0), np.zeros(0, dtype=complex), np.zeros(0, dtype=complex))]
+    for f, cause in sines:
+        phasors = np.array(f.amplitudes) * np.exp(1j * np.array(f.phases))
+        e, x = inputs_of(scenario, f.omega, cause)
+        each.append((f.omega, e * phasors, x * phasors))
+    omega, error, output = (np.concatenate(parts) for parts in zip(*each, strict=True))
+    if scenario.alternating:
+        return omega, error, output
+    lines, at = np.unique(omega, return_inverse=True)
+    sums = np.zeros((2, lines.size), dtype=complex)
+    np.add.at(sums[0], at, error)
+    np.add.at(sums[1], at, output)
+    return lines, sums[0], sums[1]
 
 
 def inputs_of(

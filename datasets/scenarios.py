@@ -62,6 +62,9 @@ class Scenario:
         Measurement window, run-in before it, sampling interval [s].
     runs
         Runs per recording, with the same forcing and independent remnants.
+    alternating
+        Whether the disturbance has the other sign in every other run, by which the answers to it
+        and to the target are told apart at lines that both have.
     start_spread
         Where methods start: 0 for the model's own, generic initial guesses; otherwise they are
         drawn within this share of the truth, for each replication the same for all methods.
@@ -89,6 +92,7 @@ class Scenario:
     run_in: float = 8.0
     dt: float = 0.02
     runs: int = 1
+    alternating: bool = False
     start_spread: float = 0.0
     one_recording: bool = False
     violation: Violation | None = None

@@ -107,7 +107,7 @@ class _Prepared:
     run_in: int
     target: FloatArray | None
     disturbance: FloatArray | None
-    u_forced: FloatArray
+    u_forced: FloatArray  # by run, or one for all
     x_forced: FloatArray
     remnant_to_n: ComplexArray
     remnant_to_u: ComplexArray  # its power, averaged over what a scenario that changes is
@@ -144,11 +144,10 @@ def _prepared(scenario: Scenario) -> _Prepared:
     to_u = shaping * np.sqrt(power)
     if scenario.changes:
         nothing = np.zeros((1, grid))
-        u_forced, x_forced = (signal[0] for signal in stepped(scenario, nothing, 1.0))
+        u_forced, x_forced = (signal[:1] for signal in stepped(scenario, nothing, 1.0))
     else:
         u_forced, x_forced = _forced(scenario, time)
-    window_power = float(np.var(u_forced[run_in:]))
-    level = _level(scenario, shaping, to_u, window_power)
+    level = _level(scenario, shaping, to_u, _window_power(u_forced, run_in))
 
     def sampled(forcing: Forcing | None) -> FloatArray | None:
         return None if forcing is None else forcing.at(time)
@@ -168,13 +167,34 @@ def _prepared(scenario: Scenario) -> _Prepared:
 
 
 def _forced(scenario: Scenario, time: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Control and output without remnant at times [s]."""
-    u, x = np.zeros(time.size), np.zeros(time.size)
-    for forcing, cause in ((scenario.target, "target"), (scenario.disturbance, "disturbance")):
+    """Control and output without remnant at times [s], shape (runs or 1, times)."""
+    turned = disturbance_signs(scenario)
+    u, x = np.zeros((2, turned.size, time.size))
+    for forcing, cause, signs in (
+        (scenario.target, "target", np.ones_like(turned)),
+        (scenario.disturbance, "disturbance", turned),
+    ):
         if forcing is not None:
-            u += forcing.through(_path(scenario, f"u_of_{cause}"), time)
-            x += forcing.through(_path(scenario, f"x_of_{cause}"), time)
+            u += np.outer(signs, forcing.through(_path(scenario, f"u_of_{cause}"), time))
+            x += np.outer(signs, forcing.through(_path(scenario, f"x_of_{cause}"), time))
     return u, x
+
+
+def disturbance_signs(scenario: Scenario) -> FloatArray:
+    """Sign of the disturbance by run, or one for all runs."""
+    if not scenario.alternating:
+        return np.ones(1)
+    if scenario.changes or scenario.violation is not None:
+        raise InputError(
+            f"scenario {scenario.name}: a disturbance that alternates between runs is for constant "
+            "loops without violations alone"
+        )
+    return np.asarray(1.0 - 2.0 * (np.arange(scenario.runs) % 2))
+
+
+def _window_power(u_forced: FloatArray, run_in: int) -> float:
+    """Variance of the forced control in the window, the mean over runs."""
+    return float(np.mean(np.var(u_forced[:, run_in:], axis=1)))
 
 
 def _path(scenario: Scenario, name: str) -> Response:
@@ -215,14 +235,14 @@ def remnant_ratio(scenario: Scenario) -> float:
     shared = _prepared(scenario)
     power_n = shared.level**2 * _power(shared.remnant_to_n)
     power_u = shared.level**2 * _power(shared.remnant_to_u)
-    return power_n / (power_u + float(np.var(shared.u_forced[shared.run_in :])))
+    return power_n / (power_u + _window_power(shared.u_forced, shared.run_in))
 
 
 def linear_rms(scenario: Scenario) -> float:
     """Expected root mean square of the control in the window, without any violation."""
     shared = _prepared(scenario)
     of_remnant = shared.level**2 * _power(shared.remnant_to_u)
-    return float(np.sqrt(of_remnant + np.var(shared.u_forced[shared.run_in :])))
+    return float(np.sqrt(of_remnant + _window_power(shared.u_forced, shared.run_in)))
 
 
 def white_level(scenario: Scenario) -> float:
@@ -270,7 +290,10 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> Recording:
         u=u,
         x=x,
         ft=target[None],
-        fd=(zero if shared.disturbance is None else shared.disturbance)[None],
+        fd=np.outer(
+            disturbance_signs(scenario),
+            zero if shared.disturbance is None else shared.disturbance,
+        ),
         run_in=shared.run_in,
         lines={
             name: lines_in(f, scenario.duration) for name, f in forcing.items() if f is not None

@@ -146,6 +146,8 @@ def design(
     limit: str = "e=1,u=1",
     pilots: Sequence[Scenario] = (),
     over: Literal["mean", "worst"] = "mean",
+    remnant: Literal["held", "share"] = "held",
+    shared: bool = False,
     seed: int = DEFAULT_SEED,
 ) -> Design:
     """Design forcing functions: ``design("nominal", limit="e=1.5,u=1.5").errors``.
@@ -163,6 +165,10 @@ def design(
         As the command line takes it; see `pilotid.designing.limits.Limits`.
     pilots, over
         Pilots that the design is to suit, in the mean or in the worst case.
+    remnant
+        Whether the remnant's power is held, or is a share of the control's.
+    shared
+        Whether target and disturbance have the same lines, which takes an even number of runs.
     seed
         Seed of the phases' random starts.
 
@@ -173,6 +179,7 @@ def design(
     """
     from pilotid.designing.design import design as designed
     from pilotid.designing.limits import Limits
+    from pilotid.designing.lines import chosen_lines, reference_lines
     from pilotid.naming.settings import made
 
     named = scenario_named(scenario) if isinstance(scenario, str) else scenario
@@ -180,5 +187,13 @@ def design(
         raise InputError(f"{named.name}: is a population; a design is for one scenario")
     limits = made(Limits, limit, f"limit={limit}")
     return designed(
-        named, minimise, wanted=wanted, limits=limits, pilots=pilots, over=over, seed=seed
+        named,
+        minimise,
+        wanted=wanted,
+        limits=limits,
+        lines=chosen_lines(reference_lines(named), shared=True) if shared else None,
+        pilots=pilots,
+        over=over,
+        remnant=remnant,
+        seed=seed,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import shlex
 from dataclasses import asdict, replace
@@ -12,17 +13,15 @@ import typer
 
 from pilotid.cli.arguments import SeedOption
 from pilotid.seeds import DEFAULT_SEED
-from pilotid.terminal import make_console, make_table, print_table
+from pilotid.terminal import make_console
 from pilotid.types import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rich.table import Table
-
     from pilotid.datasets.scenarios import Scenario
-    from pilotid.designing.design import Design
     from pilotid.designing.planning import Plan
+    from pilotid.pilot.model import PilotModel
 
 
 def design(
@@ -92,22 +91,40 @@ def design(
         float | None, typer.Option(metavar="HZ", help="Rate of forcing.csv; default: scenario's.")
     ] = None,
     fade: Annotated[float, typer.Option(metavar="S", help="Fades of forcing.csv.")] = 2.0,
+    shared: Annotated[
+        bool, typer.Option("--shared", help="ft and fd on the same lines; fd turns between runs.")
+    ] = False,
+    model: Annotated[
+        str | None,
+        typer.Option(metavar="NAME|file.py:NAME", help="Another model; --truth has its values."),
+    ] = None,
+    remnant: Annotated[
+        str, typer.Option(metavar="held|share", help="The remnant's power, or a share of u's.")
+    ] = "held",
     seed: SeedOption = DEFAULT_SEED,
 ) -> None:
     """Design forcing functions and recording time for the precision wanted."""
+    given = dict(locals())
     from importlib.metadata import version
 
+    from pilotid.datasets.designed import model_place
     from pilotid.designing import design as designing
     from pilotid.designing.limits import Limits
     from pilotid.designing.lines import chosen_lines, reference_lines
     from pilotid.designing.output import write_files
     from pilotid.designing.planning import plan, read_effect
     from pilotid.designing.report import write_report
+    from pilotid.designing.terminal import show
     from pilotid.disk import make_folder
     from pilotid.naming.settings import made as configured
+    from pilotid.pilot.catalogue import model_named
 
-    if over not in ("mean", "worst"):
-        raise InputError(f"--over {over}: must be mean or worst")
+    for option, word, words in (
+        ("--over", over, ("mean", "worst")),
+        ("--remnant", remnant, ("held", "share")),
+    ):
+        if word not in words:
+            raise InputError(f"{option} {word}: must be {' or '.join(words)}")
     for option, value in (
         ("--at-most", at_most),
         ("--period", period),
@@ -119,8 +136,9 @@ def design(
     for option, value in (("--between", between), ("--within", within), ("--fade", fade)):
         if not 0.0 <= value < math.inf:
             raise InputError(f"{option} {value:g}: must be a number of at least 0")
-    chosen = _scenario(scenario, truth, seconds, runs)
-    everyone = _pilots(chosen, estimates, pilots, seed)
+    own = model_named(model) if model is not None else None
+    chosen = _scenario(scenario, own if estimates is None else None, truth, seconds, runs)
+    everyone = _pilots(chosen, estimates, own, pilots, seed)
     if estimates is not None:
         chosen = everyone[0]
         everyone = everyone if len(everyone) > 1 else ()
@@ -130,9 +148,16 @@ def design(
         minimise,
         wanted=_wishes(wanted),
         limits=configured(Limits, limit, f"--limit {limit}"),
-        lines=chosen_lines(reference_lines(chosen), lines, pick, period),  # type: ignore[arg-type]
+        lines=chosen_lines(
+            reference_lines(chosen),
+            lines,
+            pick,  # type: ignore[arg-type]
+            period,
+            shared=shared,
+        ),
         pilots=everyone,
         over=over,  # type: ignore[arg-type]
+        remnant=remnant,  # type: ignore[arg-type]
         at_most=at_most,
         seed=seed,
     )
@@ -142,58 +167,38 @@ def design(
             plans.append((name, plan(experiment, *effect, between=between, within=within)))
 
     make_folder(out)
-    command = _command({k: v for k, v in locals().items() if k in OPTIONS}, scenario)
+    command = _command(given)
     about = {
         "pilotid": version("pilotid"),
         "command": command,
         "plan": {name: asdict(found) for name, found in plans} or None,
     }
-    write_files(out, made, about, rate, fade)
-    page = write_report(out, made, command, version("pilotid"), plans)
-    _print(made, plans, subjects)
+    write_files(out, made, about, rate, fade, model or model_place(scenario))
+    page = write_report(out, made, command, version("pilotid"), plans, subjects)
+    show(made, plans, subjects)
     console = make_console()
     console.print(f"design: {out / 'design.json'}, signals: {out / 'forcing.csv'}", soft_wrap=True)
     console.print(f"report: {page}", soft_wrap=True)
 
 
-#: Options by the names of their variables, as the command that is noted has them.
-OPTIONS = {
-    "minimise": ("--minimise", "A"),
-    "wanted": ("--wanted", None),
-    "limit": ("--limit", "e=1,u=1"),
-    "at_most": ("--at-most", None),
-    "lines": ("--lines", None),
-    "pick": ("--pick", "any"),
-    "period": ("--period", None),
-    "seconds": ("--seconds", None),
-    "runs": ("--runs", None),
-    "truth": ("--truth", None),
-    "estimates": ("--from", None),
-    "pilots": ("--pilots", None),
-    "over": ("--over", "mean"),
-    "power": ("--power", None),
-    "subjects": ("--subjects", 8),
-    "between": ("--between", 0.1),
-    "within": ("--within", 0.05),
-    "rate": ("--rate", None),
-    "fade": ("--fade", 2.0),
-    "seed": ("--seed", DEFAULT_SEED),
-    "out": ("--out", None),
-}
-
-
-def _command(given: dict[str, object], scenario: str) -> str:
-    words = ["pilotid", "design", scenario]
-    for name, (option, usual) in OPTIONS.items():
-        if given[name] != usual:
-            words += [option, str(given[name])]
+def _command(given: dict[str, object]) -> str:
+    """The command that makes the same again, from the values of the options that differ."""
+    words = ["pilotid", "design", str(given["scenario"])]
+    for name, parameter in inspect.signature(design).parameters.items():
+        value = given[name]
+        if name == "scenario" or value == parameter.default:
+            continue
+        option = "--from" if name == "estimates" else f"--{name.replace('_', '-')}"
+        words += [option] if value is True else [option, str(value)]
     return shlex.join(words)
 
 
-def _scenario(name: str, truth: str | None, seconds: float | None, runs: int | None) -> Scenario:
+def _scenario(
+    name: str, model: PilotModel | None, truth: str | None, seconds: float | None, runs: int | None
+) -> Scenario:
     from pilotid.datasets import Scenario, scenario_named
     from pilotid.designing.loop import with_held_remnant
-    from pilotid.designing.pilots import with_truth
+    from pilotid.designing.pilots import with_model, with_truth
 
     chosen = scenario_named(name)
     if not isinstance(chosen, Scenario):
@@ -205,22 +210,29 @@ def _scenario(name: str, truth: str | None, seconds: float | None, runs: int | N
         raise InputError(
             f"scenario {chosen.name}: a design cannot be made for what methods break on"
         )
-    if truth is not None:
-        chosen = with_truth(chosen, _pairs("--truth", truth))
+    values = {} if truth is None else _pairs("--truth", truth)
+    if model is not None:
+        chosen = with_model(chosen, model, values)
+    if values:
+        chosen = with_truth(chosen, values)
     if seconds is not None:
         chosen = replace(with_held_remnant(chosen), duration=seconds, family="", varied="")
     return replace(chosen, runs=runs or chosen.runs)
 
 
 def _pilots(
-    scenario: Scenario, estimates: Path | None, count: int | None, seed: int
+    scenario: Scenario,
+    estimates: Path | None,
+    model: PilotModel | None,
+    count: int | None,
+    seed: int,
 ) -> Sequence[Scenario]:
     from pilotid.designing.pilots import drawn_pilots, studied
 
     if estimates is not None and count is not None:
         raise InputError("--from and --pilots exclude each other; leave one out")
     if estimates is not None:
-        return studied(scenario, estimates)
+        return studied(scenario, estimates, model)
     return drawn_pilots(scenario, count, seed) if count is not None else ()
 
 
@@ -245,61 +257,3 @@ def _wishes(text: str | None) -> dict[str, float]:
         if not 0.0 < share < 1.0:
             raise InputError(f"--wanted {text}: {key} must be between 0 and 100 %, as in {key}=3%")
     return wishes
-
-
-def _print(made: Design, plans: Sequence[tuple[str, Plan]], subjects: int) -> None:
-    from pilotid.designing.report import sentences
-
-    console, runs = make_console(), made.scenario.runs
-    print_table(console, _table(made))
-    costs = ", ".join(f"{name} {cost:.2f}" for name, cost in made.costs.items())
-    crests = ", ".join(f"{name} {crest:.2f}" for name, (crest, _) in made.crest.items())
-    console.print(
-        f"Variances over the reference's: {costs}. Crest factors: {crests}.", soft_wrap=True
-    )
-    for sentence in sentences(made):
-        console.print(sentence, soft_wrap=True)
-    if len(made.gains) > 1:
-        console.print(
-            f"Better than the reference for {made.better} of {len(made.gains)} pilots (errors "
-            f"{min(made.gains):.2f} to {max(made.gains):.2f} of the reference's).",
-            soft_wrap=True,
-        )
-    for name, found in plans:
-        console.print(
-            f"{name}: {subjects} subjects with {runs} run{'s' if runs > 1 else ''} in each "
-            f"condition see {found.key} {100.0 * found.effect:+g} % with a chance of "
-            f"{100.0 * found.chance(subjects, runs):.0f} %",
-            soft_wrap=True,
-        )
-        print_table(console, _plan_table(found, name))
-
-
-def _table(made: Design) -> Table:
-    table = make_table()
-    table.title = (
-        f"predicted standard errors, {made.scenario.runs} x {made.scenario.duration:.2f} s"
-    )
-    table.title_justify, table.title_style = "left", ""
-    for title in ("parameter", "design %", "reference %", "ratio"):
-        table.add_column(title, justify="left" if title == "parameter" else "right")
-    for key, error in made.errors.items():
-        before = made.reference_errors[key]
-        table.add_row(key, f"{100 * error:.2f}", f"{100 * before:.2f}", f"{error / before:.2f}")
-    return table
-
-
-def _plan_table(found: Plan, name: str) -> Table:
-    from pilotid.designing.planning import RUNS
-
-    table = make_table()
-    table.title = f"subjects for 80 %, forcing functions of the {name}"
-    table.title_justify, table.title_style = "left", ""
-    for title in ("window", *(f"{runs} runs" for runs in RUNS)):
-        table.add_column(title, justify="right")
-    rows: dict[float, list[str]] = {}
-    for window, _, count in found.table():
-        rows.setdefault(window, [f"{window:.2f} s"]).append("-" if count is None else str(count))
-    for row in rows.values():
-        table.add_row(*row)
-    return table

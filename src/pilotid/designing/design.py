@@ -9,14 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from zlib import crc32
+from typing import Literal
 
 import numpy as np
 
-from pilotid.datasets.forcing import Multisine
 from pilotid.datasets.scenarios import Scenario
 from pilotid.designing.limits import Limits, linear
-from pilotid.designing.lines import Lines, multisine, reference_lines
+from pilotid.designing.lines import Lines, reference_lines
 from pilotid.designing.loop import (
     SIGNALS,
     Loop,
@@ -24,15 +23,20 @@ from pilotid.designing.loop import (
     powers_of,
     widening,
     with_held_remnant,
+    with_shared_remnant,
 )
 from pilotid.designing.objectives import Over, gains_of, goal_of
-from pilotid.designing.phases import crest_factor, low_crest
+from pilotid.designing.sharing import minimised_sharing
+from pilotid.designing.signals import with_signals
 from pilotid.designing.solver import Optimum, minimised
-from pilotid.seeds import DEFAULT_SEED, draw_rng
+from pilotid.seeds import DEFAULT_SEED
 from pilotid.types import FloatArray, InputError
 
 #: Line of a table: relative standard errors by parameter.
 Errors = dict[str, float]
+#: What the remnant's power does when forcing functions change: nothing, or it keeps its share of
+#: the control's.
+RemnantPower = Literal["held", "share"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,11 +46,11 @@ class Design:
     Attributes
     ----------
     scenario
-        The experiment, ready to be simulated, its remnant held at the power that it has under
-        the reference's forcing functions.
+        The experiment, ready to be simulated; its remnant has the power, or the share of the
+        control's power, that it has under the reference's forcing functions.
     reference
         The scenario that the design started from.
-    minimise, wanted, limits, over
+    minimise, wanted, limits, over, remnant
         What was asked for.
     lines, powers
         Lines and the variance of each sine, the target's first.
@@ -54,9 +58,9 @@ class Design:
         Predicted standard errors as shares of the true values, with the design and with the
         reference's forcing functions in a window of the same length: bounds, and the share that
         the finite length adds to the errors of `mle`.
-    errors_if_scaled
-        The same if the remnant's power is a share of the control's, as large as with the
-        reference.
+    errors_if_held, errors_if_scaled
+        Errors of the design if the remnant has the power, or the share of the control's power,
+        that it has with the reference; one of them is `errors`.
     costs
         Variance of e, u and their rates over that of the reference.
     crest
@@ -82,10 +86,12 @@ class Design:
     wanted: Mapping[str, float]
     limits: Limits
     over: Over
+    remnant: RemnantPower
     lines: Lines
     powers: FloatArray
     errors: Errors
     reference_errors: Errors
+    errors_if_held: Errors
     errors_if_scaled: Errors
     costs: dict[str, float]
     crest: dict[str, tuple[float, float]]
@@ -117,6 +123,7 @@ def design(
     lines: Lines | None = None,
     pilots: Sequence[Scenario] = (),
     over: Over = "mean",
+    remnant: RemnantPower = "held",
     at_most: float | None = None,
     seed: int = DEFAULT_SEED,
 ) -> Design:
@@ -143,6 +150,8 @@ def design(
     over
         Whether the mean over pilots counts, or the worst of them, each over its value with the
         reference.
+    remnant
+        Whether the remnant's power is held, or is a share of the control's: for one pilot.
     at_most
         Longest window [s] of a design by `wanted`.
     seed
@@ -164,16 +173,33 @@ def design(
             f"a window of {scenario.duration:g} s is no whole number of periods of "
             f"{lines.period:g} s; choose another --period or --seconds"
         )
+    _require_told_apart(scenario, known, lines)
+    if remnant == "share" and len(pilots) > 1:
+        raise InputError(
+            "a remnant that is a share of the control's power is for one pilot: leave out "
+            "--pilots, or let the remnant be held"
+        )
     everyone = tuple(pilots) or (scenario,)
     loops = [loop_of(pilot, lines) for pilot in everyone]
     references = loops if lines == known else [loop_of(pilot, known) for pilot in everyone]
+    own = loop_of(scenario, lines) if pilots else loops[0]
+    before = loop_of(scenario, known) if pilots else references[0]
+    control = before.variance("u", usual)
+    grown = own.sharing(control)
+    if remnant == "share":
+        loops = [loop.sharing(control) for loop in loops]
+        references = [loop.sharing(control) for loop in references]
 
     unit = np.ones(lines.omega.size)
     for name, at in lines.signals:
         unit[at] = usual[dict(known.signals)[name]].sum()
     goal = goal_of(minimise, wanted or {}, loops, references, usual, unit, over)
     rows = linear(limits, loops, references, usual, over=over)
-    optimum = minimised(goal, [replace(row, gradient=row.gradient * unit) for row in rows])
+    rows = [replace(row, gradient=row.gradient * unit) for row in rows]
+    if remnant == "share":
+        optimum = minimised_sharing(goal, rows, loops[0].gains["u"] * unit, control)
+    else:
+        optimum = minimised(goal, rows)
     powers = np.asarray(optimum.powers * unit)
 
     unrounded = _window(scenario, optimum.value) if wanted else scenario.duration
@@ -183,15 +209,14 @@ def design(
         _require_time(wanted, unrounded, at_most, scenario, optimum)
     # Bounds fall with the root of the length.
     longer = math.sqrt(scenario.duration / duration * widening(scenario.runs, duration))
-    own = loop_of(scenario, lines) if pilots else loops[0]
-    before = loop_of(scenario, known) if pilots else references[0]
-    forced = float(before.gains["u"] @ usual)
-    scaled = own.information.scaled_to_control(powers, own.gains["u"], forced)
 
     def by_key(errors: FloatArray) -> Errors:
         return dict(zip(scenario.model.keys, (longer * errors).tolist(), strict=True))
 
-    made, crest = _scenario(scenario, lines, powers, duration, seed)
+    as_it_is = with_shared_remnant if remnant == "share" else with_held_remnant
+    made, crest = with_signals(as_it_is(scenario), lines, powers, duration, seed)
+    if_held, if_scaled = by_key(own.errors(powers)), by_key(grown.errors(powers))
+    costing = grown if remnant == "share" else own
     return Design(
         scenario=made,
         reference=scenario,
@@ -199,12 +224,14 @@ def design(
         wanted=dict(wanted or {}),
         limits=limits,
         over=over,
+        remnant=remnant,
         lines=lines,
         powers=powers,
-        errors=by_key(own.errors(powers)),
+        errors=if_scaled if remnant == "share" else if_held,
         reference_errors=by_key(before.errors(usual)),
-        errors_if_scaled=by_key(np.sqrt(np.diag(scaled))),
-        costs={s: own.variance(s, powers) / before.variance(s, usual) for s in SIGNALS},
+        errors_if_held=if_held,
+        errors_if_scaled=if_scaled,
+        costs={s: costing.variance(s, powers) / before.variance(s, usual) for s in SIGNALS},
         crest=crest,
         optimum=optimum,
         gap=_gap(optimum, minimise if not wanted else ""),
@@ -214,6 +241,20 @@ def design(
         references=references,
         seed=seed,
     )
+
+
+def _require_told_apart(scenario: Scenario, known: Lines, lines: Lines) -> None:
+    """Refuse lines of both signals where no runs tell the two answers apart."""
+    if known.shared and not scenario.alternating:
+        raise InputError(
+            f"scenario {scenario.name}: its ft and fd have lines in common within each run, and "
+            "what they tell depends on phases; start from lines of their own"
+        )
+    if lines.shared and scenario.runs % 2:
+        raise InputError(
+            "lines that ft and fd share are told apart by runs in which fd has the other sign: "
+            "that takes an even number of runs; add --runs 2"
+        )
 
 
 def _gap(optimum: Optimum, minimise: str) -> float:
@@ -244,44 +285,3 @@ def _require_time(
     what = f"the limit that binds most is {binding[0]}" if binding else "no limit binds"
     runs = f" in each of {scenario.runs} runs" if scenario.runs > 1 else ""
     raise InputError(f"{wish} takes {needed:.0f} s{runs}, more than {at_most:g} s; {what}")
-
-
-def _scenario(
-    scenario: Scenario, lines: Lines, powers: FloatArray, duration: float, seed: int
-) -> tuple[Scenario, dict[str, tuple[float, float]]]:
-    """The scenario with the forcing functions of a design, and their crest factors."""
-    rng = draw_rng(seed, "phases")
-    made: dict[str, Multisine] = {}
-    crest: dict[str, tuple[float, float]] = {}
-    usual = {"ft": scenario.target, "fd": scenario.disturbance}
-    for name, at in lines.signals:
-        numbers = np.array(lines.target if name == "ft" else lines.disturbance, dtype=float)
-        amplitudes = np.sqrt(2.0 * powers[at])
-        phases = low_crest(numbers, amplitudes, rng)
-        made[name] = Multisine(
-            tuple(int(n) for n in numbers),
-            tuple(amplitudes.tolist()),
-            tuple(phases.tolist()),
-            lines.period,
-        )
-        old = multisine(scenario, usual[name])
-        before = math.nan if old is None else crest_of(old)
-        crest[name] = crest_factor(numbers, amplitudes, phases), before
-    digest = crc32(repr(made).encode() + repr(scenario).encode())
-    held = with_held_remnant(scenario)
-    return replace(
-        held,
-        name=f"design-{scenario.name}-{digest:08x}",
-        description=f"forcing functions designed for {scenario.name}",
-        target=made.get("ft"),
-        disturbance=made.get("fd"),
-        duration=duration,
-        family="",
-        varied="",
-    ), crest
-
-
-def crest_of(forcing: Multisine) -> float:
-    """Crest factor of a sum of sines."""
-    numbers = np.array(forcing.lines, dtype=float)
-    return crest_factor(numbers, np.array(forcing.amplitudes), np.array(forcing.phases))

@@ -36,7 +36,13 @@ def spectrum(axes: Axes, made: Design, signal: str) -> Axes:
                 linewidth=0.7,
                 label=label,
             )
-    axes.set(xscale="log", yscale="log", xlabel="rad/s", title=f"amplitudes of {NAMES[signal]}")
+    axes.set(
+        xscale="log",
+        yscale="log",
+        xlabel="rad/s",
+        ylabel="deg",
+        title=f"amplitudes of {NAMES[signal]}",
+    )
     log_ticks(axes, "x")
     axes.grid(color=GRID, linewidth=0.5)
     return axes
@@ -76,7 +82,7 @@ def signal(axes: Axes, made: Design, name: str) -> Axes:
     for level in (-peak, peak):
         axes.axhline(level, color=INK, linewidth=0.5, linestyle=":")
     axes.plot(time, forcing.at(time), color=DESIGN[0], linewidth=0.8)
-    axes.set(xlabel="s", title=f"{NAMES[name]}; dotted: peaks of a period")
+    axes.set(xlabel="s", ylabel="deg", title=f"{NAMES[name]}; dotted: peaks of a period")
     return axes
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 
@@ -100,7 +100,7 @@ class Goal(Protocol):
 
     @property
     def extra(self) -> int:
-        """How many variables follow the powers, 0 or 1."""
+        """How many variables follow the powers."""
         ...
 
     @property
@@ -196,30 +196,36 @@ class Worst:
 
 @dataclass(frozen=True, eq=False)
 class LongestAxis:
-    """Criterion E: the largest eigenvalue of the covariance, the worst over pilots.
+    """Criterion E: the largest eigenvalue of the covariance, the mean over pilots or the worst.
 
     Of the criteria only `base`, `factors` and `scale` count.
     """
 
     criteria: Sequence[Criterion]
-    extra: int = 1
+    over: Literal["mean", "worst"] = "worst"
+
+    @property
+    def extra(self) -> int:
+        return len(self.criteria) if self.over == "mean" else 1
 
     @property
     def barriers(self) -> int:
         return sum(c.base.shape[0] for c in self.criteria)
 
     def start(self, powers: FloatArray) -> FloatArray:
-        return np.array([1.1 * self.value(powers)])
+        each = self._each(powers)
+        return 1.1 * (each if self.over == "mean" else np.array([each.max()]))
 
     def terms(self, point: FloatArray, sharpness: float) -> Terms:
-        powers, above = point[:-1], point[-1]
-        size = point.size
-        value, gradient, hessian = sharpness * above, np.zeros(size), np.zeros((size, size))
-        gradient[-1] = sharpness
-        for c in self.criteria:
+        count, size = point.size - self.extra, point.size
+        powers, above = point[:count], point[count:]
+        value, gradient, hessian = sharpness * above.mean(), np.zeros(size), np.zeros((size, size))
+        gradient[count:] = sharpness / above.size
+        for i, c in enumerate(self.criteria):
+            at = count + (i if self.over == "mean" else 0)
             covariance = c.covariance(powers)
             axes, turn = np.linalg.eigh(covariance)
-            slack = above - axes
+            slack = point[at] - axes
             if not (slack > 0.0).all():
                 return Terms(np.inf, gradient, hessian)
             inverse = (turn / slack) @ turn.T
@@ -228,32 +234,44 @@ class LongestAxis:
             seen = covariance @ columns
             plain, weighted = columns.T @ seen, seen.T @ inverse @ seen
             value -= float(np.log(slack).sum())
-            gradient[:-1] -= np.einsum("jaja->j", weighted.reshape(lines, 2, lines, 2))
-            gradient[-1] -= np.trace(inverse)
-            hessian[:-1, :-1] += _blocks(weighted * (weighted + 2.0 * plain), lines)
+            gradient[:count] -= np.einsum("jaja->j", weighted.reshape(lines, 2, lines, 2))
+            gradient[at] -= np.trace(inverse)
+            hessian[:count, :count] += _blocks(weighted * (weighted + 2.0 * plain), lines)
             spread = (inverse @ seen).reshape(parameters, lines, 2)
             crossed = np.sum(spread**2, axis=(0, 2))
-            hessian[:-1, -1] += crossed
-            hessian[-1, :-1] += crossed
-            hessian[-1, -1] += np.sum(inverse * inverse)
+            hessian[:count, at] += crossed
+            hessian[at, :count] += crossed
+            hessian[at, at] += np.sum(inverse * inverse)
         return Terms(float(value), gradient, hessian)
 
     def value(self, powers: FloatArray) -> float:
         try:
-            return max(float(np.linalg.eigvalsh(c.covariance(powers))[-1]) for c in self.criteria)
+            each = self._each(powers)
         except np.linalg.LinAlgError:
             return np.inf
+        return float(each.mean() if self.over == "mean" else each.max())
+
+    def _each(self, powers: FloatArray) -> FloatArray:
+        return np.array([np.linalg.eigvalsh(c.covariance(powers))[-1] for c in self.criteria])
 
     def cut(self, point: FloatArray, sharpness: float) -> Cut:
-        powers, above = point[:-1], point[-1]
+        count = point.size - self.extra
+        powers = point[:count]
+        above = np.broadcast_to(point[count:], len(self.criteria))
         each = [c.covariance(powers) for c in self.criteria]
-        weights = [np.linalg.inv(above * np.eye(len(c)) - c) for c in each]
-        total = sum(float(np.trace(weight)) for weight in weights)
-        value, gradient = 0.0, np.zeros(powers.size)
+        weights = [np.linalg.inv(a * np.eye(len(c)) - c) for a, c in zip(above, each, strict=True)]
+        traces = np.array([np.trace(weight) for weight in weights])
+        # One weight of trace 1 for the worst; one for each pilot, over their number, for the mean.
+        totals = traces * traces.size if self.over == "mean" else np.full_like(traces, traces.sum())
+        value, gradient = 0.0, np.zeros(count)
         # No mean of covariances with weights of trace 1 is above their largest eigenvalue, and
         # such a mean is convex in the powers.
-        for c, covariance, weight in zip(self.criteria, each, weights, strict=True):
+        for c, covariance, weight, total in zip(self.criteria, each, weights, totals, strict=True):
             value += float(np.sum(weight * covariance)) / total
             seen = np.einsum("pq,jqa->jpa", covariance, np.sqrt(c.scale) * c.factors)
             gradient -= np.einsum("jpa,pq,jqa->j", seen, weight / total, seen)
         return Cut(value - float(gradient @ powers), gradient)
+
+
+#: The goals there are.
+AnyGoal = Mean | Worst | LongestAxis

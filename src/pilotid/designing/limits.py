@@ -33,7 +33,8 @@ class Limits:
         Largest variance of error, control and their rates, over that of the reference; None
         for none.
     power
-        Largest power of ft and of fd over that of the reference.
+        Largest power of ft and of fd over that of the reference; their power if the remnant is a
+        share of the control's.
     balance
         Whether ft and fd keep the ratio of their powers.
     shape
@@ -46,6 +47,9 @@ class Limits:
     high
         Largest share of a signal's power above 0.8 of the crossover frequency, where power lets
         pilots lower the crossover (McRuer and Jex 1967); None for none.
+    each
+        Whether e, u and their rates keep their limits for each of several pilots, or in the mean
+        over them; None for each if the worst pilot counts.
     above, beyond
         Largest share of a signal's power above a frequency [rad/s]; None for none.
     ft, fd, stick
@@ -67,6 +71,7 @@ class Limits:
     ft: float | None = None
     fd: float | None = None
     stick: float | None = None
+    each: bool | None = None
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -103,10 +108,16 @@ def linear(
     powers
         Powers of the reference, shape (reference's lines,).
     over
-        Whether e and u keep their limits in the mean over pilots, or for each of them.
+        What counts of several pilots; see `Limits.each`.
     """
+    if loops[0].control is not None and limits.power is None:
+        raise InputError(
+            "where the remnant is a share of the control's power, only ratios of powers count: "
+            "give a limit on power"
+        )
     lines, known = loops[0].lines, references[0].lines
-    found = _of_variances(limits, loops, references, powers, over)
+    each = over == "worst" if limits.each is None else limits.each
+    found = _of_variances(limits, loops, references, powers, each=each)
     whole = []
     for name, at in lines.signals:
         here = np.zeros(lines.omega.size)
@@ -114,7 +125,9 @@ def linear(
         power = float(powers[dict(known.signals)[name]].sum())
         whole.append(here / power)
         if limits.power is not None:
-            found.append(Limit(f"power={limits.power:g}", here / power, limits.power))
+            # Where the remnant falls with the control, less power would cost nothing.
+            used = loops[0].control is not None
+            found.append(Limit(f"power={limits.power:g}", here / power, limits.power, equal=used))
         peak = getattr(limits, name)
         if peak is not None:
             found.append(Limit(f"{name}={peak:g}", here / (peak / CREST) ** 2, 1.0))
@@ -133,7 +146,8 @@ def _of_variances(
     loops: Sequence[Loop],
     references: Sequence[Loop],
     powers: FloatArray,
-    over: Literal["mean", "worst"],
+    *,
+    each: bool,
 ) -> list[Limit]:
     found = []
     for signal in SIGNALS:
@@ -157,7 +171,7 @@ def _of_variances(
                 f"the limit {name} cannot be kept: the remnant alone makes the variance of "
                 f"{signal} {alone:.2f} of the reference's"
             )
-        if over == "mean":
+        if not each:
             rows, rooms = [np.mean(rows, axis=0)], [float(np.mean(rooms))]
         found += [Limit(name, row, room) for row, room in zip(rows, rooms, strict=True)]
     return found

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -45,6 +45,11 @@ class Lines:
     def of_disturbance(self) -> slice:
         """Where the disturbance's lines are among all."""
         return slice(len(self.target), len(self.target) + len(self.disturbance))
+
+    @property
+    def shared(self) -> bool:
+        """Whether both signals have a line in common."""
+        return bool(set(self.target) & set(self.disturbance))
 
     @property
     def signals(self) -> tuple[tuple[str, slice], ...]:
@@ -97,6 +102,8 @@ def chosen_lines(
     count: int | None = None,
     pick: Pick = "any",
     period: float | None = None,
+    *,
+    shared: bool = False,
 ) -> Lines:
     """Lines over the frequencies of the reference, evenly on a logarithmic scale.
 
@@ -111,6 +118,8 @@ def chosen_lines(
         ``prime`` lines (no line is a harmonic of another).
     period
         Period of line 1 [s], 2 pi over the base frequency; None for the reference's.
+    shared
+        Whether both signals have the same lines: by themselves the target's of the reference.
 
     Raises
     ------
@@ -119,10 +128,11 @@ def chosen_lines(
     """
     if pick not in get_args(Pick):
         raise InputError(f"lines can be {', '.join(get_args(Pick))}, not {pick}")
+    shared = shared and len(reference.signals) == 2
     if count is None and pick == "any" and period is None:
-        return reference
+        return replace(reference, disturbance=reference.target) if shared else reference
     base = period or reference.period
-    signals = len(reference.signals)
+    signals = 1 if shared else len(reference.signals)
     each = count or max(len(reference.target), len(reference.disturbance))
     low, high = (float(f(reference.omega)) * base / (2.0 * np.pi) for f in (np.min, np.max))
     allowed = [k for k in range(1, int(np.ceil(high)) + 1) if _is(k, pick)]

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pilotid.datasets.experiments import experiment_of, inputs_of
+from pilotid.datasets.remnant import UNIT_LEVEL
 from pilotid.datasets.scenarios import Scenario
-from pilotid.datasets.simulation import closed_loop, white_level
+from pilotid.datasets.simulation import closed_loop, remnant_ratio, white_level
 from pilotid.designing.lines import Lines, multisine
 from pilotid.pilot.loops import margins
 from pilotid.theory.experiment import GRID
@@ -39,6 +40,9 @@ class Loop:
         By signal, the variance that the remnant causes.
     crossover
         Of the target loop [rad/s].
+    control
+        Variance of the control at which the remnant has the power that `information` holds for,
+        where it is a share of the control's; None where the remnant is held.
     """
 
     scenario: Scenario
@@ -47,6 +51,29 @@ class Loop:
     gains: dict[str, FloatArray]
     free: dict[str, float]
     crossover: float
+    control: float | None = None
+
+    def sharing(self, control: float) -> Loop:
+        """The same with a remnant that grows with the control, to its power at this variance.
+
+        What the remnant causes then grows with the powers too, in proportion to the control
+        that they force.
+        """
+        forced = control - self.free["u"]
+        gains = {
+            name: gain + self.free[name] / forced * self.gains["u"]
+            for name, gain in self.gains.items()
+        }
+        return replace(self, gains=gains, free=dict.fromkeys(self.free, 0.0), control=control)
+
+    def told(self, powers: FloatArray) -> FloatArray:
+        """Powers that tell as much while the remnant is held, shape (lines,).
+
+        Where the remnant grows with the control, only ratios of powers count.
+        """
+        if self.control is None:
+            return powers
+        return np.asarray(self.control / float(self.gains["u"] @ powers) * powers)
 
     def variance(self, signal: str, powers: FloatArray) -> float:
         """Variance of e, u or their rates, the remnant's part included."""
@@ -54,7 +81,7 @@ class Loop:
 
     def errors(self, powers: FloatArray) -> FloatArray:
         """Standard errors as shares of the true values, shape (parameters,)."""
-        return np.asarray(np.sqrt(np.diag(self.information.covariance(powers))))
+        return np.asarray(np.sqrt(np.diag(self.information.covariance(self.told(powers)))))
 
 
 def loop_of(scenario: Scenario, lines: Lines, band: float | None = None) -> Loop:
@@ -115,7 +142,11 @@ def powers_of(scenario: Scenario) -> FloatArray:
 
 def with_held_remnant(scenario: Scenario) -> Scenario:
     """The scenario with the power of its remnant held, whatever the forcing functions become."""
-    from pilotid.datasets.remnant import UNIT_LEVEL
-
     gain = white_level(scenario) / UNIT_LEVEL
     return replace(scenario, remnant=replace(scenario.remnant, level=gain, level_is="gain"))
+
+
+def with_shared_remnant(scenario: Scenario) -> Scenario:
+    """The scenario with a remnant that keeps its share of the control's power."""
+    ratio = remnant_ratio(scenario)
+    return replace(scenario, remnant=replace(scenario.remnant, level=ratio, level_is="ratio"))

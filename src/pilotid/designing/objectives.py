@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from pilotid.designing.goals import Criterion, Goal, LongestAxis, Mean, Worst
+from pilotid.designing.goals import AnyGoal, Criterion, LongestAxis, Mean, Worst
 from pilotid.designing.loop import Loop
 from pilotid.types import FloatArray, InputError
 
@@ -74,7 +74,7 @@ def goal_of(
     usual: FloatArray,
     unit: FloatArray,
     over: Over,
-) -> Goal:
+) -> AnyGoal:
     """The goal of a design.
 
     Parameters
@@ -92,9 +92,7 @@ def goal_of(
         return Worst(_wishes(wanted, loops, unit))
     criteria = _criteria(minimise, loops, references, usual, unit)
     if minimise == "E":
-        if over == "mean" and len(loops) > 1:
-            raise InputError("criterion E takes the worst of several pilots: add --over worst")
-        return LongestAxis(criteria)
+        return LongestAxis(criteria, over if len(loops) > 1 else "worst")
     return Worst(criteria) if over == "worst" and len(loops) > 1 else Mean(criteria)
 
 
@@ -123,7 +121,8 @@ def gains_of(
     if wanted:
         one, ones = np.ones(powers.size), np.ones(usual.size)
         count = len(wanted)
-        after = [c.value(powers) for c in _wishes(wanted, loops, one)]
+        told = [loop.told(powers) for loop in loops for _ in wanted]
+        after = [c.value(t) for c, t in zip(_wishes(wanted, loops, one), told, strict=True)]
         before = [c.value(usual) for c in _wishes(wanted, references, ones)]
         pairs = [
             (max(after[i : i + count]), max(before[i : i + count]))
@@ -132,5 +131,5 @@ def gains_of(
         return tuple(math.sqrt(a / b) for a, b in pairs)
     criteria = _criteria(minimise, loops, references, usual, np.ones(powers.size))
     each = [LongestAxis([c]) if minimise == "E" else c for c in criteria]
-    values = [c.value(powers) for c in each]
+    values = [c.value(loop.told(powers)) for c, loop in zip(each, loops, strict=True)]
     return tuple(math.exp(0.5 * v) if minimise == "D" else math.sqrt(v) for v in values)

@@ -16,8 +16,11 @@ from pilotid.types import FloatArray
 FADE = 2.0  # s
 
 
-def design_json(made: Design, about: dict[str, Any]) -> dict[str, Any]:
-    """A design as plain objects: what it is, what it gives, and all to reproduce it."""
+def design_json(made: Design, about: dict[str, Any], place: str = "") -> dict[str, Any]:
+    """A design as plain objects: what it is, what it gives, and all to reproduce it.
+
+    A model that is not the catalogue's is found at `place`.
+    """
     lines = made.lines
     signals = {}
     for name, at in lines.signals:
@@ -38,6 +41,8 @@ def design_json(made: Design, about: dict[str, Any]) -> dict[str, Any]:
             "limits": asdict(made.limits),
             "pilots": len(made.loops),
             "over": made.over,
+            "remnant": made.remnant,
+            "lines_shared": made.lines.shared,
             "seed": made.seed,
         },
         "reference": made.reference.name,
@@ -49,6 +54,7 @@ def design_json(made: Design, about: dict[str, Any]) -> dict[str, Any]:
             key: {
                 "relative": made.errors[key],
                 "reference": made.reference_errors[key],
+                "remnant_held": made.errors_if_held[key],
                 "remnant_scaled_to_control": made.errors_if_scaled[key],
             }
             for key in made.errors
@@ -56,15 +62,16 @@ def design_json(made: Design, about: dict[str, Any]) -> dict[str, Any]:
         "costs": made.costs,
         "pilots": list(made.gains),
         "signals": signals,
-        "scenario": scenario_json(made.scenario),
+        "scenario": scenario_json(made.scenario, place),
     }
 
 
 def forcing_table(made: Design, rate: float | None = None, fade: float = FADE) -> FloatArray:
-    """Time and the forcing functions, for the apparatus, shape (times, 3).
+    """Time and the forcing functions, for the apparatus, shape (times, 3 or 4).
 
     The measurement window begins at t = 0.  Before it the signals run on from the run-in's
-    beginning, where they are faded in; after it they are faded out.
+    beginning, where they are faded in; after it they are faded out.  Where both signals have
+    lines in common, the disturbance of the second, fourth, ... run is a column more.
 
     Parameters
     ----------
@@ -85,7 +92,8 @@ def forcing_table(made: Design, rate: float | None = None, fade: float = FADE) -
         np.zeros(time.size) if forcing is None else gain * forcing.at(time)
         for forcing in (scenario.target, scenario.disturbance)
     ]
-    return np.column_stack([time, *both])
+    turned = [-both[1]] if scenario.alternating else []
+    return np.column_stack([time, *both, *turned])
 
 
 def _ramp(time: FloatArray, length: float) -> FloatArray:
@@ -96,9 +104,15 @@ def _ramp(time: FloatArray, length: float) -> FloatArray:
 
 
 def write_files(
-    folder: Path, made: Design, about: dict[str, Any], rate: float | None, fade: float
+    folder: Path,
+    made: Design,
+    about: dict[str, Any],
+    rate: float | None,
+    fade: float,
+    place: str = "",
 ) -> None:
     """Write design.json and forcing.csv."""
-    write_file(folder / "design.json", strict_json(design_json(made, about)).encode())
+    write_file(folder / "design.json", strict_json(design_json(made, about, place)).encode())
+    names = ("t", "ft", "fd_1", "fd_2") if made.scenario.alternating else ("t", "ft", "fd")
     rows = [[f"{value:.9g}" for value in row] for row in forcing_table(made, rate, fade)]
-    write_file(folder / "forcing.csv", table_bytes(("t", "ft", "fd"), rows))
+    write_file(folder / "forcing.csv", table_bytes(names, rows))

@@ -21,6 +21,7 @@ from pilotid.datasets.scenarios import Scenario
 from pilotid.designing.loop import with_held_remnant
 from pilotid.pilot.catalogue import model_named
 from pilotid.pilot.element import element_named
+from pilotid.pilot.model import PilotModel
 from pilotid.recordings.paths import file_size
 from pilotid.seeds import draw_rng
 from pilotid.types import InputError
@@ -47,12 +48,29 @@ def with_truth(scenario: Scenario, values: Mapping[str, float]) -> Scenario:
     return replace(with_held_remnant(scenario), truth=tuple(truth.values()))
 
 
-def studied(scenario: Scenario, path: Path) -> list[Scenario]:
+def with_model(scenario: Scenario, model: PilotModel, values: Mapping[str, float]) -> Scenario:
+    """The scenario with a pilot of another model; the power of its remnant is held.
+
+    What `values` do not hold is taken from the scenario's pilot.
+    """
+    truth = {**dict(zip(scenario.model.keys, scenario.truth, strict=True)), **values}
+    missing = [key for key in model.keys if key not in truth]
+    if missing:
+        raise InputError(
+            f"--model {model.name}: scenario {scenario.name} has no value of {', '.join(missing)}; "
+            f"say it with --truth {missing[0]}=..."
+        )
+    held = with_held_remnant(scenario)
+    return replace(held, model=model, truth=tuple(truth[key] for key in model.keys))
+
+
+def studied(scenario: Scenario, path: Path, model: PilotModel | None = None) -> list[Scenario]:
     """The pilots of a pilot study, from the JSON of ``pilotid fit --json``.
 
     Forcing functions, window and, where the file has none, the controlled element are the
     scenario's.  A remnant of second order is the estimated one; its share of the control's
-    power holds under the scenario's forcing functions.
+    power holds under the scenario's forcing functions.  A `model` of that name stands for what
+    the catalogue does not have.
 
     Raises
     ------
@@ -63,7 +81,7 @@ def studied(scenario: Scenario, path: Path) -> list[Scenario]:
     try:
         held = json.loads(path.read_text(encoding="utf-8"))
         entries = held if isinstance(held, list) else [held]
-        found = [p for entry in entries if (p := _pilot(scenario, entry, path)) is not None]
+        found = [p for entry in entries if (p := _pilot(scenario, entry, path, model))]
     except InputError:
         raise
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
@@ -77,11 +95,14 @@ def studied(scenario: Scenario, path: Path) -> list[Scenario]:
     return found
 
 
-def _pilot(scenario: Scenario, entry: dict[str, Any], path: Path) -> Scenario | None:
+def _pilot(
+    scenario: Scenario, entry: dict[str, Any], path: Path, own: PilotModel | None
+) -> Scenario | None:
     usable = [e for e in entry["estimates"] if e["outcome"] in ("converged", "at-bound")]
     if not usable:
         return None
-    estimate, model = usable[0], model_named(str(entry["model"]))
+    estimate, name = usable[0], str(entry["model"])
+    model = own if own is not None and own.name == name else model_named(name)
     values = {key: float(p["value"]) for key, p in estimate["parameters"].items()}
     element = (estimate.get("loops") or {}).get("element")
     remnant = scenario.remnant

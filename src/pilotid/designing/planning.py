@@ -93,6 +93,14 @@ class Plan:
             for runs in RUNS:
                 yield times * self.window, runs, self.subjects(runs, times)
 
+    def rows(self, none: str) -> list[list[str]]:
+        """The table as text: the window, and subjects by number of runs; `none` for too many."""
+        found: dict[float, list[str]] = {}
+        for window, _, subjects in self.table():
+            told = none if subjects is None else str(subjects)
+            found.setdefault(window, [f"{window:.2f} s"]).append(told)
+        return list(found.values())
+
 
 def read_effect(text: str) -> tuple[str, float]:
     """The parameter and the share of a text such as ``tlead +15%``."""

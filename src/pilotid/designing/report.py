@@ -12,6 +12,7 @@ from pilotid.designing.design import Design
 from pilotid.designing.figures import signals_figure, spectra_figure
 from pilotid.designing.planning import RUNS, Plan
 from pilotid.designing.sensitivity import OFF, wrong_pilots
+from pilotid.designing.words import chance_sentence, limits_kept, pilots_sentence, sentences
 from pilotid.disk import write_file
 from pilotid.numbers import MINUS, NONE, number
 from pilotid.report.content import (
@@ -27,11 +28,21 @@ from pilotid.report.content import (
     web_page,
 )
 
+#: What the summary shows beside, by what the remnant's power is taken for.
+OTHERWISE = {
+    "held": ("design %, remnant grows", "if the remnant's power is a share of the control's"),
+    "share": ("design %, remnant held", "if the remnant has the power that it has now"),
+}
 COSTS = {"e": "error e", "u": "control u", "de": "rate of e", "du": "rate of u"}
 
 
 def write_report(
-    folder: Path, made: Design, command: str, version: str, plans: Sequence[tuple[str, Plan]] = ()
+    folder: Path,
+    made: Design,
+    command: str,
+    version: str,
+    plans: Sequence[tuple[str, Plan]] = (),
+    subjects: int = 8,
 ) -> Path:
     """Write report.html.
 
@@ -45,61 +56,19 @@ def write_report(
         The command that made it.
     version
         Of this package.
-    plans
-        Plans by the name of their forcing functions.
+    plans, subjects
+        Plans by the name of their forcing functions, and how many subjects there are.
     """
     sections = [_summary(made), _spectra(made), _price(made), _signals(made), _wrong(made)]
     if len(made.gains) > 1:
         sections.append(_pilots(made))
     if plans:
-        sections.append(_planning(plans))
-    sections.append(_origin(folder, command, version))
+        sections.append(_planning(plans, subjects, made.scenario.runs))
+    sections.append(_origin(folder, command, version, alternating=made.scenario.alternating))
     path = folder / "report.html"
     title = f"Forcing functions for {made.reference.name}"
     write_file(path, web_page(title, sections).encode("utf-8", "replace"))
     return path
-
-
-def objective(made: Design) -> str:
-    """What a design makes small, in words."""
-    whose = "" if len(made.loops) == 1 else f", the {made.over} of {len(made.loops)} pilots"
-    if made.wanted:
-        wish = ", ".join(f"{key} to {100.0 * share:g} %" for key, share in made.wanted.items())
-        return f"shortest time for {wish}{whose}"
-    words = {
-        "A": "mean relative variance of all parameters (A)",
-        "D": "volume of the confidence ellipsoid (D)",
-        "E": "longest axis of the confidence ellipsoid (E)",
-    }
-    return words.get(made.minimise, f"mean relative variance of {made.minimise}") + whose
-
-
-def sentences(made: Design) -> list[str]:
-    """What to know of a design, a sentence each."""
-    told = [f"Minimised: {objective(made)}.", gap_sentence(made)]
-    if made.wanted:
-        told.append(
-            f"The shortest window is {made.unrounded:.1f} s; with whole periods it is "
-            f"{made.scenario.duration:.2f} s."
-        )
-    if made.binding:
-        prices = ", ".join(
-            f"{name} ({100.0 * price / abs(made.optimum.value):.2g} %)"
-            for name, price in made.optimum.prices[:4]
-        )
-        told.append(
-            "Limits that bind, with the share of the variance that each would save, to first "
-            f"order, if it were doubled: {prices}."
-        )
-    return told
-
-
-def gap_sentence(made: Design) -> str:
-    """How near the optimum the design is."""
-    return (
-        f"No design within the limits has less than {100.0 * max(made.gap, 1e-8):.1g} % less of "
-        f"that variance (optimality gap, {made.optimum.steps} Newton steps)."
-    )
 
 
 def _summary(made: Design) -> Section:
@@ -108,17 +77,16 @@ def _summary(made: Design) -> Section:
         Column("design %"),
         Column("reference %"),
         Column("ratio"),
-        Column(
-            "design %, remnant grows", hint="if the remnant's power is a share of the control's"
-        ),
+        Column(OTHERWISE[made.remnant][0], hint=OTHERWISE[made.remnant][1]),
     ]
+    other = made.errors_if_scaled if made.remnant == "held" else made.errors_if_held
     rows = [
         [
             key,
             number(100.0 * error),
             number(100.0 * made.reference_errors[key]),
             f"{error / made.reference_errors[key]:.2f}",
-            number(100.0 * made.errors_if_scaled[key]),
+            number(100.0 * other[key]),
         ]
         for key, error in made.errors.items()
     ]
@@ -128,9 +96,34 @@ def _summary(made: Design) -> Section:
         f"{runs} run{'s' if runs > 1 else ''} of {made.scenario.duration:.2f} s, the remnant's own "
         "parameters estimated too"
     )
-    return Section(
-        "summary", "Summary", [Bullets(sentences(made)), Table(caption, columns, entries(rows))]
+    blocks: list[Block] = [
+        Bullets(sentences(made)),
+        Table(caption, columns, entries(rows)),
+        _asked(made),
+    ]
+    return Section("summary", "Summary", blocks)
+
+
+def _asked(made: Design) -> Table:
+    """Pilot, loop and limits that the design is for."""
+    scenario, remnant = made.reference, made.scenario.remnant
+    values = ", ".join(
+        f"{key} {number(value)}"
+        for key, value in zip(scenario.model.keys, scenario.truth, strict=True)
     )
+    rows = [
+        ["pilot", f"model {scenario.model.name}: {values}"],
+        ["controlled element", scenario.element.name],
+        [
+            "remnant",
+            f"{remnant.shape} of order {remnant.order}, {number(remnant.frequency)} rad/s, power "
+            + ("held" if made.remnant == "held" else "a share of the control's"),
+        ],
+        ["reference", f"{scenario.name}, {scenario.runs} x {scenario.duration:.2f} s"],
+        ["limits", limits_kept(made.limits)],
+    ]
+    columns = [Column("what", text=True), Column("value", text=True)]
+    return Table("What the design is for", columns, entries(rows), folded=True)
 
 
 def _spectra(made: Design) -> Section:
@@ -175,7 +168,8 @@ def _spectra(made: Design) -> Section:
 def _price(made: Design) -> Section:
     columns = [Column("signal", text=True), Column("variance over the reference's")]
     rows = [[COSTS[name], f"{cost:.2f}"] for name, cost in made.costs.items()]
-    text = "What the pilot pays for it: variances with the remnant's part, which is held."
+    whose = "is held" if made.remnant == "held" else "grows with the control"
+    text = f"What the pilot pays for it: variances with the remnant's part, which {whose}."
     return Section(
         "price",
         "Price",
@@ -235,18 +229,10 @@ def _wrong(made: Design) -> Section:
 
 
 def _pilots(made: Design) -> Section:
-    gains = np.sort(made.gains)
-    text = (
-        f"The design was made for {len(gains)} pilots. It is better than the reference for "
-        f"{made.better} of them: root of what is minimised, over that of the reference, "
-        f"{gains[0]:.2f} to {gains[-1]:.2f}, median {np.median(gains):.2f}."
-    )
-    if made.better < len(gains):
-        text += " For the others the limits leave no better design that suits all at once."
-    return Section("pilots", "Pilots", [Text(text)])
+    return Section("pilots", "Pilots", [Text(pilots_sentence(made))])
 
 
-def _planning(plans: Sequence[tuple[str, Plan]]) -> Section:
+def _planning(plans: Sequence[tuple[str, Plan]], subjects: int, runs: int) -> Section:
     first = plans[0][1]
     blocks: list[Block] = [
         Text(
@@ -254,14 +240,10 @@ def _planning(plans: Sequence[tuple[str, Plan]]) -> Section:
             "the same subjects in both; two-sided paired t test at 5 %. Spread between subjects "
             f"{100.0 * first.between:g} % of the value (of the difference), from run to run "
             f"{100.0 * first.within:g} %."
-        )
+        ),
+        Bullets([f"{chance_sentence(name, found, subjects, runs)}." for name, found in plans]),
     ]
     for name, found in plans:
-        rows: dict[float, list[str]] = {}
-        for window, _, subjects in found.table():
-            rows.setdefault(window, [f"{window:.2f} s"]).append(
-                NONE if subjects is None else str(subjects)
-            )
         columns = [
             Column("window", text=True),
             *(Column(f"{runs} run{'s' if runs > 1 else ''}") for runs in RUNS),
@@ -269,12 +251,13 @@ def _planning(plans: Sequence[tuple[str, Plan]]) -> Section:
         caption = (
             f"Subjects that see it with 80 %, forcing functions of the {name}, runs a condition"
         )
-        blocks.append(Table(caption, columns, entries(list(rows.values()))))
+        blocks.append(Table(caption, columns, entries(found.rows(NONE))))
     return Section("plan", "Subjects, runs and time", blocks)
 
 
-def _origin(folder: Path, command: str, version: str) -> Section:
+def _origin(folder: Path, command: str, version: str, *, alternating: bool) -> Section:
     design = folder / "design.json"
+    turned = "; `fd_2` is the disturbance of every other run" if alternating else ""
     return Section(
         "origin",
         "Files",
@@ -284,7 +267,8 @@ def _origin(folder: Path, command: str, version: str) -> Section:
             Command("Methods on it:", f"pilotid compare --scenario {design} --out DIR"),
             Text(
                 "`forcing.csv` holds both signals for the apparatus, faded in before and out after "
-                f"the measurement window, which begins at t = 0. Version: pilotid {version}."
+                f"the measurement window, which begins at t = 0{turned}. Version: "
+                f"pilotid {version}."
             ),
         ],
     )

@@ -40,6 +40,10 @@ class Limit:
     bound: float
     equal: bool = False
 
+    def room(self, powers: FloatArray) -> float:
+        """What it leaves: what doubling it adds to."""
+        return abs(self.bound)
+
 
 @dataclass(frozen=True, eq=False)
 class Optimum:
@@ -104,9 +108,8 @@ def minimised(goal: Goal, limits: Sequence[Limit]) -> Optimum:
     slack = bounds - rows @ powers
     duals = 1.0 / (sharpness * slack)
     worth: dict[str, float] = {}
-    for name, dual, bound in zip(names, duals, bounds, strict=True):
-        if name:
-            worth[name] = worth.get(name, 0.0) + float(dual * abs(bound))
+    for limit, dual, own in zip(bounding, duals, size, strict=False):
+        worth[limit.name] = worth.get(limit.name, 0.0) + float(dual * limit.room(powers) / own)
     value = goal.value(powers)
     floor = 1e-3 * abs(value)
     prices = sorted(((n, w) for n, w in worth.items() if w > floor), key=lambda p: -p[1])

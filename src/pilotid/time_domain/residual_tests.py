@@ -13,6 +13,7 @@ import math
 import numpy as np
 
 from pilotid.chance import SELDOM, chi_squared_limit
+from pilotid.recordings.plant import COHERENT, FEWEST_BANDS, plant_of
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_of
 from pilotid.time_domain.constancy import (
@@ -32,6 +33,7 @@ LAGS = 40  # samples of the analysis band over which prediction errors must not 
 #: Share of the samples at which the control keeps its value, or one value, from which on that
 #: is no accident.  A recording to 16 bits of the stick's range keeps it in 1 of 1000.
 HELD = 0.02
+FLAT = 0.15  # relative, by which the response of an element that is a gain differs over frequency
 
 
 def tested(found: Maximum, recording: Recording) -> tuple[str, ...]:
@@ -43,6 +45,7 @@ def tested(found: Maximum, recording: Recording) -> tuple[str, ...]:
         _uneven(rows[-1]),
         _drifting(found),
         _coloured(rows[-1]),
+        _answered_at_once(recording),
     ]
     return tuple(remark for remark in remarks if remark)
 
@@ -55,6 +58,21 @@ def _held(recording: Recording) -> str | None:
         f"u keeps its value from one sample to the next in {100.0 * share:.2g} % of the recording: "
         "a stick with a threshold, levels or stops, or lost samples; the fit takes that for "
         "remnant and knows no bias from it"
+    )
+
+
+def _answered_at_once(recording: Recording) -> str | None:
+    """A word on position control, see docs/populations.md for what it does to intervals."""
+    plant = plant_of(recording)
+    if plant is None:
+        return None
+    known = plant.response[plant.coherence >= COHERENT]
+    if known.size < FEWEST_BANDS or np.max(np.abs(known / np.mean(known) - 1.0)) > FLAT:
+        return None
+    return (
+        "the controlled element is a gain, which turns the remnant straight back into the error: "
+        "the values rest on the model of the remnant, and where that is not quite right intervals "
+        "are too short; set the method fourier, which knows no remnant, beside them"
     )
 
 
