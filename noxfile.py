@@ -72,6 +72,8 @@ def check(session: nox.Session) -> None:
         "elements": "elements.py",
         "findings": "findings.py",
         "adapting": "adapting.py",
+        "adapting-free": "adapting_free.py",
+        "constancy": "constancy.py",
         "design": "design.py",
         "models": "models.py",
     }

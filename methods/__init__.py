@@ -18,8 +18,11 @@ from pilotid.methods.fourier import Fourier
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_genetic import MLEGenetic
 from pilotid.methods.mle_white import MLEWhite
+from pilotid.methods.mle_windowed import MLEWindowed
 from pilotid.methods.mmle3 import MMLE3
+from pilotid.methods.rarx import RARX
 from pilotid.methods.sindy import SINDy
+from pilotid.methods.ukf import UKF
 from pilotid.naming.code import PluginWarning, is_place, reason, taken
 from pilotid.naming.settings import configured, labelled
 from pilotid.naming.text import split_call
@@ -36,6 +39,9 @@ METHODS: tuple[Method, ...] = (
     Fourier(),
     ARX(),
     SINDy(),
+    MLEWindowed(),
+    RARX(),
+    UKF(),
 )
 
 

@@ -43,6 +43,7 @@ from pilotid.time_domain.conclusion import concluded
 from pilotid.time_domain.maximum_likelihood import maximise_likelihood
 from pilotid.time_domain.remnant_models import LowPass
 from pilotid.time_domain.settings import LikelihoodSettings
+from pilotid.time_domain.smoothness import AGAINST_WHITE
 
 #: Measured on the scenario disturbance-only: samplers that start from different summits end with
 #: posteriors that do not agree, each with draws enough.
@@ -167,7 +168,7 @@ class Bayes(LikelihoodSettings):
             converged=sampled.converged,
             optimum=found.end.values[0, :pilot],
         )
-        words = (estimate.message, sampled.message)
+        words = (estimate.message, found.curves, sampled.message)
         estimate = replace(
             estimate,
             intervals=intervals[:pilot],
@@ -176,6 +177,7 @@ class Bayes(LikelihoodSettings):
             starts=found.starts,
             remnant=found.remnant,
             draws=draws,
+            remarks=(AGAINST_WHITE,) if white and model.curves else (),
         )
         if estimate.outcome.usable and vague(estimate) and one_signal(recording, model):
             # Several summits, far apart: draws about one of them look as good as any others.

@@ -114,6 +114,7 @@ class MLE(LikelihoodSettings):
             starts=found.starts,
             remnant=found.remnant,
             criterion=found.criterion,
+            message="; ".join(part for part in (estimate.message, found.curves) if part),
             remarks=(*_not_followed(found), *tested(found, recording)),
         )
 

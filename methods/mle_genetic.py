@@ -25,6 +25,7 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate
+from pilotid.pilot.frozen import searched
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.evolution import evolve
@@ -73,8 +74,9 @@ class MLEGenetic(WhiteLikelihood):
         rng
             Draws the generations.
         """
-        coarse = OutputErrors(predict(recording, model, self.search_band))
+        sought = searched(model)
+        coarse = OutputErrors(predict(recording, sought, self.search_band))
         found = evolve(
-            coarse.gram, model, rng, population=self.population, generations=self.generations
+            coarse.gram, sought, rng, population=self.population, generations=self.generations
         )
         return self.polished(self.name, recording, model, found)

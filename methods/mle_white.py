@@ -18,6 +18,7 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate
+from pilotid.pilot.frozen import searched
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.search import record, search
@@ -58,7 +59,8 @@ class MLEWhite(WhiteLikelihood, SearchSettings):
         rng
             Draws the other starts.
         """
-        coarse = OutputErrors(predict(recording, model, self.search_band))
-        found = search(coarse.gram, model, rng, candidates=self.candidates, refined=self.refined)
+        sought = searched(model)
+        coarse = OutputErrors(predict(recording, sought, self.search_band))
+        found = search(coarse.gram, sought, rng, candidates=self.candidates, refined=self.refined)
         estimate = self.polished(self.name, recording, model, found)
         return replace(estimate, starts=record(found))

@@ -85,7 +85,6 @@ def test_models_say_which_was_chosen_and_why(analysed: Path) -> None:
         )
 
 
-@pytest.mark.numerical
 def test_a_second_call_does_nothing_again(
     analysed: Path, folder: Path, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -102,7 +101,6 @@ def test_a_second_call_does_nothing_again(
     assert (again / "estimates.csv").read_bytes() == before
 
 
-@pytest.mark.numerical
 def test_a_damaged_store_costs_time_and_nothing_else(
     analysed: Path, folder: Path, run: Run, tmp_path: Path
 ) -> None:
@@ -217,7 +215,6 @@ def test_conditions_are_compared_over_subjects(analysed: Path) -> None:
     assert float(row["std_error"]) == pytest.approx(np.std(differences, ddof=1) / np.sqrt(2.0))
 
 
-@pytest.mark.numerical
 def test_the_report_says_what_was_found(analysed: Path) -> None:
     page = (analysed / "report.html").read_text(encoding="utf-8")
     for words in (
@@ -234,7 +231,6 @@ def test_the_report_says_what_was_found(analysed: Path) -> None:
     assert "http://" not in re.sub(r"http://www\.w3\.org/\S+", "", page)
 
 
-@pytest.mark.numerical
 def test_the_same_analysis_gives_the_same_bytes(
     analysed: Path, folder: Path, run: Run, tmp_path: Path
 ) -> None:
@@ -258,7 +254,6 @@ def test_contrasts_that_make_no_sense_are_refused(folder: Path, run: Run, text: 
     assert "--contrast" in answer.err
 
 
-@pytest.mark.numerical
 def test_without_a_pattern_every_file_is_on_its_own(folder: Path, run: Run, tmp_path: Path) -> None:
     files = [folder / "s1_A.csv", folder / "s2_A.csv"]
     answer = run("analyse", *files, "--model", "single,gain", "--out", tmp_path)
@@ -274,7 +269,6 @@ def test_without_a_pattern_every_file_is_on_its_own(folder: Path, run: Run, tmp_
     assert "needs a pattern with {subject} and {condition}" in answer.out
 
 
-@pytest.mark.numerical
 def test_every_recording_has_a_page(analysed: Path) -> None:
     page = (analysed / "report.html").read_text(encoding="utf-8")
     links = set(re.findall(r'href="(recordings/[^"]+)"', page))
@@ -287,7 +281,6 @@ def test_every_recording_has_a_page(analysed: Path) -> None:
     }
 
 
-@pytest.mark.numerical
 def test_a_page_that_is_missing_is_made_again(
     analysed: Path, folder: Path, run: Run, tmp_path: Path
 ) -> None:
@@ -300,7 +293,6 @@ def test_a_page_that_is_missing_is_made_again(
     assert {path.name for path in (again / "recordings").iterdir()} == names
 
 
-@pytest.mark.numerical
 def test_own_models_and_methods_go_along(folder: Path, run: Run, tmp_path: Path) -> None:
     """What comes from a file is known in the other processes."""
     code = tmp_path / "mine.py"

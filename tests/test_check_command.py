@@ -36,6 +36,8 @@ def test_what_was_understood_is_told(run: Run, tmp_path: Path) -> None:
     assert "fd: 12 lines given, 5 to 211 times" in printed.out
     assert "all of the window is scored" in printed.out
     assert "nothing is wrong with the signals" in printed.out
+    told = "pilot: no sign that Kvis and tlead and Kvest of the model multi change during the recor"
+    assert told in printed.out
     assert "model multi: " in printed.out
 
 
@@ -53,6 +55,8 @@ def test_json_has_everything_and_keeps_the_names(run: Run, tmp_path: Path) -> No
     assert (facts["runs"], facts["rate"], facts["duration"], facts["run_in"]) == (1, 50, 81.92, 8)
     assert [s["origin"] for s in facts["signals"]] == ["e", "u", "x", "ft", "fd"]
     assert facts["unscored"] == 0.0
+    assert facts["constancy"]["keys"] == ["Kvis", "tlead", "Kvest"]
+    assert not facts["constancy"]["changes"]
     (remark,) = second["remarks"]
     assert remark.startswith("u has the wrong sign: x answers to fd - u")
     assert remark.endswith("flip with --map u=-u")
@@ -198,3 +202,11 @@ def test_measured_recordings_have_no_remarks(measured: Path) -> None:
         assert all(len(f.lines) == 10 for f in facts.forcing), file.name
         (wrong,) = remarks(replace(recording, u=-recording.u))
         assert wrong.startswith("u has the wrong sign"), file.name
+
+
+def test_a_pilot_who_changes_is_mentioned(run: Run, tmp_path: Path) -> None:
+    slow = simulate(SCENARIOS["adapting-slow"], np.random.default_rng(4))
+    file = written(slow, tmp_path / "F.csv")
+    told = "pilot: Kvis and tlead of the model single change during the recording, most about t = "
+    assert told in run("check", file).out
+    assert strict(run("check", file, "--json", "-").out)["understood"]["constancy"]["changes"]

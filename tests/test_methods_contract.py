@@ -25,6 +25,19 @@ SCENARIOS = {"single": SINGLE_LOOP, "multi": NOMINAL}
 
 every_method = pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
 every_model = pytest.mark.parametrize("model", MODELS)
+#: Methods of one channel on the error, which object to any other model.
+ONE_CHANNEL = ("rarx", "ukf")
+#: Every method with the models that it is made for.
+every_fit = pytest.mark.parametrize(
+    ("method", "model"),
+    [
+        (m, name)
+        for m in METHODS
+        for name in MODELS
+        if name == "single" or m.name not in ONE_CHANNEL
+    ],
+    ids=lambda value: value if isinstance(value, str) else value.name,
+)
 
 
 recording_of = cache(recording_for)
@@ -45,8 +58,7 @@ def test_a_method_is_a_frozen_dataclass_of_settings(method: Method) -> None:
             setattr(method, setting.name, None)
 
 
-@every_method
-@every_model
+@every_fit
 def test_an_estimate_is_sound(method: Method, model: str) -> None:
     estimate = fitted(method, model)
     check_estimate(estimate, method, MODELS[model])
@@ -55,8 +67,14 @@ def test_an_estimate_is_sound(method: Method, model: str) -> None:
     assert estimate.outcome.usable, estimate.sentence
 
 
-@every_method
-@every_model
+@pytest.mark.parametrize("name", ONE_CHANNEL)
+def test_a_method_of_one_channel_says_so(name: str) -> None:
+    estimate = fitted(methods()[name], "multi")
+    assert estimate.outcome is Outcome.NOT_APPLICABLE
+    assert "one channel on the error" in estimate.message
+
+
+@every_fit
 def test_values_come_in_the_model_s_order(method: Method, model: str) -> None:
     # Names are positions here.  A pilot with hardly any remnant, no two of whose parameters
     # are within a third of each other: any two that change places are found.
@@ -106,8 +124,7 @@ def test_a_difficult_recording_gives_an_outcome_and_no_exception(
     check_estimate(estimate, method, MODELS[model])
 
 
-@every_method
-@every_model
+@every_fit
 def test_without_forcing_functions_a_method_objects_or_does_without(
     method: Method, model: str
 ) -> None:
@@ -120,8 +137,7 @@ def test_without_forcing_functions_a_method_objects_or_does_without(
         assert estimate.outcome.usable, estimate.sentence
 
 
-@every_method
-@every_model
+@every_fit
 def test_the_scale_of_all_signals_changes_nothing(method: Method, model: str) -> None:
     estimate = fitted(method, model)
     small = identify(method, tiny(recording_of(model)), MODELS[model], np.random.default_rng(2))

@@ -30,8 +30,6 @@ from pilotid.show.style import STYLES
 from pilotid.show.svg import svg
 from pilotid.types import FloatArray, InputError
 
-pytestmark = pytest.mark.numerical
-
 
 @cache
 def recording() -> Recording:

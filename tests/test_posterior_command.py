@@ -23,8 +23,6 @@ from pilotid.recordings.files import save_recording
 from pilotid.time_domain.output_error import simulated_vaf
 from pilotid.time_domain.remnant_models import Autoregressive, LowPass
 
-pytestmark = pytest.mark.numerical
-
 RECORDING = simulate(SINGLE_LOOP, np.random.default_rng(31))
 
 

@@ -10,6 +10,7 @@ from helpers import NOMINAL, fit_of, recording_of
 
 from pilotid.chance import SELDOM, chi_squared_limit
 from pilotid.datasets import SCENARIOS, Scenario
+from pilotid.datasets.population import POPULATIONS
 from pilotid.datasets.violations import Violation
 from pilotid.estimates.method import identify
 from pilotid.methods.mle import MLE
@@ -133,3 +134,11 @@ def test_a_drift_is_remarked_on() -> None:
 def test_a_remnant_that_is_not_as_the_method_was_told_is_remarked_on() -> None:
     words = told(recording_of(NOMINAL), MLE(noise=LowPass(0)))
     assert "the prediction errors are not white" in words
+
+
+def test_position_control_is_remarked_on() -> None:
+    pilots = POPULATIONS["population-usual"]
+    draws = (pilots.drawn(np.random.default_rng(seed)) for seed in range(60))
+    scenario = next(s for s in draws if len(s.element.denominator) == 1)
+    estimate = fit_of(MLE(), scenario)
+    assert "the controlled element is a gain" in " ".join(estimate.remarks)

@@ -25,8 +25,11 @@ from pilotid.methods.fourier import Fourier
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_genetic import MLEGenetic
 from pilotid.methods.mle_white import MLEWhite
+from pilotid.methods.mle_windowed import MLEWindowed
 from pilotid.methods.mmle3 import MMLE3
+from pilotid.methods.rarx import RARX
 from pilotid.methods.sindy import SINDy
+from pilotid.methods.ukf import UKF
 from pilotid.pilot.catalogue import MODELS, model_named
 from pilotid.pilot.model import Channel, PilotModel
 from pilotid.recordings.files import load_recording, save_recording
@@ -43,7 +46,9 @@ __all__ = [
     "MMLE3",
     "MODELS",
     "POPULATIONS",
+    "RARX",
     "SCENARIOS",
+    "UKF",
     "Bayes",
     "Channel",
     "Estimate",
@@ -51,6 +56,7 @@ __all__ = [
     "InputError",
     "MLEGenetic",
     "MLEWhite",
+    "MLEWindowed",
     "Method",
     "Outcome",
     "PilotModel",

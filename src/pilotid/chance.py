@@ -24,3 +24,18 @@ def chi_squared_limit(freedom: float, chance: float) -> float:
     from scipy.special import chdtri
 
     return float(chdtri(freedom, chance))
+
+
+def chi_squared_tail(freedom: float, value: float) -> float:
+    """How often a chi-squared variable exceeds a value.
+
+    Parameters
+    ----------
+    freedom
+        Degrees of freedom.
+    value
+        The value.
+    """
+    from scipy.special import chdtrc
+
+    return float(chdtrc(freedom, max(value, 0.0)))

@@ -1,9 +1,10 @@
 """Methods on pilots who change, against truth and bound: `nox -s check -- adapting`.
 
 For each scenario and method: bias, scatter and rmse over the bound, coverage, how far `tmid` is
-off, and with `--search` how often a search from the truth finds a better optimum.  `--measured`
-fits recordings of pilots who change, all runs of a condition jointly, with a constant and with a
-changing model (PILOTID_MEASURED names the folder above them).
+off, the scores of trajectories (`pilotid.study.tracks`), and with `--search` how often a search
+from the truth finds a better optimum.  `--measured` fits recordings of pilots who change, all
+runs of a condition jointly, with a constant and with a changing model (PILOTID_MEASURED names
+the folder above them).
 """
 
 from __future__ import annotations
@@ -22,10 +23,10 @@ from pilotid.datasets.linearised import bound_of
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.method import Searching, identify
 from pilotid.methods import method_named
-from pilotid.methods.mle import MLE
 from pilotid.pilot.catalogue import ADAPTING, SINGLE
 from pilotid.recordings.files import load_recording
 from pilotid.seeds import fit_rng
+from pilotid.study.tracks import track_scores, tracks_of
 from pilotid.types import FloatArray
 
 #: Conditions of the experiment in which the element changes, and in which axes.
@@ -74,6 +75,8 @@ def shown(scenario: Scenario, method: str, found: list[Tried], bound: FloatArray
         f"\n{scenario.name}, {method}: {len(usable)} of {len(found)} usable, "
         f"{np.median(seconds):.2f} s a fit, {sum(t.missed for t in found)} searches missed"
     )
+    if not usable:
+        return
     values = np.array([e.values for e in usable])
     inside = np.array([(e.intervals[:, 0] <= truth) & (truth <= e.intervals[:, 1]) for e in usable])
     print("parameter  truth    median   bias %  +- %   scatter %  rmse/bound  coverage")
@@ -97,11 +100,24 @@ def shown(scenario: Scenario, method: str, found: list[Tried], bound: FloatArray
     )
 
 
-def measured(subjects: list[str]) -> None:
+def followed(scenario: Scenario, found: list[Tried]) -> None:
+    """Print how well the trajectories follow the truth, errors in % of the true value."""
+    usable = [t.estimate.trajectory for t in found if t.estimate.outcome.usable]
+    tracks = [tracks_of(trajectory, scenario) for trajectory in usable if trajectory is not None]
+    print("trajectory  rmse % before  during  after  whole  +-  median  lag s  +-  in band %  +-")
+    for s in track_scores(tracks):
+        periods = " ".join(f"{100.0 * value:7.1f}" for value in s.rmse)
+        print(
+            f"{s.parameter:<9} {periods} {100.0 * s.rmse_se[3]:5.1f} {100.0 * s.median:7.1f} "
+            f"{s.lag:7.2f} {s.lag_se:5.2f} {100.0 * s.coverage:7.1f} {100.0 * s.coverage_se:5.1f}"
+        )
+
+
+def measured(subjects: list[str], named: str) -> None:
     """Fit pilots of whom the element changed, a line for each subject, condition and axis."""
     folder = Path(os.environ["PILOTID_MEASURED"]) / "adaptation"
     subjects = subjects or sorted({path.name.split("_")[0] for path in folder.glob("*.mat")})
-    method = MLE()
+    method = method_named(named)
     print("file, model: outcome, s, VAF %, parameters, standard errors")
     gained: dict[str, list[FloatArray]] = {}
     for subject, condition, axis in product(subjects, CHANGED, ("roll", "pitch")):
@@ -152,7 +168,7 @@ def main() -> None:
     parser.add_argument("--measured", nargs="*", help="subjects, for example pilot2; none for all")
     options = parser.parse_args()
     if options.measured is not None:
-        measured(options.measured)
+        measured(options.measured, options.method[0])
         return
     for name in options.scenario:
         scenario = SCENARIOS[name]
@@ -162,6 +178,7 @@ def main() -> None:
         for method in options.method:
             found = tried(scenario, method, options.recordings, options.seed, search=options.search)
             shown(scenario, method, found, bound)
+            followed(scenario, found)
 
 
 if __name__ == "__main__":

@@ -32,6 +32,8 @@ from pilotid.estimates.method import identify
 from pilotid.methods import method_named
 from pilotid.seeds import fit_rng, recording_rng, start_rng
 from pilotid.solve.search import draw_starts
+from pilotid.study.fits import excess_of
+from pilotid.study.population import WRONG
 from pilotid.theory.bounds import bounds
 from pilotid.types import BoolArray, FloatArray
 
@@ -52,6 +54,7 @@ class Result:
     claimed: FloatArray
     bound: FloatArray  # NaN unless asked for
     covered: BoolArray
+    excess: float | None  # criterion over that of a search from the truth; None unless asked for
 
 
 def drawn(name: str, seed: int, replication: int) -> Scenario:
@@ -61,7 +64,7 @@ def drawn(name: str, seed: int, replication: int) -> Scenario:
     return scenario_named(name)
 
 
-def fit(method: str, name: str, seed: int, replication: int, bounded: bool) -> Result:
+def fit(method: str, name: str, seed: int, replication: int, bounded: bool, optima: bool) -> Result:
     scenario = drawn(name, seed, replication)
     model = scenario.model
     if name not in POPULATIONS:
@@ -69,7 +72,8 @@ def fit(method: str, name: str, seed: int, replication: int, bounded: bool) -> R
         model = model.with_start(dict(zip(model.keys, start.tolist(), strict=True)))
     recording = simulate(scenario, recording_rng(seed, name, replication))
     rng = fit_rng(seed, method, name, replication)
-    estimate = identify(method_named(method), recording, model, rng)
+    estimator = method_named(method)
+    estimate = identify(estimator, recording, model, rng)
     low, high = estimate.intervals.T
     bound = np.full(len(model.keys), np.nan)
     if bounded:
@@ -85,6 +89,7 @@ def fit(method: str, name: str, seed: int, replication: int, bounded: bool) -> R
         estimate.std_error,
         bound,
         (low <= scenario.values) & (scenario.values <= high),
+        excess_of(estimator, recording, estimate, scenario) if optima else None,
     )
 
 
@@ -159,6 +164,11 @@ def show(results: list[Result]) -> None:
     if np.isfinite(seconds).any():
         low, high = np.nanquantile(seconds, [0.5, 0.95])
         print(f"{1e3 * low:.0f} ms in the middle, {1e3 * high:.0f} ms or more in one of twenty")
+    searched = {r.replication: r.excess for r in results if r.excess is not None}
+    if searched:
+        wrong = [f"{at} (by {over:.1f})" for at, over in searched.items() if over > WRONG]
+        told = f": {', '.join(wrong)}" if wrong else ""
+        print(f"{len(wrong)} wrong optima of {len(searched)}{told}")
     bounded = [r for r in results if r.outcome is Outcome.AT_BOUND]
     if bounded:
         print(f"coverage of those at a bound {coverage(bounded)}")
@@ -196,13 +206,15 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--bound", action="store_true", help="errors over the Cramer-Rao bound")
+    parser.add_argument("--optima", action="store_true", help="ends worse than from the truth")
     given = parser.parse_args()
     count = given.recordings
     with ProcessPoolExecutor(given.workers, mp_context=get_context("spawn")) as pool:
         for name in given.population or POPULATIONS:
             for method in given.method:
                 jobs = ([method] * count, [name] * count, [given.seed] * count, range(count))
-                results = list(pool.map(fit, *jobs, [given.bound] * count, chunksize=4))
+                more = ([given.bound] * count, [given.optima] * count)
+                results = list(pool.map(fit, *jobs, *more, chunksize=4))
                 print(f"\n{method} on {name}, seed {given.seed}, {count} recordings", flush=True)
                 show(results)
 

@@ -55,6 +55,9 @@ class Candidate:
         The bounds that parameters reached, in words.
     overdamped
         Whether the neuromuscular system is overdamped.
+    change_p, change_time
+        How often a pilot whose gains and leads are constant would seem to change as this one
+        does, and when that is seen best [s]; NaN for a model that varies.
     """
 
     model: str
@@ -73,6 +76,8 @@ class Candidate:
     left_out_misfit: tuple[float, ...] = ()
     bounds: str = ""
     overdamped: bool = False
+    change_p: float = math.nan
+    change_time: float = math.nan
 
     @property
     def excess(self) -> float:
@@ -102,6 +107,8 @@ class Candidate:
             "freedom": self.freedom,
             "left_out_chi_squared": list(self.left_out_misfit),
             "bounds": self.bounds,
+            "change_p": self.change_p,
+            "change_time": self.change_time,
         }
 
 
@@ -179,6 +186,8 @@ def _by_likelihood(found: Evidence) -> Candidate:
         left_out_log_likelihood=tuple(found.left_out.tolist()),
         bounds=bounds_reached(found.model, found.values),
         overdamped=_overdamped(found.model, found.values),
+        change_p=math.nan if found.constancy is None else found.constancy.p,
+        change_time=math.nan if found.constancy is None else found.constancy.time,
     )
 
 

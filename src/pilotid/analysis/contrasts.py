@@ -114,6 +114,11 @@ weighted_upper
     notes: tuple[str, ...] = ()
 
     @property
+    def within(self) -> bool:
+        """Whether it is between two parameters of the same fits, see `within_fits`."""
+        return self.condition_a == self.condition_b
+
+    @property
     def subjects(self) -> int:
         """Number of subjects compared."""
         return len(self.pairs)
@@ -164,7 +169,7 @@ def _require(pair: tuple[str, str], known: Sequence[str]) -> None:
             there = ", ".join(name for name in known if name) or "none"
             raise InputError(
                 f"the contrast {':'.join(pair)} names the condition {condition}, which no file "
-                f"has; the conditions are {there}"
+                f"has; the conditions are {there}; two parameters of one model may be compared too"
             )
     if pair[0] == pair[1]:
         raise InputError(f"the contrast {':'.join(pair)} names one condition twice; name two")
@@ -198,10 +203,11 @@ def _contrast(layout: Layout, a: str, b: str) -> Contrast:
     elif "," in layout.unit:
         notes.append(f"the units differ ({layout.unit}): no test")
         return replace(contrast, notes=tuple(notes))
-    return _weighted(_plain(replace(contrast, notes=tuple(notes))))
+    return _weighted(plain(replace(contrast, notes=tuple(notes))))
 
 
-def _plain(contrast: Contrast) -> Contrast:
+def plain(contrast: Contrast) -> Contrast:
+    """The contrast with the means of its pairs and the paired t-test."""
     if not contrast.pairs:
         return contrast
     a, b = (np.array([getattr(pair, side) for pair in contrast.pairs]) for side in "ab")

@@ -188,7 +188,7 @@ def _contrasts(some: Sequence[Contrast]) -> str:
         test = f"$t({c.freedom:.0f}) = {c.t:.2f}$" if math.isfinite(c.t) else NOTHING
         body.append(
             [
-                escaped(f"{c.condition_a}, {c.condition_b}"),
+                escaped(c.condition_a if c.within else f"{c.condition_a}, {c.condition_b}"),
                 _named(c.parameter, c.unit),
                 str(c.subjects),
                 number(c.difference, c.std_error),

@@ -7,7 +7,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from pilotid.analysis.analyse import Analysis, group_of
-from pilotid.analysis.report_estimates import LEVEL, conditions, estimates, group_words, runs
+from pilotid.analysis.report_estimates import (
+    LEVEL,
+    chance,
+    conditions,
+    estimates,
+    group_words,
+    runs,
+)
 from pilotid.analysis.results import Results
 from pilotid.analysis.rows import SUBJECT
 from pilotid.analysis.spread import ConditionSpread, spread_sentence
@@ -27,6 +34,7 @@ from pilotid.report.content import (
     entries,
     web_page,
 )
+from pilotid.time_domain.constancy import LEVEL as CHANGES
 
 TITLE = "Pilot models of recorded subjects"
 
@@ -89,12 +97,13 @@ def _summary(results: Results) -> Section:
     clear = [c for c in results.contrasts if c.p_holm < LEVEL]
     if results.contrasts:
         items.append(
-            f"{len(clear)} of {len(results.contrasts)} differences between conditions have p < "
+            f"{len(clear)} of {len(results.contrasts)} {_compared(results)} have p < "
             f"{LEVEL:g} after Holm's correction"
             + (": see [conditions](#conditions)." if clear else ".")
         )
     told_of = [s for s in map(spread_sentence, _by_condition(results)) if s]
     items += [f"{s[0].upper()}{s[1:]}." for s in told_of]
+    items += _changing(analysis)
     failed = [
         f"{fit.part.words}: `{e['method']}` {e['verdict'].partition(': ')[2]}"
         for fit in analysis.fits
@@ -112,6 +121,34 @@ def _summary(results: Results) -> Section:
     if analysis.refused:
         blocks += [Text("**Left out:**"), Bullets(list(analysis.refused))]
     return Section("summary", "Summary", blocks)
+
+
+def _compared(results: Results) -> str:
+    """What contrasts are differences of."""
+    within = {contrast.within for contrast in results.contrasts}
+    between = "differences between conditions"
+    if len(within) > 1:
+        return f"{between}, or between parameters of the same fits,"
+    return "differences between parameters of the same fits" if True in within else between
+
+
+def _changing(analysis: Analysis) -> list[str]:
+    """In which recordings gains and leads change, under the constant model that suits best."""
+    told: dict[str, list[bool]] = {}
+    for group, choice in analysis.choices.items():
+        for part in (part for part in analysis.parts if group_of(part) == group):
+            constant = [c for c in analysis.candidates(part) if math.isfinite(c.change_p)]
+            if constant:
+                own = min(constant, key=lambda c: (c.model != choice.model, c.aicc))
+                told.setdefault(group_words(group) or "all", []).append(own.change_p < CHANGES)
+    every = [changes for own in told.values() for changes in own]
+    if not any(every):
+        return []
+    where = [f"{words} {sum(own)} of {len(own)}" for words, own in told.items() if any(own)]
+    return [
+        f"Gains and leads change during {sum(every)} of {len(every)} recordings (p < {CHANGES:g} "
+        f"of a constant pilot): {', '.join(where)}. `adapting` is a model of such pilots."
+    ]
 
 
 def _models(results: Results) -> Section:
@@ -188,6 +225,8 @@ def _recordings(analysis: Analysis) -> Section:
         Column("method", text=True),
         Column("runs"),
         Column("VAF %"),
+        Column("p constant", hint="chance that a constant pilot seems to change as this one"),
+        Column("seen at s", hint="when that change is seen best, from the start of the window"),
         Column("outcome", text=True),
         Column("remarks", text=True),
     ]
@@ -198,6 +237,8 @@ def _recordings(analysis: Analysis) -> Section:
         look = analysis.looks[fit.part]
         page = fit.content.get("page")
         name = f"[{fit.part.words}]({page})" if page else fit.part.words
+        own = {c.model: c for c in analysis.candidates(fit.part)}.get(fit.content["model"])
+        change = (own.change_p, own.change_time) if own else (math.nan, math.nan)
         for place, e in enumerate(fit.content["estimates"]):
             told = [*(look["remarks"] if not place else ()), *e["remarks"]]
             rows.append(
@@ -207,6 +248,8 @@ def _recordings(analysis: Analysis) -> Section:
                     e["method"],
                     str(look["recording"]["runs"]),
                     number(math.nan if e["vaf"] is None else e["vaf"]),
+                    chance(change[0]),
+                    number(change[1]) if change[0] < CHANGES else NONE,
                     e["outcome"],
                     "; ".join(told) or NONE,
                 ]

@@ -108,17 +108,19 @@ def conditions(results: Results) -> Iterator[Section]:
         groups.setdefault(_title(contrast.stratum, contrast.method, model), []).append(contrast)
     blocks: list[Block] = [
         Text(
-            "Paired differences over subjects, b less a: mean with the 95 % interval, t-test, p "
-            "and p after Holm's correction for the number of pairs, effect size (Cohen's d_z "
-            "after Hedges). Weighted: by claimed errors, with the spread between subjects "
-            "apart from the errors of estimation (random effects). `contrasts.csv` has it all."
+            "Paired differences over subjects, b less a, between conditions or between parameters "
+            "of the same fits: mean with the 95 % interval, t-test, p "
+            "and p after Holm's correction for the number of pairs or conditions, effect size "
+            "(Cohen's d_z after Hedges). Weighted: by claimed errors, with the spread between "
+            "subjects apart from the errors of estimation (random effects). `contrasts.csv` has "
+            "it all."
         )
     ]
     for title, own in groups.items():
         shown = sorted(own, key=lambda c: (not c.p_holm < LEVEL, c.condition_a, c.condition_b))
-        many = len({(c.condition_a, c.condition_b) for c in own}) > FEW
+        many = len(_conditions_compared(own)) > FEW
         if many:
-            clear = [c for c in shown if c.p_holm < LEVEL or c.weighted_p_holm < LEVEL]
+            clear = [c for c in shown if c.p_holm < LEVEL or c.weighted_p_holm < LEVEL or c.within]
             caption = f"Differences with p < {LEVEL:g} after Holm's correction: {title}"
             blocks.append(_contrast_table(clear, caption))
         blocks.append(_contrast_table(own, f"All differences: {title}", folded=many))
@@ -139,10 +141,16 @@ def conditions(results: Results) -> Iterator[Section]:
 def contrast_overview(results: Results) -> tuple[list[Contrast], str]:
     """What a terminal shows of contrasts, all of few or the clear ones of many, and its title."""
     distinct = without_repeats(results.contrasts)
-    if len({(c.condition_a, c.condition_b) for c in distinct}) <= FEW:
+    if not _conditions_compared(distinct):
+        return distinct, "differences between parameters of the same fits"
+    if len(_conditions_compared(distinct)) <= FEW:
         return distinct, "differences between conditions, b less a"
-    clear = [c for c in distinct if c.p_holm < LEVEL]
+    clear = [c for c in distinct if c.p_holm < LEVEL or c.within]
     return clear, f"differences between conditions with p < {LEVEL:g} after Holm's correction"
+
+
+def _conditions_compared(own: Sequence[Contrast]) -> set[tuple[str, str]]:
+    return {(c.condition_a, c.condition_b) for c in own if not c.within}
 
 
 def without_repeats(found: Sequence[Contrast]) -> list[Contrast]:
@@ -197,7 +205,7 @@ def _contrast_table(own: Sequence[Contrast], caption: str, *, folded: bool = Fal
         mark = "good" if c.p_holm < LEVEL else ""
         rows.append(
             [
-                Entry(f"{c.condition_a} → {c.condition_b}"),
+                Entry(c.condition_a if c.within else f"{c.condition_a} → {c.condition_b}"),
                 Entry(c.parameter),
                 Entry(c.unit),
                 Entry(str(c.subjects)),

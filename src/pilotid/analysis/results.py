@@ -17,6 +17,7 @@ from pilotid.analysis.spread import (
     run_spreads,
     with_variation,
 )
+from pilotid.analysis.within import parted, within_fits
 from pilotid.types import InputError
 
 
@@ -69,7 +70,7 @@ def results_of(analysis: Analysis, pairs: Sequence[tuple[str, str]] = ()) -> Res
     analysis
         What was fitted.
     pairs
-        Conditions to compare; all pairs if none are given.
+        Conditions to compare, all pairs if none are given; or parameters of the same fits.
 
     Raises
     ------
@@ -95,7 +96,10 @@ def results_of(analysis: Analysis, pairs: Sequence[tuple[str, str]] = ()) -> Res
             "Conditions are not compared: that needs a pattern with {subject} and {condition}."
         )
     else:
-        differences = contrasts(both, pairs, chosen)
+        between, within = parted(both, pairs)
+        if between or not within:
+            differences = contrasts(both, between, chosen)
+        differences += within_fits(both, within, chosen)
         try:
             together = repeated(both, chosen)
         except InputError as error:

@@ -56,7 +56,11 @@ def analyse(
     method: MethodOption = None,
     contrast: Annotated[
         list[str] | None,
-        typer.Option(metavar="A:B", help="Conditions to compare, B less A; repeat; all if none."),
+        typer.Option(
+            metavar="A:B",
+            help="Conditions to compare, B less A, all if none; or parameters of one fit, such as "
+            "tlead1:tlead2; repeat.",
+        ),
     ] = None,
     per_run: Annotated[
         bool, typer.Option("--per-run", help="Fit every run on its own as well.")
@@ -166,7 +170,7 @@ def _contrast_table(results: Results) -> Table:
         # A terminal may lack these two signs.
         plain = (text.replace(MINUS, "-").replace(NONE, "-") for text in numbers)
         stratum = " ".join(value for _, value in c.stratum)
-        pair = f"{c.condition_a}:{c.condition_b}"
+        pair = c.condition_a if c.within else f"{c.condition_a}:{c.condition_b}"
         table.add_row(stratum, pair, c.method, c.parameter, c.unit, str(c.subjects), *plain)
     return table
 
@@ -177,6 +181,9 @@ def _pairs(texts: Sequence[str] | None) -> list[tuple[str, str]]:
     for text in (part for given in texts or () for part in given.split(",")):
         first, colon, second = (part.strip() for part in text.partition(":"))
         if not (colon and first and second):
-            raise InputError(f"--contrast {text}: must be two conditions, as in C3:C6")
+            raise InputError(
+                f"--contrast {text}: must be two conditions, as in C3:C6, or two parameters of "
+                "one model, as in tlead1:tlead2"
+            )
         pairs.append((first, second))
     return pairs

@@ -5,10 +5,13 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypedDict
+from typing import TYPE_CHECKING, Annotated, Any, TypedDict
 
+import numpy as np
 import typer
 
+from pilotid.analysis.candidates import sensible
+from pilotid.analysis.choice import select
 from pilotid.cli.arguments import methods_of, require_writable
 from pilotid.cli.reading import (
     DetrendOption,
@@ -20,6 +23,7 @@ from pilotid.cli.reading import (
 from pilotid.disk import strict_json, write_file
 from pilotid.estimates.method import Method, motionless_input
 from pilotid.frequency.element_choice import ElementChoice, chosen_element
+from pilotid.lines.objection import objection
 from pilotid.methods import methods
 from pilotid.naming.text import split_list
 from pilotid.pilot.catalogue import model_named
@@ -29,7 +33,9 @@ from pilotid.recordings.checks import remarks
 from pilotid.recordings.reading import Reading
 from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.recordings.understood import Forcing, Understood, understood
+from pilotid.seeds import DEFAULT_SEED, fit_rng
 from pilotid.terminal import make_console, make_table, print_table
+from pilotid.time_domain.constancy import constancy_of
 from pilotid.types import InputError
 
 if TYPE_CHECKING:
@@ -40,7 +46,7 @@ class Entry(TypedDict):
     """What JSON has of one recording."""
 
     recording: dict[str, object]
-    understood: dict[str, object]
+    understood: dict[str, Any]
     remarks: list[str]
     methods: dict[str, dict[str, str]]
 
@@ -106,6 +112,7 @@ def _checked(
     told = list(remarks(recording))
     choice = chosen_element(recording, element)
     told += choice.remarks
+    constancy = _constancy(recording)
     able = {
         m.name: {
             label: motionless_input(recording, m) or method.objection(recording, m) or YES
@@ -115,11 +122,44 @@ def _checked(
     }
     entry: Entry = {
         "recording": {**recording.to_dict(), "remarks": told},
-        "understood": {**facts.to_dict(), "element": _element(choice)},
+        "understood": {
+            **facts.to_dict(),
+            "element": _element(choice),
+            "constancy": constancy,
+        },
         "remarks": told,
         "methods": able,
     }
     return facts, entry
+
+
+def _constancy(recording: Recording) -> dict[str, object] | None:
+    """Whether gains and leads are constant, under the model that the recording speaks for.
+
+    None where no model has its inputs, or where the signals allow no fit.
+    """
+    able = [m for m in sensible(recording) if motionless_input(recording, m) is None]
+    if not able:
+        return None
+    try:
+        with np.errstate(all="ignore"):  # signals may be anything
+            # Without lines a choice takes long; the model with the most parameters misses least.
+            quick = all(objection(recording, m) is None for m in able)
+            model = select(recording, able).model if quick else able[-1]
+            found = constancy_of(recording, model, fit_rng(DEFAULT_SEED, "constancy"))
+    except (InputError, np.linalg.LinAlgError):
+        return None
+    if found is None:
+        return None
+    p = "p < 0.001" if found.p < 0.001 else f"p = {found.p:.2g}"
+    what = f"{' and '.join(found.keys)} of the model {model.name}"
+    words = f"no sign that {what} change during the recording ({p})"
+    if found.changes:
+        words = (
+            f"{what} change during the recording, most about t = {found.time:.0f} s ({found}; "
+            f"{p} of a constant pilot): if that is much, fit the parts apart, or the model adapting"
+        )
+    return {**found.to_dict(), "model": model.name, "words": words}
 
 
 def _element(choice: ElementChoice) -> str:
@@ -151,6 +191,8 @@ def _print(
     for line in _lines(facts):
         console.print(line, soft_wrap=True)
     console.print(f"controlled element: {entry['understood']['element']}", soft_wrap=True)
+    if constancy := entry["understood"]["constancy"]:
+        console.print(f"pilot: {constancy['words']}", soft_wrap=True)
     for remark in entry["remarks"]:
         console.print(f"recording: {remark}", style="yellow", soft_wrap=True)
     if not entry["remarks"]:

@@ -85,6 +85,7 @@ def compare(
         names_of(method, list(methods()), list(methods())),
         replications or count,
         seed,
+        sparing=method is None,
     )
     make_folder(out)
     with Store(out, create=True) as store:
@@ -98,7 +99,7 @@ def compare(
             limits = Limits(time_limit or None, memory or None)
             results = study.run(store, pending, workers, scheduler, limits)
             for number, _ in enumerate(with_progress(results, pending.counts), start=1):
-                if number == len(study.methods):  # one fit by each tells how long all will take
+                if number == len(pending.counts):  # one fit by each tells how long all will take
                     _foretell(store, pending, workers)
             _finish(out, store)
         except KeyboardInterrupt:

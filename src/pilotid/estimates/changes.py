@@ -5,21 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate
-from pilotid.pilot.changing import STEEP
+from pilotid.pilot.courses import STEEP
 
 
 def steps(estimate: Estimate) -> list[str]:
     """Changes that are a step for all that the recording tells."""
-    found = []
-    for channel, indices in zip(
-        estimate.model.channels, estimate.model.changing_indices, strict=True
-    ):
-        if channel.changing is None:
+    found, told_of = [], set()
+    for channel, when in zip(estimate.model.channels, estimate.model.whens, strict=True):
+        if not when or when in told_of:
             continue
-        middle, rate = indices[-2:]
+        told_of.add(when)
+        middle, rate = when
         if estimate.values[rate] <= STEEP:
             continue
-        key, least = channel.changing.rate_key, float(estimate.intervals[rate, 0])
+        key, least = estimate.model.keys[rate], float(estimate.intervals[rate, 0])
         at = float(estimate.values[middle])
         told = f", at least {least:.2g} 1/s" if np.isfinite(least) else ""
         found.append(

@@ -23,6 +23,7 @@ from pilotid.estimates.quantities import (
 from pilotid.estimates.remnant import RemnantEstimate
 from pilotid.estimates.response import FrequencyResponse
 from pilotid.estimates.tables import quantity_html, quantity_table
+from pilotid.estimates.trajectory import Trajectory
 from pilotid.pilot.model import PilotModel
 from pilotid.terminal import plain
 from pilotid.types import FloatArray
@@ -106,6 +107,8 @@ class Estimate:
         The first step of a two-step method.
     draws
         Draws of the posterior, where the method has one.
+    trajectory
+        The parameters over time, where they vary.
     criterion
         What the search made small: -2 log-likelihood up to a constant of the recording, or the
         like; NaN where there is none.
@@ -128,6 +131,7 @@ class Estimate:
     remnant: RemnantEstimate | None = None
     frequency_response: FrequencyResponse | None = None
     draws: Draws | None = None
+    trajectory: Trajectory | None = None
     remarks: tuple[str, ...] = ()
     criterion: float = float("nan")
     seconds: float = float("nan")
@@ -167,12 +171,14 @@ class Estimate:
 
     @property
     def inseparable(self) -> list[Pair]:
-        """Pairs of parameters that the recording cannot tell apart."""
+        """Pairs of parameters that the recording cannot tell apart, but for those of one curve."""
         model = self.model
         units = tuple(p.unit for p in model.parameters)
-        return inseparable(
+        pairs = inseparable(
             model.keys, units, model.positive, self.values, self.covariance, self.draws
         )
+        curves = [{model.keys[i] for i in curve.indices} for curve in model.curves]
+        return [p for p in pairs if not any({p.first, p.second} <= keys for keys in curves)]
 
     @property
     def quantities(self) -> list[Quantity]:
@@ -251,6 +257,8 @@ class Estimate:
         if self.frequency_response is not None:
             names = [channel.name for channel in self.model.channels]
             result["frequency_response"] = self.frequency_response.to_dict(names)
+        if self.trajectory is not None:
+            result["trajectory"] = self.trajectory.to_dict()
         return result
 
     def to_dataframe(self) -> DataFrame:

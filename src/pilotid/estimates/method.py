@@ -14,6 +14,7 @@ import numpy as np
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.remarks import remarks_on, vague
 from pilotid.estimates.sound import fault_of, one_line
+from pilotid.estimates.trajectory import DRAWS, times_of, trajectory_of
 from pilotid.naming.code import reason
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
@@ -71,6 +72,15 @@ class Searching(Protocol):
         ...
 
 
+def follows(method: Method) -> bool:
+    """Whether a method is for pilots who change: its class says ``follows = True``.
+
+    Of a constant pilot it tells nothing that others do not tell better, so that studies leave
+    it out there unless it is asked for.
+    """
+    return bool(getattr(method, "follows", False))
+
+
 def identify(
     method: Method, recording: Recording, model: PilotModel, rng: np.random.Generator
 ) -> Estimate:
@@ -92,6 +102,7 @@ def identify(
         fault = fault_of(estimate, model)
         if fault:
             estimate = failed(name, model, Outcome.INVALID, fault)
+        estimate = _over_time(estimate, recording, rng)
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # code of others may raise anything, SystemExit as well
@@ -105,6 +116,24 @@ def identify(
         remarks=tuple(one_line(remark) for remark in all_remarks(estimate, recording)),
         seconds=seconds,
     )
+
+
+def _over_time(estimate: Estimate, recording: Recording, rng: np.random.Generator) -> Estimate:
+    """An estimate with its trajectory, where the model changes and the method gave none."""
+    model = estimate.model
+    if estimate.trajectory is not None or not (model.changes and estimate.outcome.usable):
+        return estimate
+    draws = estimate.draws
+    trajectory = trajectory_of(
+        model.over(recording.duration),
+        estimate.values,
+        estimate.covariance,
+        estimate.intervals,
+        times_of(recording.duration),
+        rng,
+        draws=None if draws is None else draws.equally_weighted(DRAWS)[:, : len(model.keys)],
+    )
+    return replace(estimate, trajectory=trajectory)
 
 
 def motionless_input(recording: Recording, model: PilotModel) -> str | None:

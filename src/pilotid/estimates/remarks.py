@@ -45,4 +45,11 @@ def remarks_on(estimate: Estimate) -> tuple[str, ...]:
 
 def what_is_open(estimate: Estimate) -> list[str]:
     """What the recording leaves open; no fault of recording, model or fit."""
-    return [*(pair.words for pair in estimate.inseparable), *little_known(estimate)]
+    curves = {estimate.model.keys[i] for curve in estimate.model.curves for i in curve.indices}
+    pairs = [p for p in estimate.inseparable if not {p.first, p.second} <= curves]
+    along = [p for p in estimate.inseparable if p not in pairs]
+    found = [pair.words for pair in pairs]
+    if along:
+        named = ", ".join(f"{pair.first} and {pair.second}" for pair in along)
+        found.append(f"along the curves {named} cannot be told apart: go by their bands")
+    return [*found, *little_known(estimate)]

@@ -11,6 +11,8 @@ from pilotid.estimates.draws import Draws
 from pilotid.estimates.estimate import Estimate, Outcome, Starts
 from pilotid.estimates.remnant import RemnantEstimate
 from pilotid.estimates.response import FrequencyResponse
+from pilotid.estimates.trajectory import Trajectory
+from pilotid.pilot.frozen import frozen
 from pilotid.pilot.model import PilotModel
 
 #: Rounding that a correlation matrix may show: Kvis and tlead are correlated at -0.99.
@@ -24,6 +26,7 @@ PARTS = {
     "remnant": RemnantEstimate,
     "frequency_response": FrequencyResponse,
     "draws": Draws,
+    "trajectory": Trajectory,
 }
 
 
@@ -100,6 +103,20 @@ def _wrong_parts(estimate: Any) -> str:
         or draws.weights.shape != draws.values.shape[:1]
     ):
         return "its draws are not of the model's parameters"
+    return _wrong_trajectory(estimate.trajectory, estimate.model)
+
+
+def _wrong_trajectory(trajectory: Trajectory | None, model: PilotModel) -> str:
+    if trajectory is None:
+        return ""
+    if trajectory.keys != frozen(model).keys:
+        return "its trajectory is not of the model's parameters"
+    shape = (len(trajectory.keys), trajectory.time.size)
+    for part in (trajectory.values, trajectory.lower, trajectory.upper):
+        if part.shape != shape:
+            return f"its trajectory has the shape {part.shape} in place of {shape}"
+    if not (np.isfinite(trajectory.time).all() and (np.diff(trajectory.time) > 0.0).all()):
+        return "the times of its trajectory do not rise"
     return ""
 
 

@@ -14,6 +14,7 @@ from pilotid.naming.code import is_place
 from pilotid.naming.settings import configured
 from pilotid.naming.text import split_call
 from pilotid.pilot.changing import Changing
+from pilotid.pilot.courses import Spline
 from pilotid.pilot.factors import (
     Canals,
     Delay,
@@ -161,6 +162,26 @@ ADAPTING = PilotModel(
 )
 
 
+#: Gain and lead go over time as the recording says, each along a smooth curve of its own.
+ADAPTING_FREE = PilotModel(
+    "adapting-free",
+    (
+        Channel(
+            "visual",
+            "error",
+            1,
+            (
+                Changing((Gain("Kvis", 0.25), Lead("tlead", usual=(0.1, 5.0))), Spline()),
+                Delay("tdvis"),
+                Neuromuscular(),
+            ),
+        ),
+    ),
+    "visual channel whose gain and lead go over time along smooth curves, by their values at 13 "
+    "knots from the start of the window to its end",
+)
+
+
 #: The name by which the command line chooses one.
 AUTO = "auto"
 
@@ -178,6 +199,7 @@ MODELS: dict[str, PilotModel] = {
         LEAD2_LAG_MOTION,
         PURSUIT,
         ADAPTING,
+        ADAPTING_FREE,
     )
 }
 

@@ -13,13 +13,9 @@ from typing import Protocol, cast, runtime_checkable
 
 import numpy as np
 
+from pilotid.pilot.courses import SIGMOID, Course, Sigmoid
 from pilotid.pilot.factors import Factor, Parameter, Values
 from pilotid.types import FloatArray
-
-#: Rate [1/s] from which on a change is a step: it takes less than half a second.
-STEEP = 10.0
-#: By how much a search moves a step in time [s].
-SHIFTS = (-4.0, -2.8, -2.0, -1.4, -0.8, -0.4, 0.0, 0.4, 0.8, 1.4, 2.0, 2.8, 4.0)
 
 
 @runtime_checkable
@@ -36,92 +32,62 @@ class Polynomial(Protocol):
 
 @dataclass(frozen=True)
 class Changing:
-    """Factors of a channel whose parameters pass from one value to another along a sigmoid.
+    """Factors of a channel whose parameters vary in time along a course.
 
-    Every parameter P of the factors becomes two, P1 and P2, and is
-
-        P(t) = P1 + (P2 - P1)/(1 + exp(-rate (t - tmid)))
-
-    with a `tmid` and a `rate` that all share (Zaal, JGCD 39(5) 2016).  The time t runs from the
-    start of the measurement window.  Where a product of leads varies it is the product of their
-    polynomials at each time that acts on the input and its derivatives.
+    Where a product of leads varies it is the product of their polynomials at each time that acts
+    on the input and its derivatives.
 
     Attributes
     ----------
     factors
         `Gain`, `Lead`, or others that are a `Polynomial`.
-    time_key, rate_key
-        Keys of the middle of the change [s] and of its rate [1/s].  Three quarters of the change
-        take 4/rate; above 10 1/s it is a step.
-    time_bounds, time_usual, time_start
-        Bounds, range of the random starts, and default of the middle [s].
+    course
+        How their parameters go over time: `Sigmoid` or `Spline` of `pilotid.pilot.courses`.
     """
 
     factors: tuple[Factor, ...]
-    time_key: str = "tmid"
-    rate_key: str = "rate"
-    time_bounds: tuple[float, float] = (0.0, 120.0)
-    time_usual: tuple[float, float] = (10.0, 70.0)
-    time_start: float = 30.0
+    course: Course = SIGMOID
     fixed_poles = ()
 
     def __post_init__(self) -> None:
-        if not self.factors or not self._changed:
+        if not self.factors or not self.changed:
             raise ValueError("a change needs at least one factor with a parameter")
         for factor in self.factors:
             if not isinstance(factor, Polynomial):
                 raise ValueError(
                     f"{type(factor).__name__} cannot vary in time: it has a memory of its own; "
-                    "only gains and leads can"
+                    "only gains and leads can, or whole channels by Fading"
                 )
 
     @property
-    def _changed(self) -> tuple[Parameter, ...]:
-        """The parameters of the factors, before they are doubled."""
+    def changed(self) -> tuple[Parameter, ...]:
+        """The parameters of the factors, which vary."""
         return tuple(p for factor in self.factors for p in factor.parameters)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Each parameter before and after, then the middle and the rate of the change."""
-        # The response is proportional to a gain only if no other factor's gain multiplies it.
-        single = sum(p.linear for p in self._changed) == 1
-        both = [
-            replace(p, key=f"{p.key}{end}", linear=p.linear and single)
-            for p in self._changed
-            for end in (1, 2)
-        ]
-        middle = Parameter(
-            self.time_key, "s", *self.time_bounds, self.time_start, self.time_usual, positive=False
-        )
-        rate = Parameter(self.rate_key, "1/s", 0.05, 120.0, 2.0, (0.1, 50.0))
-        return (*both, middle, rate)
+        """The parameters of the course, which do not."""
+        return self.course.parameters(self.changed)
 
     @property
     def order(self) -> int:
         """Highest derivative of the channel's input that is used."""
-        return sum(len(c) - 1 for c in self._coefficients([p.start for p in self._changed]))
+        return sum(len(c) - 1 for c in self._coefficients([p.start for p in self.changed]))
 
-    def elsewhere(self, values: FloatArray) -> list[FloatArray]:
-        """Parameter sets with the change at other times nearby, as a step.
+    def over(self, seconds: float) -> Changing:
+        """The same over a measurement window of so many seconds."""
+        return replace(self, course=self.course.over(seconds))
 
-        How well a step at some time suits depends on what the input happened to do then, so that
-        the likelihood has one optimum beside the other.
+    def ends(self, key: str) -> tuple[str, str]:
+        """Keys of what a parameter of the factors is at the beginning and at the end."""
+        return self.course.ends(key)
 
-        Parameters
-        ----------
-        values
-            This factor's parameters, shape (parameters,).
-        """
-        found = []
-        for shift in SHIFTS:
-            moved = values.copy()
-            moved[-2] = np.clip(values[-2] + shift, *self.time_bounds)
-            moved[-1] = STEEP
-            found.append(moved)
-        return found
+    def constant(self, values: FloatArray) -> FloatArray:
+        """The parameters, (..., parameters), with which those of the factors stay as given."""
+        return self.course.constant(values)
 
-    def share(self, time: FloatArray, values: FloatArray) -> FloatArray:
-        """How much of the change has passed, 0 to 1.
+    def at(self, time: FloatArray, values: FloatArray) -> FloatArray:
+        """Parameters of the factors at some times, shape (..., parameters of the factors, n).
 
         Parameters
         ----------
@@ -129,25 +95,8 @@ class Changing:
             Times from the start of the measurement window [s], shape (n,).
         values
             Sets of this factor's parameters, shape (..., parameters).
-
-        Returns
-        -------
-        Array of shape (..., n).
         """
-        middle, rate = values[..., -2, None], values[..., -1, None]
-        return np.asarray(0.5 + 0.5 * np.tanh(0.5 * rate * (time - middle)))
-
-    def at(self, time: FloatArray, values: FloatArray) -> FloatArray:
-        """Parameters of the factors at some times, shape (..., parameters of the factors, n).
-
-        Parameters
-        ----------
-        time, values
-            See `share`.
-        """
-        before, after = values[..., :-2:2, None], values[..., 1:-2:2, None]
-        share = self.share(time, values)[..., None, :]
-        return np.asarray(before + (after - before) * share)
+        return self.course.at(time, values)
 
     def weights(self, time: FloatArray, values: FloatArray) -> list[FloatArray]:
         """What multiplies the channel's input and its derivatives, each of shape (..., n).
@@ -155,7 +104,7 @@ class Changing:
         Parameters
         ----------
         time, values
-            See `share`.
+            See `at`.
         """
         return _product(self._coefficients(list(np.moveaxis(self.at(time, values), -2, 0))))
 
@@ -169,7 +118,7 @@ class Changing:
         signals
             The channel's input and its derivatives up to `order`, shape (order + 1, runs, n).
         time
-            See `share`.
+            See `at`.
         values
             Sets of this factor's parameters, shape (sets, parameters).
 
@@ -177,23 +126,25 @@ class Changing:
         -------
         Arrays of shape (sets, runs, n) and (sets, parameters, runs, n).
         """
-        parameters = list(np.moveaxis(self.at(time, values), -2, 0))
-        whole = self._coefficients(parameters)
-        signal = _weighted(_product(whole), signals)
-        slopes = np.zeros((len(values), values.shape[1], *signals.shape[1:]))
-        share = self.share(time, values)[:, None]
-        changed = np.zeros(signal.shape)
-        step = values[:, 1:-2:2] - values[:, :-2:2]
-        for i in range(len(parameters)):
-            by_own = _weighted(_product(self._coefficients(parameters, by=i)), signals)
-            np.multiply(by_own, share, out=slopes[:, 2 * i + 1])
-            np.subtract(by_own, slopes[:, 2 * i + 1], out=slopes[:, 2 * i])
-            changed += step[:, i, None, None] * by_own
-        changed *= share * (1.0 - share)
-        middle, rate = values[:, -2, None, None], values[:, -1, None, None]
-        slopes[:, -2] = -rate * changed
-        slopes[:, -1] = (time - middle) * changed
+        signal, by_own = self._by_changed(signals, time, values)
+        slopes = np.empty((len(values), values.shape[1], *signals.shape[1:]))
+        for j, moved in enumerate(self.course.moved(time, values)):
+            (first, weight), *others = moved
+            np.multiply(by_own[first], weight[:, None], out=slopes[:, j])
+            for i, weight in others:
+                slopes[:, j] += by_own[i] * weight[:, None]
         return signal, slopes
+
+    def _by_changed(
+        self, signals: FloatArray, time: FloatArray, values: FloatArray
+    ) -> tuple[FloatArray, list[FloatArray]]:
+        """What the factors make of the input, and its derivative by each of their parameters."""
+        parameters = list(np.moveaxis(self.at(time, values), -2, 0))
+        whole = _weighted(_product(self._coefficients(parameters)), signals)
+        return whole, [
+            _weighted(_product(self._coefficients(parameters, by=i)), signals)
+            for i in range(len(parameters))
+        ]
 
     def _coefficients(
         self, parameters: list[FloatArray] | list[float], by: int | None = None
@@ -215,6 +166,74 @@ class Changing:
             result.append(coefficients)
             first = last
         return result
+
+
+@dataclass(frozen=True)
+class Fading(Changing):
+    """A channel that fades out, or in, along a sigmoid from none to all.
+
+    Two channels on one input, one before and one after a change, are a pilot who becomes
+    another, delay and neuromuscular system included.  That is an approximation: what the pilot
+    saw before the change is answered with the dynamics before, what was seen afterwards with
+    those after it.  It errs for as long as those dynamics remember, about the delay and
+    2/(fnm dnm); docs/adapting.md has figures.
+
+    Attributes
+    ----------
+    factors
+        The channel's gains and leads, constant; they act before it fades.
+    course
+        The sigmoid, whose middle and rate the two channels share.
+    after
+        Whether the channel fades in.
+    """
+
+    course: Course = SIGMOID
+    after: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not isinstance(self.course, Sigmoid):
+            raise ValueError("what fades goes along a Sigmoid")
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Those of the factors, then the middle and the rate of the change."""
+        return (*self.changed, *self.course.parameters(()))
+
+    def ends(self, key: str) -> tuple[str, str]:
+        """The parameter itself, twice: it is constant."""
+        return key, key
+
+    def constant(self, values: FloatArray) -> FloatArray:
+        """See `Changing.constant`."""
+        return np.concatenate([values, self.course.constant(values[..., :0])], axis=-1)
+
+    def at(self, time: FloatArray, values: FloatArray) -> FloatArray:
+        """The factors' parameters, the same at all times, see `Changing.at`."""
+        own = values[..., :-2, None]
+        return np.broadcast_to(own, (*own.shape[:-1], time.size))
+
+    def weights(self, time: FloatArray, values: FloatArray) -> list[FloatArray]:
+        """What multiplies the input and its derivatives, see `Changing.weights`."""
+        share = self.course.at(time, self._shares(values))[..., 0, :]
+        return [share * weight for weight in super().weights(time, values)]
+
+    def modulated(
+        self, signals: FloatArray, time: FloatArray, values: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """See `Changing.modulated`."""
+        given = self._shares(values)
+        share = self.course.at(time, given)[:, 0, None]
+        whole, by_own = self._by_changed(signals, time, values)
+        by_when = [slope[:, None] * whole for ((_, slope),) in self.course.moved(time, given)[2:]]
+        slopes = [*(share * part for part in by_own), *by_when]
+        return share * whole, np.stack(slopes, axis=1)
+
+    def _shares(self, values: FloatArray) -> FloatArray:
+        """Parameters of a sigmoid from 1 to 0, or from 0 to 1."""
+        ends = np.broadcast_to([1.0 - self.after, float(self.after)], (*values.shape[:-1], 2))
+        return np.concatenate([ends, values[..., -2:]], axis=-1)
 
 
 def _product(polynomials: list[tuple[FloatArray, ...]]) -> list[FloatArray]:

@@ -38,16 +38,39 @@ def frozen_values(model: PilotModel, values: FloatArray, time: float) -> FloatAr
     -------
     Array of shape (..., parameters of the frozen model).
     """
+    return np.asarray(frozen_over(model, values, np.array([time]))[..., 0])
+
+
+def frozen_over(model: PilotModel, values: FloatArray, time: FloatArray) -> FloatArray:
+    """Parameters of the frozen model at several times from the start of the window [s].
+
+    Parameters
+    ----------
+    model
+        The model that changes, or a constant one.
+    values
+        Its parameters, shape (..., parameters).
+    time
+        The times, shape (n,).
+
+    Returns
+    -------
+    Array of shape (..., parameters of the frozen model, n).
+    """
     plain = frozen(model)
     place = {key: i for i, key in enumerate(model.keys)}
-    found = {key: values[..., place[key]] for key in plain.keys if key in place}
+    still = (*values.shape[:-1], time.size)
+    found = {
+        key: np.broadcast_to(values[..., place[key], None], still)
+        for key in plain.keys
+        if key in place
+    }
     for channel in model.channels:
         if (changing := channel.changing) is not None:
             own = values[..., [place[p.key] for p in changing.parameters]]
-            at = changing.at(np.array([time]), own)[..., 0]
             keys = [p.key for factor in changing.factors for p in factor.parameters]
-            found.update(zip(keys, np.moveaxis(at, -1, 0), strict=True))
-    return np.stack([found[key] for key in plain.keys], axis=-1)
+            found.update(zip(keys, np.moveaxis(changing.at(time, own), -2, 0), strict=True))
+    return np.stack([found[key] for key in plain.keys], axis=-2)
 
 
 def ends(model: PilotModel) -> tuple[IntArray, IntArray]:
@@ -61,7 +84,8 @@ def ends(model: PilotModel) -> tuple[IntArray, IntArray]:
         if (changing := channel.changing) is not None:
             for factor in changing.factors:
                 for p in factor.parameters:
-                    before[p.key], after[p.key] = place[f"{p.key}1"], place[f"{p.key}2"]
+                    first, last = changing.ends(p.key)
+                    before[p.key], after[p.key] = place[first], place[last]
     return (
         np.array([before[key] for key in plain.keys]),
         np.array([after[key] for key in plain.keys]),
@@ -72,6 +96,35 @@ def before_and_after(model: PilotModel, values: FloatArray) -> tuple[FloatArray,
     """Parameters (..., parameters) of the frozen model before and after the change."""
     before, after = ends(model)
     return values[..., before], values[..., after]
+
+
+def searched(model: PilotModel) -> PilotModel:
+    """The model that an optimum is searched with: the constant one where parameters vary freely."""
+    return frozen(model) if model.curves else model
+
+
+def unfrozen(model: PilotModel, constant: FloatArray) -> FloatArray:
+    """Parameters with which a model that changes is a constant pilot all the time.
+
+    Parameters
+    ----------
+    model
+        The model that changes.
+    constant
+        Parameters of the frozen model, shape (..., parameters of the frozen model).
+
+    Returns
+    -------
+    Array of shape (..., parameters).
+    """
+    plain = {key: i for i, key in enumerate(frozen(model).keys)}
+    found = {key: constant[..., i] for key, i in plain.items()}
+    for channel in model.channels:
+        if (changing := channel.changing) is not None:
+            own = constant[..., [plain[p.key] for p in changing.changed]]
+            spread = np.moveaxis(changing.constant(own), -1, 0)
+            found.update(zip((p.key for p in changing.parameters), spread, strict=True))
+    return np.stack([found[key] for key in model.keys], axis=-1)
 
 
 def _constant(channel: Channel) -> Channel:

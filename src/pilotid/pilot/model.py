@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 
 from pilotid.pilot.changing import Changing
+from pilotid.pilot.courses import Curve
 from pilotid.pilot.factors import Derivative, Factor, Parameter, Rational, Response
 from pilotid.types import BoolArray, ComplexArray, FloatArray, InputError
 
@@ -62,19 +63,20 @@ class Channel:
                 f"channel {self.name}: put all factors that vary in time into one Changing"
             )
 
-    @property
+    # Asking a factor what it is takes as long as its response: asked once.
+    @cached_property
     def derivative(self) -> int:
         """Order of the input's derivative that the channel acts on."""
         return sum(f.derivative for f in self.factors if isinstance(f, Derivative))
 
-    @property
+    @cached_property
     def dynamics(self) -> tuple[Factor, ...]:
         """The factors apart from the differentiators and from what varies in time."""
         return tuple(
             f for f in self.factors if not isinstance(f, Changing) and not isinstance(f, Derivative)
         )
 
-    @property
+    @cached_property
     def changing(self) -> Changing | None:
         """The factor that varies in time and acts on the input first; None for none."""
         return next((f for f in self.factors if isinstance(f, Changing)), None)
@@ -203,8 +205,42 @@ class PilotModel:
             for c in self.channels
         )
 
+    @property
+    def whens(self) -> tuple[tuple[int, ...], ...]:
+        """Per channel, the indices of middle and rate of its change; empty where it has none."""
+        return tuple(
+            tuple(self.keys.index(key) for key in c.changing.course.when) if c.changing else ()
+            for c in self.channels
+        )
+
+    def over(self, seconds: float) -> PilotModel:
+        """The model over a measurement window of so many seconds, see `Course.over`."""
+        if not self.changes:
+            return self
+        channels = tuple(
+            replace(
+                c,
+                factors=tuple(f.over(seconds) if isinstance(f, Changing) else f for f in c.factors),
+            )
+            for c in self.channels
+        )
+        return replace(self, channels=channels)
+
+    @cached_property
+    def curves(self) -> tuple[Curve, ...]:
+        """The parameters that vary freely, see `Spline.roughness`."""
+        found: dict[str, Curve] = {}
+        for channel, indices in zip(self.channels, self.changing_indices, strict=True):
+            if channel.changing is None or channel.changing.course.roughness is None:
+                continue
+            matrix = channel.changing.course.roughness
+            for i, parameter in enumerate(channel.changing.changed):
+                own = indices[i * len(matrix) : (i + 1) * len(matrix)]
+                found[parameter.key] = Curve(parameter.key, own, matrix)
+        return tuple(found.values())
+
     def elsewhere(self, values: FloatArray) -> list[FloatArray]:
-        """Other parameter sets near which the optimum may be, see `Changing.elsewhere`.
+        """Other parameter sets near which the optimum may be, see `Course.elsewhere`.
 
         None for a model that does not vary in time.
         """
@@ -212,7 +248,7 @@ class PilotModel:
         for channel, indices in zip(self.channels, self.changing_indices, strict=True):
             if channel.changing is not None:
                 own = list(indices)
-                for part in channel.changing.elsewhere(values[own]):
+                for part in channel.changing.course.elsewhere(values[own]):
                     found.append(values.copy())
                     found[-1][own] = part
         return found

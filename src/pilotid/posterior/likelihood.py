@@ -77,9 +77,12 @@ class Likelihood:
         samples = self.joint.residuals
         # What overflows is no number, which is no likelihood either.
         with np.errstate(all="ignore"):
+            penalty = self.joint.penalty
+            rough = penalty.of(values) if penalty else np.zeros(len(values))
             if not self.integrated:
-                return np.asarray(-0.5 * samples * np.log(self.sums_of_squares(values)))
+                return np.asarray(-0.5 * samples * np.log(self.sums_of_squares(values) + rough))
             left, log_determinant = self._regressed(self.lagged_products(values))
+            left = left + rough
             freedom = samples - self.integrated
             return np.asarray(-0.5 * (freedom * np.log(left) + log_determinant))
 

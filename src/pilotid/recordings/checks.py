@@ -15,7 +15,7 @@ import numpy as np
 from pilotid.recordings.alike import unlike
 from pilotid.recordings.at_lines import unanswered
 from pilotid.recordings.identity import exchanged, not_the_error, units_differ
-from pilotid.recordings.plant import late, opposed, unrelated
+from pilotid.recordings.plant import element_changes, late, opposed, unrelated
 from pilotid.recordings.recording import ABSENT, Recording
 from pilotid.recordings.repetition import repeated
 from pilotid.types import BoolArray, FloatArray
@@ -82,7 +82,15 @@ def _names(recording: Recording) -> str | None:
         return None
     if recording.origin.get("x") == ABSENT or motionless(recording, "x"):
         return None
-    for check in (not_the_error, units_differ, exchanged, late, opposed, unrelated):
+    for check in (
+        not_the_error,
+        units_differ,
+        exchanged,
+        late,
+        opposed,
+        element_changes,
+        unrelated,
+    ):
         if sentence := check(recording):
             return sentence
     return None

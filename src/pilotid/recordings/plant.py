@@ -27,6 +27,9 @@ CLEARLY = 0.05  # by which coherence must be larger for a sign to be the other o
 #: Mean coherence below which an output is not that of the control; it is less where there may be
 #: a disturbance that was not recorded.  Sound recordings have .93 and more, and .46.
 UNRELATED, UNRELATED_WITHOUT_FD = 0.9, 0.25
+#: Relative difference of an element between the halves of a recording, from which on it changes;
+#: sound recordings show 0.16 at most, one that goes from rate to acceleration control 1.1.
+CHANGED = 0.35
 STANDS_OUT = 3.0  # times the noise from which a line of the target tells the element's angle
 SHORT = 60.0  # seconds below which delays cannot be told
 #: How much later than x the control may seem [s], up to when it is looked for, and by how much
@@ -76,13 +79,9 @@ def plant_of(recording: Recording, run: int | None = None) -> Plant | None:
     """
     rows = slice(None) if run is None else slice(run, run + 1)
     control, output = (_spectrum(recording, s[rows]) for s in (recording.u, recording.x))
-    bins = np.arange(control.shape[1]) * 2.0 * np.pi / recording.duration
-    edges = np.geomspace(LOWEST, HIGHEST, BANDS + 1)
-    bands = [np.flatnonzero((bins >= a) & (bins < b)) for a, b in pairwise(edges)]
-    bands = [band for band in bands if band.size * len(control) >= FEWEST_BINS and band.size > 1]
+    omega, bands = _bands(recording.duration, *control.shape)
     if len(bands) < FEWEST_BANDS:
         return None
-    omega = np.array([float(np.exp(np.mean(np.log(bins[band])))) for band in bands])
     found = []
     disturbance = 0.0 if recording.fd is None else _spectrum(recording, recording.fd[rows])
     for sign in (1.0, -1.0) if recording.fd is not None else (1.0,):
@@ -98,6 +97,16 @@ def plant_of(recording: Recording, run: int | None = None) -> Plant | None:
             polarity = _polarity(omega[good], (cross / power)[good])
         found.append(Plant(omega, cross / power, coherence, polarity, sign < 0.0))
     return max(found, key=lambda plant: plant.mean_coherence - CLEARLY * plant.opposed)
+
+
+def _bands(duration: float, runs: int, count: int) -> tuple[FloatArray, list[IntArray]]:
+    """Middles of the bands [rad/s], and which of a transform's bins they have."""
+    bins = np.arange(count) * 2.0 * np.pi / duration
+    edges = np.geomspace(LOWEST, HIGHEST, BANDS + 1)
+    bands = [np.flatnonzero((bins >= a) & (bins < b)) for a, b in pairwise(edges)]
+    bands = [band for band in bands if band.size * runs >= FEWEST_BINS and band.size > 1]
+    omega = [float(np.exp(np.mean(np.log(bins[band])))) for band in bands]
+    return np.array(omega), bands
 
 
 def _polarity(omega: FloatArray, response: ComplexArray) -> float:
@@ -136,8 +145,8 @@ def _products(
     return mean(one * other.conj()), mean(other * other.conj()).real, mean(one * one.conj()).real
 
 
-def _spectrum(recording: Recording, signal: FloatArray) -> ComplexArray:
-    window = recording.window(signal)
+def _spectrum(recording: Recording, signal: FloatArray, part: slice = slice(None)) -> ComplexArray:
+    window = recording.window(signal)[:, part]
     window = window - window.mean(axis=1, keepdims=True)
     return np.asarray(np.fft.rfft(window * np.hanning(window.shape[1])))
 
@@ -182,6 +191,35 @@ def _signs(recording: Recording, run: int | None) -> tuple[str, ...] | None:
         wrong = ("u",) if recording.fd is None else ("u", "fd")
         return wrong if plant.polarity < 0.0 else ()
     return ("fd",) if plant.polarity < NEGATIVE else ("u",)
+
+
+def element_changes(recording: Recording) -> str | None:
+    """An element that is another one in the second half of the recording than in the first."""
+    half = recording.samples // 2
+    _, bands = _bands(half * recording.dt, recording.runs, half // 2 + 1)
+    if len(bands) < FEWEST_BANDS:
+        return None
+    drive = recording.u if recording.fd is None else recording.u + recording.fd
+    responses, good = [], np.ones(len(bands), dtype=bool)
+    for part in (slice(half), slice(-half, None)):
+        output, control = (_spectrum(recording, s, part) for s in (recording.x, drive))
+        cross, power, own = _products(output, control, bands)
+        if not (np.all(power > 0.0) and np.all(own > 0.0)):
+            return None
+        good &= np.abs(cross) ** 2 >= COHERENT * power * own
+        responses.append(cross / power)
+    if np.count_nonzero(good) < FEWEST_BANDS:
+        return None
+    ratio = responses[1][good] / responses[0][good]
+    apart = float(np.median(np.abs(np.log(ratio))))
+    if apart <= CHANGED:
+        return None
+    return (
+        "the controlled element of the second half differs from that of the first by a factor of "
+        f"{float(np.exp(np.max(np.abs(np.log(np.abs(ratio)))))):.2g} at some frequencies: it "
+        "changes during the recording, and no one element describes the loop; fit the halves "
+        "apart, or a model that varies in time, as adapting does"
+    )
 
 
 def unrelated(recording: Recording) -> str | None:

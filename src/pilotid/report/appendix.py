@@ -11,24 +11,32 @@ from pilotid.report import tables as study_tables
 from pilotid.report.content import Block, Bullets, Column, Command, Section, Table, Text, entries
 from pilotid.report.paper import PAPER
 from pilotid.study.comparison import Comparison
+from pilotid.study.entries import TRAJECTORY
 from pilotid.study.store import Store
 
 #: Facts on a study that are no versions.
-OWN_FACTS = ("format", "seed", "mixed", "code")
+OWN_FACTS = ("format", "seed", "mixed", "code", "sparing")
 
 
 def command(
     study: Comparison, about: Mapping[str, str], scenarios: Sequence[str], folder: str
 ) -> str:
-    """What to type for these scenarios and the methods that were tried on them."""
+    """What to type for these scenarios and the methods that were tried on them.
+
+    Where methods for pilots who change were left out of other scenarios, the whole study is that
+    of all methods, which `compare` chooses by itself.
+    """
     methods = [
         study.typed[method]
         for method in study.methods
         if any(cell.method == method for name in scenarios for cell in study.tried_on(name))
     ]
     names = dict.fromkeys(study.entry(name).typed or name for name in scenarios)
+    chosen = f"--method {quote(','.join(methods))} "
+    if "sparing" in about and set(scenarios) == set(study.all_names):
+        chosen = ""
     return (
-        f"pilotid compare --scenario {quote(','.join(names))} --method {quote(','.join(methods))} "
+        f"pilotid compare --scenario {quote(','.join(names))} {chosen}"
         f"--replications {study.replications(scenarios)} --seed {about.get('seed', '?')} "
         f"--out results/{folder}"
     )
@@ -109,7 +117,10 @@ def notes_on_inference(study: Comparison) -> Text:
 def origin(study: Comparison, about: Mapping[str, str]) -> Section:
     """Seed, versions, and how to make the numbers again."""
     facts = [["seed", about.get("seed", "?")], ["code digest", about.get("code", "?")]]
-    skipped = (*OWN_FACTS, *(key for key in about if key.startswith("remnant ratio")))
+    skipped = (
+        *OWN_FACTS,
+        *(key for key in about if key.startswith(("remnant ratio", TRAJECTORY))),
+    )
     facts += [[key, value] for key, value in about.items() if key not in skipped]
     table = Table("Seed and versions", [Column("what", text=True), Column("value", text=True)],
                   entries(facts))  # fmt: skip

@@ -14,7 +14,7 @@ from pilotid.report.paper import FIGURE_3, FIGURE_5, KEYS, PAPER, TABLE_3
 from pilotid.report.rules import rules_for
 from pilotid.report.verdicts import judge, sentence
 from pilotid.study.comparison import Cell, Comparison
-from pilotid.study.entries import ScenarioEntry
+from pilotid.study.entries import TRAJECTORY, ScenarioEntry
 
 SHORT = {
     "nominal": "both",
@@ -69,6 +69,7 @@ def chapters(study: Comparison, about: Mapping[str, str]) -> list[Chapter]:
     found = [chapter for part in parts if (chapter := part(study, about))]
     told = {name for chapter in found for name in chapter.tabled}
     told |= set(_family(study, VIOLATION))  # in a chapter of their own, see `violations`
+    told |= {name for name in study.names if f"{TRAJECTORY} {name}" in about}  # see `adapting`
     return found + [_other(study, name) for name in study.names if name not in told]
 
 

@@ -11,6 +11,7 @@ from pilotid.numbers import MINUS, NONE, number
 from pilotid.report import appendix
 from pilotid.report import glance as study_glance
 from pilotid.report import tables as study_tables
+from pilotid.report.adapting import adapting_chapters
 from pilotid.report.chapters import Chapter, chapters, ratio
 from pilotid.report.content import (
     Block,
@@ -126,7 +127,12 @@ def _sections(study: Comparison, store: Store) -> list[Section]:
     about = store.about()
     if not study.every:
         return [Section("summary", "Summary", [Text("The study holds no fits yet.")])]
-    told = [*chapters(study, about), *violation_chapters(study), *population_chapters(study)]
+    told = [
+        *chapters(study, about),
+        *adapting_chapters(study, about),
+        *violation_chapters(study),
+        *population_chapters(study),
+    ]
     return [
         _summary(study, about, told),
         *(_chapter(study, about, chapter) for chapter in told),

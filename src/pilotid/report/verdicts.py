@@ -14,6 +14,8 @@ from pilotid.study.score import Score
 
 #: A method wastes information if its rmse exceeds the bound by this factor in some parameter.
 WASTE = 1.5
+#: Recordings beyond which it does not matter how many there would have to be.
+MANY = 100_000
 
 CODES = (
     "B: number of parameters whose bias counts; N: number of parameters whose intervals are too "
@@ -99,7 +101,7 @@ class Verdict:
         count = len(self.cell.percent)
         biased = [f"biased {len(self.biased)}/{count}"] if self.biased else []
         narrow = [f"narrow {len(self.narrow)}/{count}"] if self.narrow else []
-        fine = f"open: needs about {self.needed} recordings" if self.needed else "good"
+        fine = f"open: needs {_recordings(self.needed)}" if self.needed else "good"
         return ", ".join([*biased, *narrow, *fails]) or fine
 
     @property
@@ -155,7 +157,7 @@ def sentence(verdict: Verdict) -> str:
 
 def _advice(verdict: Verdict) -> str:
     if verdict.grade is Grade.OPEN:
-        return f"nothing against it, but it takes about {verdict.needed} recordings to tell"
+        return f"nothing against it, but it takes {_recordings(verdict.needed)} to tell"
     if verdict.grade is Grade.GOOD:
         _, worst = extremes(verdict.cell.percent, lambda s: s.ratio)
         wasteful = worst is not None and worst.ratio > WASTE
@@ -200,6 +202,11 @@ def _interval_words(verdict: Verdict) -> str:
 
 def _names(scores: Sequence[Score]) -> str:
     return ", ".join(s.parameter for s in scores)
+
+
+def _recordings(count: int) -> str:
+    """A number of recordings, in words where nobody would make so many."""
+    return f"about {count} recordings" if count <= MANY else f"more than {MANY} recordings"
 
 
 def _percent(share: float) -> str:

@@ -22,6 +22,7 @@ from pilotid.show.panels import (
     remnant_figure,
     response_figure,
     time_figure,
+    trajectory_figure,
     whiteness_figure,
 )
 from pilotid.show.responses import BANDS
@@ -146,6 +147,9 @@ def _figures(
         behind = None if first_steps else points
         figure = response_figure(drawn, truth, points=behind, units=recording.units)
         yield Shown("describing-function", _response_words(drawn, first_steps, behind), figure)
+    followed = [e for e in shown if e.trajectory is not None]
+    if followed:
+        yield Shown("trajectories", _track_words(followed), trajectory_figure(followed, truth))
     if chosen is None:
         return
     plant = element or _element_of(fit)
@@ -199,6 +203,14 @@ def _response_words(
             "with bars that hold 95 %"
         )
     return f"{caption}."
+
+
+def _track_words(drawn: Sequence[Estimate]) -> str:
+    chosen = leading(drawn) or drawn[0]
+    return (
+        "Parameters of the pilot over time, from the start of the measurement window, with the "
+        f"95 % band of {chosen.method}."
+    )
 
 
 def _remnant_words(drawn: Sequence[Estimate]) -> str:

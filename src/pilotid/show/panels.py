@@ -19,6 +19,7 @@ from pilotid.show.responses import NO_UNITS, describing_function, open_loop
 from pilotid.show.signals import residual, signals
 from pilotid.show.spectra import remnant
 from pilotid.show.style import SMALLEST, WIDTH, journal_style
+from pilotid.show.trajectories import trajectory
 from pilotid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -97,6 +98,36 @@ def response_figure(
                 axes=tuple(pair),
             )  # fmt: skip
         figure.align_ylabels()
+        _legend_above(figure)
+    return figure
+
+
+def trajectory_figure(estimates: Sequence[Estimate], truth: FloatArray | None = None) -> Figure:
+    """Parameters over time, a small panel for each.
+
+    Parameters
+    ----------
+    estimates
+        Estimates of one model, at least one with a trajectory.
+    truth
+        True parameters of a simulation, shape (parameters,).
+    """
+    from matplotlib.figure import Figure
+
+    keys = next(e.trajectory.keys for e in estimates if e.trajectory is not None)
+    columns = min(3, len(keys))
+    rows = -(-len(keys) // columns)
+    with journal_style():
+        figure = Figure(figsize=(WIDTH, 0.5 + 1.55 * rows), layout="constrained")
+        panels = list(figure.subplots(rows, columns, sharex=True, squeeze=False).flat)
+        for place, (key, axes) in enumerate(zip(keys, panels, strict=False)):
+            trajectory(*estimates, key=key, truth=truth, axes=axes)
+            if place + columns < len(keys):
+                axes.set_xlabel("")
+            axes.tick_params(labelbottom=place + columns >= len(keys))
+            axes.locator_params(axis="y", nbins=4)
+        for axes in panels[len(keys) :]:
+            axes.axis("off")
         _legend_above(figure)
     return figure
 

@@ -15,6 +15,7 @@ from pilotid.show.residuals import autocorrelation, cross_correlation, normal_pl
 from pilotid.show.responses import describing_function, open_loop
 from pilotid.show.signals import residual, signals
 from pilotid.show.spectra import remnant
+from pilotid.show.trajectories import trajectory
 
 __all__ = [
     "autocorrelation",
@@ -26,4 +27,5 @@ __all__ = [
     "remnant",
     "residual",
     "signals",
+    "trajectory",
 ]

@@ -24,6 +24,9 @@ STYLES: dict[str, tuple[str, str]] = {
     "sindy": ("#CC79A7", "X"),
     "bayes": ("#332288", "<"),
     "bayes-white": ("#882255", ">"),
+    "mle-windowed": ("#6699CC", "d"),
+    "rarx": ("#AA4466", "H"),
+    "ukf": ("#117744", "8"),
 }
 #: Strokes, so that lines differ in grey, too.
 DASHES: dict[str, Dash] = {
@@ -36,6 +39,9 @@ DASHES: dict[str, Dash] = {
     "mle-genetic": (0, (2.5, 2.5)),
     "bayes-white": (0, (1.0, 2.5)),
     "mmle3": (0, (8.0, 1.5, 1.5, 1.5)),
+    "mle-windowed": (0, (6.0, 1.0, 1.0, 1.0, 1.0, 1.0)),
+    "rarx": (0, (2.0, 1.0, 2.0, 3.0)),
+    "ukf": (0, (5.0, 1.0, 2.0, 1.0)),
 }
 #: Of methods from other packages.
 OTHERS = (("#117733", "*"), ("#AA4499", "p"), ("#44AA99", "h"))

@@ -75,7 +75,12 @@ def _scaled_inverse(matrix: FloatArray) -> tuple[FloatArray, FloatArray] | None:
 
 
 def sandwich(
-    gram: Gram, rows: FloatArray, values: FloatArray, dt: float, reach: float = 5.0
+    gram: Gram,
+    rows: FloatArray,
+    values: FloatArray,
+    dt: float,
+    reach: float = 5.0,
+    prior: FloatArray | None = None,
 ) -> FloatArray | None:
     """The sandwich covariance, measured on the recording that was fitted.
 
@@ -91,12 +96,15 @@ def sandwich(
         Sampling interval [s].
     reach
         Longest lag at which scores are taken to be correlated [s].
+    prior
+        Covariance of the score of a penalty, shape (parameters, parameters); None for nothing.
 
     Returns
     -------
     Covariance, shape (parameters, parameters); None if the Hessian is singular.
     """
-    return sandwich_of(hessian(gram, values), score_products(rows, max(1, round(reach / dt))))
+    scores = score_products(rows, max(1, round(reach / dt)))
+    return sandwich_of(hessian(gram, values), scores if prior is None else scores + prior)
 
 
 def sandwich_of(curvature: FloatArray, score_covariance: FloatArray) -> FloatArray | None:

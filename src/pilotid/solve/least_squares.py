@@ -14,7 +14,8 @@ from typing import Protocol
 import numpy as np
 
 from pilotid.solve.scale import Scale
-from pilotid.types import BoolArray, FloatArray
+from pilotid.solve.smoothing import Penalty
+from pilotid.types import BoolArray, FloatArray, IntArray
 
 #: Longest step of a positive parameter, on its logarithmic scale: a gain that is
 #: extrapolated towards zero would not come back.
@@ -24,6 +25,8 @@ BLOCK = 4  # parameter sets evaluated at once: more no longer fit the processor'
 
 #: Maps parameter sets (sets, p) to Gram matrices (sets, p + 1, p + 1), see `Problem.gram`.
 Gram = Callable[[FloatArray], FloatArray]
+#: The same, of several problems: also given is which problem each set belongs to, shape (sets,).
+GramOf = Callable[[FloatArray, IntArray], FloatArray]
 
 
 class Problem(Protocol):
@@ -35,9 +38,12 @@ class Problem(Protocol):
     ----------
     block
         Parameter sets evaluated at once.
+    penalty
+        What is added to the sum of squares; None for nothing.
     """
 
     block: int = BLOCK
+    penalty: Penalty | None = None
 
     @property
     def residuals(self) -> int:
@@ -74,7 +80,8 @@ class Problem(Protocol):
             block = self.rows(values[begin : begin + self.block])
             flat = block.reshape(*block.shape[:2], -1)
             grams.append(flat @ flat.transpose(0, 2, 1))
-        return np.concatenate(grams)
+        found = np.concatenate(grams)
+        return found if self.penalty is None else found + self.penalty.gram(values)
 
 
 class Space(Protocol):
@@ -156,12 +163,45 @@ def minimise(
     iterations
         Largest number of evaluations.
     """
+    end = minimise_each(
+        lambda values, _: gram(values), starts, space, tolerance=tolerance, iterations=iterations
+    )
+    order = np.argsort(end.cost, kind="stable")
+    return Minima(
+        end.values[order], end.cost[order], end.converged[order], end.gram[order], end.iterations
+    )
+
+
+def minimise_each(
+    gram: GramOf,
+    starts: FloatArray,
+    space: Space,
+    *,
+    tolerance: float = 1e-9,
+    iterations: int = 60,
+) -> Minima:
+    """Minimise several sums of squares at once, each from its own start; see `minimise`.
+
+    Parameters
+    ----------
+    gram
+        Evaluates Gram matrices of parameter sets, given the problem that each belongs to.
+    starts
+        A start of each problem, shape (problems, parameters).
+    space, tolerance, iterations
+        See `minimise`.
+
+    Returns
+    -------
+    Minima
+        In the order of the problems.
+    """
     scale = Scale(space.positive)
     clipped = np.clip(starts, space.lower, space.upper)
 
-    def inner_gram(points: FloatArray) -> FloatArray:
+    def inner_gram(points: FloatArray, which: IntArray) -> FloatArray:
         values = scale.leave(points)
-        return scale.inner(gram(values), values)
+        return scale.inner(gram(values, which), values)
 
     end = _minimise(
         inner_gram,
@@ -177,7 +217,7 @@ def minimise(
 
 
 def _minimise(
-    gram: Gram,
+    gram: GramOf,
     starts: FloatArray,
     lower: FloatArray,
     upper: FloatArray,
@@ -186,10 +226,10 @@ def _minimise(
     iterations: int,
 ) -> Minima:
     values = starts.copy()
-    grams = gram(values)
+    active = np.arange(len(values))
+    grams = gram(values, active)
     curvature = np.zeros_like(grams[:, :-1, :-1])
     damping = np.full(len(values), 1e-3)
-    active = np.arange(len(values))
     converged = np.zeros(len(values), dtype=bool)
     count = 1
     while active.size and count < iterations:
@@ -202,7 +242,7 @@ def _minimise(
         if not active.size:
             break
         trial = np.clip(values[active] + np.clip(step, -longest, longest), lower, upper)
-        trial_grams = gram(trial)
+        trial_grams = gram(trial, active)
         count += 1
         better = trial_grams[:, -1, -1] < grams[active, -1, -1]  # false for NaN
         accepted = active[better]
@@ -221,8 +261,7 @@ def _minimise(
         stuck = damping[active] > 1e7
         converged[active[stuck]] = np.isfinite(grams[active[stuck], -1, -1])
         active = active[~stuck]
-    order = np.argsort(grams[:, -1, -1], kind="stable")
-    return Minima(values[order], grams[order, -1, -1], converged[order], grams[order], count)
+    return Minima(values, grams[:, -1, -1].copy(), converged, grams, count)
 
 
 def _step(

@@ -16,6 +16,7 @@ from pilotid.study.population import PopulationCell
 from pilotid.study.score import Score, scored
 from pilotid.study.store import Store
 from pilotid.study.strata import strata_of
+from pilotid.study.tracks import PERIODS, TrackScore, track_scores
 from pilotid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -41,6 +42,12 @@ SUMMARY_COLUMNS = {
 ESTIMATE_COLUMNS = (
     *("scenario", "method", "replication", "outcome", "parameter", "truth"),
     *("value", "std_error", "lower_95", "upper_95", "seconds"),
+)
+#: Columns of the table of trajectories behind scenario and method.
+TRACK_COLUMNS = (
+    *("parameter", "n"),
+    *(f"rmse_{period}{end}" for period in PERIODS for end in ("", "_se")),
+    *("rmse_median", "lag", "lag_se", "coverage_95", "coverage_se"),
 )
 
 
@@ -71,6 +78,17 @@ class Cell(Attempts):
     def percent(self) -> tuple[Score, ...]:
         """Scores of each parameter, in % of its true value."""
         return tuple(score.percent for score in self.scores)
+
+    @cached_property
+    def tracks(self) -> tuple[TrackScore, ...]:
+        """Scores of the trajectories of the fits that count, by parameter; none if none changes."""
+        return track_scores([r.tracks for r in self.results if r.usable and r.tracks])
+
+    def paths(self, parameter: str) -> FloatArray:
+        """A parameter's trajectories in the fits that count, shape (fits, times)."""
+        rows = [t.values for r in self.results if r.usable for t in r.tracks
+                if t.parameter == parameter]  # fmt: skip
+        return np.array(rows, dtype=float)
 
     @property
     def errors(self) -> FloatArray:
@@ -190,6 +208,15 @@ class Comparison:
         for cell in self.populations:
             for row in cell.rows():
                 yield [cell.scenario.name, cell.method, *row]
+
+    def track_rows(self) -> Iterator[list[object]]:
+        """Scenario, method and `TRACK_COLUMNS` of every trajectory's parameter."""
+        for cell in self.cells:
+            for t in cell.tracks:
+                pairs = zip(t.rmse, t.rmse_se, strict=True)
+                errors = [value for pair in pairs for value in pair]
+                rest = [t.median, t.lag, t.lag_se, t.coverage, t.coverage_se]
+                yield [cell.scenario.name, cell.method, t.parameter, t.n, *errors, *rest]
 
     def estimate_rows(self) -> Iterator[list[object]]:
         """`ESTIMATE_COLUMNS` of every parameter in every fit.

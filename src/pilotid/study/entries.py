@@ -7,6 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+#: How the facts of a store on true trajectories begin, before the scenario's name.
+TRAJECTORY = "trajectory"
+
 
 @dataclass(frozen=True)
 class Unit:
@@ -56,6 +59,34 @@ class Draw:
 
 
 @dataclass(frozen=True)
+class Track:
+    """What a study keeps of a parameter's trajectory in one fit, see `pilotid.study.tracks`.
+
+    Attributes
+    ----------
+    parameter
+        Of the constant pilot.
+    before, during, after, whole
+        Root mean square of the relative error in parts of the window, and in all of it.
+    lag
+        By how much it is later than the truth [s].
+    coverage
+        Share of the time at which its band holds the truth.
+    values
+        At a few times evenly spaced over the window.
+    """
+
+    parameter: str
+    before: float | None
+    during: float | None
+    after: float | None
+    whole: float | None
+    lag: float | None
+    coverage: float | None
+    values: tuple[float | None, ...]
+
+
+@dataclass(frozen=True)
 class Result:
     """What a fit gave; numbers are None where there are none.
 
@@ -80,6 +111,8 @@ class Result:
     remarks
         What a user would have been told of the recording and of the estimate, on one line, see
         `pilotid.study.fits.told`; empty for nothing.
+    tracks
+        Of the parameters' trajectories, where the pilot changes.
     """
 
     unit: Unit
@@ -94,6 +127,7 @@ class Result:
     excess: float | None = None
     draw: Draw | None = None
     remarks: str = ""
+    tracks: tuple[Track, ...] = ()
 
 
 @dataclass(frozen=True)

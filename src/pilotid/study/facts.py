@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import json
 import platform
 from importlib.metadata import version
 
 import numpy as np
 
-from pilotid.datasets import CATALOGUE, AnyScenario, Population, simulate
+from pilotid.datasets import CATALOGUE, AnyScenario, Population, Scenario, simulate
 from pilotid.estimates.method import Method
 from pilotid.methods import label_of, methods
 from pilotid.naming.code import place_of, reason
 from pilotid.naming.settings import labelled, plain
 from pilotid.naming.sources import code_digest, package_digest
 from pilotid.study.draws import truths_of
-from pilotid.study.entries import MethodEntry, ParameterTruth, ScenarioEntry
+from pilotid.study.entries import TRAJECTORY, MethodEntry, ParameterTruth, ScenarioEntry
+from pilotid.study.tracks import truth_over_time
 from pilotid.types import InputError
 
 LIBRARIES = ("numpy", "scipy", "control", "pysindy", "emcee")
@@ -98,6 +100,15 @@ def scenario_entry(scenario: AnyScenario, position: int = 0, typed: str = "") ->
         code_digest(scenario),
         typed or scenario.name,
     )
+
+
+def trajectory_fact(scenario: Scenario) -> dict[str, str]:
+    """What a report needs of the truth of a pilot who changes; nothing for one who stays."""
+    truth = truth_over_time(scenario)
+    if truth is None:
+        return {}
+    values = dict(zip(truth.keys, truth.values.tolist(), strict=True))
+    return {f"{TRAJECTORY} {scenario.name}": json.dumps({"time": truth.time.tolist(), **values})}
 
 
 def _try_out(population: Population) -> None:

@@ -18,8 +18,9 @@ from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import fit_rng, recording_rng, start_rng
 from pilotid.study.draws import scenario_of
-from pilotid.study.entries import Draw, Result, Unit, number
+from pilotid.study.entries import Draw, Result, Track, Unit, number
 from pilotid.study.process import Loss
+from pilotid.study.tracks import tracks_of
 
 LOST = {Loss.DIED: Outcome.DIED, Loss.TIMED_OUT: Outcome.TIMED_OUT}
 
@@ -62,11 +63,20 @@ def run_task(task: Task) -> Result:
         rng = fit_rng(seed, unit.method, unit.scenario, unit.replication)
         estimate = identify(method, recording, model, rng)
         excess = None if draw is None else excess_of(method, recording, estimate, scenario)
-        return replace(_result(unit, estimate, excess, draw), remarks=told(recording, estimate))
+        tracks = _tracks(estimate, scenario)
+        found = _result(unit, estimate, excess, draw)
+        return replace(found, remarks=told(recording, estimate), tracks=tracks)
     except MemoryError as error:
         return Result(unit, Outcome.OUT_OF_MEMORY.slug, one_line(str(error)), draw=draw)
     except BaseException as error:  # an interruption too: the user's go to another process
         return Result(unit, Outcome.CRASHED.slug, one_line(reason(error)), draw=draw)
+
+
+def _tracks(estimate: Estimate, scenario: Scenario) -> tuple[Track, ...]:
+    """Scores of an estimate's trajectory, where the truth has one."""
+    if estimate.trajectory is None or not scenario.model.changes:
+        return ()
+    return tracks_of(estimate.trajectory, scenario)
 
 
 def told(recording: Recording, estimate: Estimate) -> str:

@@ -32,7 +32,7 @@ from pilotid.types import InputError
 PATIENCE = 60.0  # seconds to wait for another process
 
 EMPTY = "it is empty"
-COLUMNS_BEFORE = (10, 11)  # of the table of fits in earlier formats
+COLUMNS_BEFORE = (10, 11, 13)  # of the table of fits in earlier formats
 
 T = TypeVar("T")
 Opened = tuple[sqlite3.Connection, str]

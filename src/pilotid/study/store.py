@@ -22,6 +22,7 @@ from pilotid.study.entries import (
     ParameterTruth,
     Result,
     ScenarioEntry,
+    Track,
     Unit,
 )
 from pilotid.study.opening import in_words, open_to_read, open_to_write
@@ -125,6 +126,7 @@ class Store:
         r, unit = result, astuple(result.unit)
         row = (*unit, r.outcome, r.message, int(r.usable), real(r.vaf), int(r.iterations))
         row = (*row, int(r.posterior), real(r.seconds), real(r.excess), r.remarks)
+        row = (*row, json.dumps([astuple(track) for track in r.tracks]) if r.tracks else "")
         estimates = [(*unit, name, *map(real, numbers)) for name, *numbers in r.estimates]
         with self._transaction():
             if r.draw is not None:
@@ -211,7 +213,7 @@ class Store:
 
 
 def _result(row: Row, parts: list[Row], draw: Draw | None, order: list[str]) -> Result:
-    *unit, outcome, message, usable, vaf, count, posterior, seconds, excess, remarks = row
+    *unit, outcome, message, usable, vaf, count, posterior, seconds, excess, remarks, tracks = row
     known = [part for part in parts if part[3] in order]
     return Result(
         Unit(*unit),
@@ -226,7 +228,13 @@ def _result(row: Row, parts: list[Row], draw: Draw | None, order: list[str]) -> 
         excess,
         draw,
         remarks,
+        tuple(_track(row) for row in json.loads(tracks or "[]")),
     )
+
+
+def _track(row: Row) -> Track:
+    key, before, during, after, whole, lag, coverage, values = row
+    return Track(key, before, during, after, whole, lag, coverage, tuple(values))
 
 
 def _draw(row: Row) -> Draw:

@@ -8,7 +8,6 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import product
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
@@ -17,13 +16,13 @@ from pilotid.datasets import CATALOGUE, AnyScenario, Scenario, scenarios_named
 from pilotid.datasets.named import sound
 from pilotid.datasets.simulation import remnant_ratio
 from pilotid.disk import make_folder
-from pilotid.estimates.method import Method
+from pilotid.estimates.method import Method, follows
 from pilotid.methods import label_of, method_named
 from pilotid.naming.code import packed, reason
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.study.comparison import Comparison, comparison_of
 from pilotid.study.entries import MethodEntry, Result, ScenarioEntry, Unit
-from pilotid.study.facts import about_this, method_entry, scenario_entry
+from pilotid.study.facts import about_this, method_entry, scenario_entry, trajectory_fact
 from pilotid.study.fits import OUTSIDE, Task, given_up, run_task
 from pilotid.study.process import USUAL_LIMITS, Limits
 from pilotid.study.store import Store
@@ -52,6 +51,8 @@ class Study:
         Recordings of each scenario.
     seed
         Seed of all random numbers.
+    sparing
+        Whether methods for pilots who change are left out where pilots stay as they are.
     labels
         The methods' labels, which identify them in tables and in the store.
     """
@@ -60,6 +61,7 @@ class Study:
     methods: tuple[Method, ...]
     replications: int
     seed: int
+    sparing: bool
     labels: tuple[str, ...] = field(init=False, repr=False, compare=False)
     _typed: tuple[list[str], list[str]] = field(init=False, repr=False, compare=False)
 
@@ -69,6 +71,8 @@ class Study:
         methods: Iterable[Method | str],
         replications: int = PROFILES["quick"][1],
         seed: int = DEFAULT_SEED,
+        *,
+        sparing: bool = False,
     ) -> None:
         typed = [(s, text) for given in _each(scenarios) for s, text in _scenarios_of(given)]
         tried = [(method_named(m), m) if isinstance(m, str) else (m, "") for m in _each(methods)]
@@ -81,6 +85,7 @@ class Study:
             ("methods", tuple(method for method, _ in tried)),
             ("replications", replications),
             ("seed", seed),
+            ("sparing", sparing),
             ("labels", tuple(labels)),
             # What to type for each again, in the order of scenarios and methods.
             ("_typed", ([text for _, text in typed], [text for _, text in tried])),
@@ -90,18 +95,27 @@ class Study:
     @property
     def size(self) -> int:
         """Number of all fits."""
-        return len(self.scenarios) * len(self.methods) * self.replications
+        return len(self.pairs) * self.replications
+
+    @cached_property
+    def pairs(self) -> dict[tuple[str, str], tuple[AnyScenario, Method]]:
+        """What is tried on what, by the scenario's name and the method's label."""
+        return {
+            (scenario.name, label): (scenario, method)
+            for scenario in self.scenarios
+            for label, method in zip(self.labels, self.methods, strict=True)
+            if not (self.sparing and follows(method) and not changes(scenario))
+        }
 
     def units(self) -> Iterator[Unit]:
         """All fits: one recording of every scenario after the other."""
         for replication in range(self.replications):
-            for scenario, label in product(self.scenarios, self.labels):
-                yield Unit(scenario.name, label, replication)
+            for scenario, label in self.pairs:
+                yield Unit(scenario, label, replication)
 
     def holds(self, unit: Unit) -> bool:
         """Whether a fit is one of this study."""
-        known = any(scenario.name == unit.scenario for scenario in self.scenarios)
-        return known and unit.method in self.labels and unit.replication < self.replications
+        return (unit.scenario, unit.method) in self.pairs and unit.replication < self.replications
 
     def enter(self, store: Store, *, mix: bool = False, retry: bool = False) -> Pending:
         """Describe the study in a store; returns the fits that the store lacks.
@@ -145,12 +159,15 @@ class Study:
             )
         if changed:
             about["mixed"] = ", ".join(changed)
+        if self.sparing:
+            about["sparing"] = "yes"
         store.describe(about)
         for scenario, entry in zip(self.scenarios, scenarios, strict=True):
             store.add_scenario(entry)
             if isinstance(scenario, Scenario):
                 share = f"{remnant_ratio(scenario):.4f}"
                 store.describe({f"remnant ratio {entry.name}": share})
+                store.describe(trajectory_fact(scenario))
         for method in methods:
             store.add_method(method)
         fits = store.done()
@@ -210,9 +227,8 @@ class Study:
             If a method or a scenario cannot cross.
         """
         contents = {
-            (scenario.name, label): _content(scenario, method, label)
-            for scenario in self.scenarios
-            for label, method in zip(self.labels, self.methods, strict=True)
+            pair: _content(scenario, method, pair[1])
+            for pair, (scenario, method) in self.pairs.items()
         }
         for unit in units:
             yield Task(unit, self.seed, contents[unit.scenario, unit.method])
@@ -240,9 +256,9 @@ class Pending:
     def counts(self) -> dict[str, int]:
         """How many there are of each method."""
         study = self.study
-        each = study.replications * len(study.scenarios)
+        tried = Counter(label for _, label in study.pairs)
         held = Counter(unit.method for unit in self.done if study.holds(unit))
-        return {label: each - held[label] for label in study.labels}
+        return {label: n * study.replications - held[label] for label, n in tried.items()}
 
     @property
     def total(self) -> int:
@@ -268,6 +284,11 @@ def remaining_seconds(store: Store, counts: Mapping[str, int], workers: int) -> 
             took.setdefault(result.unit.method, []).append(result.seconds)
     typical = {method: median(seconds) for method, seconds in took.items()}
     return sum(typical.get(method, 0.0) * count for method, count in counts.items()) / workers
+
+
+def changes(scenario: AnyScenario) -> bool:
+    """Whether the pilot of a scenario changes during a recording; those of populations do not."""
+    return isinstance(scenario, Scenario) and scenario.model.changes
 
 
 def _each(given: Any) -> list[Any]:

@@ -15,7 +15,7 @@ from hashlib import blake2b
 from typing import Any, NamedTuple
 
 #: Raised when the tables change, so that an older store is refused and not misread.
-FORMAT = 4
+FORMAT = 5
 
 SCHEMA = """
 CREATE TABLE about (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
@@ -31,7 +31,7 @@ CREATE TABLE methods (
 CREATE TABLE fits (
     scenario TEXT, method TEXT, replication INTEGER, outcome TEXT, message TEXT,
     usable INTEGER, vaf REAL, iterations INTEGER, posterior INTEGER, seconds REAL,
-    excess REAL, remarks TEXT, checksum INTEGER,
+    excess REAL, remarks TEXT, tracks TEXT, checksum INTEGER,
     PRIMARY KEY (scenario, method, replication)) WITHOUT ROWID;
 CREATE TABLE estimates (
     scenario TEXT, method TEXT, replication INTEGER, parameter TEXT,

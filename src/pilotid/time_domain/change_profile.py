@@ -43,10 +43,10 @@ def over_changes(found: Maximum, intervals: FloatArray, sought: float) -> FloatA
     optimum, pilot = end.values[0], joint.pilot
     target = float(end.cost[0]) * math.exp(sought / (joint.residuals - len(optimum)))
     result = intervals.copy()
-    for indices in joint.prediction.model.changing_indices:
-        if not indices:
+    for when in dict.fromkeys(joint.prediction.model.whens):
+        if not when:
             continue
-        middle, rate = indices[-2:]
+        middle, rate = when
         ends = intervals[middle]
         beyond = [*(ends[0] - far for far in BEYOND), *(ends[1] + far for far in BEYOND)]
         tried = [(middle, float(value), rate, SHAPES) for value in beyond]

@@ -21,6 +21,7 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import fit_rng
 from pilotid.solve.least_squares import minimise
+from pilotid.time_domain.constancy import Constancy, constancy
 from pilotid.time_domain.maximum_likelihood import Maximum, maximise_likelihood, maximum_from
 from pilotid.time_domain.output_error import OutputErrors, simulated_vaf
 from pilotid.time_domain.prediction_errors import PredictionErrors
@@ -60,6 +61,8 @@ class Evidence:
         Variance accounted for in these runs [%]; NaN where there is one run alone.
     bounds
         The bounds that parameters reached, in words; empty if none.
+    constancy
+        Test for gains and leads that change; None for a model that varies already.
     """
 
     model: PilotModel
@@ -72,6 +75,7 @@ class Evidence:
     left_out: FloatArray
     left_out_vaf: float
     bounds: str
+    constancy: Constancy | None
 
     @property
     def aicc(self) -> float:
@@ -118,7 +122,7 @@ def evidence(
     terms = tuple(sorted({term for found in maxima for term in found.joint.prediction.terms}))
     maxima = [_with_terms(found, terms) for found in maxima]
     scored = min(found.joint.prediction.scored for found in maxima)
-    return [_evidence(recording, found, scored) for found in maxima]
+    return [_evidence(recording, found, scored, seed) for found in maxima]
 
 
 def _with_terms(found: Maximum, terms: tuple[float, ...]) -> Maximum:
@@ -131,7 +135,7 @@ def _with_terms(found: Maximum, terms: tuple[float, ...]) -> Maximum:
     return changed.moved(found.end.values[0])
 
 
-def _evidence(recording: Recording, found: Maximum, scored: int) -> Evidence:
+def _evidence(recording: Recording, found: Maximum, scored: int, seed: int) -> Evidence:
     joint, values = found.joint, found.end.values[0]
     prediction, model = joint.prediction, joint.prediction.model
     pilot = values[: joint.pilot]
@@ -151,6 +155,7 @@ def _evidence(recording: Recording, found: Maximum, scored: int) -> Evidence:
         left_out=np.array([] if alone else [likelihood for likelihood, _ in left]),
         left_out_vaf=math.nan if alone else float(np.mean([vaf for _, vaf in left])),
         bounds=bounds_reached(model, pilot),
+        constancy=constancy(found, recording, fit_rng(seed, "constancy")),
     )
 
 

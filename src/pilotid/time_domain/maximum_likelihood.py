@@ -15,6 +15,7 @@ from pilotid.estimates.estimate import Starts
 from pilotid.estimates.remnant import RemnantEstimate
 from pilotid.lines.fit import fit_lines
 from pilotid.lines.objection import objection
+from pilotid.pilot.frozen import frozen, unfrozen
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Minima, minimise
@@ -27,6 +28,7 @@ from pilotid.time_domain.prepare import decimation
 from pilotid.time_domain.remnant_choice import contenders, criterion, guessed, neighbours
 from pilotid.time_domain.remnant_models import Band, NoiseModel, analysis_band, remnant_estimate
 from pilotid.time_domain.settings import LikelihoodSettings
+from pilotid.time_domain.smoothness import criterion_and_degrees, smoothed
 from pilotid.types import FloatArray
 
 #: A band is wide enough if its upper part, from this share on, holds no more than this share of
@@ -101,7 +103,19 @@ class Maximum:
     @property
     def criterion(self) -> float:
         """The criterion that chose the remnant's model, of pilot and remnant together."""
+        if self.joint.penalty is not None:
+            return criterion_and_degrees(self.joint, self.joint, self.end)[0]
         return _criterion(self.joint, self.end)
+
+    @property
+    def curves(self) -> str:
+        """How free the curves of a pilot are who varies freely, in words; empty for others."""
+        if self.joint.penalty is None:
+            return ""
+        degrees = criterion_and_degrees(self.joint, self.joint, self.end)[1]
+        named = zip(self.joint.penalty.curves, degrees, strict=True)
+        told = " and ".join(f"{curve.key} {degree:.1f}" for curve, degree in named)
+        return f"degrees of freedom of {told}"
 
     @property
     def remnant(self) -> RemnantEstimate:
@@ -122,7 +136,7 @@ class Maximum:
         prediction = joint.prediction
         rows = prediction.row_spectra(values[None, : joint.pilot], joint.whitener(values))[0, :-1]
         # A step has all frequencies: when it was, the band need not tell in full.
-        when = [i for indices in prediction.model.changing_indices for i in indices[-2:]]
+        when = [i for indices in prediction.model.whens for i in indices]
         rows = np.delete(rows, when, axis=0)
         power = np.sum(np.abs(rows) ** 2, axis=1)
         upper = prediction.s.imag > UPPER * np.pi / prediction.dt
@@ -259,6 +273,14 @@ def _maximised(
     rate: float | None,
     known: FloatArray | None,
 ) -> Maximum:
+    if model.curves:
+        plain = frozen(model)
+        lines = _lines_pilot(recording, plain, rng)
+        first = _maximised(recording, plain, rng, settings, rate, lines)
+        free = predict(recording, model, rate)
+        free = replace(free, terms=first.joint.prediction.terms)
+        found = _maximum(free, first.joint.band, unfrozen(free.model, first.pilot), settings)
+        return replace(_elsewhere(found), starts=first.starts)
     prediction = predict(recording, model, rate)
     band = analysis_band(recording.dt, rate)
     explored = explore(prediction, band, rng, settings, known)
@@ -303,6 +325,8 @@ def _maximum(
     following: Following | None = None,
 ) -> Maximum:
     """Pilot and remnant together from one pilot, the remnant's model chosen as they move."""
+    if prediction.model.curves and prediction.penalty is None:
+        return _smooth_maximum(prediction, band, pilot, settings)
     chosen, iterations = None, 0
     for _ in range(settings.rounds):
         joint, end = _chosen(prediction, band, pilot, settings, FINE)
@@ -321,6 +345,26 @@ def _maximum(
         iterations += end.iterations
         pilot = end.values[0, : joint.pilot]
     return Maximum(joint, end, Starts(cost=np.ones(1), agreeing=1), iterations, following)
+
+
+def _smooth_maximum(
+    prediction: Prediction, band: Band, pilot: FloatArray, settings: LikelihoodSettings
+) -> Maximum:
+    """As `_maximum`, for a pilot who varies freely: how smoothly is found on the way."""
+    residual = OutputErrors(prediction).residual(pilot)
+    noise = settings.noise or contenders(residual, band)[0]
+    joint = PredictionErrors(prediction, noise, band)
+    values = np.concatenate([pilot, guessed(noise, residual, band)])
+    joint, end = smoothed(joint, joint, prediction.model, values, FINE)
+    iterations = end.iterations
+    for _ in range(settings.rounds):
+        # What the pilot left at first was not the remnant alone.
+        other = _maximum(joint.prediction, band, end.values[0, : joint.pilot], settings)
+        if other.joint.noise == joint.noise:
+            break
+        joint, end = smoothed(other.joint, other.joint, prediction.model, other.end.values[0], FINE)
+        iterations += other.iterations + end.iterations
+    return Maximum(joint, end, Starts(cost=np.ones(1), agreeing=1), iterations)
 
 
 def _chosen(

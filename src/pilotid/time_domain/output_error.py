@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from pilotid.chance import SELDOM, chi_squared_limit
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Problem
+from pilotid.solve.smoothing import Penalty
 from pilotid.time_domain.prediction import Prediction, predict
 from pilotid.types import FloatArray
 
@@ -27,11 +30,16 @@ class OutputErrors(Problem):
     def __init__(self, prediction: Prediction, taps: FloatArray | None = None) -> None:
         self.prediction = prediction
         self.taps = taps
+        self.penalty = prediction.penalty
 
     @property
     def residuals(self) -> int:
-        """Number of residuals, see `Prediction.samples`."""
-        return self.prediction.samples
+        """Number of residuals, see `Prediction.residuals`."""
+        return self.prediction.residuals
+
+    def penalised(self, penalty: Penalty | None) -> OutputErrors:
+        """The same with a penalty, or without."""
+        return OutputErrors(replace(self.prediction, penalty=penalty), self.taps)
 
     def rows(self, values: FloatArray) -> FloatArray:
         """Whitened Jacobian and residual, shape (sets, parameters + 1, runs, scored)."""

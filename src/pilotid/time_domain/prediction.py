@@ -16,6 +16,7 @@ import numpy as np
 
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
+from pilotid.solve.smoothing import Penalty
 from pilotid.time_domain.extension import _extended
 from pilotid.time_domain.modulated import FineInput, fine_input
 from pilotid.time_domain.prepare import Prepared, prepare
@@ -51,6 +52,8 @@ class Prediction:
     fine
         Per channel, its input in samples if it varies in time, else None.  The entry of
         `spectra` is then one.
+    penalty
+        What is known of the parameters beside the recording: roughness; None for nothing.
     """
 
     model: PilotModel
@@ -63,6 +66,7 @@ class Prediction:
     scored: int
     terms: tuple[float, ...]
     fine: tuple[FineInput | None, ...]
+    penalty: Penalty | None
 
     @property
     def runs(self) -> int:
@@ -73,6 +77,11 @@ class Prediction:
     def samples(self) -> int:
         """Scored samples of all runs, less the nuisance terms fitted to each run."""
         return self.runs * (self.scored - len(self.terms))
+
+    @property
+    def residuals(self) -> int:
+        """`samples`, and what the penalty counts for."""
+        return self.samples + (self.penalty.rank if self.penalty else 0)
 
     @property
     def control(self) -> FloatArray:
@@ -215,6 +224,7 @@ def predict(recording: Recording, model: PilotModel, band: float | None = None) 
     """Prepare the prediction of a recording's control in an analysis band [rad/s]."""
     from scipy.fft import next_fast_len
 
+    model = model.over(recording.duration)
     prepared: Prepared = prepare(recording, model, band)
     extension = min(round(EXTENSION / prepared.dt), prepared.control.shape[1] - 1)
     length = next_fast_len(prepared.control.shape[1] + 2 * extension, real=True)
@@ -247,6 +257,7 @@ def predict(recording: Recording, model: PilotModel, band: float | None = None) 
         scored=prepared.control.shape[1] - prepared.first,
         terms=(0.0, *model.fixed_poles),
         fine=fine,
+        penalty=None,
     )
 
 
@@ -274,6 +285,7 @@ def predict_circular(recording: Recording, model: PilotModel) -> Prediction:
         scored=length,
         terms=(),
         fine=(None,) * len(model.channels),
+        penalty=None,
     )
 
 

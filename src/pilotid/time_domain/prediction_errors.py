@@ -9,11 +9,13 @@ once this is consistent, and efficient, without any knowledge of the loop.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
 from pilotid.solve.least_squares import Problem
+from pilotid.solve.smoothing import Penalty
 from pilotid.time_domain.prediction import Prediction
 from pilotid.time_domain.remnant_models import Band, NoiseModel
 from pilotid.types import BoolArray, FloatArray
@@ -36,6 +38,7 @@ class PredictionErrors(Problem):
 
     def __init__(self, prediction: Prediction, noise: NoiseModel, band: Band) -> None:
         self.prediction, self.noise, self.band = prediction, noise, band
+        self.penalty = prediction.penalty
         self.pilot = len(prediction.model.parameters)
 
     @cached_property
@@ -55,8 +58,12 @@ class PredictionErrors(Problem):
 
     @property
     def residuals(self) -> int:
-        """Number of prediction errors, see `Prediction.samples`."""
-        return self.prediction.samples
+        """Number of prediction errors, see `Prediction.residuals`."""
+        return self.prediction.residuals
+
+    def penalised(self, penalty: Penalty | None) -> PredictionErrors:
+        """The same with a penalty, or without."""
+        return PredictionErrors(replace(self.prediction, penalty=penalty), self.noise, self.band)
 
     def whitener(self, values: FloatArray) -> FloatArray:
         """Whitening filter at one parameter set, shape (taps,)."""

@@ -1,8 +1,9 @@
 """What the prediction errors of a fit say against its assumptions, in words.
 
 Under the model, prediction errors at the optimum are white, as large in one half of the
-recording as in the other, and each half alone asks for the same pilot; the control does not
-drift, and where it moves it does not rest.  Each test is at a chance of `SELDOM`.
+recording as in the other, and gains and leads are the same throughout, as any other parameter
+is in both halves; the control does not drift, and where it moves it does not rest.  Each test
+is at a chance of `SELDOM`.
 """
 
 from __future__ import annotations
@@ -12,8 +13,10 @@ import math
 import numpy as np
 
 from pilotid.chance import SELDOM, chi_squared_limit
+from pilotid.recordings.plant import COHERENT, FEWEST_BANDS, plant_of
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_of
+from pilotid.time_domain.constancy import PLACES, in_words, may_vary, relative_steps, scores_of
 from pilotid.time_domain.drift import drift_left
 from pilotid.time_domain.maximum_likelihood import Maximum
 from pilotid.time_domain.prediction_errors import PredictionErrors
@@ -23,6 +26,7 @@ LAGS = 40  # samples of the analysis band over which prediction errors must not 
 #: Share of the samples at which the control keeps its value, or one value, from which on that
 #: is no accident.  A recording to 16 bits of the stick's range keeps it in 1 of 1000.
 HELD = 0.02
+FLAT = 0.15  # relative, by which the response of an element that is a gain differs over frequency
 
 
 def tested(found: Maximum, recording: Recording) -> tuple[str, ...]:
@@ -30,10 +34,11 @@ def tested(found: Maximum, recording: Recording) -> tuple[str, ...]:
     rows = found.joint.rows(found.end.values[:1])[0]
     remarks = [
         _held(recording),
-        _changed(rows, found.joint),
+        _changed(rows, found.joint) or _varying(found),
         _uneven(rows[-1]),
         _drifting(found),
         _coloured(rows[-1]),
+        _answered_at_once(recording),
     ]
     return tuple(remark for remark in remarks if remark)
 
@@ -46,6 +51,37 @@ def _held(recording: Recording) -> str | None:
         f"u keeps its value from one sample to the next in {100.0 * share:.2g} % of the recording: "
         "a stick with a threshold, levels or stops, or lost samples; the fit takes that for "
         "remnant and knows no bias from it"
+    )
+
+
+def _answered_at_once(recording: Recording) -> str | None:
+    """A word on position control, see docs/populations.md for what it does to intervals."""
+    plant = plant_of(recording)
+    if plant is None:
+        return None
+    known = plant.response[plant.coherence >= COHERENT]
+    if known.size < FEWEST_BANDS or np.max(np.abs(known / np.mean(known) - 1.0)) > FLAT:
+        return None
+    return (
+        "the controlled element is a gain, which turns the remnant straight back into the error: "
+        "the values rest on the model of the remnant, and where that is not quite right intervals "
+        "are too short; set the method fourier, which knows no remnant, beside them"
+    )
+
+
+def _varying(found: Maximum) -> str | None:
+    scores = scores_of(found)
+    if scores is None or scores.bound >= SELDOM:
+        return None
+    model = found.joint.prediction.model
+    keys = [model.keys[i] for i in may_vary(model)]
+    share = 100.0 * PLACES[int(np.argmax(scores.statistics))]
+    return (
+        f"{' and '.join(keys)} change during the recording, most about {share:.0f} % through it "
+        f"({in_words(keys, relative_steps(found, scores))}; score test: "
+        f"{scores.statistics.max():.0f}, where chance gives {scores.freedom} at any one time), "
+        "unless the model lacks a channel or a lag: the values are a mixture, so fit the parts "
+        "apart, or a model that varies in time, as adapting does"
     )
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from pilotid.estimates.estimate import Estimate, Outcome, failed
+from pilotid.pilot.frozen import unfrozen
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_of, sandwich
@@ -13,6 +14,7 @@ from pilotid.solve.least_squares import Minima, minimise
 from pilotid.time_domain.conclusion import concluded
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
+from pilotid.time_domain.smoothness import AGAINST_WHITE, smoothed
 
 Covariance = Literal["claimed", "sandwich"]
 
@@ -45,18 +47,25 @@ class WhiteLikelihood:
         recording, model
             What is fitted.
         found
-            The search in a narrower band.
+            The search in a narrower band, of the model that `searched` says.
         """
         prediction = predict(recording, model, self.band)
-        terms = OutputErrors(prediction).noticeable_terms(found.values[0])
+        start = unfrozen(model, found.values[0]) if model.curves else found.values[0]
+        terms = OutputErrors(prediction).noticeable_terms(start)
         problem = OutputErrors(replace(prediction, terms=terms))
-        end = minimise(problem.gram, found.values[:1], model, tolerance=1e-6)
+        if model.curves:
+            problem, end = smoothed(problem, model, model, start, 1e-6)
+        else:
+            end = minimise(problem.gram, start[None], model, tolerance=1e-6)
         values, gram = end.values[0], end.gram[0]
         variance = gram[-1, -1] / (problem.residuals - len(values))
         covariance = covariance_of(gram[:-1, :-1], variance)
         if self.covariance == "sandwich":
             rows = problem.rows(values[None])[0]
-            covariance = sandwich(problem.gram, rows, values, prediction.dt)
+            prior = None
+            if problem.penalty is not None:
+                prior = variance * problem.penalty.gram(values[None])[0, :-1, :-1]
+            covariance = sandwich(problem.gram, rows, values, prediction.dt, prior=prior)
         if covariance is None:
             return failed(method, model, Outcome.SINGULAR)
         estimate = concluded(
@@ -68,4 +77,8 @@ class WhiteLikelihood:
             converged=bool(end.converged[0]),
             prediction=prediction if self.band is None else None,
         )
-        return replace(estimate, iterations=found.iterations + end.iterations)
+        return replace(
+            estimate,
+            iterations=found.iterations + end.iterations,
+            remarks=(AGAINST_WHITE,) if model.curves else (),
+        )

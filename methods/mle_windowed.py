@@ -1,0 +1,198 @@
+"""Maximum likelihood of a constant pilot in windows that slide over the recording.
+
+The usual way to follow a pilot who changes: in each window one constant pilot, whose prediction
+errors, whitened by the remnant's spectrum, are as small as can be.  The control is predicted from
+all that came before, so that a window begins without a transient, and the remnant is the same in
+all windows: an autoregression of what the pilots of all windows leave, each in the middle of its
+own.  A window's values are put at its middle, those of the first and last also at the ends.
+
+A model's own parameters are fitted to the trajectory (`pilotid.time_domain.over_time`): those
+of a constant one are weighted means over time.
+
+A change that takes less than a window is smeared over it, and a short window knows little: the
+band is that of a pilot who was constant.  Use `mle` with a model that changes where a sigmoid
+will do, and this to see whether it does.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from pilotid.chance import Z95
+from pilotid.estimates.estimate import Estimate, Outcome, failed
+from pilotid.estimates.trajectory import Trajectory, times_of
+from pilotid.pilot.frozen import frozen
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import Recording
+from pilotid.solve.least_squares import Minima, minimise_each
+from pilotid.solve.scale import Scale
+from pilotid.solve.search import search
+from pilotid.time_domain.output_error import OutputErrors
+from pilotid.time_domain.over_time import estimated_over_time, no_reduction
+from pilotid.time_domain.prediction import Prediction, predict
+from pilotid.time_domain.prepare import prepare
+from pilotid.time_domain.remnant_choice import contenders, guessed
+from pilotid.time_domain.remnant_models import analysis_band
+from pilotid.types import BoolArray, FloatArray, IntArray
+
+SHORTEST = 5.0  # seconds of a window
+ROUNDS = 2  # of pilots and remnant in turn
+AT_ONCE = 8  # windows whose prediction is made at once
+
+
+@dataclass(frozen=True)
+class MLEWindowed:
+    """A constant pilot in each of many windows.
+
+    Attributes
+    ----------
+    window, step
+        Length of a window, and time from one to the next [s].
+    band
+        Analysis band [rad/s].
+    candidates, refined
+        Of the search over all of the recording, see `pilotid.solve.search.search`.
+    """
+
+    window: float = 20.0
+    step: float = 2.0
+    band: float | None = 36.0
+    candidates: int = 8
+    refined: int = 2
+    name: ClassVar[str] = "mle-windowed"
+    follows: ClassVar[bool] = True
+
+    def objection(self, recording: Recording, model: PilotModel) -> str | None:
+        """Why it cannot treat a recording: it holds no window, or the model is not its kind."""
+        if self.window < SHORTEST or self.step <= 0.0:
+            return f"a window must last {SHORTEST:g} s at least, and the step be positive"
+        if recording.duration < 1.5 * self.window:
+            return (
+                f"the recording lasts {recording.duration:.3g} s, less than one and a half windows "
+                f"of {self.window:g} s; set window= or use mle"
+            )
+        return no_reduction(model)
+
+    def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
+        """Fit a pilot to each window, and the model's parameters to their course.
+
+        Parameters
+        ----------
+        recording
+            The recording; all its runs are fitted jointly in each window.
+        model
+            The pilot model, with parameters that change or without.
+        rng
+            Draws starts of the search over all of the recording.
+        """
+        plain = frozen(model)
+        prediction = predict(recording, plain, self.band)
+        begin = float((prepared := prepare(recording, plain, self.band)).time[prepared.first])
+        time = begin + np.arange(prediction.scored) * prediction.dt
+        length = min(self.window, time[-1] - time[0])
+        count = 1 + max(1, math.floor((time[-1] - time[0] - length) / self.step + 1e-9))
+        middles = np.linspace(time[0] + 0.5 * length, time[-1] - 0.5 * length, count)
+        inside = np.abs(time - middles[:, None]) <= 0.5 * length
+        windows = Windows(prediction, inside)
+        whole = search(
+            OutputErrors(prediction).gram,
+            plain,
+            rng,
+            candidates=self.candidates,
+            refined=self.refined,
+        )
+        starts = np.repeat(whole.values[:1], count, axis=0)
+        band = analysis_band(recording.dt, self.band)
+        nearest = np.argmin(np.abs(time - middles[:, None]), axis=0)
+        left = windows.left(starts, nearest)
+        for _ in range(ROUNDS):
+            noise = contenders(left, band)[0]
+            windows.taps = noise.filters(guessed(noise, left, band)[None], band)[0]
+            end = minimise_each(windows.gram, starts, plain, tolerance=1e-6, iterations=40)
+            starts = end.values
+            left = windows.left(starts, nearest)
+        found = self._trajectory(end, inside, plain, middles, times_of(recording.duration), windows)
+        if found is None:
+            return failed(self.name, model, Outcome.SINGULAR)
+        return estimated_over_time(self.name, recording, model, found, 0.5 * length)
+
+    def _trajectory(
+        self,
+        end: Minima,
+        inside: BoolArray,
+        plain: PilotModel,
+        middles: FloatArray,
+        time: FloatArray,
+        windows: Windows,
+    ) -> Trajectory | None:
+        """Values and bands of the windows at all times; None where nothing is known."""
+        scale, runs = Scale(plain.positive), windows.prediction.runs
+        freedom = np.maximum(1.0, runs * inside.sum(axis=1) - len(plain.keys))
+        variance = end.cost / freedom
+        slope = scale.slope(end.values)
+        hessian = end.gram[:, :-1, :-1] * slope[:, :, None] * slope[:, None, :]
+        # What a window does not tell is known to lie within its bounds.
+        span = 0.25 * (scale.enter(plain.upper) - scale.enter(plain.lower))
+        information = hessian / variance[:, None, None] + np.diag(1.0 / span**2)
+        if not (np.isfinite(information).all() and (variance > 0.0).all()):
+            return None
+        error = np.sqrt(np.diagonal(np.linalg.inv(information), axis1=1, axis2=2))
+        inner = scale.enter(end.values)
+        parts = [
+            np.clip(scale.leave(inner + reach * error), plain.lower, plain.upper).T
+            for reach in (0.0, -Z95, Z95)
+        ]
+        over = [np.array([np.interp(time, middles, row) for row in part]) for part in parts]
+        return Trajectory(plain.keys, time, *over)
+
+
+class Windows:
+    """Prediction errors of constant pilots in windows of one recording.
+
+    Parameters
+    ----------
+    prediction
+        Of the whole recording.
+    inside
+        Which scored samples a window holds, shape (windows, samples).
+
+    Attributes
+    ----------
+    taps
+        Filter that whitens what is left, None for none.
+    """
+
+    def __init__(self, prediction: Prediction, inside: BoolArray) -> None:
+        self.prediction, self._inside = prediction, inside
+        self.taps: FloatArray | None = None
+
+    def gram(self, values: FloatArray, which: IntArray) -> FloatArray:
+        """Gram matrices of parameter sets, each in its window; see `Problem.gram`."""
+        parts = []
+        for begin in range(0, len(values), AT_ONCE):
+            some = slice(begin, begin + AT_ONCE)
+            rows = self.prediction.rows(values[some], self.taps)
+            rows = self.prediction.without_nuisance(rows) * self._inside[which[some], None, None]
+            flat = rows.reshape(*rows.shape[:2], -1)
+            parts.append(flat @ flat.transpose(0, 2, 1))
+        return np.concatenate(parts)
+
+    def left(self, values: FloatArray, nearest: IntArray) -> FloatArray:
+        """What the pilots of all windows leave of the control, not whitened, (runs, samples).
+
+        Parameters
+        ----------
+        values
+            Parameters in each window, shape (windows, parameters).
+        nearest
+            The window of each sample, shape (samples,).
+        """
+        total = np.zeros((self.prediction.runs, self.prediction.scored))
+        for i, own in enumerate(values):
+            residual = self.prediction.without_nuisance(self.prediction.residual(own))
+            total[:, nearest == i] = residual[:, nearest == i]
+        return total

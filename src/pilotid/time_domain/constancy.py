@@ -1,0 +1,249 @@
+"""Whether gains and leads stay as they are throughout a recording.
+
+Under a constant pilot the prediction errors are unrelated to what a gain or lead that steps at
+some time would have made of the control.  The Jacobian by each, from that time on, is held
+against them at the optimum of the constant model: a Lagrange multiplier test of a change at a
+known time, of whose statistics over many times the largest counts (Andrews, Econometrica 61(4),
+1993).  A constant pilot has no time of change, so that this is not chi-squared (Davies, Biometrika
+74(1), 1987); but the scores of all times are jointly normal with a covariance that the
+information tells, and draws from that say what chance gives.  No changing model is fitted.
+
+A slower change is seen as a step in its middle.  One of the delay or of the neuromuscular system
+is seen as far as it looks like one of gain and lead, and so is what a wrong model leaves: the
+test is of the model that it is made with.  People do vary: in runs of 80 s and more together
+changes of a fifth of a gain, which no fit need mind, are certain.  So the size is told too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from pilotid.chance import chi_squared_tail
+from pilotid.pilot.changing import Polynomial
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import Recording
+from pilotid.solve.covariance import SINGULAR
+from pilotid.time_domain.maximum_likelihood import Maximum, maximise_likelihood
+from pilotid.time_domain.settings import LikelihoodSettings
+from pilotid.types import FloatArray
+
+#: Shares of the scored time at which a change may be.
+PLACES = np.linspace(0.1, 0.9, 21)
+#: Draws of the largest statistic under a constant pilot.
+DRAWS = 20_000
+#: Chance below which a pilot is said to change.
+LEVEL = 0.01
+
+
+@dataclass(frozen=True)
+class Constancy:
+    """A test for gains and leads that change.
+
+    Attributes
+    ----------
+    keys
+        The parameters that were tested together.
+    statistic
+        The largest of the statistics over times, each chi-squared with as many degrees of
+        freedom as there are keys.
+    time
+        Where it is, from the start of the measurement window [s]; it means something only if
+        the pilot changes.
+    steps
+        By how much each key is larger after that time, as a share of its constant value; to
+        first order.
+    p
+        How often a constant pilot gives as much.
+    """
+
+    keys: tuple[str, ...]
+    statistic: float
+    time: float
+    steps: tuple[float, ...]
+    p: float
+
+    @property
+    def changes(self) -> bool:
+        """Whether the pilot is said to change."""
+        return self.p < LEVEL
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain objects, as JSON has them."""
+        return {**asdict(self), "changes": self.changes}
+
+    def __str__(self) -> str:
+        return in_words(self.keys, self.steps)
+
+
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """Scores of changes at several times, whitened for each time.
+
+    Attributes
+    ----------
+    statistics
+        Chi-squared at each time, shape (times,).
+    factor
+        A factor F of their covariance F F', shape (times * keys, rank).
+    steps
+        The changes that explain most at the time of the largest, shape (keys,).
+    """
+
+    statistics: FloatArray
+    factor: FloatArray
+    steps: FloatArray
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of each statistic."""
+        return len(self.factor) // len(self.statistics)
+
+    @property
+    def bound(self) -> float:
+        """What the chance of so large a statistic is at most, each time counted by itself."""
+        tail = chi_squared_tail(self.freedom, float(self.statistics.max()))
+        return min(1.0, len(self.statistics) * tail)
+
+    def chance(self, rng: np.random.Generator, draws: int = DRAWS) -> float:
+        """How often a constant pilot gives so large a statistic.
+
+        Parameters
+        ----------
+        rng
+            Draws what chance gives.
+        draws
+            How often.
+        """
+        times = len(self.statistics)
+        normal = rng.standard_normal((draws, self.factor.shape[1]))
+        drawn = (normal @ self.factor.T).reshape(draws, times, -1)
+        largest = np.max(np.sum(drawn**2, axis=2), axis=1)
+        beyond = int(np.count_nonzero(largest >= self.statistics.max()))
+        return min((beyond + 1.0) / (draws + 1.0), self.bound)
+
+
+def constancy(found: Maximum, recording: Recording, rng: np.random.Generator) -> Constancy | None:
+    """Test whether gains and leads are constant.
+
+    Parameters
+    ----------
+    found
+        The optimum of a constant model.
+    recording
+        What was fitted.
+    rng
+        Draws what chance gives.
+
+    Returns
+    -------
+    Constancy or None
+        None for a model that varies or has no gain, and where nothing can be told.
+    """
+    scores = scores_of(found)
+    if scores is None:
+        return None
+    prediction = found.joint.prediction
+    best = int(np.argmax(scores.statistics))
+    unscored = max(0.0, recording.lead_in - recording.run_in * recording.dt)
+    return Constancy(
+        keys=tuple(prediction.model.keys[i] for i in may_vary(prediction.model)),
+        statistic=float(scores.statistics[best]),
+        steps=relative_steps(found, scores),
+        time=unscored + float(PLACES[best]) * prediction.scored * prediction.dt,
+        p=scores.chance(rng),
+    )
+
+
+def constancy_of(
+    recording: Recording, model: PilotModel, rng: np.random.Generator
+) -> Constancy | None:
+    """Fit a constant model, and test it; see `constancy`.
+
+    Parameters
+    ----------
+    recording, model
+        What is fitted.
+    rng
+        Draws the random starts, and what chance gives.
+    """
+    found = maximise_likelihood(recording, model, rng, LikelihoodSettings(wide=None))
+    return constancy(found, recording, rng)
+
+
+def may_vary(model: PilotModel) -> list[int]:
+    """Indices of a model's gains and leads; none of a model that varies already."""
+    keys = {
+        parameter.key
+        for channel in model.channels
+        for factor in channel.dynamics
+        if isinstance(factor, Polynomial)
+        for parameter in factor.parameters
+    }
+    return [] if model.changes else [i for i, key in enumerate(model.keys) if key in keys]
+
+
+def scores_of(found: Maximum) -> Scores | None:
+    """Scores of changes in gains and leads; None where there is nothing to tell."""
+    varying = may_vary(found.joint.prediction.model)
+    if not varying:
+        return None
+    return change_scores(found.joint.rows(found.end.values[:1])[0], varying)
+
+
+def relative_steps(found: Maximum, scores: Scores) -> tuple[float, ...]:
+    """The steps of `Scores` as shares of the constant values."""
+    values = found.pilot[may_vary(found.joint.prediction.model)]
+    return tuple((scores.steps / values).tolist())
+
+
+def in_words(keys: Sequence[str], steps: Sequence[float]) -> str:
+    """Changes as ``Kvis by -25 %, tlead by +110 %``."""
+    return ", ".join(f"{k} by {100.0 * step:+.0f} %" for k, step in zip(keys, steps, strict=True))
+
+
+def change_scores(
+    rows: FloatArray, varying: list[int], places: FloatArray = PLACES
+) -> Scores | None:
+    """Scores of changes in some parameters at several times.
+
+    Parameters
+    ----------
+    rows
+        Jacobian by pilot and remnant, and last the prediction error, all whitened, shape
+        (parameters + 1, runs, samples).
+    varying
+        Which rows of the Jacobian are of parameters that may change.
+    places
+        When they may, as shares of the samples, shape (times,).
+
+    Returns
+    -------
+    Scores or None
+        None where the information is singular.
+    """
+    size = np.sqrt(np.sum(rows[:-1] ** 2, axis=(1, 2)))
+    if not np.all(size > 0.0):
+        return None
+    jacobian = rows[:-1] / size[:, None, None]
+    samples = rows.shape[-1]
+    after = np.arange(samples) + 0.5 > places[:, None] * samples
+    changes = (jacobian[varying] * after[:, None, None, :]).reshape(len(places), len(varying), -1)
+    known, errors = jacobian.reshape(len(jacobian), -1), rows[-1].ravel()
+    # What constant parameters, estimated along with it, make of a change is no sign of one.
+    basis = np.linalg.qr(known.T).Q
+    changes = changes - (changes @ basis) @ basis.T
+    left, spread, right = np.linalg.svd(changes, full_matrices=False)
+    if spread.size == 0 or np.any(spread[:, -1] <= np.sqrt(SINGULAR) * spread[:, 0]):
+        return None
+    # Rows of `right` are orthonormal: scores by them have the variance of the errors.
+    variance = float(errors @ errors) / (errors.size - len(known))
+    statistics = np.sum((right @ errors) ** 2, axis=1) / variance
+    every = right.reshape(-1, errors.size)
+    eigenvalues, vectors = np.linalg.eigh(every @ every.T)
+    kept = eigenvalues > 1e-9 * eigenvalues[-1]
+    best = int(np.argmax(statistics))
+    steps = left[best] @ ((right[best] @ errors) / spread[best]) / size[varying]
+    return Scores(statistics, vectors[:, kept] * np.sqrt(eigenvalues[kept]), steps)

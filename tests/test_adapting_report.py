@@ -1,0 +1,125 @@
+"""The report's chapter on pilots who change, from stores filled by hand."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pilotid.report.adapting_figures import paths
+from pilotid.report.page import write_report
+from pilotid.study.comparison import Comparison, comparison_of
+from pilotid.study.entries import (
+    TRAJECTORY,
+    MethodEntry,
+    ParameterTruth,
+    Result,
+    ScenarioEntry,
+    Track,
+    Unit,
+)
+from pilotid.study.store import Store
+
+TIMES = 42
+TRUTH = {
+    "time": np.linspace(0.0, 80.0, TIMES).tolist(),
+    "K": np.linspace(2.0, 1.0, TIMES).tolist(),
+    "d": [0.3] * TIMES,
+}
+NAME = "harder"
+
+
+class Made:
+    """A study with its report."""
+
+    def __init__(self, study: Comparison, text: str, folder: Path) -> None:
+        self.study, self.text, self.folder = study, text, folder
+
+
+def filled(folder: Path, methods: dict[str, tuple[float, float, float]], count: int = 30) -> Made:
+    """A report on methods whose error, lag and coverage are given, with some scatter."""
+    parameters = (ParameterTruth("K1", "", 2.0, 0.1), ParameterTruth("K2", "", 1.0, 0.1))
+    rng = np.random.default_rng(1)
+    with Store(folder, create=True) as store:
+        store.describe({"seed": "1", f"{TRAJECTORY} {NAME}": json.dumps(TRUTH)})
+        store.add_scenario(ScenarioEntry(NAME, 0, "it becomes harder", "own", {}, parameters))
+        for place, (method, (error, lag, held)) in enumerate(methods.items()):
+            store.add_method(MethodEntry(method, place, {}))
+            for i in range(count):
+                off, moved = error * (1.0 + 0.1 * rng.standard_normal()), lag + rng.normal(0, 0.2)
+                tracks = [
+                    Track("K", off, off, off, off, moved, held, tuple(TRUTH["K"])),
+                    Track("d", off, off, None, off, None, held, (None, *TRUTH["d"][1:])),
+                ]
+                estimates = [
+                    (p.parameter, p.truth + 0.1 * rng.standard_normal(), 0.1, 0.0, 3.0)
+                    for p in parameters
+                ]
+                result = Result(
+                    Unit(NAME, method, i), "converged", usable=True, seconds=0.1,
+                    estimates=tuple(estimates), tracks=tuple(tracks),
+                )  # fmt: skip
+                store.add(result)
+        study = comparison_of(store)
+        write_report(folder, store, study)
+    return Made(study, (folder / "report.md").read_text(encoding="utf-8"), folder)
+
+
+def sentence(made: Made, method: str) -> str:
+    (line,) = [x for x in made.text.splitlines() if x.startswith(f"- `{method}`: K off")]
+    return line
+
+
+def test_what_each_method_can_do_is_said_by_rules(tmp_path: Path) -> None:
+    made = filled(
+        tmp_path,
+        {"mle": (0.1, 0.1, 0.95), "rarx": (0.5, 4.0, 0.93), "mle-white": (0.15, -3.0, 0.4)},
+    )
+    assert "## Pilots who change" in made.text
+    assert "neither late nor ahead; its bands hold" in sentence(made, "mle")
+    assert "times the least" not in sentence(made, "mle")
+    late = sentence(made, "rarx")
+    assert "times the least" in late
+    assert "s late" in late
+    assert "its bands hold" in late
+    bold = sentence(made, "mle-white")
+    assert "s ahead" in bold
+    assert "does not hold K (40 %), d (40 %)" in bold
+
+
+def test_few_fits_give_no_sentence_but_tables(tmp_path: Path) -> None:
+    made = filled(tmp_path, {"mle": (0.1, 3.0, 0.2)}, count=4)
+    assert "- `mle`: K off" not in made.text
+    assert "trajectories of what changes" in made.text
+
+
+def test_numbers_in_the_table_are_those_of_the_scores(tmp_path: Path) -> None:
+    made = filled(tmp_path, {"mle": (0.1, 2.0, 0.9)})
+    cell = made.study.at(NAME, "mle")
+    assert cell is not None
+    gain, damping = cell.tracks
+    assert gain.lag == pytest.approx(2.0, abs=0.2)
+    assert np.isnan(damping.lag)
+    (row,) = [x for x in made.text.splitlines() if x.startswith("| K | mle |")]
+    assert f"{100.0 * gain.median:.3g}" in row
+    assert "90.0" in row or "| 90" in row
+
+
+def test_the_figure_has_a_panel_for_each_method_and_what_changes(tmp_path: Path) -> None:
+    many = {f"m{i}": (0.1, 0.0, 0.95) for i in range(6)}
+    made = filled(tmp_path, many, count=3)
+    figure = paths(made.study.of(NAME), TRUTH)
+    drawn = [axes for axes in figure.axes if axes.lines]
+    assert len(drawn) == 6  # one parameter changes
+    assert {axes.get_title() for axes in drawn} == set(many)
+    assert (tmp_path / "figures" / f"trajectories-{NAME}.svg").exists()
+
+
+def test_a_study_without_such_pilots_has_no_such_chapter(tmp_path: Path) -> None:
+    with Store(tmp_path, create=True) as store:
+        store.describe({"seed": "1"})
+        study = comparison_of(store)
+        write_report(tmp_path, store, study)
+    assert "Pilots who change" not in (tmp_path / "report.md").read_text(encoding="utf-8")

@@ -1,0 +1,120 @@
+"""The test for gains and leads that change: by hand, by chance, and on pilots."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import NOMINAL, SINGLE_LOOP, recording_of
+
+from pilotid.datasets import SCENARIOS, Scenario
+from pilotid.pilot.catalogue import ADAPTING, MULTI, SINGLE
+from pilotid.time_domain.constancy import LEVEL, change_scores, constancy_of, may_vary
+from pilotid.types import FloatArray
+
+pytestmark = pytest.mark.numerical
+
+
+def regression(rng: np.random.Generator, *, change: float = 0.0) -> FloatArray:
+    """Jacobian and residual of a straight regression, which may change after two thirds."""
+    jacobian = rng.normal(size=(4, 2, 150))
+    y = rng.normal(size=(2, 150))
+    y[:, 100:] += change * jacobian[1, :, 100:]
+    table = jacobian.reshape(4, -1)
+    found = np.linalg.lstsq(table.T, y.ravel())[0]
+    errors = (y.ravel() - found @ table).reshape(1, 2, 150)
+    return np.concatenate([jacobian, errors])
+
+
+def left(columns: FloatArray, y: FloatArray) -> float:
+    found = np.linalg.lstsq(columns.T, y)[0]
+    return float(np.sum((y - found @ columns) ** 2))
+
+
+def test_statistics_are_what_regressions_with_a_change_explain() -> None:
+    rows = regression(np.random.default_rng(1), change=0.2)
+    places = np.array([0.3, 0.5])
+    scores = change_scores(rows, [0, 2], places)
+    assert scores is not None
+    table, errors = rows[:-1].reshape(4, -1), rows[-1].ravel()
+    for place, statistic in zip(places, scores.statistics, strict=True):
+        after = np.tile(np.arange(150) >= place * 150, 2)
+        more = np.concatenate([table, table[[0, 2]] * after])
+        explained = errors @ errors - left(more, errors)
+        assert statistic == pytest.approx(explained / (errors @ errors / (errors.size - 4)))
+        if statistic == scores.statistics.max():
+            steps = np.linalg.lstsq(more.T, errors)[0][4:]
+            assert scores.steps == pytest.approx(steps)
+    assert scores.freedom == 2
+
+
+def test_draws_have_the_covariance_of_the_scores() -> None:
+    rng = np.random.default_rng(2)
+    rows = regression(rng)
+    scores = change_scores(rows, [1], np.array([0.4, 0.6]))
+    assert scores is not None
+    covariance = scores.factor @ scores.factor.T
+    assert np.diag(covariance) == pytest.approx(np.ones(2))
+    # What is left of both changes beside the Jacobian, correlated.
+    table = rows[:-1].reshape(4, -1)
+    after = [table[1] * np.tile(np.arange(150) >= place * 150, 2) for place in (0.4, 0.6)]
+    rest = [own - np.linalg.lstsq(table.T, own)[0] @ table for own in after]
+    correlation = rest[0] @ rest[1] / np.sqrt((rest[0] @ rest[0]) * (rest[1] @ rest[1]))
+    assert abs(covariance[0, 1]) == pytest.approx(correlation)
+    # Of one time alone chance is that of chi-squared.
+    alone = change_scores(rows, [1], np.array([0.5]))
+    assert alone is not None
+    assert alone.chance(rng, 20_000) == pytest.approx(alone.bound, abs=0.02)
+
+
+def test_the_level_is_what_it_says_and_a_change_is_found() -> None:
+    rng = np.random.default_rng(3)
+    chances = []
+    for _ in range(400):
+        scores = change_scores(regression(rng), [0, 1])
+        assert scores is not None
+        chances.append(scores.chance(rng, 500))
+    p = np.array(chances)
+    assert np.mean(p <= 0.05) == pytest.approx(0.05, abs=4.0 * np.sqrt(0.05 * 0.95 / 400))
+    assert np.mean(p) == pytest.approx(0.5, abs=4.0 / np.sqrt(12 * 400))
+    changed = change_scores(regression(rng, change=0.8), [0, 1])
+    assert changed is not None
+    assert changed.chance(rng) < 1e-6
+    assert abs(int(np.argmax(changed.statistics)) - 14) <= 2  # two thirds of the way
+
+
+def test_nothing_is_told_of_parameters_that_cannot_be_told_apart() -> None:
+    rows = regression(np.random.default_rng(4))
+    rows[1] = rows[0]
+    assert change_scores(rows, [0, 1]) is None
+    rows[1] = 0.0
+    assert change_scores(rows, [0, 1]) is None
+
+
+def test_gains_and_leads_may_vary() -> None:
+    assert [MULTI.keys[i] for i in may_vary(MULTI)] == ["Kvis", "tlead", "Kvest"]
+    assert [SINGLE.keys[i] for i in may_vary(SINGLE)] == ["Kvis", "tlead"]
+    assert may_vary(ADAPTING) == []
+    slow = recording_of(SCENARIOS["adapting-slow"])
+    assert constancy_of(slow, ADAPTING, np.random.default_rng(1)) is None
+
+
+@pytest.mark.parametrize("name", ["adapting-slow", "adapting-fast"])
+def test_a_pilot_who_changes_is_seen(name: str) -> None:
+    tested = constancy_of(recording_of(SCENARIOS[name]), SINGLE, np.random.default_rng(1))
+    assert tested is not None
+    assert tested.changes
+    assert tested.p < 1e-6
+    assert tested.time == pytest.approx(41.92, abs=10.0)
+    gain, lead = tested.steps
+    assert gain < 0.0 < lead
+
+
+@pytest.mark.parametrize("scenario", [SINGLE_LOOP, NOMINAL, replace(SINGLE_LOOP, runs=3)])
+def test_constant_pilots_are_not_said_to_change(scenario: Scenario) -> None:
+    for replication in range(3):
+        recording = recording_of(scenario, replication)
+        tested = constancy_of(recording, scenario.model, np.random.default_rng(1))
+        assert tested is not None
+        assert tested.p > LEVEL / 10.0
