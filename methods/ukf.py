@@ -16,7 +16,8 @@ behaviour*, IFAC-PapersOnLine 52(19), 2019.
 A delay asks for the recorded error a while ago, between its samples as well: no Pade approximant,
 no states for it.  Several runs share their parameters at each time, each with states of its own.
 
-A walk is no sigmoid: before and after a change it wanders, and a step it rounds over seconds.
+A walk is no sigmoid: before and after a change it wanders, and a step it rounds over seconds, so
+that the interval of a rate has no upper end.
 Where the filter starts far from the pilot it may diverge; by default it starts at the constant
 pilot of best fit, and a course that describes the control worse than that one is called diverged.
 Use `mle` with a model that changes where its form is known.
@@ -33,6 +34,7 @@ import numpy as np
 from pilotid.chance import SELDOM, Z95, chi_squared_limit
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.trajectory import Trajectory, times_of
+from pilotid.pilot.courses import Sigmoid
 from pilotid.pilot.frozen import frozen
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
@@ -233,4 +235,8 @@ def _with_errors(
     inner = scale.enter(values)
     reached = scale.leave(np.stack([inner - reach, inner + reach]))
     intervals = np.clip(reached, np.minimum(model.lower, values), np.maximum(model.upper, values)).T
+    for changing in (c.changing for c in model.channels):
+        if changing is not None and isinstance(changing.course, Sigmoid):
+            rate = model.keys.index(changing.course.rate_key)
+            intervals[rate, 1] = model.upper[rate]  # a walk rounds a change, however fast it is
     return replace(estimate, covariance=scaled * np.outer(slope, slope), intervals=intervals)

@@ -10,7 +10,7 @@ from helpers import NOMINAL, SINGLE_LOOP, recording_of
 
 from pilotid.datasets import SCENARIOS, Scenario
 from pilotid.pilot.catalogue import ADAPTING, MULTI, SINGLE
-from pilotid.time_domain.constancy import LEVEL, change_scores, constancy_of, may_vary
+from pilotid.time_domain.constancy import LEVEL, change_scores, changes, constancy_of, may_vary
 from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical
@@ -118,3 +118,10 @@ def test_constant_pilots_are_not_said_to_change(scenario: Scenario) -> None:
         tested = constancy_of(recording, scenario.model, np.random.default_rng(1))
         assert tested is not None
         assert tested.p > LEVEL / 10.0
+
+
+def test_a_change_is_said_where_it_is_certain_and_large() -> None:
+    assert changes(0.001, 0.4)
+    assert not changes(0.001, 0.2)
+    assert not changes(0.2, 0.9)
+    assert not changes(float("nan"), float("nan"))

@@ -449,6 +449,11 @@ def test_lines_that_both_signals_have() -> None:
     np.testing.assert_array_equal(recording.fd[1], -recording.fd[0])
     table = forcing_table(made)
     np.testing.assert_array_equal(table[:, 3], -table[:, 2])
+    pairs, single = plan(made.scenario, "tlead", 0.15), plan(NOMINAL, "tlead", 0.15)
+    tlead = made.errors["tlead"] * np.sqrt(2.0 / widening(2, PERIOD))
+    assert pairs.error == pytest.approx(np.hypot(tlead, 1.15 * tlead), rel=0.1)
+    assert pairs.choices == (2, 4, 6, 8, 10)
+    assert single.choices[0] == 1
     with pytest.raises(InputError, match="add --runs 2"):
         design(NOMINAL, lines=shared)
     with pytest.raises(InputError, match="lines of their own"):

@@ -23,7 +23,7 @@ from pilotid.pilot.catalogue import SINGLE
 from pilotid.recordings.files import load_recording
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import fit_rng, recording_rng
-from pilotid.time_domain.constancy import constancy_of
+from pilotid.time_domain.constancy import LEVEL, Constancy, constancy_of
 
 CHANGING = ("adapting-slow", "adapting-fast")
 #: Which recordings of people are of a constant element, and which of one that changes.
@@ -98,7 +98,7 @@ def simulated(count: int, seed: int) -> None:
 def measured() -> None:
     """People, by experiment, condition and axis."""
     folder = Path(os.environ["PILOTID_MEASURED"])
-    groups: dict[str, list[float]] = {}
+    groups: dict[str, list[Constancy]] = {}
     for path in sorted([*folder.glob("adaptation/*.mat"), *folder.glob("yaw/*.mat")]):
         recording: Recording = load_recording(path)
         model = select(recording).model
@@ -114,10 +114,15 @@ def measured() -> None:
             f"{path.stem}, {model.name}: p = {tested.p:.2g}, best at {tested.time:.1f} s, {tested}",
             flush=True,
         )
-        groups.setdefault(name, []).append(tested.p)
-    for name, p in sorted(groups.items()):
-        told = ", ".join(f"{np.sum(np.array(p) < level)} below {level:g}" for level in (0.05, 0.01))
-        print(f"{name}: {len(p)} recordings, {told}")
+        groups.setdefault(name, []).append(tested)
+    for name, own in sorted(groups.items()):
+        certain = sum(tested.p < LEVEL for tested in own)
+        said = sum(tested.changes for tested in own)
+        size = 100.0 * float(np.median([tested.size for tested in own]))
+        print(
+            f"{name}: {len(own)} recordings, p < {LEVEL:g} in {certain}, said to change {said}; "
+            f"largest change of a gain or lead {size:.0f} % in the median"
+        )
 
 
 def main() -> None:

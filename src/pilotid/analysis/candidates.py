@@ -14,6 +14,7 @@ from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
 from pilotid.recordings.recording import Recording
+from pilotid.time_domain.constancy import changes
 from pilotid.time_domain.evidence import Evidence, evidence
 from pilotid.time_domain.output_error import simulated_vaf
 from pilotid.types import FloatArray, InputError
@@ -55,9 +56,10 @@ class Candidate:
         The bounds that parameters reached, in words.
     overdamped
         Whether the neuromuscular system is overdamped.
-    change_p, change_time
+    change_p, change_size, change_time
         How often a pilot whose gains and leads are constant would seem to change as this one
-        does, and when that is seen best [s]; NaN for a model that varies.
+        does, by how much of its value a gain or lead changes at most, and when that is seen best
+        [s]; NaN for a model that varies.
     """
 
     model: str
@@ -77,7 +79,13 @@ class Candidate:
     bounds: str = ""
     overdamped: bool = False
     change_p: float = math.nan
+    change_size: float = math.nan
     change_time: float = math.nan
+
+    @property
+    def changes(self) -> bool:
+        """Whether the pilot is said to change, see `pilotid.time_domain.constancy`."""
+        return changes(self.change_p, self.change_size)
 
     @property
     def excess(self) -> float:
@@ -108,6 +116,7 @@ class Candidate:
             "left_out_chi_squared": list(self.left_out_misfit),
             "bounds": self.bounds,
             "change_p": self.change_p,
+            "change_size": self.change_size,
             "change_time": self.change_time,
         }
 
@@ -187,6 +196,7 @@ def _by_likelihood(found: Evidence) -> Candidate:
         bounds=bounds_reached(found.model, found.values),
         overdamped=_overdamped(found.model, found.values),
         change_p=math.nan if found.constancy is None else found.constancy.p,
+        change_size=math.nan if found.constancy is None else found.constancy.size,
         change_time=math.nan if found.constancy is None else found.constancy.time,
     )
 

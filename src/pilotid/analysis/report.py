@@ -140,14 +140,15 @@ def _changing(analysis: Analysis) -> list[str]:
             constant = [c for c in analysis.candidates(part) if math.isfinite(c.change_p)]
             if constant:
                 own = min(constant, key=lambda c: (c.model != choice.model, c.aicc))
-                told.setdefault(group_words(group) or "all", []).append(own.change_p < CHANGES)
+                told.setdefault(group_words(group) or "all", []).append(own.changes)
     every = [changes for own in told.values() for changes in own]
     if not any(every):
         return []
     where = [f"{words} {sum(own)} of {len(own)}" for words, own in told.items() if any(own)]
     return [
-        f"Gains and leads change during {sum(every)} of {len(every)} recordings (p < {CHANGES:g} "
-        f"of a constant pilot): {', '.join(where)}. `adapting` is a model of such pilots."
+        f"A gain or lead changes by a third or more during {sum(every)} of {len(every)} recordings "
+        f"(p < {CHANGES:g} of a constant pilot): {', '.join(where)}. `adapting` is a model of such "
+        "pilots."
     ]
 
 
@@ -226,7 +227,8 @@ def _recordings(analysis: Analysis) -> Section:
         Column("runs"),
         Column("VAF %"),
         Column("p constant", hint="chance that a constant pilot seems to change as this one"),
-        Column("seen at s", hint="when that change is seen best, from the start of the window"),
+        Column("by %", hint="how much a gain or lead changes at most"),
+        Column("at s", hint="when that change is seen best, from the start of the window"),
         Column("outcome", text=True),
         Column("remarks", text=True),
     ]
@@ -238,7 +240,6 @@ def _recordings(analysis: Analysis) -> Section:
         page = fit.content.get("page")
         name = f"[{fit.part.words}]({page})" if page else fit.part.words
         own = {c.model: c for c in analysis.candidates(fit.part)}.get(fit.content["model"])
-        change = (own.change_p, own.change_time) if own else (math.nan, math.nan)
         for place, e in enumerate(fit.content["estimates"]):
             told = [*(look["remarks"] if not place else ()), *e["remarks"]]
             rows.append(
@@ -248,8 +249,9 @@ def _recordings(analysis: Analysis) -> Section:
                     e["method"],
                     str(look["recording"]["runs"]),
                     number(math.nan if e["vaf"] is None else e["vaf"]),
-                    chance(change[0]),
-                    number(change[1]) if change[0] < CHANGES else NONE,
+                    chance(own.change_p) if own else NONE,
+                    number(100.0 * own.change_size) if own else NONE,
+                    number(own.change_time) if own and own.change_p < CHANGES else NONE,
                     e["outcome"],
                     "; ".join(told) or NONE,
                 ]

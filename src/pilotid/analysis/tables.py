@@ -21,7 +21,8 @@ QUANTITY_COLUMNS = ("unit", "value", "std_error", "lower_95", "upper_95", "outco
 MODEL_COLUMNS = (
     "model", "chosen", "pilot_parameters", "parameters", "remnant", "samples", "log_likelihood",
     "aicc", "bic", "vaf", "left_out_vaf", "left_out_log_likelihood", "chi_squared", "freedom",
-    "chi_squared_per_freedom", "left_out_chi_squared", "change_p", "change_time", "remarks",
+    "chi_squared_per_freedom", "left_out_chi_squared", "change_p", "change_size",
+    "change_time", "remarks",
 )  # fmt: skip
 
 
@@ -112,6 +113,7 @@ def _model_cells(analysis: Analysis, part: Part, names: Sequence[str]) -> list[l
             c.excess,
             sum(c.left_out_misfit) if c.left_out_misfit else "",
             c.change_p,
+            c.change_size,
             c.change_time,
             c.bounds,
         ]

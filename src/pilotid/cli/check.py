@@ -35,7 +35,7 @@ from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.recordings.understood import Forcing, Understood, understood
 from pilotid.seeds import DEFAULT_SEED, fit_rng
 from pilotid.terminal import make_console, make_table, print_table
-from pilotid.time_domain.constancy import constancy_of
+from pilotid.time_domain.constancy import LEVEL, constancy_of
 from pilotid.types import InputError
 
 if TYPE_CHECKING:
@@ -154,10 +154,14 @@ def _constancy(recording: Recording) -> dict[str, object] | None:
     p = "p < 0.001" if found.p < 0.001 else f"p = {found.p:.2g}"
     what = f"{' and '.join(found.keys)} of the model {model.name}"
     words = f"no sign that {what} change during the recording ({p})"
+    if found.p < LEVEL:
+        words = (
+            f"{what} vary during the recording as people do, by less than a third ({found}; {p})"
+        )
     if found.changes:
         words = (
             f"{what} change during the recording, most about t = {found.time:.0f} s ({found}; "
-            f"{p} of a constant pilot): if that is much, fit the parts apart, or the model adapting"
+            f"{p} of a constant pilot): fit the parts apart, or the model adapting"
         )
     return {**found.to_dict(), "model": model.name, "words": words}
 

@@ -114,5 +114,5 @@ def write_files(
     """Write design.json and forcing.csv."""
     write_file(folder / "design.json", strict_json(design_json(made, about, place)).encode())
     names = ("t", "ft", "fd_1", "fd_2") if made.scenario.alternating else ("t", "ft", "fd")
-    rows = [[f"{value:.9g}" for value in row] for row in forcing_table(made, rate, fade)]
+    rows = [[f"{value + 0.0:.9g}" for value in row] for row in forcing_table(made, rate, fade)]
     write_file(folder / "forcing.csv", table_bytes(names, rows))

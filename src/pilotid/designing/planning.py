@@ -25,6 +25,7 @@ LEVEL = 0.05  # of the two-sided test
 WANTED = 0.8  # chance to see the difference
 MOST = 200  # subjects that are looked at
 RUNS = (1, 2, 3, 5, 8)
+PAIRS = (2, 4, 6, 8, 10)  # where the disturbance alternates between runs
 WINDOWS = (0.5, 1.0, 2.0)  # in multiples of the design's
 
 
@@ -46,6 +47,8 @@ class Plan:
         Standard deviation of the parameter from run to run.
     window
         Length of a run [s] that `error` belongs to.
+    choices
+        Numbers of runs in each condition that the table has.
     """
 
     key: str
@@ -54,6 +57,7 @@ class Plan:
     between: float
     within: float
     window: float
+    choices: tuple[int, ...] = RUNS
 
     def deviation(self, runs: int, times: float = 1.0) -> float:
         """Standard deviation of a subject's estimated difference.
@@ -90,7 +94,7 @@ class Plan:
     def table(self) -> Iterator[tuple[float, int, int | None]]:
         """Length of a run [s], runs in each condition, and subjects that suffice."""
         for times in WINDOWS:
-            for runs in RUNS:
+            for runs in self.choices:
                 yield times * self.window, runs, self.subjects(runs, times)
 
     def rows(self, none: str) -> list[list[str]]:
@@ -118,7 +122,7 @@ def plan(
     Parameters
     ----------
     scenario
-        The experiment; of its runs one counts.
+        The experiment; how many runs it has does not count.
     key, effect
         The parameter, and the share by which it differs.
     between, within
@@ -134,7 +138,8 @@ def plan(
             f"--power: model {scenario.model.name} has no parameter {key}: choose from "
             f"{', '.join(scenario.model.keys)}"
         )
-    first = with_held_remnant(replace(scenario, runs=1))
+    runs = 2 if scenario.alternating else 1
+    first = with_held_remnant(replace(scenario, runs=runs))
     truth = dict(zip(first.model.keys, first.truth, strict=True))
     truth[key] *= 1.0 + effect
     second = replace(first, truth=tuple(truth.values()))
@@ -142,8 +147,9 @@ def plan(
     i = first.model.keys.index(key)
     lines, powers = reference_lines(first), powers_of(first)
     one, other = (float(loop_of(s, lines).errors(powers)[i]) for s in (first, second))
-    error = math.hypot(one, other * (1.0 + effect))
-    return Plan(key, effect, error, between, within, first.duration)
+    error = math.sqrt(runs) * math.hypot(one, other * (1.0 + effect))
+    choices = PAIRS if scenario.alternating else RUNS
+    return Plan(key, effect, error, between, within, first.duration, choices)
 
 
 def simulated_chance(

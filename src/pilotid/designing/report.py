@@ -10,7 +10,7 @@ import numpy as np
 
 from pilotid.designing.design import Design
 from pilotid.designing.figures import signals_figure, spectra_figure
-from pilotid.designing.planning import RUNS, Plan
+from pilotid.designing.planning import Plan
 from pilotid.designing.sensitivity import OFF, wrong_pilots
 from pilotid.designing.words import chance_sentence, limits_kept, pilots_sentence, sentences
 from pilotid.disk import write_file
@@ -246,7 +246,7 @@ def _planning(plans: Sequence[tuple[str, Plan]], subjects: int, runs: int) -> Se
     for name, found in plans:
         columns = [
             Column("window", text=True),
-            *(Column(f"{runs} run{'s' if runs > 1 else ''}") for runs in RUNS),
+            *(Column(f"{runs} run{'s' if runs > 1 else ''}") for runs in found.choices),
         ]
         caption = (
             f"Subjects that see it with 80 %, forcing functions of the {name}, runs a condition"

@@ -37,7 +37,7 @@ class Wrong(NamedTuple):
 
 
 def wrong_pilots(made: Design) -> Iterator[Wrong]:
-    """Each parameter lower and higher, the remnant held."""
+    """Each parameter lower and higher, the remnant as the design takes it."""
     reference = with_held_remnant(made.reference)
     keys = reference.model.keys
     usual = powers_of(reference)
@@ -52,6 +52,9 @@ def wrong_pilots(made: Design) -> Iterator[Wrong]:
             except InputError:
                 yield Wrong(key, share, None, np.nan, np.nan)
                 continue
+            if made.remnant == "share":
+                control = before.variance("u", usual)
+                before, after = before.sharing(control), after.sharing(control)
             costs = (after.variance(s, made.powers) / before.variance(s, usual) for s in "eu")
             ratio = after.errors(made.powers) / before.errors(usual)
             yield Wrong(key, share, ratio, *costs)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from pilotid.designing.design import Design
-from pilotid.designing.planning import RUNS, Plan
+from pilotid.designing.planning import Plan
 from pilotid.designing.words import chance_sentence, pilots_sentence, sentences
 from pilotid.terminal import make_console, make_table, print_table
 
@@ -50,7 +50,7 @@ def _plan_table(found: Plan, name: str) -> Table:
     table = make_table()
     table.title = f"subjects for 80 %, {name}"
     table.title_justify, table.title_style = "left", ""
-    for title in ("window", *(f"{runs} run{'s' if runs > 1 else ''}" for runs in RUNS)):
+    for title in ("window", *(f"{runs} run{'s' if runs > 1 else ''}" for runs in found.choices)):
         table.add_column(title, justify="right")
     for row in found.rows("-"):
         table.add_row(*row)

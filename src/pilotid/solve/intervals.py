@@ -157,7 +157,9 @@ def _errors(gram: FloatArray, blocked: BoolArray, variance: float) -> FloatArray
     for k in range(len(hessian)):
         held = blocked & (np.arange(len(hessian)) != k)
         free = np.where(held[:, None] | held, np.eye(len(hessian)), hessian)
-        errors[k] = math.sqrt(np.linalg.inv(free)[k, k] * variance)
+        size = np.sqrt(np.maximum(np.diag(free), 1e-300))
+        own = float(np.linalg.inv(free / np.outer(size, size))[k, k])
+        errors[k] = math.sqrt(max(own, 1.0) * variance) / float(size[k])
     return errors
 
 

@@ -23,9 +23,9 @@ from pilotid.types import FloatArray
 
 #: Logarithms between which a weight is sought, that of the weight which makes penalty and
 #: information equal being zero.  At the ends a curve is free, and straight.
-LIGHTEST, HEAVIEST = -12.0, 14.0
+LIGHTEST, HEAVIEST = -12.0, 10.0
 FLAT = 1.0  # of a weight's logarithm in -2 log of a density that is flat in the standard deviation
-TRIED = 14  # weights, the same for all curves, from the best of which the search begins
+TRIED = 12  # weights, the same for all curves, from the best of which the search begins
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,10 +115,7 @@ class Restricted:
         """The criterion and its gradient at logarithms of weights, shape (curves,)."""
         weighted = np.exp(logs)[:, None, None] * self._matrices
         total = weighted.sum(axis=0)
-        matrix = self._information + total
-        scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-        scaled = matrix / np.outer(scale, scale) + 1e-12 * np.eye(len(scale))
-        inverse = np.linalg.inv(scaled) / np.outer(scale, scale)
+        inverse, determinant = self._inverse(total)
         step = inverse @ (self._descent - total @ self._point)
         moved = self._point + step
         squares = (
@@ -127,8 +124,9 @@ class Restricted:
             + step @ self._information @ step
             + moved @ total @ moved
         )
-        determinant = float(np.linalg.slogdet(scaled)[1] + 2.0 * np.sum(np.log(scale)))
         ranks = self._ranks - FLAT
+        # Of a recording without a remnant rounding errors are left, of any sign.
+        squares = max(float(squares), 1e-13 * self._squares, 1e-300)
         value = self._freedom * np.log(squares) + determinant - ranks @ logs
         rough = np.einsum("i,kij,j->k", moved, weighted, moved)
         used = np.einsum("ij,kji->k", inverse, weighted)
@@ -137,8 +135,18 @@ class Restricted:
     def degrees(self, logs: FloatArray) -> FloatArray:
         """Effective degrees of freedom of each curve: 2 straight, as many as knots free."""
         weighted = np.exp(logs)[:, None, None] * self._matrices
-        inverse = np.linalg.inv(self._information + weighted.sum(axis=0))
+        inverse, _ = self._inverse(weighted.sum(axis=0))
         return np.asarray(self._ranks + 2.0 - np.einsum("ij,kji->k", inverse, weighted))
+
+    def _inverse(self, penalty: FloatArray) -> tuple[FloatArray, float]:
+        """Inverse and log-determinant of the information with a penalty."""
+        matrix = self._information + penalty
+        size = np.diag(matrix)
+        # When a change by nothing was, nobody knows.
+        scale = np.sqrt(np.where(size > 0.0, size, 1.0))
+        scaled = matrix / np.outer(scale, scale) + 1e-12 * np.eye(len(scale))
+        determinant = float(np.linalg.slogdet(scaled)[1] + 2.0 * np.sum(np.log(scale)))
+        return np.linalg.inv(scaled) / np.outer(scale, scale), determinant
 
     def best(self, start: FloatArray | None = None) -> FloatArray:
         """Logarithms of the weights at its minimum, shape (curves,).

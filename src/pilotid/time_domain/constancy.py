@@ -10,8 +10,9 @@ information tells, and draws from that say what chance gives.  No changing model
 
 A slower change is seen as a step in its middle.  One of the delay or of the neuromuscular system
 is seen as far as it looks like one of gain and lead, and so is what a wrong model leaves: the
-test is of the model that it is made with.  People do vary: in runs of 80 s and more together
-changes of a fifth of a gain, which no fit need mind, are certain.  So the size is told too.
+test is of the model that it is made with.  People do vary: in several runs of 80 s together
+changes of a fifth of a gain, which no fit need mind, are certain.  So a pilot is said to change
+only where that is certain and large.
 """
 
 from __future__ import annotations
@@ -34,8 +35,9 @@ from pilotid.types import FloatArray
 PLACES = np.linspace(0.1, 0.9, 21)
 #: Draws of the largest statistic under a constant pilot.
 DRAWS = 20_000
-#: Chance below which a pilot is said to change.
-LEVEL = 0.01
+#: A pilot is said to change where chance is below this, and a gain or lead changes by at least
+#: this share of its constant value.
+LEVEL, LARGE = 0.01, 1.0 / 3.0
 
 
 @dataclass(frozen=True)
@@ -67,8 +69,13 @@ class Constancy:
 
     @property
     def changes(self) -> bool:
-        """Whether the pilot is said to change."""
-        return self.p < LEVEL
+        """Whether the pilot is said to change: certainly and by much."""
+        return changes(self.p, self.size)
+
+    @property
+    def size(self) -> float:
+        """The largest of the steps, without its sign."""
+        return max(abs(step) for step in self.steps)
 
     def to_dict(self) -> dict[str, object]:
         """Plain objects, as JSON has them."""
@@ -123,6 +130,11 @@ class Scores:
         largest = np.max(np.sum(drawn**2, axis=2), axis=1)
         beyond = int(np.count_nonzero(largest >= self.statistics.max()))
         return min((beyond + 1.0) / (draws + 1.0), self.bound)
+
+
+def changes(p: float, size: float) -> bool:
+    """Whether a pilot is said to change, by the chance and the largest share of a change."""
+    return p < LEVEL and size >= LARGE
 
 
 def constancy(found: Maximum, recording: Recording, rng: np.random.Generator) -> Constancy | None:

@@ -19,7 +19,7 @@ from pilotid.pilot.frozen import frozen, unfrozen
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Minima, minimise
-from pilotid.time_domain.exploration import explore, terms_at
+from pilotid.time_domain.exploration import FIRST, explore, terms_at
 from pilotid.time_domain.following import Following
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction, predict
@@ -352,13 +352,13 @@ def _smooth_maximum(
 ) -> Maximum:
     """As `_maximum`, for a pilot who varies freely: how smoothly is found on the way."""
     residual = OutputErrors(prediction).residual(pilot)
-    noise = settings.noise or contenders(residual, band)[0]
+    # What the first pilot leaves is not the remnant alone: a long autoregression would keep it.
+    noise = settings.noise or FIRST
     joint = PredictionErrors(prediction, noise, band)
     values = np.concatenate([pilot, guessed(noise, residual, band)])
     joint, end = smoothed(joint, joint, prediction.model, values, FINE)
     iterations = end.iterations
     for _ in range(settings.rounds):
-        # What the pilot left at first was not the remnant alone.
         other = _maximum(joint.prediction, band, end.values[0, : joint.pilot], settings)
         if other.joint.noise == joint.noise:
             break

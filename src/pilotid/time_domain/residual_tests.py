@@ -16,7 +16,14 @@ from pilotid.chance import SELDOM, chi_squared_limit
 from pilotid.recordings.plant import COHERENT, FEWEST_BANDS, plant_of
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_of
-from pilotid.time_domain.constancy import PLACES, in_words, may_vary, relative_steps, scores_of
+from pilotid.time_domain.constancy import (
+    LARGE,
+    PLACES,
+    in_words,
+    may_vary,
+    relative_steps,
+    scores_of,
+)
 from pilotid.time_domain.drift import drift_left
 from pilotid.time_domain.maximum_likelihood import Maximum
 from pilotid.time_domain.prediction_errors import PredictionErrors
@@ -73,12 +80,15 @@ def _varying(found: Maximum) -> str | None:
     scores = scores_of(found)
     if scores is None or scores.bound >= SELDOM:
         return None
+    steps = relative_steps(found, scores)
+    if max(abs(step) for step in steps) < LARGE:
+        return None
     model = found.joint.prediction.model
     keys = [model.keys[i] for i in may_vary(model)]
     share = 100.0 * PLACES[int(np.argmax(scores.statistics))]
     return (
         f"{' and '.join(keys)} change during the recording, most about {share:.0f} % through it "
-        f"({in_words(keys, relative_steps(found, scores))}; score test: "
+        f"({in_words(keys, steps)}; score test: "
         f"{scores.statistics.max():.0f}, where chance gives {scores.freedom} at any one time), "
         "unless the model lacks a channel or a lag: the values are a mixture, so fit the parts "
         "apart, or a model that varies in time, as adapting does"
