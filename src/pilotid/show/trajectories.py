@@ -59,7 +59,7 @@ def trajectory(
         reach += np.quantile(known, (0.02, 0.98)).tolist() if known.size else []
     if found and truth is not None:
         model, time = found[0][0].model, found[0][1].time
-        true = frozen_over(model, truth, time)[frozen(model).keys.index(key)]
+        true = frozen_over(model.over(float(time[-1])), truth, time)[frozen(model).keys.index(key)]
         axes.plot(time, true, color=INK, linewidth=0.9, linestyle=(0, (3, 2)), label="truth")
         reach += [float(true.min()), float(true.max())]
     if reach and np.ptp(reach) > 0.0:
