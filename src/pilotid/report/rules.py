@@ -19,6 +19,9 @@ from pilotid.study.scores import skewed_t
 ENOUGH = 10
 #: A bias matters if it exceeds both.
 BIAS_PERCENT, BIAS_BOUNDS = 1.0, 0.25
+#: Parameters that a recording tells to an order of magnitude at best; the mean of such estimates
+#: is that of the largest few, so that intervals alone are judged.
+MAGNITUDES = ("rate",)
 #: Intervals are too narrow if they hold the truth less often.
 COVERAGE = 0.90
 #: What no verdict may overlook: intervals that hold the truth no more often than this.
@@ -57,7 +60,7 @@ class Rules:
         from scipy.special import stdtr
 
         beyond = abs(score.bias) - matters(score)
-        if not beyond > 0.0:
+        if not beyond > 0.0 or score.parameter in MAGNITUDES:
             return False
         t = skewed_t(math.copysign(beyond, score.bias), score.std, score.skew, score.n)
         return bool(stdtr(score.n - 1, -abs(t)) <= self.level)
@@ -78,6 +81,8 @@ class Rules:
         from scipy.special import ndtri, stdtrit
 
         found, limit = abs(score.bias), matters(score)
+        if score.parameter in MAGNITUDES:
+            return 0
         if found - stdtrit(score.n - 1, OVERLOOKED) * score.bias_se <= limit:
             return 0
         # To prove small; or, if it is as large as found, to be certain in all comparisons.
@@ -94,7 +99,9 @@ class Rules:
             (
                 f"A bias matters if it exceeds {BIAS_PERCENT:.0f} % of the true value and a "
                 "quarter of the Cramér-Rao bound; it counts if chance hardly makes one like it of "
-                "a smaller one (Student's t, corrected for skewness by Hall's transformation). "
+                "a smaller one (Student's t, corrected for skewness by Hall's transformation); that "
+                f"of {' and '.join(MAGNITUDES)}, which a recording tells to an order of magnitude "
+                "at best, does not. "
                 f"Intervals are too narrow if fewer than {100 * COVERAGE:.0f} % of the 95 % "
                 "intervals hold the truth, and chance hardly makes honest ones fall that short. "
                 f"Hardly: this report makes {self.comparisons} such comparisons, and each has the "

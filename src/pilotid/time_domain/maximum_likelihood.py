@@ -92,7 +92,8 @@ class Maximum:
     def variance(self) -> float:
         """Variance of the prediction error."""
         freedom = self.joint.residuals - int(self.end.values.shape[1])
-        return float(self.end.cost[0]) / freedom
+        # Of a recording without a remnant rounding errors are left, of any sign.
+        return max(float(self.end.cost[0]), 1e-300) / freedom
 
     @property
     def widened(self) -> float:
