@@ -82,6 +82,8 @@ def test_a_bias_counts_if_it_is_certain_to_matter() -> None:
     # Where estimates are skewed upwards their mean is rather too low than too high.
     assert rules.biased(replace(found, bias=-2.4))
     assert not rules.biased(replace(found, bias=-2.4, skew=2.0))
+    # An order of magnitude has no mean error.
+    assert not rules.biased(replace(found, parameter="rate"))
 
 
 def test_intervals_are_narrow_if_honest_ones_would_hardly_be() -> None:

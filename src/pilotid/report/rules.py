@@ -99,9 +99,9 @@ class Rules:
             (
                 f"A bias matters if it exceeds {BIAS_PERCENT:.0f} % of the true value and a "
                 "quarter of the Cramér-Rao bound; it counts if chance hardly makes one like it of "
-                "a smaller one (Student's t, corrected for skewness by Hall's transformation); that "
-                f"of {' and '.join(MAGNITUDES)}, which a recording tells to an order of magnitude "
-                "at best, does not. "
+                "a smaller one (Student's t, corrected for skewness by Hall's transformation). "
+                f"That of {' and '.join(MAGNITUDES)} does not, which a recording tells to an order "
+                "of magnitude at best. "
                 f"Intervals are too narrow if fewer than {100 * COVERAGE:.0f} % of the 95 % "
                 "intervals hold the truth, and chance hardly makes honest ones fall that short. "
                 f"Hardly: this report makes {self.comparisons} such comparisons, and each has the "

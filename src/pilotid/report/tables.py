@@ -11,7 +11,7 @@ import numpy as np
 from pilotid.estimates.estimate import Outcome
 from pilotid.numbers import NONE, number, plus_minus, printed, share, signed
 from pilotid.report.content import Column, Entry, Table, entries
-from pilotid.report.verdicts import Verdict, extremes
+from pilotid.report.verdicts import Verdict, extremes, sized
 from pilotid.study.attempts import Attempts
 from pilotid.study.comparison import Cell, Comparison
 from pilotid.study.score import Score
@@ -52,7 +52,7 @@ def _verdict_row(verdict: Verdict, *, missed: bool) -> list[str | Entry]:
 
 def largest_bias(cell: Cell) -> str:
     """The largest bias in multiples of the bound, in % and of which parameter."""
-    _, worst = extremes(cell.percent, lambda s: abs(s.bias) / s.bound)
+    _, worst = extremes(sized(cell), lambda s: abs(s.bias) / s.bound)
     if worst is None:
         return NONE
     return f"{number(abs(worst.bias) / worst.bound, 2)} ({worst.parameter} {signed(worst.bias)} %)"
@@ -60,7 +60,7 @@ def largest_bias(cell: Cell) -> str:
 
 def worst_rmse(cell: Cell) -> str:
     """Median and largest ratio of rmse to bound."""
-    _, worst = extremes(cell.percent, lambda s: s.ratio)
+    _, worst = extremes(sized(cell), lambda s: s.ratio)
     if worst is None:
         return NONE
     return f"{number(_median(cell, lambda s: s.ratio))}, {number(worst.ratio)} {worst.parameter}"

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from pilotid.numbers import signed
-from pilotid.report.rules import ENOUGH, FAILURES, Rules
+from pilotid.report.rules import ENOUGH, FAILURES, MAGNITUDES, Rules
 from pilotid.study.comparison import Cell
 from pilotid.study.score import Score
 
@@ -130,6 +130,11 @@ def judge(cell: Cell, rules: Rules) -> Verdict:
     )
 
 
+def sized(cell: Cell) -> tuple[Score, ...]:
+    """Scores in % of the parameters whose errors mean something on average."""
+    return tuple(score for score in cell.percent if score.parameter not in MAGNITUDES)
+
+
 def extremes(
     scores: Sequence[Score], value: Callable[[Score], float]
 ) -> tuple[Score | None, Score | None]:
@@ -159,7 +164,7 @@ def _advice(verdict: Verdict) -> str:
     if verdict.grade is Grade.OPEN:
         return f"nothing against it, but it takes {_recordings(verdict.needed)} to tell"
     if verdict.grade is Grade.GOOD:
-        _, worst = extremes(verdict.cell.percent, lambda s: s.ratio)
+        _, worst = extremes(sized(verdict.cell), lambda s: s.ratio)
         wasteful = worst is not None and worst.ratio > WASTE
         return "use it, though it is not efficient" if wasteful else "use it"
     parts = []
@@ -186,7 +191,7 @@ def _bias_words(verdict: Verdict) -> str:
 
 
 def _scatter_words(cell: Cell) -> str:
-    low, high = extremes(cell.percent, lambda s: s.ratio)
+    low, high = extremes(sized(cell), lambda s: s.ratio)
     if low is None or high is None:
         return ""
     return f"rmse {low.ratio:.2g} to {high.ratio:.2g} times the bound"
