@@ -63,7 +63,7 @@ def in_words(path: Path) -> Iterator[None]:
 def open_to_write(path: Path) -> Opened:
     """A store that can be written, and what is to be told; it is made or mended if need be."""
     told = ""
-    if path.exists() and path.stat().st_size:
+    if _size(path):
         told = _patiently(lambda: _mended(path))
     return _patiently(lambda: _made(path)), told
 
@@ -257,10 +257,18 @@ def _require_this_format(path: Path, base: sqlite3.Connection) -> None:
         )
 
 
+def _size(path: Path) -> int:
+    """Bytes of a file, 0 where there is none: another process may take it away at any time."""
+    try:
+        return path.stat().st_size
+    except FileNotFoundError:
+        return 0
+
+
 def _source(path: Path) -> sqlite3.Connection:
     """A connection for reading, whatever the rights; the file itself stays as it is."""
     log = _beside(path, "-wal")
-    has_log = log.exists() and log.stat().st_size > 0
+    has_log = _size(log) > 0
     try:
         # Who may write makes no leftovers; who may not does not merge the log on closing.
         return _proven(_connected(path, "ro" if has_log else "rw"))
