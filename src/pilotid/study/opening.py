@@ -11,7 +11,7 @@ import shutil
 import sqlite3
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TypeVar
@@ -173,7 +173,7 @@ def _set_aside(path: Path) -> Path:
     except OSError:  # not every file system has links
         shutil.copyfile(path, aside)
     for ending in ("-wal", "-shm"):
-        if _beside(path, ending).exists():
+        with suppress(FileNotFoundError):  # another process takes its own away
             _beside(path, ending).replace(_beside(aside, ending))
     return aside
 
