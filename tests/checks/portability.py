@@ -2,7 +2,7 @@
 
     nox -s portability                   the whole suite, on every processor that can be had
     nox -s portability -- --numerical    what computes, on every processor
-    nox -s portability -- --quick        what computes, on two that are not this one
+    nox -s portability -- --quick        what computes, half on each of two that are not this one
 
 What follows goes to pytest.
 """
@@ -14,36 +14,51 @@ import itertools
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 from processors import Processor, is_native, runnable
 
 THREADS = (1, 2)
+TESTS = Path(__file__).parents[1]
 
 
-def quick(processors: list[Processor]) -> list[tuple[Processor, int]]:
-    """Two runs: processors that this is not where there are such, and both thread counts."""
+Run = tuple[Processor, int, tuple[str, ...]]  # on what, with how many threads, which files
+
+
+def quick(processors: list[Processor]) -> list[Run]:
+    """Two runs: processors that this is not where there are such, and both thread counts.
+
+    Each has every other file, so that both together take as long as one.
+    """
     others_first = sorted(processors, key=is_native)
-    return list(zip(itertools.cycle(others_first), THREADS, strict=False))
+    files = [str(path) for path in sorted(TESTS.glob("test_*.py"))]
+    computing = [name for name in files if "mark.numerical" in Path(name).read_text("utf-8")]
+    return [
+        (processor, threads, tuple(computing[part::2]))
+        for part, (processor, threads) in enumerate(
+            zip(itertools.cycle(others_first), THREADS, strict=False)
+        )
+    ]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--numerical", action="store_true", help="leave out what does not compute")
-    parser.add_argument("--quick", action="store_true", help="the numerical part, in two runs")
+    parser.add_argument("--quick", action="store_true", help="the numerical part, half in each run")
     settings, more = parser.parse_known_args()
     processors, sentences = runnable()
     print("\n".join(sentences), flush=True)
-    every = list(itertools.product(processors, THREADS))
+    every = [(*pair, ()) for pair in itertools.product(processors, THREADS)]
     part = ("-m", "numerical") if settings.quick or settings.numerical else ()
     pytest = (sys.executable, "-m", "pytest", "-q", "--ignore=tests/benchmarks")
     results = {}
-    for processor, threads in quick(processors) if settings.quick else every:
+    for processor, threads, files in quick(processors) if settings.quick else every:
         title = f"{processor.name}, {threads} thread{'s' if threads > 1 else ''}"
         print(f"\n--- {title}", flush=True)
         # Threads that wait for one another's processor take longer than one after the other.
         workers = ("-n", str(max(1, (os.cpu_count() or 1) // threads)))
         environment = processor.environment(threads)
-        done = subprocess.run((*pytest, *workers, *part, *more), env=environment)
+        done = subprocess.run((*pytest, *workers, *part, *more, *files), env=environment)
         results[title] = "passed" if done.returncode == 0 else f"failed ({done.returncode})"
     print("\n" + "\n".join(f"{title}: {result}" for title, result in results.items()))
     sys.exit(int(any(result != "passed" for result in results.values())))
