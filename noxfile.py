@@ -19,11 +19,11 @@ def groups(*names: str) -> list[str]:
 
 @nox.session
 def tests(session: nox.Session) -> None:
-    """Run the tests on two processes and measure what they cover."""
+    """Run the tests on two processes; `-- --cov` measures what they cover."""
     session.install("-e", ".", *groups("tests"))
     session.run(
         "pytest",
-        *("-n", "2", "--cov", "--cov-report=term:skip-covered", "--ignore=tests/benchmarks"),
+        *("-n", "2", "--ignore=tests/benchmarks"),
         *session.posargs,
         env={"OMP_NUM_THREADS": "1"},
     )
