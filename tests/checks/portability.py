@@ -2,7 +2,7 @@
 
     nox -s portability                   the whole suite, on every processor that can be had
     nox -s portability -- --numerical    what computes, on every processor
-    nox -s portability -- --quick        what computes, half on each of two that are not this one
+    nox -s portability -- --quick        what computes, in parts on two that are not this one
 
 What follows goes to pytest.
 """
@@ -28,15 +28,18 @@ Run = tuple[Processor, int, tuple[str, ...]]  # on what, with how many threads, 
 def quick(processors: list[Processor]) -> list[Run]:
     """Two runs: processors that this is not where there are such, and both thread counts.
 
-    Each has every other file, so that both together take as long as one.
+    Every fourth file goes to the second, which runs one test at a time, and the others to the
+    first, so that both together take as long as one.
     """
     others_first = sorted(processors, key=is_native)
     files = [str(path) for path in sorted(TESTS.glob("test_*.py"))]
     computing = [name for name in files if "mark.numerical" in Path(name).read_text("utf-8")]
+    second = computing[3::4]
+    parts = ([name for name in computing if name not in second], second)
     return [
-        (processor, threads, tuple(computing[part::2]))
-        for part, (processor, threads) in enumerate(
-            zip(itertools.cycle(others_first), THREADS, strict=False)
+        (processor, threads, tuple(part))
+        for processor, threads, part in zip(
+            itertools.cycle(others_first), THREADS, parts, strict=False
         )
     ]
 
@@ -44,7 +47,7 @@ def quick(processors: list[Processor]) -> list[Run]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--numerical", action="store_true", help="leave out what does not compute")
-    parser.add_argument("--quick", action="store_true", help="the numerical part, half in each run")
+    parser.add_argument("--quick", action="store_true", help="the numerical part, in two runs")
     settings, more = parser.parse_known_args()
     processors, sentences = runnable()
     print("\n".join(sentences), flush=True)
