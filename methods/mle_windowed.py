@@ -22,7 +22,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from pilotid.chance import Z95
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.trajectory import Trajectory, times_of
 from pilotid.pilot.frozen import frozen
@@ -133,20 +132,15 @@ class MLEWindowed:
         scale, runs = Scale(plain.positive), windows.prediction.runs
         freedom = np.maximum(1.0, runs * inside.sum(axis=1) - len(plain.keys))
         variance = end.cost / freedom
-        slope = scale.slope(end.values)
-        hessian = end.gram[:, :-1, :-1] * slope[:, :, None] * slope[:, None, :]
+        hessian = scale.inner(end.gram, end.values)[:, :-1, :-1]
         # What a window does not tell is known to lie within its bounds.
-        span = 0.25 * (scale.enter(plain.upper) - scale.enter(plain.lower))
+        span = scale.unknown(plain.lower, plain.upper)
         information = hessian / variance[:, None, None] + np.diag(1.0 / span**2)
         if not (np.isfinite(information).all() and (variance > 0.0).all()):
             return None
         error = np.sqrt(np.diagonal(np.linalg.inv(information), axis1=1, axis2=2))
-        inner = scale.enter(end.values)
-        parts = [
-            np.clip(scale.leave(inner + reach * error), plain.lower, plain.upper).T
-            for reach in (0.0, -Z95, Z95)
-        ]
-        over = [np.array([np.interp(time, middles, row) for row in part]) for part in parts]
+        parts = (end.values, *scale.interval(end.values, error, plain.lower, plain.upper))
+        over = [np.array([np.interp(time, middles, row) for row in part.T]) for part in parts]
         return Trajectory(plain.keys, time, *over)
 
 

@@ -27,7 +27,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from pilotid.chance import Z95
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.trajectory import Trajectory, times_of
 from pilotid.frequency.regression import Regression, lagged_rows
@@ -36,6 +35,7 @@ from pilotid.pilot.frozen import frozen
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import minimise_each
+from pilotid.solve.scale import Scale
 from pilotid.solve.search import draw_starts
 from pilotid.time_domain.over_time import estimated_over_time, no_reduction
 from pilotid.time_domain.prepare import Prepared, prepare
@@ -157,14 +157,10 @@ class RARX:
         fit = _Reduction(plain, omega, response, slopes, covariance)
         middle = fit.at_once(rng)
         values, error = fit.over_time(middle)
-        logs = plain.positive
-        shape = (len(plain.keys), time.size)
-        parts = [np.full(shape, np.nan) for _ in range(3)]
-        for part, reach in zip(parts, (0.0, -Z95, Z95), strict=True):
-            moved = np.where(logs, values * np.exp(np.where(logs, reach * error, 0.0)), values)
-            moved = np.where(logs, moved, values + reach * error)
-            ends = np.clip(moved, plain.lower, plain.upper)
-            part[:, known] = ends.T
+        ends = Scale(plain.positive).interval(values, error, plain.lower, plain.upper)
+        parts = [np.full((len(plain.keys), time.size), np.nan) for _ in range(3)]
+        for part, found_there in zip(parts, (values, *ends), strict=True):
+            part[:, known] = found_there.T
         return Trajectory(plain.keys, time, *parts)
 
 
@@ -289,16 +285,12 @@ class _Reduction:
         starts = np.repeat(start[None], times, axis=0)
         end = minimise_each(self._gram, starts, plain, tolerance=1e-6, iterations=25)
         rows = self._rows(end.values, np.arange(times))
-        slope = np.where(plain.positive, end.values, 1.0)
-        jacobian = rows[:, :-1] * slope[:, :, None]
+        scale = Scale(plain.positive)
+        jacobian = rows[:, :-1] * scale.slope(end.values)[:, :, None]
         own = self._slopes * self._weight[:, None]
         moved = np.concatenate([own.real, own.imag], axis=-1)
         # What the response does not tell is known to lie within its bounds.
-        logs = plain.positive
-        low, high = (
-            np.where(logs, np.log(np.where(logs, b, 1.0)), b) for b in (plain.lower, plain.upper)
-        )
-        prior = np.diag((4.0 / (high - low)) ** 2)
+        prior = np.diag(1.0 / scale.unknown(plain.lower, plain.upper) ** 2)
         inverse = np.linalg.inv(jacobian @ jacobian.swapaxes(1, 2) + prior)
         gain = inverse @ (jacobian @ moved.swapaxes(1, 2))
         variance = np.einsum("tpi,tij,tpj->tp", gain, self._covariance, gain)

@@ -194,12 +194,8 @@ def _trajectory(
     pilot: WalkingPilot, mean: FloatArray, error: FloatArray, time: FloatArray
 ) -> Trajectory:
     """The course at the times of trajectories, NaN before the filter starts."""
-    parts = [pilot.from_walk(mean + reach * error) for reach in (0.0, -Z95, Z95)]
-    rows = [
-        np.array([np.interp(time, pilot.time, p, left=np.nan, right=np.nan) for p in part.T])
-        for part in parts
-    ]
-    return Trajectory(pilot.model.keys, time, rows[0], rows[1], rows[2])
+    value, low, high = (pilot.from_walk(mean + reach * error).T for reach in (0.0, -Z95, Z95))
+    return Trajectory(pilot.model.keys, pilot.time, value, low, high).at(time)
 
 
 def _with_errors(
@@ -212,12 +208,12 @@ def _with_errors(
     model, values = estimate.model, estimate.values
     problem = TrajectoryFit(model, trajectory)
     rows = problem.rows(values[None])[0, :-1]
-    slope = np.where(model.positive, values, 1.0)
+    scale = Scale(model.positive)
+    slope = scale.slope(values)
     jacobian = rows * slope[:, None, None]
     flat = jacobian.reshape(len(values), -1)
-    scale = Scale(model.positive)
-    span = 0.25 * (scale.enter(model.upper) - scale.enter(model.lower))
-    inverse = np.linalg.inv(flat @ flat.T + np.diag(1.0 / span**2))
+    prior = np.diag(1.0 / scale.unknown(model.lower, model.upper) ** 2)
+    inverse = np.linalg.inv(flat @ flat.T + prior)
     by_time = np.einsum("pq,qkt->pkt", inverse, jacobian / problem.error)
     known = np.flatnonzero(problem.known.all(axis=0))
     weights = np.zeros((len(values), len(pilot.order), len(pilot.time)))
@@ -230,11 +226,9 @@ def _with_errors(
     scaled = np.einsum("s,spq->pq", found.weights, course.covariance_of(weights))
     scaled += np.einsum("s,sp,sq->pq", found.weights, off, off)
     # What the course does not tell, such as the rate of a step, is known to lie in its bounds.
-    scaled += inverse @ np.diag(1.0 / span**2) @ inverse
-    reach = Z95 * np.sqrt(np.diag(scaled))
-    inner = scale.enter(values)
-    reached = scale.leave(np.stack([inner - reach, inner + reach]))
-    intervals = np.clip(reached, np.minimum(model.lower, values), np.maximum(model.upper, values)).T
+    scaled += inverse @ prior @ inverse
+    error = np.sqrt(np.diag(scaled))
+    intervals = np.stack(scale.interval(values, error, model.lower, model.upper), axis=1)
     for changing in (c.changing for c in model.channels):
         if changing is not None and isinstance(changing.course, Sigmoid):
             rate = model.keys.index(changing.course.rate_key)

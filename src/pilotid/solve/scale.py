@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pilotid.chance import Z95
 from pilotid.types import BoolArray, FloatArray
 
 
@@ -37,6 +38,29 @@ class Scale:
     def slope(self, values: FloatArray) -> FloatArray:
         """Derivatives of the parameters by inner ones, shape (sets, parameters)."""
         return np.where(self.positive, values, 1.0)
+
+    def unknown(self, lower: FloatArray, upper: FloatArray) -> FloatArray:
+        """Inner standard errors of what is only known to lie within its bounds, (parameters,)."""
+        return 0.25 * (self.enter(upper) - self.enter(lower))
+
+    def interval(
+        self, values: FloatArray, error: FloatArray, lower: FloatArray, upper: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Ends of 95 % intervals, not beyond bounds, each of shape (..., parameters).
+
+        Parameters
+        ----------
+        values
+            Parameters, shape (..., parameters).
+        error
+            Their standard errors on the inner scale, of the same shape.
+        lower, upper
+            Bounds, shape (parameters,).
+        """
+        points, reach = self.enter(values), Z95 * error
+        least, most = np.minimum(lower, values), np.maximum(upper, values)
+        low, high = self.leave(points - reach), self.leave(points + reach)
+        return np.clip(low, least, most), np.clip(high, least, most)
 
     def inner(self, grams: FloatArray, values: FloatArray) -> FloatArray:
         """Gram matrices by inner parameters, from those by the parameters at `values`."""

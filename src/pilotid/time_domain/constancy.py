@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -93,20 +94,29 @@ class Scores:
     ----------
     statistics
         Chi-squared at each time, shape (times,).
-    factor
-        A factor F of their covariance F F', shape (times * keys, rank).
+    directions
+        What of the prediction errors the scores of each time are, orthonormal, shape
+        (times, keys, residuals).
     steps
         The changes that explain most at the time of the largest, shape (keys,).
     """
 
     statistics: FloatArray
-    factor: FloatArray
+    directions: FloatArray
     steps: FloatArray
 
     @property
     def freedom(self) -> int:
         """Degrees of freedom of each statistic."""
-        return len(self.factor) // len(self.statistics)
+        return len(self.steps)
+
+    @cached_property
+    def factor(self) -> FloatArray:
+        """A factor F of the scores' covariance F F', shape (times * keys, rank)."""
+        every = self.directions.reshape(-1, self.directions.shape[-1])
+        eigenvalues, vectors = np.linalg.eigh(every @ every.T)
+        kept = eigenvalues > 1e-9 * eigenvalues[-1]
+        return np.asarray(vectors[:, kept] * np.sqrt(eigenvalues[kept]))
 
     @property
     def bound(self) -> float:
@@ -154,7 +164,7 @@ def constancy(found: Maximum, recording: Recording, rng: np.random.Generator) ->
     Constancy or None
         None for a model that varies or has no gain, and where nothing can be told.
     """
-    scores = scores_of(found)
+    scores = scores_of(found, found.joint.rows(found.end.values[:1])[0])
     if scores is None:
         return None
     prediction = found.joint.prediction
@@ -197,12 +207,18 @@ def may_vary(model: PilotModel) -> list[int]:
     return [] if model.changes else [i for i, key in enumerate(model.keys) if key in keys]
 
 
-def scores_of(found: Maximum) -> Scores | None:
-    """Scores of changes in gains and leads; None where there is nothing to tell."""
+def scores_of(found: Maximum, rows: FloatArray) -> Scores | None:
+    """Scores of changes in gains and leads; None where there is nothing to tell.
+
+    Parameters
+    ----------
+    found
+        The optimum of a constant model.
+    rows
+        Its whitened Jacobian and prediction error, see `change_scores`.
+    """
     varying = may_vary(found.joint.prediction.model)
-    if not varying:
-        return None
-    return change_scores(found.joint.rows(found.end.values[:1])[0], varying)
+    return change_scores(rows, varying) if varying else None
 
 
 def relative_steps(found: Maximum, scores: Scores) -> tuple[float, ...]:
@@ -253,9 +269,6 @@ def change_scores(
     # Rows of `right` are orthonormal: scores by them have the variance of the errors.
     variance = float(errors @ errors) / (errors.size - len(known))
     statistics = np.sum((right @ errors) ** 2, axis=1) / variance
-    every = right.reshape(-1, errors.size)
-    eigenvalues, vectors = np.linalg.eigh(every @ every.T)
-    kept = eigenvalues > 1e-9 * eigenvalues[-1]
     best = int(np.argmax(statistics))
     steps = left[best] @ ((right[best] @ errors) / spread[best]) / size[varying]
-    return Scores(statistics, vectors[:, kept] * np.sqrt(eigenvalues[kept]), steps)
+    return Scores(statistics, right, steps)

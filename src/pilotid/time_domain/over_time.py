@@ -177,11 +177,9 @@ def estimated_over_time(
     estimate = concluded(
         method, recording, model, values, covariance, converged=bool(end.converged[0])
     )
-    scale = Scale(model.positive)
-    reach = Z95 * np.sqrt(np.diag(scaled))
-    inner = scale.enter(values)
-    reached = scale.leave(np.stack([inner - reach, inner + reach]))
-    intervals = np.clip(reached, np.minimum(model.lower, values), np.maximum(model.upper, values)).T
+    error = np.sqrt(np.diag(scaled))
+    ends = Scale(model.positive).interval(values, error, model.lower, model.upper)
+    intervals = np.stack(ends, axis=1)
     return replace(estimate, intervals=intervals, trajectory=trajectory, iterations=end.iterations)
 
 
@@ -191,7 +189,8 @@ def _covariance(
     """Covariance of the values, and that on the scale of the search; None if it is singular."""
     model, time = problem.model, problem.trajectory.time
     rows = problem.rows(values[None])[0]
-    slope = np.where(model.positive, values, 1.0)  # of a positive parameter by its logarithm
+    scale = Scale(model.positive)
+    slope = scale.slope(values)
     jacobian, residual = rows[:-1] * slope[:, None, None], rows[-1]
     own = np.sum(residual**2, axis=1) / problem.known.sum(axis=1)
     size = np.sqrt(np.maximum(own, 1.0))
@@ -205,9 +204,7 @@ def _covariance(
     carried = np.einsum("pks,st->pkt", jacobian, kernel)
     scores = np.einsum("pkt,qlt,kl->pq", carried, jacobian, alike * np.outer(size, size))
     # What says nothing, such as the rate of a step, is known to lie within its bounds.
-    scale = Scale(model.positive)
-    span = 0.25 * (scale.enter(model.upper) - scale.enter(model.lower))
-    prior = np.diag(1.0 / span**2)
+    prior = np.diag(1.0 / scale.unknown(model.lower, model.upper) ** 2)
     flat = jacobian.reshape(len(values), -1)
     scaled = sandwich_of(flat @ flat.T + prior, scores + prior)
     if scaled is None or not np.isfinite(scaled).all():

@@ -41,7 +41,7 @@ def tested(found: Maximum, recording: Recording) -> tuple[str, ...]:
     rows = found.joint.rows(found.end.values[:1])[0]
     remarks = [
         _held(recording),
-        _changed(rows, found.joint) or _varying(found),
+        _changed(rows, found.joint) or _varying(found, rows),
         _uneven(rows[-1]),
         _drifting(found),
         _coloured(rows[-1]),
@@ -76,8 +76,8 @@ def _answered_at_once(recording: Recording) -> str | None:
     )
 
 
-def _varying(found: Maximum) -> str | None:
-    scores = scores_of(found)
+def _varying(found: Maximum, rows: FloatArray) -> str | None:
+    scores = scores_of(found, rows)
     if scores is None or scores.bound >= SELDOM:
         return None
     steps = relative_steps(found, scores)
