@@ -212,18 +212,20 @@ def test_a_delay_that_changes_is_followed_where_all_parameters_walk() -> None:
     truth = (0.09, 0.4, 41.92, 0.5, 0.22, 0.36, 11.25, 0.35)
     slower = replace(SLOW, model=PilotModel("slower", tuple(sides)), truth=truth, change=None)
     recording = simulate(without_remnant(slower), np.random.default_rng(1))
-    delays = {}
+    courses = {}
     for walking in ("all", "gains"):
         method = UKF(walking=walking, rounds=2, candidates=8, remnant="lag")
         estimate = identify(method, recording, SINGLE, np.random.default_rng(2))
         assert estimate.outcome.usable, estimate.sentence
         course = estimate.trajectory
         assert course is not None
-        delays[walking] = course.values[SINGLE.keys.index("tdvis")]
-    before, after = course.time < 30.0, course.time > 54.0
-    assert np.nanmean(delays["all"][before]) == pytest.approx(0.22, abs=0.01)
-    assert np.nanmean(delays["all"][after]) == pytest.approx(0.36, abs=0.01)
-    assert np.nanstd(delays["gains"]) == pytest.approx(0.0, abs=1e-3)
+        courses[walking] = dict(zip(SINGLE.keys, course.values, strict=True))
+    for delay, when in ((0.22, course.time < 30.0), (0.36, course.time > 54.0)):
+        found = {key: np.nanmean(values[when]) for key, values in courses["all"].items()}
+        assert found["tdvis"] == pytest.approx(delay, abs=0.01)
+        assert found["Kvis"] == pytest.approx(0.09, rel=0.1)
+        assert found["tlead"] == pytest.approx(0.4, rel=0.1)
+    assert np.nanstd(courses["gains"]["tdvis"]) == pytest.approx(0.0, abs=1e-3)
 
 
 def test_errors_are_as_large_as_claimed_with_a_white_remnant() -> None:
