@@ -13,7 +13,7 @@ nox.options.sessions = ["tests", "lint", "types"]
 nox.options.reuse_existing_virtualenvs = True
 
 PROJECT = nox.project.load_toml("pyproject.toml")
-SOURCES = ("src/pilotid", "methods", "datasets", "tests", "noxfile.py")
+SOURCES = ("src/pilotid", "methods", "datasets", "tests", "examples", "noxfile.py")
 
 
 def groups(*names: str) -> list[str]:

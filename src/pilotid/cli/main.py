@@ -30,6 +30,7 @@ from pilotid.cli.arguments import (
 from pilotid.cli.check import check
 from pilotid.cli.comparison import compare, report
 from pilotid.cli.design import design
+from pilotid.cli.publishing import compare_studies, publish
 from pilotid.cli.reading import (
     DetrendOption,
     IntervalOption,
@@ -333,3 +334,5 @@ app.command()(analyse)
 app.command()(design)
 app.command()(compare)
 app.command()(report)
+app.command()(publish)
+app.command()(compare_studies)
