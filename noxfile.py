@@ -13,7 +13,7 @@ nox.options.sessions = ["tests", "lint", "types"]
 nox.options.reuse_existing_virtualenvs = True
 
 PROJECT = nox.project.load_toml("pyproject.toml")
-SOURCES = ("src/pilotid", "methods", "datasets", "tests", "examples", "noxfile.py")
+SOURCES = ("src/pilotid", "methods", "datasets", "tests", "examples", "docs", "noxfile.py")
 
 
 def groups(*names: str) -> list[str]:
@@ -86,6 +86,19 @@ def check(session: nox.Session) -> None:
     session.install("-e", ".[statistics]", "threadpoolctl>=3")
     script = f"tests/checks/{scripts[names[0]]}"
     session.run("python", script, *session.posargs[1:], env={"OMP_NUM_THREADS": "1"})
+
+
+@nox.session
+def docs(session: nox.Session) -> None:
+    """Build the site in docs/_build/html; `-- --links` asks whether external links answer."""
+    session.install("-e", ".", *groups("docs"))
+    links = "--links" in session.posargs
+    options = [option for option in session.posargs if option != "--links"]
+    builder = "linkcheck" if links else "html"
+    session.run(
+        *("sphinx-build", "-W", "--keep-going", "-n", "-j", "2", "-b", builder),
+        *("docs", f"docs/_build/{builder}", *options),
+    )
 
 
 @nox.session

@@ -1,0 +1,39 @@
+"""What every executed page of the site starts with: shell commands that fail end the build."""
+
+import os
+import subprocess
+import sys
+
+import matplotlib as mpl
+
+mpl.rcParams.update(
+    {
+        "figure.figsize": (7.2, 3.6),
+        "figure.constrained_layout.use": True,
+        "font.size": 9,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "legend.frameon": False,
+        "svg.hashsalt": "pilotid",  # the same figure is the same file
+    }
+)
+
+
+def system(command):
+    """Run a line that begins with `!`; a status other than 0 is an error of the page."""
+    shell = get_ipython()  # noqa: F821
+    done = subprocess.run(
+        shell.var_expand(command, depth=1),
+        shell=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        encoding="utf-8",
+        env=os.environ | {"PATH": f"{os.path.dirname(sys.executable)}:{os.environ['PATH']}"},
+    )
+    print(done.stdout, end="")
+    if done.returncode:
+        raise RuntimeError(f"{command} ended with status {done.returncode}")
+
+
+get_ipython().system = system  # noqa: F821
+del system, mpl
