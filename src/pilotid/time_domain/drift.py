@@ -46,7 +46,7 @@ def drift_left(joint: PredictionErrors, values: FloatArray) -> tuple[float, Floa
     lines = np.kron(np.eye(prediction.runs), line)
     table = np.column_stack([*own, *lines, errors])
     # The triangle of a regression: its last column tells what each column explains in turn.
-    triangle = np.linalg.qr(table, mode="r")
+    triangle: FloatArray = np.asarray(np.linalg.qr(table, mode="r"))
     explained, left = triangle[len(own) : -1, -1], triangle[-1, -1] ** 2
     freedom = errors.size - len(own) - len(lines)
     found = np.linalg.solve(triangle[len(own) : -1, len(own) : -1], explained)
