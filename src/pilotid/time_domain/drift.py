@@ -50,4 +50,5 @@ def drift_left(joint: PredictionErrors, values: FloatArray) -> tuple[float, Floa
     explained, left = triangle[len(own) : -1, -1], triangle[-1, -1] ** 2
     freedom = errors.size - len(own) - len(lines)
     found = np.linalg.solve(triangle[len(own) : -1, len(own) : -1], explained)
-    return float(explained @ explained * freedom / left), found / float(np.sum(taps))
+    drifts = np.asarray(found / np.sum(taps))
+    return float(explained @ explained * freedom / left), drifts
