@@ -48,8 +48,8 @@ def compare(session: nox.Session) -> None:
 
 @nox.session
 def bench(session: nox.Session) -> None:
-    """Time the methods; the last lines set them against what a user would write."""
-    session.install("-e", ".", *groups("tests"))
+    """Time the methods and their peers; `-- --compare` says what became slower than stored."""
+    session.install("-e", ".", *groups("tests", "bench"))
     session.run("pytest", "tests/benchmarks", *session.posargs, env={"OMP_NUM_THREADS": "1"})
 
 
