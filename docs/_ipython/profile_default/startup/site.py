@@ -6,6 +6,13 @@ import sys
 
 import matplotlib as mpl
 
+# Programs write what they would write to a file, neither colours nor bars.
+for name in ("FORCE_COLOR", "CLICOLOR", "CLICOLOR_FORCE"):
+    os.environ.pop(name, None)
+
+# The commands of this environment, whether it is active or not.
+os.environ["PATH"] = f"{os.path.dirname(sys.executable)}:{os.environ['PATH']}"
+
 mpl.rcParams.update(
     {
         "figure.figsize": (7.2, 3.6),
@@ -20,15 +27,13 @@ mpl.rcParams.update(
 
 
 def system(command):
-    """Run a line that begins with `!`; a status other than 0 is an error of the page."""
-    shell = get_ipython()  # noqa: F821
+    """Run a line that begins with `!`, as a shell would; a status other than 0 is an error."""
     done = subprocess.run(
-        shell.var_expand(command, depth=1),
+        command,
         shell=True,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         encoding="utf-8",
-        env=os.environ | {"PATH": f"{os.path.dirname(sys.executable)}:{os.environ['PATH']}"},
     )
     print(done.stdout, end="")
     if done.returncode:
@@ -36,4 +41,4 @@ def system(command):
 
 
 get_ipython().system = system  # noqa: F821
-del system, mpl
+del system, mpl, name
