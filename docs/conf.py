@@ -24,6 +24,7 @@ version = release = installed("pilotid")
 
 extensions = [
     "mathml",
+    "names",
     "offline",
     "myst_nb",
     "sphinx.ext.autodoc",
@@ -33,6 +34,7 @@ extensions = [
     "sphinx_copybutton",
 ]
 exclude_patterns = ["_build", "_ipython", "_ext", "_templates", "gallery", "gallery/**"]
+exclude_patterns.append("auto_gallery/*.ipynb")  # for download, beside pages of the same name
 templates_path = ["_templates"]
 nitpicky = True
 nitpick_ignore_regex = [
@@ -60,6 +62,7 @@ nb_ipywidgets_js: dict[str, dict[str, str]] = {}  # these would come from the ne
 autosummary_generate = True
 autodoc_typehints = "none"  # the docstrings say what a signature cannot: shapes and units
 autodoc_member_order = "bysource"
+default_role = "py:obj"  # a name in backticks in a docstring is a link to its entry
 numpydoc_show_class_members = False
 numpydoc_class_members_toctree = False
 
