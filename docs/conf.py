@@ -54,6 +54,8 @@ nb_execution_timeout = 240
 nb_execution_raise_on_error = True
 nb_execution_show_tb = True
 nb_merge_streams = True
+nb_code_prompt_show = "Show the code of this figure"
+nb_code_prompt_hide = "Hide the code of this figure"
 nb_ipywidgets_js: dict[str, dict[str, str]] = {}  # these would come from the network
 
 # Reference: signatures and numpydoc docstrings.
@@ -88,6 +90,7 @@ html_theme = "furo"
 html_title = f"pilotid {version}"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_js_files = [("site.js", {"defer": "defer"})]
 html_math_renderer = "mathml"
 html_show_sphinx = False
 html_copy_source = False

@@ -72,8 +72,10 @@ def codes() -> dict[str, list[str]]:
     found = {}
     for page in pages:
         cells = [cell for cell in fence.findall(page.read_text("utf-8")) if "pilotid" in cell]
+        # Without the cells' options, and what goes to a shell.
+        cells = [re.sub(r"\A---\n.*?\n---\n", "", cell, flags=re.DOTALL) for cell in cells]
         found[str(page.relative_to(ROOT))] = [
-            "\n".join(line for line in cell.splitlines() if not re.match(r"\s*[!%:]|-{3}", line))
+            "\n".join(line for line in cell.splitlines() if not re.match(r"\s*[!%:]", line))
             for cell in cells
         ]
     for script in (ROOT / "docs" / "gallery").rglob("*.py"):

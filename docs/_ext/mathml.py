@@ -28,8 +28,7 @@ def _inline(self: HTML5Translator, node: nodes.math) -> None:
 
 
 def _block(self: HTML5Translator, node: nodes.math_block) -> None:
-    # A formula that is wider than a telephone scrolls; the keyboard reaches what scrolls.
-    self.body.append(self.starttag(node, "div", CLASS="math", tabindex="0", role="group"))
+    self.body.append(self.starttag(node, "div", CLASS="math"))
     if node["number"]:
         number = get_node_equation_number(self, node)
         self.body.append(f'<span class="eqno">({number})')

@@ -70,7 +70,7 @@ if __name__ == "__main__":  # the processes of the fits import this file
             left.set_ylabel("bias [% of the truth]")
             right.set_ylabel("coverage of 95 % intervals [-]")
             left.set_xticks(places, keys)
-        axes[0, 0].legend(frameon=False)
+        axes[0, 0].legend(frameon=False, loc="lower right")
     plt.show()
 
 # %%
