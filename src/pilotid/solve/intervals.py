@@ -15,6 +15,7 @@ import numpy as np
 
 from pilotid.chance import CHI_SQUARED_95
 from pilotid.solve.least_squares import Gram, Minima, Space
+from pilotid.solve.region import Suiting, spanned
 from pilotid.solve.scale import Scale
 from pilotid.solve.walk import walk
 from pilotid.types import BoolArray, FloatArray, IntArray
@@ -48,6 +49,7 @@ def profile_intervals(
     *,
     estimated: int | None = None,
     widened: float = 1.0,
+    others: FloatArray | None = None,
     iterations: int = 8,
     tolerance: float = 0.3,
 ) -> Profile:
@@ -73,6 +75,8 @@ def profile_intervals(
         Number of residuals less parameters, if the variance was estimated from them.
     widened
         Factor on the deviance sought, for small samples.
+    others
+        Points that may suit as well, shape (points, parameters); None for none.
     iterations, tolerance
         Largest number of evaluations, and how far from the sought deviance, of 3.84, the
         last Newton step may begin.
@@ -101,10 +105,12 @@ def profile_intervals(
     active = np.arange(2 * count)
     found = np.zeros(2 * count, dtype=bool)
     better, least = None, lowest - BETTER * variance
+    suiting = Suiting(minimum.values[:1], minimum.cost[:1])
     for _ in range(iterations):
         values = scale.leave(points[active])
         grams = scale.inner(gram(values), values)
         costs = grams[:, -1, -1]
+        suiting = suiting.joined(values, costs, target)
         if np.nanmin(costs, initial=np.inf) < least:
             best_of_all = int(np.nanargmin(costs))
             better, least = values[best_of_all], float(costs[best_of_all])
@@ -131,14 +137,21 @@ def profile_intervals(
         for i in np.flatnonzero(~found):
             index = int(which[i])
             reach = float(side[i]) * math.sqrt(sought) * float(error[index])
-            point, cost = walk(gram, space, minimum.values[0], lowest, target, index, reach)
+            optimum = minimum.values[0], lowest
+            point, cost = walk(gram, space, *optimum, lowest, target, index, reach)
             ends[i] = point[index]
-            if cost < least:
-                better, least = point, cost
+            suiting = suiting.joined(point[None], np.array([cost]), target)
     best_values = minimum.values[0, :count]
     intervals = np.stack(
         [np.minimum(ends[:count], best_values), np.maximum(ends[count:], best_values)], axis=1
     )
+    if better is None and others is not None and len(others):
+        suiting = suiting.joined(others, gram(others)[:, -1, -1], target)
+    if better is None:
+        intervals, suiting = spanned(gram, space, suiting, intervals, lowest, target)
+        best_of_all = int(np.argmin(suiting.costs))
+        if suiting.costs[best_of_all] < least:
+            better = suiting.values[best_of_all]
     return Profile(intervals, better)
 
 
