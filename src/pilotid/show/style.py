@@ -52,8 +52,9 @@ GRID = "#dddddd"
 
 
 def style_of(method: str) -> tuple[str, str]:
-    """Colour and marker of a method."""
-    return STYLES.get(method, OTHERS[sum(map(ord, method)) % len(OTHERS)])
+    """Colour and marker of a method; a study's name may stand behind it after a comma."""
+    name = method.partition(", ")[0]
+    return STYLES.get(name, OTHERS[sum(map(ord, method)) % len(OTHERS)])
 
 
 def colour_of(method: str) -> str:
@@ -100,7 +101,15 @@ def journal_style() -> AbstractContextManager[None]:
 
 
 def log_ticks(axes: Axes, which: str) -> None:
-    """Plain numbers on a logarithmic axis that spans little, and few of them if it spans much."""
+    """Plain numbers on a logarithmic axis that spans little, and few of them if it spans much.
+
+    Parameters
+    ----------
+    axes
+        The axes, whose limits are set already.
+    which
+        ``x`` or ``y``.
+    """
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     axis = axes.xaxis if which == "x" else axes.yaxis
