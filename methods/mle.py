@@ -35,6 +35,7 @@ from pilotid.time_domain.maximum_likelihood import (
     in_wide_band,
     maximise_likelihood,
 )
+from pilotid.time_domain.off_bounds import off_bounds
 from pilotid.time_domain.residual_tests import tested
 from pilotid.time_domain.settings import LikelihoodSettings
 from pilotid.types import FloatArray
@@ -153,4 +154,5 @@ def _profile(found: Maximum) -> Profile | None:
         joint.pilot,
         estimated=freedom,
         widened=deviances(found) / CHI_SQUARED_95,
+        others=off_bounds(found),
     )

@@ -126,7 +126,7 @@ def test_profile_intervals_beside_a_parameter_at_its_bound() -> None:
     for k, end in ((0, found[0, 0]), (0, found[0, 1]), (1, found[1, 0]), (1, found[1, 1])):
         start, target = minimum.values[0], 1.44 + CHI_SQUARED_95
         side = -1.0 if end < start[k] else 1.0
-        point, cost = walk(gram, Plane(), start, 1.44, target, k, side)
+        point, cost = walk(gram, Plane(), start, 1.44, 1.44, target, k, side)
         # Within 4 % of the way, and never beyond it.
         assert 0.95 * abs(end - start[k]) <= abs(point[k] - start[k]) <= abs(end - start[k]) + 1e-6
         assert cost <= target

@@ -79,7 +79,7 @@ def band(pilots: int, seed: int) -> None:
             continue
         done += 1
         recording = simulate(scenario, recording_rng(seed, name, replication))
-        for rate in (50.0, 80.0, 120.0):
+        for rate in (50.0, 120.0, 300.0):
             noise = LowPass(scenario.remnant.order)
             analysis = analysis_band(scenario.dt, rate)
             joint = PredictionErrors(

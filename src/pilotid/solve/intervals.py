@@ -15,6 +15,7 @@ import numpy as np
 
 from pilotid.chance import CHI_SQUARED_95
 from pilotid.solve.least_squares import Gram, Minima, Space
+from pilotid.solve.region import Suiting, spanned
 from pilotid.solve.scale import Scale
 from pilotid.solve.walk import walk
 from pilotid.types import BoolArray, FloatArray, IntArray
@@ -48,6 +49,7 @@ def profile_intervals(
     *,
     estimated: int | None = None,
     widened: float | FloatArray = 1.0,
+    others: FloatArray | None = None,
     iterations: int = 8,
     tolerance: float = 0.3,
 ) -> Profile:
@@ -74,6 +76,8 @@ def profile_intervals(
     widened
         Factor on the deviance sought, for small samples; one, or one of each parameter, shape
         (count,).
+    others
+        Points that may suit as well, shape (points, parameters); None for none.
     iterations, tolerance
         Largest number of evaluations, and how far from the sought deviance, of 3.84, the
         last Newton step may begin.
@@ -89,6 +93,7 @@ def profile_intervals(
     if estimated is not None:
         # The variance is then one more parameter, maximised over as well.
         target = lowest * np.exp(sought / estimated)
+    highest = float(np.max(target))
 
     gram_there = scale.inner(minimum.gram[:1], minimum.values[:1])
     error = _errors(gram_there[0], _blocked(gram_there, best, lower, upper)[0], variance)[:count]
@@ -102,10 +107,12 @@ def profile_intervals(
     active = np.arange(2 * count)
     found = np.zeros(2 * count, dtype=bool)
     better, least = None, lowest - BETTER * variance
+    suiting = Suiting(minimum.values[:1], minimum.cost[:1])
     for _ in range(iterations):
         values = scale.leave(points[active])
         grams = scale.inner(gram(values), values)
         costs = grams[:, -1, -1]
+        suiting = suiting.joined(values, costs, highest)
         if np.nanmin(costs, initial=np.inf) < least:
             best_of_all = int(np.nanargmin(costs))
             better, least = values[best_of_all], float(costs[best_of_all])
@@ -133,15 +140,22 @@ def profile_intervals(
         for i in np.flatnonzero(~found):
             index = int(which[i])
             reach = float(side[i]) * math.sqrt(sought[i]) * float(error[index])
-            end = float(target[i])
-            point, cost = walk(gram, space, minimum.values[0], lowest, end, index, reach)
+            level = float(target[i])
+            optimum = minimum.values[0], lowest
+            point, cost = walk(gram, space, *optimum, lowest, level, index, reach)
             ends[i] = point[index]
-            if cost < least:
-                better, least = point, cost
+            suiting = suiting.joined(point[None], np.array([cost]), highest)
     best_values = minimum.values[0, :count]
     intervals = np.stack(
         [np.minimum(ends[:count], best_values), np.maximum(ends[count:], best_values)], axis=1
     )
+    if better is None and others is not None and len(others):
+        suiting = suiting.joined(others, gram(others)[:, -1, -1], highest)
+    if better is None:
+        intervals, suiting = spanned(gram, space, suiting, intervals, lowest, target[:count])
+        best_of_all = int(np.argmin(suiting.costs))
+        if suiting.costs[best_of_all] < least:
+            better = suiting.values[best_of_all]
     return Profile(intervals, better)
 
 

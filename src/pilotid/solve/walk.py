@@ -39,6 +39,7 @@ def walk(
     gram: Gram,
     space: Space,
     start: FloatArray,
+    cost: float,
     lowest: float,
     target: float,
     which: int,
@@ -52,10 +53,10 @@ def walk(
         Gram matrices of residual and Jacobian.
     space
         Bounds; the walk ends at them.
-    start, lowest
-        The optimum, shape (parameters,), and its cost.
-    target
-        The cost sought.
+    start, cost
+        The optimum, or another point that suits, shape (parameters,), and its cost.
+    lowest, target
+        The cost of the optimum, and the one sought.
     which
         Index of the parameter.
     reach
@@ -72,9 +73,9 @@ def walk(
     allowed = abs(bound - origin)
     inside, outside = 0.0, math.inf
     # The root of the deviance, as a share of that sought, grows about in proportion.
-    root_inside, root_outside = 0.0, math.inf
+    root_inside, root_outside = math.sqrt(max(cost - lowest, 0.0) / (target - lowest)), math.inf
     distance = min(abs(reach), allowed)
-    point, cost = start, lowest
+    point = start
     for _ in range(LOOKS):
         trial, trial_cost = _conditional(
             gram, space, point, which, origin + math.copysign(distance, reach), scale

@@ -43,6 +43,6 @@ class LikelihoodSettings(SearchSettings):
     """
 
     band: float | None = 50.0
-    wide: float | None = 120.0
+    wide: float | None = 300.0
     rounds: int = 3
     noise: NoiseModel | None = None

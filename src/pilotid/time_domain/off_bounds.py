@@ -1,0 +1,49 @@
+"""Other explanations of a recording whose optimum lies at a bound of a parameter.
+
+There the likelihood is far from a parabola, and often has another summit inside the bounds which
+is nearly as high: a slow neuromuscular system with a short delay is not unlike a fast one with a
+long delay.  So each parameter at a bound is held at usual values, and the others are fitted.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pilotid.estimates.bounds import at_bounds
+from pilotid.solve.least_squares import minimise
+from pilotid.solve.walk import Held
+from pilotid.time_domain.maximum_likelihood import Maximum
+from pilotid.types import FloatArray
+
+TOLERANCE, ITERATIONS = 1e-5, 20  # of the fits of all others
+
+
+def off_bounds(found: Maximum) -> FloatArray:
+    """Optima with parameters held off their bounds, pilot and remnant, shape (points, parameters).
+
+    Parameters
+    ----------
+    found
+        The optimum; without a parameter at a bound there are none.
+    """
+    joint, optimum = found.joint, found.end.values[0]
+    model = joint.prediction.model
+    held = np.flatnonzero(np.logical_or(*at_bounds(model, found.pilot, found.pilot)))
+    low, high = np.array([p.usual for p in model.parameters]).T
+    middle = np.where(model.positive, np.sqrt(np.abs(low * high)), 0.5 * (low + high))
+    bases = [optimum.copy()]
+    if found.known is not None:
+        # What the lines show rests on no model of the remnant.
+        bases.append(np.concatenate([found.known[0], optimum[joint.pilot :]]))
+    bases[0][held] = middle[held]
+    points = []
+    for k in held.tolist():
+        for value in (low[k], middle[k], high[k]):
+            starts = np.array(bases)
+            starts[:, k] = value
+            lower, upper = joint.lower.copy(), joint.upper.copy()
+            lower[k] = upper[k] = value
+            space = Held(lower, upper, joint.positive)
+            ends = minimise(joint.gram, starts, space, tolerance=TOLERANCE, iterations=ITERATIONS)
+            points.append(ends.values)
+    return np.concatenate([np.zeros((0, len(optimum))), *points])

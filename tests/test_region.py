@@ -1,0 +1,119 @@
+"""Intervals where the likelihood has two summits, and where its optimum lies at a bound."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import NOMINAL
+
+from pilotid.chance import CHI_SQUARED_95
+from pilotid.datasets import simulate
+from pilotid.estimates.bounds import at_bounds
+from pilotid.estimates.estimate import Outcome
+from pilotid.methods.mle import MLE
+from pilotid.pilot.factors import Neuromuscular
+from pilotid.pilot.model import PilotModel
+from pilotid.solve.intervals import profile_intervals
+from pilotid.solve.least_squares import Minima, minimise
+from pilotid.solve.walk import Held
+from pilotid.time_domain.maximum_likelihood import maximise_likelihood
+from pilotid.time_domain.off_bounds import off_bounds
+from pilotid.types import FloatArray
+
+pytestmark = pytest.mark.numerical
+
+TILT, WALL = 0.2, 3.0
+
+
+class Plane:
+    """Two parameters without bounds."""
+
+    lower, upper = np.full(2, -50.0), np.full(2, 50.0)
+    positive = np.zeros(2, dtype=bool)
+
+
+def two_summits(sets: FloatArray) -> FloatArray:
+    """Deviance 9 (x^2 - 1)^2 + .04 (x - 1)^2 + 100 (y - x)^2: minima near x = y = 1 and -1."""
+    grams = []
+    for x, y in sets:
+        residual = np.array([WALL * (x * x - 1.0), TILT * (x - 1.0), 10.0 * (y - x)])
+        slope = -np.array([[2.0 * WALL * x, 0.0], [TILT, 0.0], [-10.0, 10.0]])
+        rows = np.vstack([slope.T, residual])
+        grams.append(rows @ rows.T)
+    return np.array(grams)
+
+
+def best() -> Minima:
+    return minimise(two_summits, np.array([[1.2, 1.1]]), Plane(), tolerance=1e-14)
+
+
+def test_all_intervals_hold_what_suits_and_go_on_from_there() -> None:
+    minimum = best()
+    np.testing.assert_allclose(minimum.values[0], 1.0, atol=1e-6)
+    # The wall between the summits, 9 at x = 0, is higher than the 3.84 sought: the profile of
+    # the optimum ends at its own hill, on which x^2 - 1 is -sqrt(3.84) / 3, a little less.
+    own = profile_intervals(two_summits, Plane(), minimum, 1.0, 2, tolerance=1e-6).intervals
+    assert (own[:, 0] > 0.3).all()
+    np.testing.assert_allclose(own[0, 1], np.sqrt(1.0 + np.sqrt(CHI_SQUARED_95) / 3.0), rtol=2e-3)
+    # The other summit has a deviance of .16: it suits, and is walked on from to its far side,
+    # where 9 (x^2 - 1)^2 + .04 (x - 1)^2 is 3.84.
+    others = np.array([[-1.0, -1.0]])
+    both = profile_intervals(
+        two_summits, Plane(), minimum, 1.0, 2, others=others, tolerance=1e-6
+    ).intervals
+    np.testing.assert_allclose(both[:, 1], own[:, 1])
+    far = -np.sqrt(1.0 + np.sqrt(CHI_SQUARED_95 - 0.04 * 2.28**2) / 3.0)
+    assert (both[:, 0] < -1.0).all()
+    np.testing.assert_allclose(both[0, 0], far, rtol=0.03)
+    assert both[1, 0] <= both[0, 0] + 0.02  # y has room of its own
+
+
+def test_what_does_not_suit_stays_outside() -> None:
+    minimum = best()
+    own = profile_intervals(two_summits, Plane(), minimum, 1.0, 2).intervals
+    others = np.array([[0.0, 0.0], [-1.0, 0.0]])  # deviances of 9 and 100
+    found = profile_intervals(two_summits, Plane(), minimum, 1.0, 2, others=others)
+    np.testing.assert_array_equal(found.intervals, own)
+    assert found.better is None
+
+
+def test_a_better_summit_elsewhere_is_told() -> None:
+    worse = minimise(two_summits, np.array([[-1.2, -1.1]]), Plane(), tolerance=1e-14)
+    found = profile_intervals(two_summits, Plane(), worse, 0.1, 2, others=np.array([[0.99, 0.99]]))
+    assert found.better is not None
+    np.testing.assert_allclose(found.better, 0.99)
+
+
+def test_where_the_optimum_is_at_a_bound_others_are_sought_inside() -> None:
+    recording = simulate(NOMINAL, np.random.default_rng(4))
+    free = maximise_likelihood(recording, NOMINAL.model, np.random.default_rng(1), MLE())
+    assert len(off_bounds(free)) == 0
+    # A damping that may not reach the pilot's .22 stops at its bound.
+    damped = Neuromuscular(damping_bounds=(0.4, 3.0), damping_start=0.5, damping_usual=(0.45, 0.8))
+    bounded = PilotModel(
+        "damped",
+        tuple(
+            replace(channel, factors=(*channel.factors[:-1], damped))
+            for channel in NOMINAL.model.channels
+        ),
+        "a neuromuscular system that is damped more than the pilot's",
+    )
+    found = maximise_likelihood(recording, bounded, np.random.default_rng(1), MLE())
+    at = bounded.keys.index("dnm")
+    low, high = at_bounds(bounded, found.pilot, found.pilot)
+    assert low[at]
+    assert not high.any()
+    points = off_bounds(found)
+    usual = bounded.parameters[at].usual
+    np.testing.assert_allclose(np.unique(points[:, at])[[0, -1]], usual)
+    # All others are at their best there, or as near as a few iterations come.
+    lower, upper = found.joint.lower.copy(), found.joint.upper.copy()
+    lower[at] = upper[at] = points[0, at]
+    again = minimise(found.joint.gram, points[:1], Held(lower, upper, found.joint.positive))
+    cost = found.joint.gram(points[:1])[0, -1, -1]
+    assert cost <= 1.0005 * again.cost[0]
+    estimate = MLE().fit(recording, bounded, np.random.default_rng(1))
+    assert estimate.outcome is Outcome.AT_BOUND
+    assert (np.diff(estimate.intervals) > 0.0).all()
