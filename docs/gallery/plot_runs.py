@@ -22,7 +22,7 @@ from pilotid.theory.bounds import bounds
 KEYS = ("Kvis", "tlead", "Kvest", "tdvis")
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 RUNS = (1, 2, 5)
-RECORDINGS = 20
+RECORDINGS = 14
 
 scenario = pilotid.SCENARIOS["nominal"]
 columns = [scenario.model.keys.index(key) for key in KEYS]
