@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 import sys
@@ -14,15 +15,21 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from helpers import Run
 
 from pilotid.methods import METHODS, label_of, method_named, methods
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.naming.code import PluginWarning, taken
-from pilotid.testing import check_method
+from pilotid.publishing.changes import changes
+from pilotid.publishing.held import held_in
+from pilotid.publishing.pages import publish
+from pilotid.study.store import Store
 from pilotid.types import InputError
 
 HERE = Path(__file__).parent
-PACKAGE = HERE / "plugin_package"
+PACKAGE = HERE.parent / "examples" / "plugin"
+#: A second entry point of the package, which is broken: it costs a line of warning.
+BROKEN = 'not-there = "line_fit_that_is_not_there:Nothing"\n'
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +44,12 @@ def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
     here = sysconfig.get_path("purelib")
     line = f"import site; site.addsitedir({here!r})\n"
     (Path(site.stdout.strip()) / "beside.pth").write_text(line)
-    shutil.copytree(PACKAGE, folder / "package")
+    shutil.copytree(PACKAGE, folder / "package", ignore=shutil.ignore_patterns("build", "*.egg*"))
+    project = folder / "package" / "pyproject.toml"
+    entry = 'line-fit = "line_fit:LineFit"\n'
+    text = project.read_text()
+    assert entry in text
+    project.write_text(text.replace(entry, entry + BROKEN))
     pip = [python, "-m", "pip", "--quiet"]
     # Python 3.11 brings a setuptools that cannot build alone; the one beside pilotid can.
     subprocess.run([*pip, "uninstall", "--yes", "setuptools"], check=True, timeout=300)
@@ -58,9 +70,9 @@ def pilotid(python: Path, *arguments: object, cwd: Path) -> subprocess.Completed
 
 
 LEFT_OUT = (
-    "pilotid: the method 'not-there' of package one-start is left out: "
-    "one_start_that_is_not_there:Nothing: ModuleNotFoundError: No module named "
-    "'one_start_that_is_not_there'\n"
+    "pilotid: the method 'not-there' of package line-fit is left out: "
+    "line_fit_that_is_not_there:Nothing: ModuleNotFoundError: No module named "
+    "'line_fit_that_is_not_there'\n"
 )
 
 
@@ -69,7 +81,8 @@ def test_a_package_s_method_is_listed_and_a_broken_one_costs_a_line(
 ) -> None:
     done = pilotid(python, "list", cwd=tmp_path)
     assert done.returncode == 0
-    assert "\n  one-start            Output error from one start. [one_start]\n" in done.stdout
+    words = "Least squares at the forcing lines, weighted by the remnant beside them. [line_fit]"
+    assert f"\n  line-fit             {words}\n" in done.stdout
     assert "  arx  " in done.stdout
     assert "scenarios" in done.stdout
     assert done.stderr == LEFT_OUT
@@ -78,27 +91,66 @@ def test_a_package_s_method_is_listed_and_a_broken_one_costs_a_line(
 def test_a_package_s_method_goes_through_a_study_to_its_report(
     python: Path, tmp_path: Path
 ) -> None:
-    options = ("--scenario", "single", "--method", "one-start,one-start(band=20),mmle3")
+    options = ("--scenario", "single", "--method", "line-fit,line-fit(neighbours=8),mmle3")
     done = pilotid(python, "compare", *options, "--replications", 2, "--out", "out", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, LEFT_OUT)
     report = (tmp_path / "out" / "report.md").read_text(encoding="utf-8")
-    assert "--method 'mmle3,one-start,one-start(band=20)' --replications 2" in report
-    assert "| one-start(band=20) | `OneStart(band=20)` |" in report
+    assert "--method 'mmle3,line-fit,line-fit(neighbours=8)' --replications 2" in report
+    assert "| line-fit(neighbours=8) | `LineFit(neighbours=8)` |" in report
     assert (tmp_path / "out" / "report.html").exists()
     # When the package changes, its results are not mixed with the old ones; those of others are.
-    file = next(python.parent.parent.rglob("site-packages/one_start.py"))
+    file = next(python.parent.parent.rglob("site-packages/line_fit.py"))
     file.write_text(f"{file.read_text()}\n# another version\n")
     more = ("compare", "--scenario", "single", "--replications", 3, "--out", "out", "--method")
-    refused = pilotid(python, *more, "one-start,mmle3", cwd=tmp_path)
+    refused = pilotid(python, *more, "line-fit,mmle3", cwd=tmp_path)
     assert refused.returncode == 2
-    assert "other code or settings (different: one-start)" in refused.stderr
+    assert "other code or settings (different: line-fit)" in refused.stderr
     assert pilotid(python, *more, "mmle3", cwd=tmp_path).returncode == 0
 
 
-def test_the_package_s_method_keeps_the_contract() -> None:
-    file = PACKAGE / "one_start.py"
-    check_method(method_named(f"{file}:OneStart"))
-    assert len(file.read_text().splitlines()) < 32
+def test_its_rows_stand_beside_those_of_others_on_pages(python: Path, tmp_path: Path) -> None:
+    options = ("--scenario", "single", "--replications", 2, "--workers", 1)
+    for name, chosen in (("usual", "mle,fourier"), ("mine", "line-fit,fourier")):
+        out = ("--method", chosen, "--out", tmp_path / name)
+        assert pilotid(python, "compare", *options, *out, cwd=tmp_path).returncode == 0
+    # From here on without the package, as those who receive its rows: a file of a few kB.
+    sent = tmp_path / "sent" / "mine"
+    sent.mkdir(parents=True)
+    with Store(tmp_path / "mine") as store:
+        assert store.keep(sent).stat().st_size < 5000
+    page = publish([tmp_path / "usual", sent], tmp_path / "site")
+    rows = re.findall(r"<tr.*?</tr>", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    told = [re.findall(r">([\w-]+)(?:</a>)?</t[hd]>", row)[:3] for row in rows]
+    assert [row for row in told if row[:1] == ["single"]][:4] == [
+        ["single", "mle", "usual"],
+        ["single", "fourier", "usual"],
+        ["single", "fourier", "mine"],
+        ["single", "line-fit", "mine"],
+    ]
+    found = changes(held_in(tmp_path / "usual"), held_in(sent))
+    assert found.words.startswith("Nothing changed: all 2 fits are the same.")
+
+
+def test_the_commands_of_its_readme_exist(run: Run) -> None:
+    text = (PACKAGE / "README.md").read_text(encoding="utf-8")
+    commands = re.findall(r"^    pilotid ([\w-]+) (.*?)(?:#.*)?$", text, flags=re.MULTILINE)
+    assert {name for name, _ in commands} >= {"compare", "publish", "report", "compare-studies"}
+    for name, options in commands:
+        told = run(name, "--help").out
+        assert all(option in told for option in re.findall(r"--[\w-]+", options)), name
+
+
+def test_the_package_s_own_tests_pass(python: Path) -> None:
+    folder = python.parent.parent.parent / "package"
+    done = subprocess.run(
+        [python, "-m", "pytest", "-q", "-p", "no:cacheprovider", folder],
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stdout
+    assert "2 passed" in done.stdout
 
 
 # ----------------------------------------------------------------------------- entry points

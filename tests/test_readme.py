@@ -62,8 +62,8 @@ def test_every_command_in_the_readme_exists() -> None:
     from pilotid.cli.main import app
 
     known = {
-        command.name or command.callback.__name__
+        command.name or command.callback.__name__.replace("_", "-")
         for command in app.registered_commands
         if command.callback
     }
-    assert set(re.findall(r"^    pilotid (\w+)", README, flags=re.MULTILINE)) == known
+    assert set(re.findall(r"^    pilotid ([\w-]+)", README, flags=re.MULTILINE)) == known

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -111,3 +112,14 @@ def test_simulated_intervals_are_honest() -> None:
         values, _, low, high = numbers(spread, skewed, drawn).T
         assert abs(np.mean(values) - 1.0) < 4.0 * np.std(values) / math.sqrt(drawn.size)
         assert np.mean((low <= 1.0) & (high >= 1.0)) == pytest.approx(0.95, abs=0.006)
+
+
+def test_the_rules_of_entry_ask_for_as_many_recordings_as_verdicts_take() -> None:
+    said = (Path(__file__).parent.parent / "results" / "README.md").read_text(encoding="utf-8")
+    assert "**Recordings.** 200 of each scenario" in said
+    drawn = score(*KVIS, DRAWN)
+    usual = replace(drawn, parameter="Kvis", bound=10.0, bias=0.0, skew=0.0, coverage=0.95)
+    efficient = [replace(usual, n=n, std=10.0, bias_se=10.0 / math.sqrt(n)) for n in (25, 200)]
+    wasteful = replace(usual, n=200, std=20.0, bias_se=20.0 / math.sqrt(200))
+    rules = Rules(4000)
+    assert [rules.needed(s) for s in (*efficient, wasteful)] == [200, 0, 0]

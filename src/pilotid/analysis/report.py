@@ -19,7 +19,7 @@ from pilotid.analysis.results import Results
 from pilotid.analysis.rows import SUBJECT
 from pilotid.analysis.spread import ConditionSpread, spread_sentence
 from pilotid.analysis.tasks import PAGES
-from pilotid.disk import make_folder, write_file
+from pilotid.disk import write_file
 from pilotid.numbers import NONE, number
 from pilotid.report.content import (
     Block,
@@ -27,12 +27,12 @@ from pilotid.report.content import (
     Column,
     Command,
     Entry,
-    Picture,
     Section,
     Table,
     Text,
     entries,
     web_page,
+    write_pictures,
 )
 from pilotid.time_domain.constancy import LEVEL as CHANGES
 
@@ -62,12 +62,7 @@ def write_report(folder: Path, results: Results, command: str, about: Mapping[st
         _recordings(results.analysis),
         _origin(results, command, about),
     ]
-    pictures = folder / "figures"
-    make_folder(pictures)
-    for block in (block for section in sections for block in section.blocks):
-        if isinstance(block, Picture):
-            write_file(pictures / f"{block.name}.svg", block.svg.encode())
-            write_file(pictures / f"{block.name}.pdf", block.pdf)
+    write_pictures(folder, sections)
     _clear(folder, results.analysis)
     path = folder / "report.html"
     write_file(path, web_page(TITLE, sections).encode("utf-8", "replace"))

@@ -15,7 +15,6 @@ from pilotid.analysis.results import Results
 from pilotid.analysis.spread import ConditionSpread
 from pilotid.numbers import MINUS, NONE, decimals, number
 from pilotid.report.content import Block, Column, Entry, Picture, Section, Table, Text, entries
-from pilotid.show.figures import pdf
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,7 +33,7 @@ def group_words(group: Sequence[tuple[str, str]]) -> str:
 
 def _picture(figure: Figure, name: str, alt: str, caption: str) -> Picture:
     """A figure for the page, which is a PDF beside it too."""
-    return replace(Picture.of(figure, name, alt, caption), pdf=pdf(figure))
+    return Picture.of(figure, name, alt, caption).with_pdf()
 
 
 def _title(stratum: Stratum, method: str, model: str) -> str:

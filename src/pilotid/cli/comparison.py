@@ -129,16 +129,29 @@ def report(
         Path | None,
         typer.Option(metavar="DIR", help="Another folder for the report, if DIR is read-only."),
     ] = None,
+    keep: Annotated[
+        bool,
+        typer.Option(
+            "--keep", help="Write all rows in a small form too, and make the report from that."
+        ),
+    ] = False,
 ) -> None:
     """Make the tables and the report of a comparison again, from its store alone."""
     from pilotid.disk import make_folder
     from pilotid.study.store import Store
 
+    target = out or folder
     with Store(folder) as store:
         _warn(store)
         if out is not None:
             make_folder(out)
-        _finish(out or folder, store)
+        if not keep:
+            _finish(target, store)
+            return
+        path = store.keep(target)
+    with Store(target, small=True) as store:
+        _finish(target, store)
+    make_console().print(f"rows: {path}", soft_wrap=True)
 
 
 def _warn(store: Store) -> None:

@@ -30,6 +30,7 @@ from pilotid.cli.arguments import (
 from pilotid.cli.check import check
 from pilotid.cli.comparison import compare, report
 from pilotid.cli.design import design
+from pilotid.cli.publishing import compare_studies, publish
 from pilotid.cli.reading import (
     DetrendOption,
     IntervalOption,
@@ -107,6 +108,23 @@ def _warnings_as_sentences() -> Iterator[None]:
 def _refuse(sentence: str) -> NoReturn:
     sys.stderr.write(f"pilotid: {' '.join(sentence.split())}\n")
     raise SystemExit(2) from None
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        from pilotid import __version__
+
+        make_console().print(f"pilotid {__version__}", highlight=False)
+        raise typer.Exit
+
+
+@app.callback()
+def program(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    """Identify pilot models from tracking recordings with every standard method."""
 
 
 @app.command("list")
@@ -316,3 +334,5 @@ app.command()(analyse)
 app.command()(design)
 app.command()(compare)
 app.command()(report)
+app.command()(publish)
+app.command()(compare_studies)

@@ -1,7 +1,7 @@
 """What a report consists of, and its form as a page and as Markdown.
 
-Texts hold `code`, **strong** words and links to a [section](#key) or a [file](folder/name.html)
-beside the report; nothing else is marked up.
+Texts hold `code`, **strong** words and links to a [section](#key), a [file](folder/name.html)
+beside the report or [one](../name.html) above it; nothing else is marked up.
 """
 
 from __future__ import annotations
@@ -9,17 +9,22 @@ from __future__ import annotations
 import html
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pilotid.disk import write_file
+from pilotid.show.figures import pdf
 from pilotid.show.page import templates_of
 from pilotid.show.svg import svg
+from pilotid.types import InputError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-
-LINK = r"\[([^\]]+)\]\((#[\w-]+|[\w-]+/[\w.+-]+)\)"
+#: The folder of figures beside a page.
+FIGURES = "figures"
+LINK = r"\[([^\]]+)\]\((#[\w-]+|(?:\.\./)?[\w-]+/[\w.+-]+|\.\./[\w.+-]+|[\w-]+\.csv)\)"
 
 
 @dataclass(frozen=True)
@@ -46,10 +51,21 @@ class Column:
 
 @dataclass(frozen=True)
 class Entry:
-    """An entry of a table, with a mark (see `verdicts.Grade`) if it is a verdict."""
+    """An entry of a table.
+
+    Attributes
+    ----------
+    text
+        What it says.
+    mark
+        The grade if it is a verdict, see `verdicts.Grade`.
+    reach
+        Lowest and highest coverage, which a page draws as a line beside the text.
+    """
 
     text: str
     mark: str = ""
+    reach: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -68,6 +84,8 @@ class Table:
         Number of columns in front.
     folded
         Whether a page shows it only when asked.
+    filters
+        Columns by whose entries a page can choose rows.
     """
 
     caption: str
@@ -75,6 +93,7 @@ class Table:
     rows: Sequence[Sequence[Entry]]
     heads: int = 1
     folded: bool = False
+    filters: tuple[int, ...] = ()
     kind: str = field(default="table", init=False)
 
     @property
@@ -90,7 +109,17 @@ class Table:
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure; its SVG is part of a page and a file beside it, as is its PDF if there is one."""
+    """A figure; its SVG is part of a page and a file beside it, as is its PDF if there is one.
+
+    Attributes
+    ----------
+    name, svg, alt, caption
+        What its files are called, what it looks like, and what it shows.
+    pdf
+        The same as PDF, empty for none.
+    figure
+        What it was made of, where that is known.
+    """
 
     name: str
     svg: str
@@ -98,11 +127,20 @@ class Picture:
     caption: str
     pdf: bytes = b""
     kind: str = field(default="picture", init=False)
+    figure: Figure | None = field(default=None, repr=False, compare=False)
 
     @classmethod
     def of(cls, figure: Figure, name: str, alt: str, caption: str) -> Picture:
-        """A picture of a figure."""
-        return cls(name, svg(figure, name, alt), alt, caption)
+        """A picture of a figure; of its name, which may hold a scenario's, files are made."""
+        name = re.sub(r"[^\w.,()=+ -]", "-", name)
+        return cls(name, svg(figure, name, alt), alt, caption, figure=figure)
+
+    def with_pdf(self) -> Picture:
+        """The same with a PDF beside the page, which takes most of the time."""
+        if self.pdf or self.figure is None:
+            return self
+        self.figure.set_layout_engine("none")  # all has its place since it was drawn as SVG
+        return replace(self, pdf=pdf(self.figure))
 
 
 @dataclass(frozen=True)
@@ -141,6 +179,31 @@ class Section:
     title: str
     blocks: Sequence[Block]
 
+    def with_pdfs(self) -> Section:
+        """The same with each figure as PDF beside the page."""
+        blocks = [b.with_pdf() if isinstance(b, Picture) else b for b in self.blocks]
+        return replace(self, blocks=blocks)
+
+
+def write_pictures(folder: Path, sections: Sequence[Section]) -> None:
+    """Write the figures of sections into a folder of their own, as SVG and PDF.
+
+    Raises
+    ------
+    InputError
+        If they cannot be written.
+    """
+    pictures = folder / FIGURES
+    try:
+        pictures.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{pictures}: cannot be made ({error.strerror}); free the name") from error
+    for block in (block for section in sections for block in section.blocks):
+        if isinstance(block, Picture):
+            write_file(pictures / f"{block.name}.svg", block.svg.encode())
+            if block.pdf:
+                write_file(pictures / f"{block.name}.pdf", block.pdf)
+
 
 def entries(rows: Iterable[Sequence[str | Entry]]) -> list[list[Entry]]:
     """Rows of a table, from words or entries."""
@@ -156,13 +219,25 @@ def inline_html(text: str) -> str:
     return re.sub(LINK, r'<a href="\2">\1</a>', safe)
 
 
-def web_page(title: str, sections: Sequence[Section]) -> str:
-    """The report as one HTML text that needs no network."""
+def web_page(title: str, sections: Sequence[Section], above: str = "") -> str:
+    """The report as one HTML text that needs no network.
+
+    Parameters
+    ----------
+    title
+        Its heading.
+    sections
+        What it consists of.
+    above
+        The page above it, if there is one: of several studies, for example.
+    """
     from markupsafe import Markup
 
     environment = templates_of("pilotid.report")
     environment.filters["inline"] = lambda text: Markup(inline_html(text))
-    return environment.get_template("study.html").render(title=title, sections=sections)
+    return environment.get_template("study.html").render(
+        title=title, sections=sections, above=above
+    )
 
 
 def markdown(title: str, sections: Sequence[Section]) -> str:
@@ -178,7 +253,7 @@ def _block(block: Block) -> str:
     if isinstance(block, Table):
         return _table(block)
     if isinstance(block, Picture):
-        return f"![{block.alt}](figures/{block.name}.svg)\n\n*{block.caption}*"
+        return f"![{block.alt}]({FIGURES}/{block.name}.svg)\n\n*{block.caption}*"
     if isinstance(block, Bullets):
         return "\n".join(f"- {item}" for item in block.items)
     if isinstance(block, Command):

@@ -23,17 +23,18 @@ from pilotid.report.content import (
     Text,
     markdown,
     web_page,
+    write_pictures,
 )
 from pilotid.report.population import links_of, population_chapters
 from pilotid.report.population_verdicts import CODES as POPULATION_CODES
 from pilotid.report.population_verdicts import RULES as POPULATION_RULES
 from pilotid.report.population_verdicts import population_verdicts
 from pilotid.report.rules import Rules, rules_for
+from pilotid.report.timing import timing
 from pilotid.report.verdicts import CODES, in_short, judge, sentence
 from pilotid.report.violations import violation_chapters
 from pilotid.study.comparison import Comparison
 from pilotid.study.store import Store
-from pilotid.types import InputError
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable
@@ -42,7 +43,9 @@ TITLE = "Pilot-model identification: methods compared"
 REFERENCE = "nominal"
 
 
-def write_report(folder: Path, store: Store, study: Comparison) -> Path:
+def write_report(
+    folder: Path, store: Store, study: Comparison, *, pdf: bool = False, above: str = ""
+) -> Path:
     """Write report.html, report.md and the figures; equal stores give equal bytes.
 
     Parameters
@@ -53,6 +56,10 @@ def write_report(folder: Path, store: Store, study: Comparison) -> Path:
         The study's store.
     study
         What the store holds.
+    pdf
+        Whether figures are written as PDF too.
+    above
+        The page above this one, if there is one.
 
     Returns
     -------
@@ -60,17 +67,12 @@ def write_report(folder: Path, store: Store, study: Comparison) -> Path:
         The page.
     """
     sections = _sections(study, store)
-    pictures = folder / "figures"
-    try:
-        pictures.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{pictures}: cannot be made ({error.strerror}); free the name") from error
-    for block in (block for section in sections for block in section.blocks):
-        if isinstance(block, Picture):
-            write_file(pictures / f"{block.name}.svg", block.svg.encode())
+    if pdf:
+        sections = [section.with_pdfs() for section in sections]
+    write_pictures(folder, sections)
     write_file(folder / "report.md", markdown(TITLE, sections).encode("utf-8", "replace"))
     page = folder / "report.html"
-    write_file(page, web_page(TITLE, sections).encode("utf-8", "replace"))
+    write_file(page, web_page(TITLE, sections, above).encode("utf-8", "replace"))
     return page
 
 
@@ -137,6 +139,7 @@ def _sections(study: Comparison, store: Store) -> list[Section]:
         _summary(study, about, told),
         *(_chapter(study, about, chapter) for chapter in told),
         *appendix.posterior(study),
+        *(timing(study, reference(study)) if study.scenarios else ()),
         appendix.failures(study),
         appendix.settings(study, store),
         appendix.origin(study, about),

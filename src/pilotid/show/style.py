@@ -52,8 +52,9 @@ GRID = "#dddddd"
 
 
 def style_of(method: str) -> tuple[str, str]:
-    """Colour and marker of a method."""
-    return STYLES.get(method, OTHERS[sum(map(ord, method)) % len(OTHERS)])
+    """Colour and marker of a method; a study's name may stand behind it after a comma."""
+    name = method.partition(", ")[0]
+    return STYLES.get(name, OTHERS[sum(map(ord, method)) % len(OTHERS)])
 
 
 def colour_of(method: str) -> str:

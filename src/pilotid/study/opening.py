@@ -73,6 +73,14 @@ def open_to_read(path: Path) -> Opened:
     return _patiently(lambda: _read(path))
 
 
+def in_memory() -> sqlite3.Connection:
+    """A new store that no file holds."""
+    memory = _connected_to_memory()
+    with memory:
+        tables.create(memory)
+    return memory
+
+
 def _patiently(action: Callable[[], T]) -> T:
     """Do what another process may be in the way of.
 
@@ -107,9 +115,8 @@ def _read(path: Path) -> Opened:
     base, wrong = _looked_at(path)
     if not wrong:
         return base, ""
-    memory = _connected_to_memory()
+    memory = in_memory()
     with memory:
-        tables.create(memory)
         fits = _rescue(path, base, memory)
     base.close()
     if not fits:

@@ -15,6 +15,7 @@ from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
+from pilotid.disk import write_file
 from pilotid.study import tables
 from pilotid.study.entries import (
     Draw,
@@ -25,11 +26,12 @@ from pilotid.study.entries import (
     Track,
     Unit,
 )
-from pilotid.study.opening import in_words, open_to_read, open_to_write
+from pilotid.study.kept import KEPT, packed, unpack
+from pilotid.study.opening import in_memory, in_words, open_to_read, open_to_write
 from pilotid.study.tables import FORMAT, Held, Row, real
 from pilotid.types import InputError
 
-__all__ = ["FORMAT", "STORE", "Store"]
+__all__ = ["FORMAT", "KEPT", "STORE", "Store"]
 
 STORE = "study.sqlite"
 
@@ -40,10 +42,13 @@ class Store:
     Parameters
     ----------
     folder
-        The study's folder.
+        The study's folder.  Where it holds rows in their small form alone (see
+        `pilotid.study.kept`), these are read, and a store that is made begins with them.
     create
         Whether to write: the store is made if there is none, and mended if it is damaged.
         A store that is only read may be on a medium that cannot be written.
+    small
+        Whether to read the small form though there is a store.
 
     Attributes
     ----------
@@ -53,19 +58,30 @@ class Store:
         What the user should know of damage; empty if there is none.
     """
 
-    def __init__(self, folder: Path, *, create: bool = False) -> None:
+    def __init__(self, folder: Path, *, create: bool = False, small: bool = False) -> None:
         self.path = folder / STORE
+        self.warning = ""
         try:
             missing = not create and not self.path.exists()
+            kept = (folder / KEPT).exists()
         except OSError:  # a folder that may not be looked into, which opening tells
-            missing = False
-        if missing:
+            missing = kept = False
+        if missing and not kept:
             raise InputError(
                 f"{self.path}: there is no such file; name a folder that `pilotid compare` wrote"
             )
+        if missing or small:
+            self.path = folder / KEPT
+            self._base = in_memory()
+            unpack(self.path, self._base)
+            return
         with in_words(self.path):
             self._base, told = (open_to_write if create else open_to_read)(self.path)
         self.warning = str(InputError(told)) if told else ""  # printable, as refusals are
+        if create and kept:
+            with self._transaction():
+                if "seed" not in tables.facts(self._base)[0]:
+                    unpack(folder / KEPT, self._base)
 
     def close(self) -> None:
         """Close the file; the write-ahead log is merged into it."""
@@ -145,6 +161,14 @@ class Store:
         parameters = [[p.parameter, p.unit, real(p.truth), real(p.bound)] for p in draw.parameters]
         row = (*key, draw.model, json.dumps(parameters), _json(draw.facts))
         tables.put(self._base, "draws", row)
+
+    def keep(self, folder: Path) -> Path:
+        """Write all rows in their small form into a folder; returns the file."""
+        path = folder / KEPT
+        with in_words(self.path):
+            content = packed(self._base)
+        write_file(path, content)
+        return path
 
     # ----------------------------------------------------------------------------- reading
 
