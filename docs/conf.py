@@ -26,6 +26,7 @@ extensions = [
     "mathml",
     "names",
     "offline",
+    "outside",
     "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",

@@ -1,5 +1,5 @@
 // What scrolls by itself can be reached, and so scrolled, by keyboard.
-for (const box of document.querySelectorAll(".table-wrapper, article pre, div.math")) {
+for (const box of document.querySelectorAll(".table-wrapper, .cell_output .output, article pre, div.math")) {
   if (box.scrollWidth > box.clientWidth) {
     box.tabIndex = 0;
   }

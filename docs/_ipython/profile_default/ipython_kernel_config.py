@@ -4,3 +4,5 @@ c = get_config()  # noqa: F821
 c.InlineBackend.figure_formats = {"svg"}
 # The page keeps its own margins; constrained layout leaves nothing to cut off.
 c.InlineBackend.print_figure_kwargs = {"bbox_inches": None}
+# Pages are executed side by side; nobody looks at the history of what they typed.
+c.HistoryManager.enabled = False

@@ -35,8 +35,7 @@ mpl.rcParams.update(
 def system(command):
     """Run a line that begins with `!`, as a shell would; a status other than 0 is an error."""
     done = subprocess.run(
-        command,
-        shell=True,
+        ["bash", "-o", "pipefail", "-c", command],  # what fails before a | fails as well
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         encoding="utf-8",
