@@ -3,6 +3,9 @@
 Each makes its own environment.  What follows `--` goes to the tool that it runs.
 """
 
+import shutil
+from pathlib import Path
+
 import nox
 
 nox.options.default_venv_backend = "uv|virtualenv"
@@ -10,7 +13,7 @@ nox.options.sessions = ["tests", "lint", "types"]
 nox.options.reuse_existing_virtualenvs = True
 
 PROJECT = nox.project.load_toml("pyproject.toml")
-SOURCES = ("src/pilotid", "methods", "datasets", "tests", "examples", "noxfile.py")
+SOURCES = ("src/pilotid", "methods", "datasets", "tests", "examples", "docs", "noxfile.py")
 
 
 def groups(*names: str) -> list[str]:
@@ -45,8 +48,8 @@ def compare(session: nox.Session) -> None:
 
 @nox.session
 def bench(session: nox.Session) -> None:
-    """Time the methods; the last lines set them against what a user would write."""
-    session.install("-e", ".", *groups("tests"))
+    """Time the methods and their peers; `-- --compare` says what became slower than stored."""
+    session.install("-e", ".", *groups("tests", "bench"))
     session.run("pytest", "tests/benchmarks", *session.posargs, env={"OMP_NUM_THREADS": "1"})
 
 
@@ -86,6 +89,21 @@ def check(session: nox.Session) -> None:
 
 
 @nox.session
+def docs(session: nox.Session) -> None:
+    """Build the site in docs/_build/html; `-- --links` asks whether external links answer."""
+    session.install("-e", ".", *groups("docs"))
+    links = "--links" in session.posargs
+    options = [option for option in session.posargs if option != "--links"]
+    builder = "linkcheck" if links else "html"
+    if links:  # what pages print holds no links
+        options += ["-D", "nb_execution_mode=off", "-D", "plot_gallery=0"]
+    session.run(
+        *("sphinx-build", "-W", "--keep-going", "-n", "-j", "2", "-b", builder),
+        *("docs", f"docs/_build/{builder}", *options),
+    )
+
+
+@nox.session
 def lint(session: nox.Session) -> None:
     """Check style and format."""
     session.install(*groups("lint"))
@@ -108,3 +126,16 @@ def fuzz(session: nox.Session) -> None:
     session.run(
         "python", "tests/checks/fuzz_files.py", *session.posargs, env={"OMP_NUM_THREADS": "1"}
     )
+
+
+@nox.session
+def build(session: nox.Session) -> None:
+    """Build sdist and wheel, and compare the methods from the wheel alone in bare environments."""
+    session.install(*groups("build"))
+    dist = Path("dist").absolute()
+    shutil.rmtree(dist, ignore_errors=True)
+    # The wheel is made from the sdist, so that neither lacks what the other has.
+    making = ("python", "-m", "build", "--installer", "uv", "--outdir", str(dist))
+    session.run(*making, silent=True)
+    session.run("twine", "check", "--strict", *map(str, sorted(dist.iterdir())))
+    session.run("python", "tests/checks/built.py", str(dist), *session.posargs)

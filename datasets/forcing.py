@@ -28,13 +28,18 @@ class Forcing(Protocol):
         ...
 
     def at(self, time: FloatArray) -> FloatArray:
-        """The signal at `time` [s]."""
+        """The signal at `time` [s], both of shape (times,)."""
         ...
 
     def through(self, response: Response, time: FloatArray) -> FloatArray:
         """What stable systems with these frequency responses answer, at `time` [s].
 
-        The responses have shape (..., n), the answers (..., times).
+        Parameters
+        ----------
+        response
+            Maps frequencies [rad/s], shape (n,), to responses, shape (..., n).
+        time
+            Shape (times,); answers have the shape (..., times).
         """
         ...
 
@@ -68,18 +73,21 @@ class Multisine:
 
     @property
     def omega(self) -> FloatArray:
-        """Frequencies of the lines [rad/s]."""
+        """Frequencies of the lines [rad/s], shape (lines,)."""
         return 2.0 * np.pi * np.array(self.lines, dtype=float) / self.period
 
     def at(self, time: FloatArray) -> FloatArray:
+        """The signal at `time` [s], both of shape (times,)."""
         return self.through(np.ones_like, time)
 
     def through(self, response: Response, time: FloatArray) -> FloatArray:
+        """What systems with these responses answer, see `Forcing.through`."""
         omega = self.omega
         phasors = np.array(self.amplitudes) * np.exp(1j * np.array(self.phases)) * response(omega)
         return np.imag(phasors @ np.exp(1j * np.outer(omega, time)))
 
     def scaled(self, gain: float) -> Multisine:
+        """The same signal times a gain."""
         return replace(self, amplitudes=tuple(gain * a for a in self.amplitudes))
 
     def with_random_phases(self, rng: np.random.Generator) -> Multisine:
@@ -113,18 +121,21 @@ class Steps:
 
     @property
     def lines(self) -> tuple[int, ...]:
+        """None: a step has no lines."""
         return ()
 
     def sharp(self, time: FloatArray) -> FloatArray:
-        """The signal before the anti-aliasing filter, at any `time` [s]."""
+        """The signal before the anti-aliasing filter, at any `time` [s], shape (times,)."""
         # Half a nanosecond guards against a sample time that rounding put before its jump.
         reached = np.asarray(time)[:, None] >= np.array(self.times)[None, :] - 5e-10
         return np.asarray(reached @ np.array(self.jumps))
 
     def at(self, time: FloatArray) -> FloatArray:
+        """The signal at `time` [s], both of shape (times,)."""
         return self.through(np.ones_like, time)
 
     def through(self, response: Response, time: FloatArray) -> FloatArray:
+        """What systems with these responses answer, see `Forcing.through`."""
         from scipy.fft import irfft, next_fast_len
 
         dt, first = float(time[1] - time[0]), float(time[0])
@@ -144,6 +155,7 @@ class Steps:
         return np.asarray(answer[..., : time.size])
 
     def scaled(self, gain: float) -> Steps:
+        """The same signal times a gain."""
         return replace(self, jumps=tuple(gain * j for j in self.jumps))
 
 
@@ -180,8 +192,9 @@ def interleaved_sines(
     """A target and a disturbance of the paper's spectrum, on lines of their own.
 
     The lines lie evenly on a logarithmic scale from 0.38 to 17 rad/s, one function's between
-    those of the other; amplitudes follow |(1 + 0.1 jw)^2/(1 + 0.8 jw)^2| of AIAA 2008-7109,
-    phases Schroeder (IEEE Trans. Information Theory 16, 1970), who keeps peaks low.
+    those of the other; amplitudes follow the magnitude of (1 + 0.1 jw)^2/(1 + 0.8 jw)^2 of
+    AIAA 2008-7109, phases Schroeder (IEEE Trans. Information Theory 16, 1970), who keeps peaks
+    low.
 
     Parameters
     ----------
@@ -210,7 +223,15 @@ def interleaved_sines(
 
 
 def half_and_half_step(duration: float, size: float = 1.0) -> Steps:
-    """A positive step for the first half of the run, a negative one for the second."""
+    """A positive step for the first half of the run, a negative one for the second.
+
+    Parameters
+    ----------
+    duration
+        Length of the run [s].
+    size
+        Of the step, in the signal's unit.
+    """
     return Steps((0.0, duration / 2.0), (size, -2.0 * size))
 
 

@@ -48,6 +48,7 @@ def bound_of(scenario: Scenario) -> FloatArray:
 
     Returns
     -------
-    Array of shape (parameters,).
+    FloatArray
+        Shape (parameters,).
     """
     return np.array(_bound(scenario))

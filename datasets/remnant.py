@@ -110,7 +110,15 @@ class Remnant:
         return (np.ones_like(s), first, second, first * second)[self.order]
 
     def white_noise(self, rng: np.random.Generator, shape: tuple[int, int]) -> FloatArray:
-        """The noise that drives it, of variance 1, shape (runs, samples)."""
+        """The noise that drives it, of variance 1, shape (runs, samples).
+
+        Parameters
+        ----------
+        rng
+            Draws it.
+        shape
+            Runs and samples.
+        """
         if self.freedom is None:
             return rng.standard_normal(shape)
         scale = math.sqrt((self.freedom - 2.0) / self.freedom)

@@ -26,7 +26,15 @@ from pilotid.types import ComplexArray, FloatArray, InputError
 
 @dataclass(frozen=True)
 class ClosedLoop:
-    """Responses of control u and output x to each cause, each of shape (n,)."""
+    """Responses of control u and output x to each cause, each of shape (n,).
+
+    Attributes
+    ----------
+    u_of_target, u_of_disturbance, u_of_remnant
+        Control for each unit of a cause.
+    x_of_target, x_of_disturbance, x_of_remnant
+        Output for each unit of a cause.
+    """
 
     u_of_target: ComplexArray
     x_of_target: ComplexArray
@@ -41,6 +49,13 @@ def closed_loop(scenario: Scenario, omega: FloatArray) -> ClosedLoop:
 
     Written with the controlled element's polynomials Hc = N/D, which keeps it exact
     at w = 0 for an element with integrators.
+
+    Parameters
+    ----------
+    scenario
+        Pilot and controlled element.
+    omega
+        Frequencies [rad/s], shape (n,).
     """
     s = 1j * omega
     element = scenario.element
@@ -263,6 +278,13 @@ def lines_in(forcing: Forcing, duration: float) -> tuple[int, ...]:
 
 def simulate(scenario: Scenario, rng: np.random.Generator) -> Recording:
     """One recording of a scenario, with its remnant drawn from `rng`.
+
+    Parameters
+    ----------
+    scenario
+        Truth, loop, forcing functions and length.
+    rng
+        Draws the remnant.
 
     Raises
     ------

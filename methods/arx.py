@@ -193,7 +193,17 @@ class ARX:
         return output_at_once(recording)
 
     def first_step(self, recording: Recording, model: PilotModel) -> FirstStep:
-        """The black-box model, with the criterion surface of its search."""
+        """The black-box model, with the criterion surface of its search.
+
+        Parameters
+        ----------
+        recording, model
+            As for `fit`.
+
+        Returns
+        -------
+        FirstStep
+        """
         prediction = predict(recording, model, self.band)
         dt, inputs = prediction.dt, len(model.channels)
         low = max(1, math.ceil(self.delays[0] / dt - 1e-9))

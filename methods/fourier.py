@@ -79,7 +79,18 @@ class Fourier:
         return objection(recording, model)
 
     def first_step(self, recording: Recording, model: PilotModel) -> FrequencyResponse:
-        """The channels' responses at the forcing lines, without a model of the pilot."""
+        """The channels' responses at the forcing lines, without a model of the pilot.
+
+        Parameters
+        ----------
+        recording, model
+            As for `fit`.
+
+        Returns
+        -------
+        FrequencyResponse
+            At the forcing lines, ascending.
+        """
         coefficients = coefficients_of(recording, model, self.neighbours, self.trend)
         return _response(coefficients, model, coefficients.first_residuals())
 

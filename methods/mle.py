@@ -49,7 +49,7 @@ class MLE(LikelihoodSettings):
 
     Attributes
     ----------
-    search_band, candidates, refined, band, rounds, noise
+    search_band, candidates, refined, band, wide, rounds, noise
         See `pilotid.time_domain.settings.LikelihoodSettings`.
     """
 

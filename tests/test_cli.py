@@ -7,12 +7,14 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers import Answer, Run, leading_recording, strict
 
+import pilotid
 from pilotid.cli.main import main
 from pilotid.methods import METHODS, methods
 from pilotid.pilot.catalogue import MODELS
@@ -50,6 +52,11 @@ def refused(answer: Answer, *words: str) -> None:
 
 
 # ------------------------------------------------------------------------------------- list
+
+
+def test_version_is_that_of_what_is_installed(run: Run) -> None:
+    assert run("--version").out == f"pilotid {version('pilotid')}\n"
+    assert pilotid.__version__ == version("pilotid")
 
 
 def test_list_names_everything(run: Run) -> None:

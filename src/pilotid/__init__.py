@@ -38,6 +38,7 @@ from pilotid.show import plots as plot
 from pilotid.study.study import Study
 from pilotid.types import InputError
 
+#: The one place of the version: pyproject.toml reads it here.
 __version__ = "0.1.0"
 
 __all__ = [

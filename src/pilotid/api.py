@@ -52,7 +52,8 @@ def identify(
 
     Returns
     -------
-    Whatever happens, an estimate: one that failed says so in its outcome.
+    Estimate
+        Whatever happens; one that failed says so in its outcome.
     """
     if recording is None or model is None:
         wanted = "identify('mle', recording, 'multi')"
@@ -81,7 +82,8 @@ def which_model(
 
     Returns
     -------
-    The model, the reason in words, and the figures of all candidates.
+    Selection
+        The model, the reason in words, and the figures of all candidates.
     """
     named = [model_named(m) if isinstance(m, str) else m for m in models]
     return select(recording, named, seed)
@@ -100,6 +102,10 @@ def simulate(
     rng
         A random generator, or the seed of one: the same seed gives the recording that
         ``pilotid simulate --seed`` writes.
+
+    Returns
+    -------
+    Recording
     """
     chosen = scenario_named(scenario) if isinstance(scenario, str) else scenario
     if isinstance(rng, np.random.Generator):
@@ -134,6 +140,11 @@ def compare(
         Seed of all random numbers.
     workers
         Processes; None for one for each processor.
+
+    Returns
+    -------
+    Comparison
+        All that the store holds then.
     """
     return Study(scenarios, methods, replications, seed).run_in(Path(out), workers)
 
@@ -174,8 +185,9 @@ def design(
 
     Returns
     -------
-    Lines, powers, predicted errors, costs in e and u, the optimality gap, and the ``scenario``
-    of the design, which `simulate` and `compare` take.
+    Design
+        Lines, powers, predicted errors, costs in e and u, the optimality gap, and the
+        ``scenario`` of the design, which `simulate` and `compare` take.
     """
     from pilotid.designing.design import design as designed
     from pilotid.designing.limits import Limits

@@ -14,24 +14,50 @@ DEFAULT_SEED = 1
 
 
 def recording_rng(seed: int, scenario: str, replication: int = 0) -> np.random.Generator:
-    """The generator of a simulated recording's remnant."""
+    """The generator of a simulated recording's remnant.
+
+    Parameters
+    ----------
+    seed, scenario, replication
+        Seed of all random numbers, name of the scenario, and which of its recordings.
+    """
     return _generator(seed, crc32(scenario.encode()), replication)
 
 
 def fit_rng(
     seed: int, method: str, scenario: str = "", replication: int = 0
 ) -> np.random.Generator:
-    """The generator of a fit; a recording from a file has no scenario and no replication."""
+    """The generator of a fit; a recording from a file has no scenario and no replication.
+
+    Parameters
+    ----------
+    seed, scenario, replication
+        As for `recording_rng`.
+    method
+        Label of the method.
+    """
     return _generator(seed, crc32(scenario.encode()), replication, crc32(method.encode()))
 
 
 def start_rng(seed: int, scenario: str, replication: int = 0) -> np.random.Generator:
-    """The generator of a replication's initial guesses, the same for every method."""
+    """The generator of a replication's initial guesses, the same for every method.
+
+    Parameters
+    ----------
+    seed, scenario, replication
+        Seed of all random numbers, name of the scenario, and which of its recordings.
+    """
     return _generator(seed, crc32(scenario.encode()), replication, crc32(b"start"))
 
 
 def draw_rng(seed: int, scenario: str, replication: int = 0) -> np.random.Generator:
-    """The generator of what a population draws for a replication, the same for every method."""
+    """The generator of what a population draws for a replication, the same for every method.
+
+    Parameters
+    ----------
+    seed, scenario, replication
+        Seed of all random numbers, name of the scenario, and which of its recordings.
+    """
     return _generator(seed, crc32(scenario.encode()), replication, crc32(b"draw"))
 
 

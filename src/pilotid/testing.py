@@ -80,7 +80,20 @@ def check_settings(method: Method) -> None:
 
 
 def check_estimate(estimate: Estimate, method: Method, model: PilotModel) -> None:
-    """Check that an estimate makes sense, whatever its outcome; see `check_method`."""
+    """Check that an estimate makes sense, whatever its outcome; see `check_method`.
+
+    Parameters
+    ----------
+    estimate
+        What the method returned.
+    method, model
+        The method, and the model that it was asked to fit.
+
+    Raises
+    ------
+    AssertionError
+        If it does not; the message says what is wrong.
+    """
     name = method.name
     fault = fault_of(estimate, model)
     _require(not fault, f"{name}: {fault}")

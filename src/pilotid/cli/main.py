@@ -110,6 +110,23 @@ def _refuse(sentence: str) -> NoReturn:
     raise SystemExit(2) from None
 
 
+def _version(asked: bool) -> None:
+    if asked:
+        from pilotid import __version__
+
+        make_console().print(f"pilotid {__version__}", highlight=False)
+        raise typer.Exit
+
+
+@app.callback()
+def program(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    """Identify pilot models from tracking recordings with every standard method."""
+
+
 @app.command("list")
 def list_names() -> None:
     """List models, methods and scenarios."""

@@ -53,7 +53,7 @@ class Design:
     minimise, wanted, limits, over, remnant
         What was asked for.
     lines, powers
-        Lines and the variance of each sine, the target's first.
+        Lines and the variance of each sine, the target's first, shape (lines,).
     errors, reference_errors
         Predicted standard errors as shares of the true values, with the design and with the
         reference's forcing functions in a window of the same length: bounds, and the share that

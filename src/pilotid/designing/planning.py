@@ -74,7 +74,15 @@ class Plan:
         return math.sqrt(self.between**2 + per_run / runs)
 
     def chance(self, subjects: int, runs: int, times: float = 1.0) -> float:
-        """Chance that the test finds the difference, 0 for fewer than two subjects."""
+        """Chance that the test finds the difference, 0 for fewer than two subjects.
+
+        Parameters
+        ----------
+        subjects, runs
+            Subjects, and runs of each in each condition.
+        times
+            Length of a run in multiples of `window`.
+        """
         from scipy.stats import nct
         from scipy.stats import t as student
 
@@ -88,7 +96,15 @@ class Plan:
         return float(nct.sf(critical, freedom, shift) + nct.cdf(-critical, freedom, shift))
 
     def subjects(self, runs: int, times: float = 1.0, wanted: float = WANTED) -> int | None:
-        """Fewest subjects with whom the chance is as wanted; None for more than `MOST`."""
+        """Fewest subjects with whom the chance is as wanted; None for more than `MOST`.
+
+        Parameters
+        ----------
+        runs, times
+            See `chance`.
+        wanted
+            The chance, from 0 to 1.
+        """
         return next((n for n in range(2, MOST + 1) if self.chance(n, runs, times) >= wanted), None)
 
     def table(self) -> Iterator[tuple[float, int, int | None]]:
@@ -158,6 +174,17 @@ def simulated_chance(
     """Share of simulated experiments in which the paired t test finds the difference.
 
     Subjects, runs and estimates are drawn one by one, as the plan says that they vary.
+
+    Parameters
+    ----------
+    made
+        The plan.
+    subjects, runs
+        Subjects, and runs of each in each condition.
+    experiments
+        Simulated experiments.
+    rng
+        Draws all of them.
     """
     from scipy.stats import ttest_1samp
 

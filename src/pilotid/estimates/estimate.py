@@ -68,7 +68,8 @@ class Starts:
     Attributes
     ----------
     cost
-        Final cost of each start over the lowest one, ascending, so that 1 is the best.
+        Final cost of each start over the lowest one, ascending, so that 1 is the best, shape
+        (starts,).
     agreeing
         Number of starts that ended in the best optimum.
     """
@@ -276,7 +277,17 @@ class Estimate:
 
 
 def failed(method: str, model: PilotModel, outcome: Outcome, message: str = "") -> Estimate:
-    """An estimate without values."""
+    """An estimate without values.
+
+    Parameters
+    ----------
+    method
+        Name of the method.
+    model
+        The model that it was to fit.
+    outcome, message
+        How it ended, and details if there are any.
+    """
     count = len(model.parameters)
     return Estimate(
         method,
@@ -290,13 +301,31 @@ def failed(method: str, model: PilotModel, outcome: Outcome, message: str = "") 
 
 
 def symmetric_intervals(values: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Value +- 1.96 standard errors, shape (parameters, 2)."""
+    """Value +- 1.96 standard errors, shape (parameters, 2).
+
+    Parameters
+    ----------
+    values
+        Parameters, shape (parameters,).
+    covariance
+        Their covariance, shape (parameters, parameters).
+    """
     reach = Z95 * np.sqrt(np.diag(covariance))
     return np.stack([values - reach, values + reach], axis=1)
 
 
 def outcome_of(model: PilotModel, values: FloatArray, converged: bool) -> tuple[Outcome, str]:
-    """Outcome of a search that ended at `values`, and the bounds it ended at, in words."""
+    """Outcome of a search that ended at `values`, and the bounds it ended at, in words.
+
+    Parameters
+    ----------
+    model
+        The model.
+    values
+        Parameters in model order, shape (parameters,).
+    converged
+        Whether the search converged.
+    """
     bounds = bounds_reached(model, values)
     if not converged:
         return Outcome.NOT_CONVERGED, bounds

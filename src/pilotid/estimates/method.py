@@ -40,11 +40,36 @@ class Method(Protocol):
         ...
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
-        """Why this method cannot treat the recording, or None."""
+        """Why this method cannot treat the recording, or None.
+
+        Parameters
+        ----------
+        recording, model
+            As for `fit`.
+
+        Returns
+        -------
+        str or None
+            A sentence, which tables show; None if it can.
+        """
         ...
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
-        """Estimate the model's parameters; a fit that fails says so in its outcome."""
+        """Estimate the model's parameters; a fit that fails says so in its outcome.
+
+        Parameters
+        ----------
+        recording
+            The recording; it is read-only, and all its runs are of one pilot.
+        model
+            The pilot model, whose parameters fix the order of all numbers.
+        rng
+            The source of every random number.
+
+        Returns
+        -------
+        Estimate
+        """
         ...
 
 

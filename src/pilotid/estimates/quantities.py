@@ -15,7 +15,17 @@ from pilotid.types import FloatArray
 
 @dataclass(frozen=True)
 class Quantity:
-    """One number with its standard error and 95 % interval; NaN where the fit failed."""
+    """One number with its standard error and 95 % interval; NaN where the fit failed.
+
+    Attributes
+    ----------
+    key, unit
+        As printed; no unit for a number without dimension.
+    value, std_error
+        Value and standard error in that unit.
+    lower, upper
+        Ends of the 95 % interval.
+    """
 
     key: str
     unit: str

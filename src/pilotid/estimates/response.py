@@ -46,7 +46,7 @@ class FrequencyResponse:
 
     @property
     def std(self) -> FloatArray:
-        """Root mean square of the random error |value - true value|, shape (channels, n)."""
+        """Root mean square of the random error, of value less true value, (channels, n)."""
         real, imaginary = np.diag(self.covariance).reshape(2, *self.value.shape)
         return np.asarray(np.sqrt(real + imaginary))
 

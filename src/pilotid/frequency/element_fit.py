@@ -45,7 +45,17 @@ LATE = 0.05  # s, of a delay that a search from none may miss with a simpler for
 
 @dataclass(frozen=True)
 class Candidate:
-    """A form that was tried: its Bayesian criterion over the least, and the share of x [%]."""
+    """A form of controlled element that was tried.
+
+    Attributes
+    ----------
+    form
+        For example ``K/(s(s+a))``.
+    criterion
+        Its Bayesian information criterion less that of the best form.
+    explained
+        Share of the power of x that it explains [%].
+    """
 
     form: str
     criterion: float

@@ -34,7 +34,7 @@ class Structure:
         return self.poles + sum(self.zeros)
 
     def lags(self, i: int) -> IntArray:
-        """Lags of input `i`."""
+        """Lags of input `i` [samples], shape (coefficients,)."""
         return self.delays[i] + np.arange(self.zeros[i])
 
 
@@ -84,5 +84,11 @@ class StructureSearch:
         )
 
     def best(self, name: Criterion, weight: float = HEAVY) -> Structure:
-        """The structure of the lowest criterion."""
+        """The structure of the lowest criterion.
+
+        Parameters
+        ----------
+        name, weight
+            As for `criterion`.
+        """
         return self.structures[int(np.argmin(self.criterion(name, weight)))]

@@ -204,7 +204,7 @@ class Spline:
     beyond its ends.  Its parameters are what the parameter is at the knots, which lie evenly
     from the start of the window to its end: P00, P01, ...
 
-    How smooth the curve is the recording says, see `pilotid.time_domain.smoothing`: what is
+    How smooth the curve is the recording says, see `pilotid.time_domain.smoothness`: what is
     penalised is the integral of the squared second derivative of the logarithm (Green &
     Silverman, Nonparametric Regression and Generalized Linear Models, 1994, ch. 2).  More knots
     than needed do no harm but take time.

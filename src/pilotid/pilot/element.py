@@ -74,21 +74,47 @@ def double_integrator(gain: float) -> ControlledElement:
 
 
 def integrator_with_lag(gain: float, break_frequency: float) -> ControlledElement:
-    """K/(s (s + a)), with a in rad/s: between rate and acceleration control."""
+    """K/(s (s + a)), with a in rad/s: between rate and acceleration control.
+
+    Parameters
+    ----------
+    gain
+        K, in units of x over those of u, times rad^2/s^2.
+    break_frequency
+        a [rad/s].
+    """
     return ControlledElement(
         (gain,), (1.0, break_frequency, 0.0), name=f"{gain:g}/(s(s{break_frequency:+g}))"
     )
 
 
 def second_order(gain: float, frequency: float, damping: float) -> ControlledElement:
-    """K/(s^2 + 2 z w s + w^2), with its natural frequency w in rad/s and its damping z."""
+    """K/(s^2 + 2 z w s + w^2), with its natural frequency w in rad/s and its damping z.
+
+    Parameters
+    ----------
+    gain
+        K, in units of x over those of u, times rad^2/s^2.
+    frequency
+        w [rad/s].
+    damping
+        z [-].
+    """
     bottom = (1.0, 2.0 * damping * frequency, frequency**2)
     name = f"{gain:g}/(s^2{bottom[1]:+g}s{bottom[2]:+g})"
     return ControlledElement((gain,), bottom, name=name)
 
 
 def from_control(system: control.TransferFunction, delay: float = 0.0) -> ControlledElement:
-    """Any continuous single-input single-output transfer function of python-control."""
+    """Any continuous single-input single-output transfer function of python-control.
+
+    Parameters
+    ----------
+    system
+        A transfer function, or a state space.
+    delay
+        Pure time delay in series with it [s].
+    """
     if not system.issiso() or (system.dt not in (0, None)):
         raise ValueError("the controlled element must be continuous, with one input and one output")
     import control

@@ -106,15 +106,54 @@ class Factor(Protocol):
         ...
 
     def response(self, s: ComplexArray, values: Values) -> Response:
-        """Transfer function at `s` [rad/s]."""
+        """Transfer function at `s` [rad/s].
+
+        Parameters
+        ----------
+        s
+            Laplace variable [rad/s], shape (n,).
+        values
+            One array for each parameter, which broadcasts against `s`.
+
+        Returns
+        -------
+        ComplexArray or FloatArray
+            The response, of a shape that broadcasts to that of `s`.
+        """
         ...
 
     def log_derivative(self, s: ComplexArray, values: Values) -> tuple[Response, ...]:
-        """Derivative of the logarithm of the response by each parameter."""
+        """Derivative of the logarithm of the response by each parameter.
+
+        Parameters
+        ----------
+        s
+            Laplace variable [rad/s], shape (n,).
+        values
+            One array for each parameter, which broadcasts against `s`.
+
+        Returns
+        -------
+        tuple
+            An array for each parameter, as `response` has them.
+        """
         ...
 
     def rational(self, values: Sequence[float], pade_order: int) -> Rational:
-        """Polynomials of the transfer function; a delay becomes a Pade approximant."""
+        """Polynomials of the transfer function; a delay becomes a Pade approximant.
+
+        Parameters
+        ----------
+        values
+            A number for each parameter.
+        pade_order
+            Order of the approximant.
+
+        Returns
+        -------
+        numerator, denominator
+            Coefficients, highest power of s first.
+        """
         ...
 
 
@@ -123,7 +162,7 @@ class TimeDelay(Protocol):
     """A factor that is e^{-T s}, which is evaluated faster if T is known."""
 
     def seconds(self, values: Values) -> FloatArray:
-        """The delay T [s]."""
+        """The delay T [s], of the shape of its parameter."""
         ...
 
 
@@ -142,13 +181,33 @@ class OnAxis(Protocol):
     """A factor that is evaluated faster where s = i omega."""
 
     def response_on_axis(self, omega: FloatArray, values: Values) -> ComplexArray:
-        """Frequency response at `omega` [rad/s]."""
+        """Frequency response at `omega` [rad/s].
+
+        Parameters
+        ----------
+        omega
+            Frequencies [rad/s], shape (n,).
+        values
+            As for `Factor.response`; what comes back has the same shape.
+        """
         ...
 
 
 @dataclass(frozen=True)
 class Gain:
-    """A constant gain; its sign belongs to the channel, so it is positive."""
+    """A constant gain; its sign belongs to the channel, so it is positive.
+
+    Attributes
+    ----------
+    key
+        Key of the parameter.
+    start
+        Initial guess.
+    unit
+        Its unit, empty for none.
+    bounds
+        Bounds of the search.
+    """
 
     key: str
     start: float = 1.0
@@ -176,7 +235,17 @@ class Gain:
 
 @dataclass(frozen=True)
 class Lead:
-    """First-order lead 1 + T s."""
+    """First-order lead 1 + T s.
+
+    Attributes
+    ----------
+    key
+        Key of the parameter.
+    start
+        Initial guess [s].
+    bounds, usual
+        Bounds of the search, and the range of published values [s].
+    """
 
     key: str = "tlead"
     start: float = 1.0
@@ -203,7 +272,17 @@ class Lead:
 
 @dataclass(frozen=True)
 class Lag:
-    """First-order lag 1 / (1 + T s)."""
+    """First-order lag 1 / (1 + T s).
+
+    Attributes
+    ----------
+    key
+        Key of the parameter.
+    start
+        Initial guess [s].
+    bounds, usual
+        Bounds of the search, and the range of published values [s].
+    """
 
     key: str = "tlag"
     start: float = 0.5
@@ -227,7 +306,17 @@ class Lag:
 
 @dataclass(frozen=True)
 class Delay:
-    """Pure time delay e^{-T s}, exact in frequency responses."""
+    """Pure time delay e^{-T s}, exact in frequency responses.
+
+    Attributes
+    ----------
+    key
+        Key of the parameter.
+    start
+        Initial guess [s].
+    bounds, usual
+        Bounds of the search, and the range of published values [s].
+    """
 
     key: str = "tdvis"
     start: float = 0.25
@@ -258,7 +347,13 @@ class Delay:
 
 @dataclass(frozen=True)
 class Differentiator:
-    """s to a power: the channel sees a derivative of its input (2: acceleration)."""
+    """s to a power: the channel sees a derivative of its input (2: acceleration).
+
+    Attributes
+    ----------
+    order
+        The power of s.
+    """
 
     order: int = 1
     parameters = ()
@@ -283,6 +378,11 @@ class Canals:
     """Semicircular canals (1 + tv1 s) / (1 + tv2 s), with fixed time constants.
 
     The defaults, 0.1 s and 6 s, are those of AIAA 2008-7109, Eq. (1).
+
+    Attributes
+    ----------
+    tv1, tv2
+        Time constants of lead and lag [s].
     """
 
     tv1: float = 0.1
@@ -305,7 +405,17 @@ class Canals:
 
 @dataclass(frozen=True)
 class Neuromuscular:
-    """Second-order neuromuscular dynamics f^2 / (f^2 + 2 d f s + s^2)."""
+    """Second-order neuromuscular dynamics f^2 / (f^2 + 2 d f s + s^2).
+
+    Attributes
+    ----------
+    frequency_key, damping_key
+        Keys of the parameters.
+    frequency_start, frequency_bounds, frequency_usual
+        Initial guess, bounds of the search and range of published values [rad/s].
+    damping_start, damping_bounds, damping_usual
+        The same of the damping ratio.
+    """
 
     frequency_key: str = "fnm"
     damping_key: str = "dnm"

@@ -55,7 +55,8 @@ def frozen_over(model: PilotModel, values: FloatArray, time: FloatArray) -> Floa
 
     Returns
     -------
-    Array of shape (..., parameters of the frozen model, n).
+    FloatArray
+        Shape (..., parameters of the frozen model, n).
     """
     plain = frozen(model)
     place = {key: i for i, key in enumerate(model.keys)}

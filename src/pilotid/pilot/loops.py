@@ -81,7 +81,19 @@ def loop_slopes(
 def open_loops(
     model: PilotModel, values: FloatArray, element: ControlledElement, omega: FloatArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Target and disturbance open loops at `omega` [rad/s], each of shape (n,)."""
+    """Target and disturbance open loops at `omega` [rad/s], each of shape (n,).
+
+    Parameters
+    ----------
+    model
+        The pilot.
+    values
+        Its parameters in model order, shape (parameters,).
+    element
+        The controlled element.
+    omega
+        Frequencies [rad/s], shape (n,).
+    """
     on_error, on_output = pilot_on(model, omega, values)
     plant = element.response(omega)
     return on_error * plant / (1.0 + on_output * plant), plant * (on_error + on_output)
@@ -99,7 +111,9 @@ def crossings(omega: FloatArray, loop: ComplexArray) -> tuple[FloatArray, FloatA
 
     Returns
     -------
-    Ascending frequencies [rad/s] and phase margins there [deg], -180 to 180, shape (crossings,).
+    frequencies, phase_margins
+        Ascending [rad/s], and what the phase there is above -180 deg [deg], from -180 to 180,
+        shape (crossings,) each.
     """
     with np.errstate(divide="ignore"):  # a loop without a channel is zero
         magnitude = np.log(np.abs(loop))
@@ -133,7 +147,17 @@ def why_no_crossing(omega: FloatArray, loop: ComplexArray) -> str:
 def margins(
     model: PilotModel, values: FloatArray, element: ControlledElement
 ) -> tuple[Margin, Margin]:
-    """Crossover frequency and phase margin of the target and the disturbance loop."""
+    """Crossover frequency and phase margin of the target and the disturbance loop.
+
+    Parameters
+    ----------
+    model
+        The pilot.
+    values
+        Its parameters in model order, shape (parameters,).
+    element
+        The controlled element.
+    """
     target, disturbance = open_loops(model, values, element, GRID)
     return margin(GRID, target), margin(GRID, disturbance)
 
@@ -144,6 +168,15 @@ def unstable_poles(model: PilotModel, values: FloatArray, element: ControlledEle
     F(s) = D(s) + N(s) (Hpe + Hpx), with Hc = N/D and a stable pilot, has no poles
     in the right half plane; its argument then turns by (n - 2 z) pi/2 on the way
     from w = 0 to infinity, with n the degree of D and z the zeros sought.
+
+    Parameters
+    ----------
+    model
+        The pilot.
+    values
+        Its parameters in model order, shape (parameters,).
+    element
+        The controlled element.
     """
     omega = np.concatenate(([0.0], np.geomspace(1e-5, 1e4, 40_000)))
     s = 1j * omega

@@ -243,6 +243,11 @@ class PilotModel:
         """Other parameter sets near which the optimum may be, see `Course.elsewhere`.
 
         None for a model that does not vary in time.
+
+        Parameters
+        ----------
+        values
+            Parameters in model order, shape (parameters,); so are those that come back.
         """
         found = []
         for channel, indices in zip(self.channels, self.changing_indices, strict=True):
@@ -316,7 +321,8 @@ class PilotModel:
 
         Returns
         -------
-        Complex response, shape (channels, n).
+        ComplexArray
+            Shape (channels, n).
         """
         self._require_constant()
         s = 1j * np.asarray(omega, dtype=float)
@@ -328,7 +334,20 @@ class PilotModel:
         )
 
     def jacobian(self, omega: FloatArray, values: FloatArray) -> ComplexArray:
-        """Derivative of `response` by each parameter, see `response_and_jacobian`."""
+        """Derivative of `response` by each parameter, see `response_and_jacobian`.
+
+        Parameters
+        ----------
+        omega
+            Frequencies [rad/s], shape (n,).
+        values
+            Parameters in model order, shape (parameters,).
+
+        Returns
+        -------
+        ComplexArray
+            Shape (channels, parameters, n).
+        """
         return self.response_and_jacobian(omega, values)[1]
 
     def response_and_jacobian(
@@ -346,8 +365,9 @@ class PilotModel:
 
         Returns
         -------
-        Complex responses, shape (channels, n), and derivatives, shape
-        (channels, parameters, n); for parameter sets (sets, ...) each.
+        response, jacobian
+            Complex, shape (channels, n) and (channels, parameters, n); for parameter sets
+            (sets, ...) each.
         """
         self._require_constant()
         s = 1j * np.asarray(omega, dtype=float)
@@ -365,6 +385,13 @@ class PilotModel:
         """Each channel's polynomials, delays as Pade approximants.
 
         Without sign and differentiators: the input is the derivative that the channel acts on.
+
+        Parameters
+        ----------
+        values
+            Parameters in model order, shape (parameters,).
+        pade_order
+            Order of numerator and denominator in place of a delay.
         """
         self._require_constant()
         result: list[Rational] = []
@@ -377,7 +404,15 @@ class PilotModel:
         return result
 
     def rational(self, values: FloatArray, pade_order: int = 5) -> list[control.TransferFunction]:
-        """Each channel as a python-control transfer function, without its sign."""
+        """Each channel as a python-control transfer function, without its sign.
+
+        Parameters
+        ----------
+        values
+            Parameters in model order, shape (parameters,).
+        pade_order
+            See `polynomials`.
+        """
         import control
 
         return [

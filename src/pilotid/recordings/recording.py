@@ -215,7 +215,7 @@ class Recording:
     def input(self, name: str) -> FloatArray:
         """The signal that a channel with this input acts on: one of `INPUTS`.
 
-        A target that was not recorded is e + x.
+        A target that was not recorded is e + x.  The shape is (runs, run-in + samples).
         """
         signal: FloatArray | None = getattr(self, INPUTS[name])
         return self.e + self.x if signal is None else signal

@@ -30,6 +30,7 @@ from pilotid.report.population_verdicts import CODES as POPULATION_CODES
 from pilotid.report.population_verdicts import RULES as POPULATION_RULES
 from pilotid.report.population_verdicts import population_verdicts
 from pilotid.report.rules import Rules, rules_for
+from pilotid.report.timing import timing
 from pilotid.report.verdicts import CODES, in_short, judge, sentence
 from pilotid.report.violations import violation_chapters
 from pilotid.study.comparison import Comparison
@@ -138,6 +139,7 @@ def _sections(study: Comparison, store: Store) -> list[Section]:
         _summary(study, about, told),
         *(_chapter(study, about, chapter) for chapter in told),
         *appendix.posterior(study),
+        *(timing(study, reference(study)) if study.scenarios else ()),
         appendix.failures(study),
         appendix.settings(study, store),
         appendix.origin(study, about),

@@ -57,7 +57,8 @@ def describing_function(
     channel
         Name of the channel; None for the model's first.
     truth
-        True parameters of a simulation, in the order of the first estimate's model.
+        True parameters of a simulation, in the order of the first estimate's model, shape
+        (parameters,).
     points
         An estimate of the responses without a model of the pilot, such as
         ``Fourier().first_step(recording, model)``, to be drawn behind the estimates.

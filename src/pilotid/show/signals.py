@@ -103,7 +103,21 @@ def residual(
 def simulated(
     recording: Recording, estimate: Estimate
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Time of the scored samples, the model's output and what it leaves, (runs, samples) each."""
+    """What a fitted model answers to the inputs, and what it leaves of the control.
+
+    Parameters
+    ----------
+    recording
+        What was fitted.
+    estimate
+        An estimate with values.
+
+    Returns
+    -------
+    time, answer, residual
+        Times of the scored samples [s], shape (samples,), and the model's control and what it
+        leaves, each in the control's unit and of shape (runs, samples).
+    """
     prepared = prepare(recording, estimate.model)
     problem = OutputErrors(predict(recording, estimate.model))
     left = problem.residual(estimate.values)

@@ -101,7 +101,15 @@ def journal_style() -> AbstractContextManager[None]:
 
 
 def log_ticks(axes: Axes, which: str) -> None:
-    """Plain numbers on a logarithmic axis that spans little, and few of them if it spans much."""
+    """Plain numbers on a logarithmic axis that spans little, and few of them if it spans much.
+
+    Parameters
+    ----------
+    axes
+        The axes, whose limits are set already.
+    which
+        ``x`` or ``y``.
+    """
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     axis = axes.xaxis if which == "x" else axes.yaxis

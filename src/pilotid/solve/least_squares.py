@@ -60,7 +60,8 @@ class Problem(Protocol):
 
         Returns
         -------
-        Array of shape (sets, parameters + 1, ...).
+        FloatArray
+            Shape (sets, parameters + 1, ...).
         """
         ...
 
@@ -116,7 +117,7 @@ class Minima:
     converged
         Whether the stopping rule was met, shape (starts,).
     gram
-        Gram matrices at the end points.
+        Gram matrices at the end points, shape (starts, parameters + 1, parameters + 1).
     iterations
         Iterations of the sweep.
     """

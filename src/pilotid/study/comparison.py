@@ -53,7 +53,13 @@ TRACK_COLUMNS = (
 
 @dataclass(frozen=True, eq=False)
 class Cell(Attempts):
-    """All fits of one scenario by one method; see `Attempts`."""
+    """All fits of one scenario by one method; see `Attempts`.
+
+    Attributes
+    ----------
+    scenario, method, results
+        See `Attempts`.
+    """
 
     @cached_property
     def numbers(self) -> FloatArray:
@@ -150,7 +156,13 @@ class Comparison:
         return [entry.name for entry in self.scenarios]
 
     def at(self, scenario: str, method: str) -> Cell | None:
-        """What a method did in a scenario, None if it was not tried there."""
+        """What a method did in a scenario, None if it was not tried there.
+
+        Parameters
+        ----------
+        scenario, method
+            Name of the scenario, label of the method.
+        """
         return self._by_name.get((scenario, method))
 
     def of(self, scenario: str) -> list[Cell]:

@@ -13,7 +13,15 @@ TRAJECTORY = "trajectory"
 
 @dataclass(frozen=True)
 class Unit:
-    """One fit: a method, by its label, on one replication of a scenario."""
+    """One fit: a method, by its label, on one replication of a scenario.
+
+    Attributes
+    ----------
+    scenario, method
+        Name of the scenario, label of the method.
+    replication
+        Which recording of the scenario, from 0.
+    """
 
     scenario: str
     method: str
@@ -22,7 +30,17 @@ class Unit:
 
 @dataclass(frozen=True)
 class ParameterTruth:
-    """True value of a parameter and the Cramer-Rao bound on its deviation."""
+    """True value of a parameter and the Cramer-Rao bound on its deviation.
+
+    Attributes
+    ----------
+    parameter, unit
+        Key and unit.
+    truth
+        True value.
+    bound
+        Cramer-Rao bound on the standard deviation, None where there is none.
+    """
 
     parameter: str
     unit: str
@@ -157,13 +175,15 @@ class MethodEntry:
 
 @dataclass(frozen=True)
 class ScenarioEntry:
-    """A scenario as the store knows it; see `MethodEntry` for settings, code and typed.
+    """A scenario as the store knows it.
 
     Attributes
     ----------
     name, position, description, model, family
         See `pilotid.datasets.scenarios.Scenario`; the model by its name, or several with
         commas.
+    settings, code, typed
+        See `MethodEntry`.
     parameters
         The parameters with their true values and bounds; none for a population, whose
         replications have their own.

@@ -15,17 +15,37 @@ from pilotid.types import FloatArray
 
 
 def bias(values: FloatArray, truth: float) -> float:
-    """Mean error, with its sign."""
+    """Mean error, with its sign.
+
+    Parameters
+    ----------
+    values
+        Estimates, shape (replications,).
+    truth
+        True value, in the same unit.
+    """
     return float(np.mean(values) - truth) if values.size else math.nan
 
 
 def bias_std_error(values: FloatArray) -> float:
-    """Monte Carlo standard error of the bias."""
+    """Monte Carlo standard error of the bias.
+
+    Parameters
+    ----------
+    values
+        Estimates, shape (replications,).
+    """
     return spread(values) / math.sqrt(values.size) if values.size else math.nan
 
 
 def skewness(values: FloatArray) -> float:
-    """Third moment of the deviations over the cube of their RMS; 0 for equal values."""
+    """Third moment of the deviations over the cube of their RMS; 0 for equal values.
+
+    Parameters
+    ----------
+    values
+        Estimates, shape (replications,).
+    """
     if not values.size:
         return math.nan
     deviations = values - np.mean(values)
@@ -58,12 +78,26 @@ def skewed_t(error: float, deviation: float, skew: float, count: int) -> float:
 
 
 def spread(values: FloatArray) -> float:
-    """Sample standard deviation, with n - 1 in the denominator."""
+    """Sample standard deviation, with n - 1 in the denominator.
+
+    Parameters
+    ----------
+    values
+        Estimates, shape (replications,).
+    """
     return float(np.std(values, ddof=1)) if values.size > 1 else math.nan
 
 
 def rmse(values: FloatArray, truth: float) -> float:
-    """Root mean square error."""
+    """Root mean square error.
+
+    Parameters
+    ----------
+    values
+        Estimates, shape (replications,).
+    truth
+        True value, in the same unit.
+    """
     return float(np.sqrt(np.mean((values - truth) ** 2))) if values.size else math.nan
 
 
@@ -126,7 +160,15 @@ def coverage_interval(share: float, count: int) -> tuple[float, float]:
 
 
 def rmse_std_error(values: FloatArray, truth: float) -> float:
-    """Monte Carlo standard error of the root mean square error (delta method)."""
+    """Monte Carlo standard error of the root mean square error (delta method).
+
+    Parameters
+    ----------
+    values
+        Estimates, shape (replications,).
+    truth
+        True value, in the same unit.
+    """
     squares = (values - truth) ** 2
     if values.size < 2 or not squares.any():
         return math.nan
@@ -137,6 +179,11 @@ def spread_std_error(values: FloatArray) -> float:
     """Monte Carlo standard error of the sample standard deviation (delta method).
 
     It uses the fourth moment of the values, so that it holds for heavy tails too.
+
+    Parameters
+    ----------
+    values
+        Estimates, shape (replications,).
     """
     deviation = spread(values)
     if not deviation > 0.0:

@@ -26,14 +26,28 @@ MIDDLE = 0.674490
 
 @dataclass(frozen=True)
 class Share:
-    """A share or another mean, with its Monte Carlo standard error."""
+    """A share or another mean, with its Monte Carlo standard error.
+
+    Attributes
+    ----------
+    value, error
+        It, and its Monte Carlo standard error; NaN where there is none.
+    """
 
     value: float
     error: float
 
 
 def mean(values: FloatArray, clusters: IntArray) -> Share:
-    """Mean of all values, with the standard error of a ratio of sums over clusters."""
+    """Mean of all values, with the standard error of a ratio of sums over clusters.
+
+    Parameters
+    ----------
+    values
+        Standardised errors, shape (values,).
+    clusters
+        The recording of each, shape (values,).
+    """
     if not values.size:
         return Share(math.nan, math.nan)
     middle = float(np.mean(values))
@@ -47,7 +61,15 @@ def mean(values: FloatArray, clusters: IntArray) -> Share:
 
 
 def root_mean_square(values: FloatArray, clusters: IntArray) -> Share:
-    """Root of the mean square (its error by the delta method)."""
+    """Root of the mean square (its error by the delta method).
+
+    Parameters
+    ----------
+    values
+        Standardised errors, shape (values,).
+    clusters
+        The recording of each, shape (values,).
+    """
     return _root(mean(values**2, clusters))
 
 
@@ -56,6 +78,15 @@ def trimmed(values: FloatArray, clusters: IntArray, share: float = TRIMMED) -> S
 
     With 1 % left out it is 0.96 for standard normal values.  Of fewer than 1/share values none
     is left out.
+
+    Parameters
+    ----------
+    values
+        Standardised errors, shape (values,).
+    clusters
+        The recording of each, shape (values,).
+    share
+        Share that is left out.
     """
     squares = values**2
     if not squares.size:
@@ -68,12 +99,28 @@ def trimmed(values: FloatArray, clusters: IntArray, share: float = TRIMMED) -> S
 
 
 def beyond(values: FloatArray, clusters: IntArray, limit: float = FAR) -> Share:
-    """Share of values farther from zero than a limit."""
+    """Share of values farther from zero than a limit.
+
+    Parameters
+    ----------
+    values
+        Standardised errors, shape (values,).
+    clusters
+        The recording of each, shape (values,).
+    limit
+        The limit, in standard deviations.
+    """
     return mean((np.abs(values) > limit).astype(float), clusters)
 
 
 def typical(values: FloatArray) -> float:
-    """Median of the absolute values, over that of a standard normal variable."""
+    """Median of the absolute values, over that of a standard normal variable.
+
+    Parameters
+    ----------
+    values
+        Standardised errors, shape (values,).
+    """
     return float(np.median(np.abs(values))) / MIDDLE if values.size else math.nan
 
 
@@ -82,6 +129,13 @@ def coverage(hits: BoolArray, clusters: IntArray) -> tuple[Share, tuple[float, f
 
     The interval is Wilson's for as many independent intervals as the clusters are worth: as
     many as there are clusters if all or none hold the truth, where they tell no error.
+
+    Parameters
+    ----------
+    hits
+        Whether each interval holds the truth, shape (values,).
+    clusters
+        The recording of each, shape (values,).
     """
     share = mean(hits.astype(float), clusters)
     if not hits.size:

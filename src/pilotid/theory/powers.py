@@ -44,7 +44,18 @@ class LineInformation:
         return np.asarray(self.runs * (self.base + forced))
 
     def covariance(self, powers: FloatArray) -> FloatArray:
-        """Bound on the covariance of relative errors; NaN where the information is singular."""
+        """Bound on the covariance of relative errors; NaN where the information is singular.
+
+        Parameters
+        ----------
+        powers
+            Powers of the lines, shape (lines,).
+
+        Returns
+        -------
+        FloatArray
+            Shape (parameters, parameters).
+        """
         found = covariance_of(self.information(powers), 1.0)
         return np.full_like(self.base, np.nan) if found is None else found
 
@@ -53,7 +64,8 @@ class LineInformation:
 
         Returns
         -------
-        Shape (lines, parameters, parameters).
+        FloatArray
+            Shape (lines, parameters, parameters).
         """
         seen = np.einsum("pq,jqa->jpa", self.covariance(powers), self.factors)
         return np.asarray(-self.runs * np.einsum("jpa,jqa->jpq", seen, seen))
@@ -81,7 +93,18 @@ class LineInformation:
     def slopes_scaled_to_control(
         self, powers: FloatArray, control: FloatArray, forced: float
     ) -> FloatArray:
-        """Derivatives of `scaled_to_control` by each line's power."""
+        """Derivatives of `scaled_to_control` by each line's power.
+
+        Parameters
+        ----------
+        powers, control, forced
+            As for `scaled_to_control`.
+
+        Returns
+        -------
+        FloatArray
+            Shape (lines, parameters, parameters).
+        """
         total = float(control @ powers)
         slopes = self.slopes(forced / total * powers)
         # More power of any line makes the remnant louder, to the loss of all lines.

@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from pilotid.chance import chi_squared_tail
 from pilotid.pilot.changing import Polynomial
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.solve.covariance import SINGULAR
+from pilotid.solve.covariance import SINGULAR, covariance_of
 from pilotid.time_domain.maximum_likelihood import Maximum, maximise_likelihood
 from pilotid.time_domain.settings import LikelihoodSettings
 from pilotid.types import FloatArray
@@ -94,15 +95,26 @@ class Scores:
     ----------
     statistics
         Chi-squared at each time, shape (times,).
-    directions
-        What of the prediction errors the scores of each time are, orthonormal, shape
-        (times, keys, residuals).
+    whitener
+        By which the scores of each time become independent and of variance one, shape
+        (times, keys, keys).
+    across
+        Covariance of the scores of each time with those of constant parameters, shape
+        (times, keys, parameters).
+    own
+        Covariance of the scores of each time, were the constant parameters known, shape
+        (times, keys, keys).
+    inverse
+        Inverse of the information of the constant parameters.
     steps
         The changes that explain most at the time of the largest, shape (keys,).
     """
 
     statistics: FloatArray
-    directions: FloatArray
+    whitener: FloatArray
+    across: FloatArray
+    own: FloatArray
+    inverse: FloatArray
     steps: FloatArray
 
     @property
@@ -113,8 +125,14 @@ class Scores:
     @cached_property
     def factor(self) -> FloatArray:
         """A factor F of the scores' covariance F F', shape (times * keys, rank)."""
-        every = self.directions.reshape(-1, self.directions.shape[-1])
-        eigenvalues, vectors = np.linalg.eigh(every @ every.T)
+        times = np.arange(len(self.statistics))
+        # What two changes have in common is what comes after the later one.
+        both = self.own[np.maximum.outer(times, times)].transpose(0, 2, 1, 3)
+        common = (self.across @ self.inverse).reshape(both.shape[0] * both.shape[1], -1)
+        flat = self.across.reshape(common.shape)
+        every = both - (common @ flat.T).reshape(both.shape)
+        whitened = np.einsum("kia,kilj,ljb->kalb", self.whitener, every, self.whitener)
+        eigenvalues, vectors = np.linalg.eigh(whitened.reshape(len(flat), -1))
         kept = eigenvalues > 1e-9 * eigenvalues[-1]
         return np.asarray(vectors[:, kept] * np.sqrt(eigenvalues[kept]))
 
@@ -252,23 +270,34 @@ def change_scores(
     Scores or None
         None where the information is singular.
     """
-    size = np.sqrt(np.sum(rows[:-1] ** 2, axis=(1, 2)))
+    power = np.einsum("irt,irt->i", rows, rows)
+    size = np.sqrt(power[:-1])
     if not np.all(size > 0.0):
         return None
-    jacobian = rows[:-1] / size[:, None, None]
-    samples = rows.shape[-1]
-    after = np.arange(samples) + 0.5 > places[:, None] * samples
-    changes = (jacobian[varying] * after[:, None, None, :]).reshape(len(places), len(varying), -1)
-    known, errors = jacobian.reshape(len(jacobian), -1), rows[-1].ravel()
-    # What constant parameters, estimated along with it, make of a change is no sign of one.
-    basis = np.linalg.qr(known.T).Q
-    changes = changes - (changes @ basis) @ basis.T
-    left, spread, right = np.linalg.svd(changes, full_matrices=False)
-    if spread.size == 0 or np.any(spread[:, -1] <= np.sqrt(SINGULAR) * spread[:, 0]):
+    scaled = rows / np.append(size, 1.0)[:, None, None]
+    # Sums over the samples after each time are sums over the stretches between times.
+    after = np.floor(places * rows.shape[-1] + 0.5).astype(int)
+    ends = [*after, rows.shape[-1]]
+    stretches = [
+        np.tensordot(scaled[varying, :, begin:end], scaled[..., begin:end], ((1, 2), (1, 2)))
+        for begin, end in pairwise(ends)
+    ]
+    tails = np.cumsum(stretches[::-1], axis=0)[::-1]
+    jacobian = scaled[:-1].reshape(len(size), -1)
+    errors = scaled[-1].ravel()
+    inverse = covariance_of(jacobian @ jacobian.T, 1.0)
+    if inverse is None:
         return None
-    # Rows of `right` are orthonormal: scores by them have the variance of the errors.
-    variance = float(errors @ errors) / (errors.size - len(known))
-    statistics = np.sum((right @ errors) ** 2, axis=1) / variance
+    # What constant parameters, estimated along with it, make of a change is no sign of one.
+    across, own = tails[:, :, :-1], tails[:, :, varying]
+    score = tails[:, :, -1] - across @ (inverse @ (jacobian @ errors))
+    spread, directions = np.linalg.eigh(own - across @ inverse @ across.transpose(0, 2, 1))
+    if spread.size == 0 or np.any(spread[:, 0] <= SINGULAR):
+        return None
+    whitener = directions / np.sqrt(spread)[:, None, :]
+    whitened = (score[:, None] @ whitener)[:, 0]
+    variance = float(errors @ errors) / (errors.size - len(size))
+    statistics = np.sum(whitened**2, axis=1) / variance
     best = int(np.argmax(statistics))
-    steps = left[best] @ ((right[best] @ errors) / spread[best]) / size[varying]
-    return Scores(statistics, right, steps)
+    steps = (whitener[best] @ whitened[best]) / size[varying]
+    return Scores(statistics, whitener, across, own, inverse, steps)

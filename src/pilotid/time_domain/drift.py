@@ -44,13 +44,11 @@ def drift_left(joint: PredictionErrors, values: FloatArray) -> tuple[float, Floa
     own = [column / (np.linalg.norm(column) or 1.0) for column in jacobian]
     # Whitening makes a line of a line: it multiplies the slope by the sum of the taps.
     lines = np.kron(np.eye(prediction.runs), line)
-    without, _ = _left(np.array(own), errors)
-    least, found = _left(np.array([*own, *lines]), errors)
+    table = np.column_stack([*own, *lines, errors])
+    # The triangle of a regression: its last column tells what each column explains in turn.
+    triangle: FloatArray = np.asarray(np.linalg.qr(table, mode="r"))
+    explained, left = triangle[len(own) : -1, -1], triangle[-1, -1] ** 2
     freedom = errors.size - len(own) - len(lines)
-    return (without - least) * freedom / least, found[len(own) :] / float(np.sum(taps))
-
-
-def _left(columns: FloatArray, errors: FloatArray) -> tuple[float, FloatArray]:
-    """Sum of squares that a regression on columns leaves, and its coefficients."""
-    found = np.linalg.lstsq(columns.T, errors)[0]
-    return float(np.sum((errors - found @ columns) ** 2)), np.asarray(found)
+    found = np.linalg.solve(triangle[len(own) : -1, len(own) : -1], explained)
+    drifts = np.asarray(found / np.sum(taps))
+    return float(explained @ explained * freedom / left), drifts

@@ -42,11 +42,23 @@ class OutputErrors(Problem):
         return OutputErrors(replace(self.prediction, penalty=penalty), self.taps)
 
     def rows(self, values: FloatArray) -> FloatArray:
-        """Whitened Jacobian and residual, shape (sets, parameters + 1, runs, scored)."""
+        """Whitened Jacobian and residual, shape (sets, parameters + 1, runs, scored).
+
+        Parameters
+        ----------
+        values
+            Parameter sets, shape (sets, parameters).
+        """
         return self.prediction.without_nuisance(self.prediction.rows(values, self.taps))
 
     def residual(self, values: FloatArray) -> FloatArray:
-        """Residual of one parameter set before whitening, shape (runs, scored)."""
+        """Residual of one parameter set before whitening, shape (runs, scored).
+
+        Parameters
+        ----------
+        values
+            Parameters in model order, shape (parameters,).
+        """
         return self.prediction.without_nuisance(self.prediction.residual(values))
 
     def noticeable_terms(self, values: FloatArray) -> tuple[float, ...]:

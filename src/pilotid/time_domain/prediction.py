@@ -221,7 +221,17 @@ class Prediction:
 
 
 def predict(recording: Recording, model: PilotModel, band: float | None = None) -> Prediction:
-    """Prepare the prediction of a recording's control in an analysis band [rad/s]."""
+    """Prepare the prediction of a recording's control in an analysis band [rad/s].
+
+    Parameters
+    ----------
+    recording
+        The recording; all its runs are predicted.
+    model
+        The pilot model.
+    band
+        What lies above this frequency [rad/s] is not used; None for the full sampling rate.
+    """
     from scipy.fft import next_fast_len
 
     model = model.over(recording.duration)

@@ -124,7 +124,13 @@ class NoiseModel(Protocol):
 
 @dataclass(frozen=True)
 class LowPass:
-    """White noise through a low-pass filter of order 0 (white) to 3, as `Remnant` has it."""
+    """White noise through a low-pass filter of order 0 (white) to 3, as `Remnant` has it.
+
+    Attributes
+    ----------
+    order
+        Its order, 0 to 3.
+    """
 
     order: int
     regressive = False
@@ -210,7 +216,13 @@ class LowPass:
 
 @dataclass(frozen=True)
 class Autoregressive:
-    """An autoregressive spectrum of free shape, for remnants that no low-pass describes."""
+    """An autoregressive spectrum of free shape, for remnants that no low-pass describes.
+
+    Attributes
+    ----------
+    order
+        Number of coefficients.
+    """
 
     order: int
     regressive = True

@@ -198,9 +198,9 @@ def score_of_halves(rows: FloatArray, pilot: int) -> float:
         return 0.0
     jacobian = jacobian / size[:, None, None]
     variance = float(np.sum(errors**2)) / (errors.size - len(jacobian))
-    score = np.einsum("irt,rt->i", jacobian[..., :half], errors[:, :half])
-    first = np.einsum("irt,jrt->ij", jacobian[..., :half], jacobian[..., :half])
-    whole = np.einsum("irt,jrt->ij", jacobian, jacobian)
+    early, flat = jacobian[..., :half].reshape(len(size), -1), jacobian.reshape(len(size), -1)
+    score = early @ errors[:, :half].ravel()
+    first, whole = early @ early.T, flat @ flat.T
     inverse = covariance_of(whole, 1.0)
     if inverse is None:
         return 0.0

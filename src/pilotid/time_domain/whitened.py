@@ -110,7 +110,8 @@ def correlations(errors: FloatArray, signal: FloatArray, lags: range) -> FloatAr
 
     Returns
     -------
-    Array of shape (lags,).
+    FloatArray
+        Shape (lags,).
     """
     samples = errors.shape[1]
     scale = math.sqrt(float(np.sum(errors**2)) * float(np.sum(signal**2)))

@@ -1,0 +1,27 @@
+"""Recordings and models that benchmarks share."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from helpers import NOMINAL
+
+from pilotid.datasets import scenario_named, simulate
+from pilotid.pilot.catalogue import MULTI
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import Recording
+
+
+@cache
+def recorded(scenario: str, seed: int = 1) -> Recording:
+    """A recording of a scenario, named with its settings."""
+    return simulate(scenario_named(scenario), np.random.default_rng(seed))
+
+
+@cache
+def far_model() -> PilotModel:
+    """The paper's pilot with every initial guess 40 % off."""
+    sign = np.array([1, -1, 1, -1, 1, -1, 1])
+    start = NOMINAL.values * (1.0 + 0.4 * sign)
+    return MULTI.with_start(dict(zip(MULTI.keys, start.tolist(), strict=True)))

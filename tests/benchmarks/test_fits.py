@@ -1,0 +1,73 @@
+"""How long a complete fit takes, by method, model and number of runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from cases import far_model, recorded
+from pytest_benchmark.fixture import BenchmarkFixture
+
+from pilotid.datasets import scenario_named, simulate
+from pilotid.estimates.method import identify
+from pilotid.methods import method_named
+from pilotid.methods.bayes import Bayes
+from pilotid.pilot.catalogue import MODELS
+
+METHODS = (
+    *("mmle3", "mle-white", "mle-genetic", "mle", "bayes-white", "bayes"),
+    *("fourier", "arx", "sindy"),
+)
+SCENARIOS = {
+    ("multi", 1): "nominal",
+    ("multi", 5): "nominal(runs=5)",
+    ("single", 1): "single",
+    ("single", 5): "single(runs=5)",
+}
+
+
+@pytest.mark.parametrize("runs", [1, 5])
+@pytest.mark.parametrize("model", ["multi", "single"])
+@pytest.mark.parametrize("name", METHODS)
+def test_fit(
+    benchmark: BenchmarkFixture,
+    necessary: Callable[[float], None],
+    name: str,
+    model: str,
+    runs: int,
+) -> None:
+    benchmark.group = f"fit: {model}, {runs} run{'s' if runs > 1 else ''} of 4096 samples"
+    method, recording = method_named(name), recorded(SCENARIOS[model, runs])
+    # From 40 % off mmle3 ends with a negative delay.
+    pilot = far_model() if model == "multi" and name != "mmle3" else MODELS[model]
+    estimate = benchmark(lambda: identify(method, recording, pilot, np.random.default_rng(1)))
+    assert estimate.outcome.usable
+    if name in ("mle", "mle-white") and (model, runs) == ("multi", 1):
+        # One descent from one start is what no likelihood can be maximised without.
+        necessary(float(estimate.iterations))
+
+
+@pytest.mark.parametrize("name", ["mle-windowed", "rarx", "ukf"])
+def test_following(benchmark: BenchmarkFixture, name: str) -> None:
+    benchmark.group = "fit: a pilot who changes, 90 s at 100 Hz"
+    scenario = scenario_named("adapting-slow")
+    recording = recorded("adapting-slow")
+    fit = (method_named(name), recording, scenario.model, np.random.default_rng(1))
+    estimate = benchmark.pedantic(identify, fit, rounds=5, warmup_rounds=1)
+    assert estimate.outcome.usable
+
+
+@pytest.mark.parametrize("sampler", ["importance", "emcee"])
+def test_posterior(benchmark: BenchmarkFixture, sampler: str) -> None:
+    benchmark.group = "posterior of seven parameters and the remnant's"
+    fit = (Bayes(sampler=sampler), recorded("nominal"), far_model(), np.random.default_rng(1))
+    estimate = benchmark.pedantic(identify, fit, rounds=1 if sampler == "emcee" else 5)
+    assert estimate.draws is not None
+    assert estimate.draws.sampler == sampler
+
+
+def test_simulation(benchmark: BenchmarkFixture) -> None:
+    benchmark.group = "simulation of 4096 samples"
+    scenario, rng = scenario_named("nominal"), np.random.default_rng(1)
+    assert benchmark(lambda: simulate(scenario, rng)).u.shape[0] == 1

@@ -1,0 +1,108 @@
+"""What users wait for beside a fit: starting, files, designs, studies, analyses."""
+
+from __future__ import annotations
+
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cases import recorded
+from pytest_benchmark.fixture import BenchmarkFixture
+
+from pilotid import Study, load_recording, save_recording
+from pilotid.datasets import scenario_named
+from pilotid.designing.design import design
+from pilotid.designing.limits import Limits
+from pilotid.recordings.recording import Recording
+
+PROGRAM = "from pilotid.cli.main import main; main()"
+REPLICATIONS = 1000
+CSV_MEGABYTES = 100
+
+
+def run(*command: str | Path, cwd: Path | None = None) -> None:
+    subprocess.run([sys.executable, *map(str, command)], check=True, capture_output=True, cwd=cwd)
+
+
+@pytest.mark.parametrize("what", ["import numpy", "import pilotid"])
+def test_import(benchmark: BenchmarkFixture, what: str) -> None:
+    benchmark.group = "starting"
+    benchmark.pedantic(run, ("-c", what), rounds=5, warmup_rounds=1)
+
+
+def test_help(benchmark: BenchmarkFixture) -> None:
+    benchmark.group = "starting"
+    benchmark.pedantic(run, ("-c", PROGRAM, "--help"), rounds=5, warmup_rounds=1)
+
+
+def test_reading_mat(benchmark: BenchmarkFixture, tmp_path: Path) -> None:
+    from scipy.io import savemat
+
+    benchmark.group = "reading"
+    data = recorded("nominal(runs=5)")
+    file = tmp_path / "recording.mat"
+    signals = {name: getattr(data, name) for name in ("e", "u", "x", "ft", "fd")}
+    savemat(file, {"t": data.time, **signals})
+    assert benchmark(lambda: load_recording(file)).runs == 5
+
+
+def test_reading_csv(benchmark: BenchmarkFixture, tmp_path: Path) -> None:
+    benchmark.group = "reading"
+    data = recorded("nominal(runs=5)")
+    file = tmp_path / "recording.csv"
+    save_recording(data, file)
+    benchmark.extra_info["megabytes"] = round(file.stat().st_size / 1e6, 1)
+    assert benchmark(lambda: load_recording(file)).runs == 5
+
+
+def test_reading_a_large_csv(benchmark: BenchmarkFixture, tmp_path: Path) -> None:
+    benchmark.group = "reading"
+    rng = np.random.default_rng(1)
+    row = 5 * 19.0  # bytes, about
+    samples = int(CSV_MEGABYTES * 1e6 / row)
+    noise = rng.normal(size=(3, 1, samples))
+    long = Recording(dt=0.01, e=noise[0], u=noise[1], x=noise[2], run_in=0)
+    file = tmp_path / "large.csv"
+    save_recording(long, file)
+    benchmark.extra_info["megabytes"] = round(file.stat().st_size / 1e6, 1)
+    assert benchmark.pedantic(load_recording, (file,), rounds=1).samples == samples
+
+
+def test_design(benchmark: BenchmarkFixture) -> None:
+    benchmark.group = "design"
+    given = (scenario_named("nominal"),)
+    made = benchmark.pedantic(design, given, {"limits": Limits(e=1.5, u=1.5)}, rounds=3)
+    assert made.gap < 1e-3
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("method", ["mle-white", "mle"])
+def test_study(benchmark: BenchmarkFixture, tmp_path: Path, method: str, workers: int) -> None:
+    benchmark.group = f"study: {REPLICATIONS} recordings of nominal, simulated and fitted"
+    study = Study(["nominal"], [method], replications=REPLICATIONS, seed=1)
+    result = benchmark.pedantic(study.run_in, (tmp_path / "study", workers), rounds=1)
+    assert result.cells[0].tried == REPLICATIONS
+    benchmark.extra_info["per_second"] = round(REPLICATIONS / benchmark.stats.stats.median, 1)
+
+
+def test_analyse(benchmark: BenchmarkFixture, tmp_path: Path) -> None:
+    benchmark.group = "analyse: 4 subjects, 2 conditions, 3 runs, model chosen"
+    for subject in range(4):
+        for place, name in enumerate(("nominal(runs=3)", "single(runs=3)")):
+            data = recorded(name, seed=10 * subject + place)
+            save_recording(data, tmp_path / f"subj{subject}_C{place + 1}.csv")
+    files = sorted(tmp_path.glob("*.csv"))
+    command = ("-c", PROGRAM, "analyse", *files, "--pattern", "subj{subject}_{condition}")
+    benchmark.pedantic(run, (*command, "--out", tmp_path / "results"), rounds=1)
+    assert (tmp_path / "results" / "report.html").is_file()
+
+
+def test_compare(benchmark: BenchmarkFixture, tmp_path: Path) -> None:
+    """The quick comparison, and the largest memory that any of its processes took."""
+    benchmark.group = "compare, quick profile"
+    benchmark.pedantic(run, ("-c", PROGRAM, "compare", "--out", tmp_path / "out"), rounds=1)
+    peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024.0
+    benchmark.extra_info["peak_megabytes"] = round(peak)

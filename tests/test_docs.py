@@ -1,0 +1,149 @@
+"""What the pages say is so: commands parse, links lead somewhere, examples run."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+DOCS = ROOT / "docs"
+MADE = ("_build", "auto_gallery", "generated")  # by the build
+PAGES = sorted(
+    page for page in DOCS.rglob("*.md") if not set(page.relative_to(DOCS).parts) & set(MADE)
+)
+TEXTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *PAGES]
+FENCE = re.compile(r"^(`{3,}|:{3,})(\S*)[^\n]*\n(.*?)^\1\s*$", flags=re.DOTALL | re.MULTILINE)
+#: Fences that hold text instead of an example that is run, and the pages that need them: commands
+#: of a cluster, installation, another language.
+SHOWN = {
+    "text": {"guide/clusters.md", "guide/install.md", "guide/start.md", "posterior.md"},
+    "matlab": {"guide/matlab.md"},
+    "bibtex": {"references.md"},
+    "python": {"adapting.md", "two-step.md"},  # run by `test_examples_run`
+}
+
+
+def name_of(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+def without_code(text: str) -> str:
+    """The sentences of a page, without code and formulas."""
+    text = re.sub(r"\$\$.*?\$\$|\$[^$\n]+\$", "", FENCE.sub("", text), flags=re.DOTALL)
+    return re.sub(r"`[^`\n]+`", "``", re.sub(r"(?m)^    .*$", "", text))
+
+
+@cache
+def commands() -> dict[str, Any]:
+    from typer.main import get_command
+
+    from pilotid.cli.main import app
+
+    group: Any = get_command(app)
+    return dict(group.commands)
+
+
+def command_lines(text: str) -> list[str]:
+    """What a reader would type: lines of code that begin with `pilotid`, without pipes."""
+    code = [body for _, _, body in FENCE.findall(text)]
+    code += re.findall(r"(?m)^    (.*)$", FENCE.sub("", text))
+    lines = re.sub(r"\\\n\s*", " ", "\n".join(code)).splitlines()
+    found = []
+    for line in lines:
+        typed = re.match(r"\s*!?(?:\S*/)?(pilotid [a-z].*)$", line)
+        if typed:
+            words = shlex.split(typed[1].replace(";", " ; "), comments=True)
+            ends = [i for i, word in enumerate(words) if word in ("|", ";", "&&", ">", "||")]
+            found.append(shlex.join(words[: min(ends, default=len(words))]))
+    return found
+
+
+LINES = [(name_of(page), line) for page in TEXTS for line in command_lines(page.read_text("utf-8"))]
+
+
+def test_there_are_commands() -> None:
+    assert {shlex.split(line)[1] for _, line in LINES} >= set(commands()) - {"list"}
+
+
+@pytest.mark.parametrize(("page", "line"), LINES)
+def test_commands_parse(page: str, line: str) -> None:
+    _, name, *words = shlex.split(line)
+    assert name in commands(), f"{page}: there is no command {name}"
+    commands()[name].make_context(name, words, resilient_parsing=False)  # raises if it is wrong
+
+
+def test_commands_in_sentences_exist() -> None:
+    for page in TEXTS:
+        for typed in re.findall(r"`pilotid ([a-z][^`]*)`", without_fences(page)):
+            name, *words = typed.split()
+            assert name in commands(), f"{page}: there is no command {name}"
+            known = {option for p in commands()[name].params for option in p.opts} | {"--help"}
+            for word in words:
+                if word.startswith("--"):
+                    assert word.split("=")[0] in known, f"{page}: {name} has no {word}"
+
+
+def without_fences(page: Path) -> str:
+    return FENCE.sub("", page.read_text("utf-8"))
+
+
+@cache
+def anchors(page: Path) -> set[str]:
+    """The anchors of a page's headings, as GitHub and the site make them."""
+    text = without_fences(page)
+    headings = re.findall(r"(?m)^#+ (.+)$", text)
+    plain = [re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading) for heading in headings]
+    slugs = {re.sub(r"[^\w\- ]", "", each.lower()).strip().replace(" ", "-") for each in plain}
+    return slugs | set(re.findall(r"(?m)^\(([\w-]+)\)=$", text))
+
+
+@pytest.mark.parametrize("page", TEXTS, ids=name_of)
+def test_links_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)\s]+)\)", without_code(page.read_text("utf-8"))):
+        if re.match(r"[a-z]+:", target):
+            continue
+        path, _, anchor = target.partition("#")
+        aim = (page.parent / path).resolve() if path else page
+        if set(Path(path).parts) & set(MADE):
+            continue  # the build says so if it is not there
+        assert aim.exists(), f"{name_of(page)}: {target} is not there"
+        if anchor:
+            assert anchor in anchors(aim), f"{name_of(page)}: {path} has no heading #{anchor}"
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if "toctree" in page.read_text("utf-8")])
+def test_tables_of_contents_name_pages(page: Path) -> None:
+    for _, kind, body in FENCE.findall(page.read_text("utf-8")):
+        if kind == "{toctree}":
+            for line in re.findall(r"(?m)^(?!:)(\S.*)$", body):
+                entry = re.sub(r".*<(.+)>", r"\1", line)
+                made = set(Path(entry).parts) & set(MADE)
+                assert made or (page.parent / f"{entry}.md").exists(), f"no page {entry}"
+
+
+def test_examples_are_run() -> None:
+    for page in PAGES:
+        for _, kind, _ in FENCE.findall(page.read_text("utf-8")):
+            name = page.relative_to(DOCS).as_posix()
+            assert kind.startswith("{") or name in SHOWN.get(kind, ()), f"{name}: ```{kind}"
+
+
+@pytest.mark.parametrize("name", sorted(SHOWN["python"]))
+def test_examples_run(name: str, tmp_path: Path) -> None:
+    text = (DOCS / name).read_text("utf-8")
+    code = "\n".join(body for _, kind, body in FENCE.findall(text) if kind == "python")
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,183 @@
+"""What users import is in the reference, with its parameters, fields and shapes."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+import tomllib
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from functools import cached_property
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+import pilotid
+
+ROOT = Path(__file__).parent.parent
+PAGES = sorted((ROOT / "docs" / "api").glob("*.md"))
+DIRECTIVE = re.compile(
+    r"^\.\. (?:auto)?(data|function|class):: ([\w.]+).*((?:\n {3}:.*)*)", re.MULTILINE
+)
+
+
+def entries() -> dict[str, tuple[str, str]]:
+    """Kind and options of each entry of the reference, by its name."""
+    found = [m.groups() for page in PAGES for m in DIRECTIVE.finditer(page.read_text("utf-8"))]
+    names = [name for _, name, _ in found]
+    assert len(names) == len(set(names)), "an entry is there twice"
+    return {name: (kind, options) for kind, name, options in found}
+
+
+ENTRIES = entries()
+
+
+def thing(name: str) -> Any:
+    """What a dotted name is the name of."""
+    parts = name.split(".")
+    for length in range(len(parts), 0, -1):
+        try:
+            found: Any = import_module(".".join(parts[:length]))
+        except ImportError:
+            continue
+        for part in parts[length:]:
+            found = getattr(found, part)
+        return found
+    raise ImportError(name)
+
+
+#: By object, for a name that is imported from a room and documented at the top.
+DOCUMENTED = {id(thing(name)) for name in ENTRIES}
+
+
+def imports(code: str) -> Iterator[str]:
+    """Dotted names that a piece of code takes from this package, but for its modules."""
+    for node in ast.walk(ast.parse(code)):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "pilotid":
+            for alias in node.names:
+                name = f"{node.module}.{alias.name}"
+                if not inspect.ismodule(thing(name)):
+                    yield name
+
+
+def codes() -> dict[str, list[str]]:
+    """The Python of each page and script that users copy from."""
+    pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")]
+    pages = [page for page in pages if "_build" not in page.parts]
+    fence = re.compile(r"```(?:python|\{code-cell\}[^\n]*)\n(.*?)```", re.DOTALL)
+    found = {}
+    for page in pages:
+        cells = [cell for cell in fence.findall(page.read_text("utf-8")) if "pilotid" in cell]
+        # Without the cells' options, and what goes to a shell.
+        cells = [re.sub(r"\A---\n.*?\n---\n", "", cell, flags=re.DOTALL) for cell in cells]
+        found[str(page.relative_to(ROOT))] = [
+            "\n".join(line for line in cell.splitlines() if not re.match(r"\s*[!%:]", line))
+            for cell in cells
+        ]
+    for script in (ROOT / "docs" / "gallery").rglob("*.py"):
+        found[str(script.relative_to(ROOT))] = [script.read_text("utf-8")]
+    return {name: own for name, own in found.items() if own}
+
+
+#: What has no numbers to tell of: names for types.
+TYPES = {"pilotid.types.FloatArray", "pilotid.types.ComplexArray"}
+
+
+def test_all_that_is_at_the_top_is_in_the_reference() -> None:
+    assert {f"pilotid.{name}" for name in pilotid.__all__} - {"pilotid.plot"} <= set(ENTRIES)
+    assert {f"pilotid.plot.{name}" for name in pilotid.plot.__all__} <= set(ENTRIES)
+
+
+@pytest.mark.parametrize(("place", "own"), codes().items(), ids=codes())
+def test_what_pages_and_scripts_import_is_in_the_reference(place: str, own: list[str]) -> None:
+    names = {name for code in own for name in imports(code)} - TYPES
+    lacking = {n for n in names if n not in ENTRIES and id(thing(n)) not in DOCUMENTED}
+    assert not lacking, f"{place}: put {', '.join(sorted(lacking))} into a page of docs/api"
+
+
+def test_every_page_is_in_the_table_of_contents() -> None:
+    index = (ROOT / "docs" / "api" / "index.md").read_text("utf-8")
+    listed = index.split("```{toctree}")[1].split("```")[0].split()
+    assert {page.stem for page in PAGES} - {"index"} <= set(listed)
+
+
+def named(doc: str, *sections: str) -> set[str]:
+    """Names that numpydoc sections of a docstring explain."""
+    found: set[str] = set()
+    for title in sections:
+        section = re.search(rf"^{title}\n-+\n((?:.*\n?)*?)(?=^\w+\n-+\n|\Z)", doc, re.MULTILINE)
+        for line in section[1].splitlines() if section else ():
+            if line and not line.startswith(" "):
+                found |= {name.strip(" *") for name in line.split(" : ")[0].split(",")}
+    return found
+
+
+def members(name: str) -> Iterator[tuple[str, Any]]:
+    """Functions and properties of a class that the reference shows."""
+    kind, options = ENTRIES[name]
+    shown = re.search(r":members:(.*)", options)
+    if kind != "class" or not shown:
+        return
+    wanted = shown[1].replace(",", " ").split()
+    for key, value in vars(thing(name)).items():
+        if key.startswith("_") or (wanted and key not in wanted):
+            continue
+        if isinstance(value, property):
+            yield f"{name}.{key}", value.fget
+        elif isinstance(value, cached_property):
+            yield f"{name}.{key}", value.func
+        elif inspect.isfunction(getattr(value, "__func__", value)):
+            yield f"{name}.{key}", getattr(value, "__func__", value)
+
+
+FUNCTIONS = {name: thing(name) for name, (kind, _) in ENTRIES.items() if kind == "function"}
+FUNCTIONS |= {name: f for entry in ENTRIES for name, f in members(entry)}
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_functions_explain_parameters_and_shapes(name: str) -> None:
+    function = FUNCTIONS[name]
+    doc = inspect.getdoc(function) or ""
+    assert doc, f"{name} has no docstring"
+    if re.search(r", see `[\w.]+`\.$", doc):  # explained there
+        return
+    annotations = inspect.get_annotations(function)
+    parameters = [p for p in inspect.signature(function).parameters if p not in ("self", "cls")]
+    lacking = [p for p in parameters if p not in named(doc, "Parameters")]
+    # The first line of a function with one parameter tells what it is.
+    assert not lacking or (len(parameters) < 2 and "Parameters\n" not in doc), f"{name}: {lacking}"
+    arrays = [p for p in (*parameters, "return") if "Array" in str(annotations.get(p))]
+    shapes = re.search(r"shape|\(\w+(?:, \w+)*,?\)", doc)
+    assert not arrays or shapes, f"{name}: of what shape is {', '.join(arrays)}?"
+
+
+@pytest.mark.parametrize("name", [n for n in ENTRIES if is_dataclass(thing(n))])
+def test_classes_explain_their_fields(name: str) -> None:
+    doc = inspect.getdoc(thing(name)) or ""
+    known = named(doc, "Attributes", "Parameters")
+    own = {f.name for f in fields(thing(name)) if not f.name.startswith("_")}
+    assert own <= known, f"{name}: {own - known}"
+
+
+def test_the_citation_is_of_this_version() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+    assert citation["cff-version"] == "1.2.0"
+    assert citation["title"] == project["name"]
+    assert citation["version"] == project["version"] == pilotid.__version__
+    assert citation["license"] == project["license"]
+    assert citation["authors"] == project["authors"]
+
+
+def test_pages_cite_what_the_references_have() -> None:
+    text = (ROOT / "docs" / "references.bib").read_text("utf-8")
+    keys = re.findall(r"^@\w+\{([^,]+),", text, re.MULTILINE)
+    assert len(keys) == len(set(keys))
+    for page in (ROOT / "docs").rglob("*.md"):
+        for cited in re.findall(r"\{cite:\w+\}`([^`]+)`", page.read_text("utf-8")):
+            for key in re.sub(r"\{.*?\}", "", cited).split(","):
+                assert key.strip() in keys, f"{page.name} cites {key}"
