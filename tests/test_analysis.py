@@ -86,6 +86,7 @@ def test_every_run_is_predicted_by_the_fit_of_the_others(analysed: Path) -> None
     assert all(r["log_likelihood"] and r["outcome"] for r in rows)
     board = read_board(analysed / "left_out.json")
     assert len(board.lines) == len(rows)
+    assert board.command.startswith("pilotid analyse s1_A.csv s1_B.csv")
     assert {(model, method) for _, model, method in board.ratios} == {
         ("single", "mle"),
         ("lead-lag", "mle"),

@@ -145,7 +145,9 @@ def analyse(
     write_tables(out, results, command)
     about = {k: v for k, v in about_this(seed).items() if k not in ("seed", "code")}
     if analysis.left_out:
-        board = results.board(command, about)
+        # Where the recordings are is nobody's business.
+        named = ["pilotid", "analyse", *(file.name for file in files), *said, "--out", out.name]
+        board = results.board(shlex.join(named), about)
         write_file(out / BOARD, strict_json(board.to_dict()).encode())
     path = write_report(out, results, command, about)
     console = make_console()
