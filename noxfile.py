@@ -76,6 +76,7 @@ def check(session: nox.Session) -> None:
         "findings": "findings.py",
         "adapting": "adapting.py",
         "adapting-free": "adapting_free.py",
+        "adapting-oracle": "adapting_oracle.py",
         "constancy": "constancy.py",
         "design": "design.py",
         "models": "models.py",

@@ -27,7 +27,7 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_at_bounds, covariance_of
 from pilotid.solve.intervals import Profile, profile_intervals
-from pilotid.time_domain.change_profile import over_changes
+from pilotid.time_domain.change_profile import deviances, over_changes
 from pilotid.time_domain.conclusion import concluded
 from pilotid.time_domain.maximum_likelihood import (
     Maximum,
@@ -101,7 +101,7 @@ class MLE(LikelihoodSettings):
             converged=bool(end.converged[0]),
         )
         if profile is not None:
-            intervals = over_changes(found, profile.intervals, found.widened * CHI_SQUARED_95)
+            intervals = over_changes(found, profile.intervals, deviances(found))
             estimate = replace(estimate, intervals=intervals)
             held = np.logical_or(*at_bounds(model, estimate.values, estimate.values))
             if held.any():
@@ -152,5 +152,5 @@ def _profile(found: Maximum) -> Profile | None:
         found.variance,
         joint.pilot,
         estimated=freedom,
-        widened=found.widened,
+        widened=deviances(found) / CHI_SQUARED_95,
     )

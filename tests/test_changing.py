@@ -32,6 +32,8 @@ from pilotid.pilot.frozen import before_and_after, frozen, frozen_values
 from pilotid.pilot.model import Channel, PilotModel
 from pilotid.pilot.own import fault_of
 from pilotid.show.page import html_report
+from pilotid.solve.least_squares import minimise
+from pilotid.solve.walk import Held
 from pilotid.study.draws import truths_of
 from pilotid.time_domain.change_profile import over_changes
 from pilotid.time_domain.fast_residuals import Residuals
@@ -309,6 +311,24 @@ def test_loops_and_pages_of_a_pilot_who_changes(fit: Estimate) -> None:
     assert any("the pilot changes during the recording" in note for note in loops.notes)
     page = html_report([Fitted(recording_of(SLOW), ADAPTING, (fit,))], SLOW.values)
     assert "after the change" in page
+
+
+def test_intervals_of_when_go_to_the_joint_level_of_two_parameters() -> None:
+    quiet = replace(SLOW, remnant=replace(SLOW.remnant, level=0.01))
+    recording = simulate(quiet, np.random.default_rng(1))
+    found = maximise_likelihood(recording, ADAPTING, np.random.default_rng(2), MLE())
+    intervals = identify(MLE(), recording, ADAPTING, np.random.default_rng(2)).intervals
+    joint, end = found.joint, found.end
+    freedom = joint.residuals - end.values.shape[1]
+    for key, level in (("tlead2", 3.841), ("tmid", 5.991), ("rate", 5.991)):
+        which = ADAPTING.keys.index(key)
+        for value in intervals[which]:
+            lower, upper = joint.lower.copy(), joint.upper.copy()
+            lower[which] = upper[which] = value
+            start = np.clip(end.values[:1], lower, upper)
+            held = minimise(joint.gram, start, Held(lower, upper, joint.positive), tolerance=1e-5)
+            deviance = freedom * np.log(held.cost[0] / end.cost[0]) / found.widened
+            assert deviance == pytest.approx(level, rel=0.1)
 
 
 def test_intervals_hold_changes_elsewhere_that_suit_as_well() -> None:

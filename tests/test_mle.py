@@ -88,10 +88,13 @@ def test_profile_intervals_of_a_linear_problem_are_the_quadratic_ones() -> None:
     reach = np.sqrt(minimum.cost[0] * np.expm1(CHI_SQUARED_95 / 398.0) * inverse)
     np.testing.assert_allclose(unknown[:, 0], minimum.values[0] - reach, rtol=1e-6)
     np.testing.assert_allclose(unknown[:, 1], minimum.values[0] + reach, rtol=1e-6)
-    known = profile_intervals(gram, Plane(), minimum, 1.0, 2, tolerance=1e-6).intervals
-    reach = np.sqrt(CHI_SQUARED_95 * inverse)
-    np.testing.assert_allclose(known[:, 0], minimum.values[0] - reach, rtol=1e-6)
-    np.testing.assert_allclose(known[:, 1], minimum.values[0] + reach, rtol=1e-6)
+    for widened in (1.0, np.array([1.0, 1.7])):  # of all, or of each
+        known = profile_intervals(
+            gram, Plane(), minimum, 1.0, 2, widened=widened, tolerance=1e-6
+        ).intervals
+        reach = np.sqrt(widened * CHI_SQUARED_95 * inverse)
+        np.testing.assert_allclose(known[:, 0], minimum.values[0] - reach, rtol=1e-6)
+        np.testing.assert_allclose(known[:, 1], minimum.values[0] + reach, rtol=1e-6)
 
 
 def test_profile_intervals_beside_a_parameter_at_its_bound() -> None:

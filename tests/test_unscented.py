@@ -14,7 +14,10 @@ from pilotid.estimates.estimate import Outcome
 from pilotid.estimates.method import identify
 from pilotid.methods.ukf import UKF
 from pilotid.pilot.catalogue import ADAPTING, LEAD_LAG, SINGLE
+from pilotid.pilot.changing import Fading
+from pilotid.pilot.factors import Delay, Gain, Lead, Neuromuscular
 from pilotid.pilot.frozen import frozen_over
+from pilotid.pilot.model import Channel, PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.time_domain.muscle import muscle_step
 from pilotid.time_domain.noise_levels import Walks
@@ -189,6 +192,40 @@ def test_a_slow_change_without_remnant_is_followed() -> None:
     off = np.sqrt(np.mean((course.values / true - 1.0)[:, known] ** 2, axis=1))
     assert off == pytest.approx(0.0, abs=0.08)
     assert estimate["tmid"].value == pytest.approx(41.92, abs=1.0)
+
+
+def test_a_delay_that_changes_is_followed_where_all_parameters_walk() -> None:
+    sides = [
+        Channel(
+            side,
+            "error",
+            1,
+            (
+                Fading((Gain("Kvis"), Lead("tlead")), after=side == "after"),
+                Delay(f"tdvis_{side}"),
+                Neuromuscular(),
+            ),
+        )
+        for side in ("before", "after")
+    ]
+    # Gain, lead, middle and rate of the change, both delays, neuromuscular system.
+    truth = (0.09, 0.4, 41.92, 0.5, 0.22, 0.36, 11.25, 0.35)
+    slower = replace(SLOW, model=PilotModel("slower", tuple(sides)), truth=truth, change=None)
+    recording = simulate(without_remnant(slower), np.random.default_rng(1))
+    courses = {}
+    for walking in ("all", "gains"):
+        method = UKF(walking=walking, rounds=2, candidates=8, remnant="lag")
+        estimate = identify(method, recording, SINGLE, np.random.default_rng(2))
+        assert estimate.outcome.usable, estimate.sentence
+        course = estimate.trajectory
+        assert course is not None
+        courses[walking] = dict(zip(SINGLE.keys, course.values, strict=True))
+    for delay, when in ((0.22, course.time < 30.0), (0.36, course.time > 54.0)):
+        found = {key: np.nanmean(values[when]) for key, values in courses["all"].items()}
+        assert found["tdvis"] == pytest.approx(delay, abs=0.01)
+        assert found["Kvis"] == pytest.approx(0.09, rel=0.1)
+        assert found["tlead"] == pytest.approx(0.4, rel=0.1)
+    assert np.nanstd(courses["gains"]["tdvis"]) == pytest.approx(0.0, abs=1e-3)
 
 
 def test_errors_are_as_large_as_claimed_with_a_white_remnant() -> None:

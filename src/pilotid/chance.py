@@ -6,6 +6,8 @@ from __future__ import annotations
 Z95 = 1.959963984540054
 #: The 95 % quantile of chi-squared with one degree of freedom.
 CHI_SQUARED_95 = 3.841458820694124
+#: The same with two degrees of freedom.
+CHI_SQUARED_95_OF_TWO = 5.991464547107979
 
 #: How seldom chance may show an offset or a decay that is not there: once in 14,000 recordings.
 SELDOM = 7e-5

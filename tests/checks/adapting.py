@@ -1,10 +1,10 @@
 """Methods on pilots who change, against truth and bound: `nox -s check -- adapting`.
 
 For each scenario and method: bias, scatter and rmse over the bound, coverage, how far `tmid` is
-off, the scores of trajectories (`pilotid.study.tracks`), and with `--search` how often a search
-from the truth finds a better optimum.  `--measured` fits recordings of pilots who change, all
-runs of a condition jointly, with a constant and with a changing model (PILOTID_MEASURED names
-the folder above them).
+off, the scores of trajectories (`pilotid.study.tracks`), with `--search` how often a search
+from the truth finds a better optimum, and of several methods how far they are from the first.
+`--measured` fits recordings of pilots who change, all runs of a condition jointly, with a constant
+and with a changing model (PILOTID_MEASURED names the folder above them).
 """
 
 from __future__ import annotations
@@ -100,6 +100,30 @@ def shown(scenario: Scenario, method: str, found: list[Tried], bound: FloatArray
     )
 
 
+def compared(scenario: Scenario, names: tuple[str, str], fits: list[list[Tried]]) -> None:
+    """Print how far the second method's values and intervals are from the first one's."""
+    pairs = [(a.estimate, b.estimate) for a, b in zip(*fits, strict=True)]
+    both = [(a, b) for a, b in pairs if a.outcome.usable and b.outcome.usable]
+    print(
+        f"\n{scenario.name}, {names[1]} less {names[0]}, of {len(both)} recordings, in the "
+        f"standard errors of {names[0]}\n"
+        "parameter   median  median size  95 % within  length of intervals  true in both, one, none"
+    )
+    for i, parameter in enumerate(scenario.model.parameters):
+        off = np.array([(b.values[i] - a.values[i]) / a.std_error[i] for a, b in both])
+        length = [np.ptp(b.intervals[i]) / np.ptp(a.intervals[i]) for a, b in both]
+        truth = scenario.values[i]
+        held = np.array(
+            [[e.intervals[i, 0] <= truth <= e.intervals[i, 1] for e in pair] for pair in both]
+        )
+        counts = np.bincount(held.sum(axis=1), minlength=3)
+        print(
+            f"{parameter.key:<9}{np.median(off):>9.2f}{np.median(np.abs(off)):>13.2f}"
+            f"{np.quantile(np.abs(off), 0.95):>13.2f}{np.median(length):>21.2f}"
+            f"{counts[2]:>13} {counts[1]} {counts[0]}"
+        )
+
+
 def followed(scenario: Scenario, found: list[Tried]) -> None:
     """Print how well the trajectories follow the truth, errors in % of the true value."""
     usable = [t.estimate.trajectory for t in found if t.estimate.outcome.usable]
@@ -175,10 +199,14 @@ def main() -> None:
         begin = time.perf_counter()
         bound = bound_of(scenario)
         print(f"bound of {name} in {time.perf_counter() - begin:.1f} s")
+        first: list[Tried] = []
         for method in options.method:
             found = tried(scenario, method, options.recordings, options.seed, search=options.search)
             shown(scenario, method, found, bound)
             followed(scenario, found)
+            first = first or found
+            if first is not found:
+                compared(scenario, (options.method[0], method), [first, found])
 
 
 if __name__ == "__main__":

@@ -117,6 +117,7 @@ def main() -> None:
     parser.add_argument("--recordings", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--alone", action="store_true", help="adapting-free without the others")
+    parser.add_argument("--beside", action="store_true", help="the others without adapting-free")
     parser.add_argument("--measured", nargs="*", help="files, for example pilot2_C5_pitch")
     parser.add_argument("--out", type=Path, default=Path("adapting-free.svg"))
     options = parser.parse_args()
@@ -126,11 +127,12 @@ def main() -> None:
     method = method_named(options.method)
     for scenario in (PILOTS.get(name) or SCENARIOS[name] for name in options.scenario):
         beside = SINGLE if scenario is CONSTANT else ADAPTING
+        models = [ADAPTING_FREE] * (not options.beside) + [beside] * (not options.alone)
         fits: dict[str, list[Estimate]] = {}
         for replication in range(options.recordings):
             seed = np.random.SeedSequence(options.seed, spawn_key=(replication,))
             recording = simulate(scenario, np.random.default_rng(seed))
-            for model in (ADAPTING_FREE,) if options.alone else (ADAPTING_FREE, beside):
+            for model in models:
                 rng = fit_rng(options.seed + replication, method.name)
                 fits.setdefault(model.name, []).append(identify(method, recording, model, rng))
         for name, own in fits.items():

@@ -47,7 +47,7 @@ def profile_intervals(
     count: int,
     *,
     estimated: int | None = None,
-    widened: float = 1.0,
+    widened: float | FloatArray = 1.0,
     iterations: int = 8,
     tolerance: float = 0.3,
 ) -> Profile:
@@ -72,7 +72,8 @@ def profile_intervals(
     estimated
         Number of residuals less parameters, if the variance was estimated from them.
     widened
-        Factor on the deviance sought, for small samples.
+        Factor on the deviance sought, for small samples; one, or one of each parameter, shape
+        (count,).
     iterations, tolerance
         Largest number of evaluations, and how far from the sought deviance, of 3.84, the
         last Newton step may begin.
@@ -81,20 +82,20 @@ def profile_intervals(
     lower, upper = scale.enter(space.lower), scale.enter(space.upper)
     best = scale.enter(minimum.values[:1])
     lowest = float(minimum.cost[0])
-    sought = widened * CHI_SQUARED_95
+    which = np.tile(np.arange(count), 2)
+    side = np.repeat([-1.0, 1.0], count)
+    sought = np.broadcast_to(CHI_SQUARED_95 * np.asarray(widened), count)[which]
     target = lowest + sought * variance
     if estimated is not None:
         # The variance is then one more parameter, maximised over as well.
-        target = lowest * math.exp(sought / estimated)
+        target = lowest * np.exp(sought / estimated)
 
     gram_there = scale.inner(minimum.gram[:1], minimum.values[:1])
     error = _errors(gram_there[0], _blocked(gram_there, best, lower, upper)[0], variance)[:count]
-    which = np.tile(np.arange(count), 2)
-    side = np.repeat([-1.0, 1.0], count)
     # On the ridge of the quadratic approximation.
     points = np.repeat(best, 2 * count, axis=0)
     grams = np.repeat(gram_there, 2 * count, axis=0)
-    longest = FIRST_STEP * math.sqrt(sought) * error[which]
+    longest = FIRST_STEP * np.sqrt(sought) * error[which]
     blocked = _blocked(grams, points, lower, upper)
     ridge, _ = _step(grams, blocked, which, side, longest, target)
     points = np.clip(points + ridge, lower, upper)
@@ -110,14 +111,15 @@ def profile_intervals(
             better, least = values[best_of_all], float(costs[best_of_all])
         k, direction = which[active], side[active]
         blocked = _blocked(grams, points[active], lower, upper)
-        step, off = _step(grams, blocked, k, direction, LONGEST_STEP * error[k], target)
-        deviance_off = np.abs(grams[:, -1, -1] - target) / variance
+        goal = target[active]
+        step, off = _step(grams, blocked, k, direction, LONGEST_STEP * error[k], goal)
+        deviance_off = np.abs(grams[:, -1, -1] - goal) / variance
         at_bound = (points[active, k] <= lower[k]) & (direction < 0)
         at_bound |= (points[active, k] >= upper[k]) & (direction > 0)
         # A bound that was overshot to, where the deviance is too high, is left again.
         at_bound &= step[np.arange(len(k)), k] * direction >= 0.0
         reached = (deviance_off < tolerance) & (off < tolerance * variance)
-        found[active] = reached | (at_bound & (costs <= target))
+        found[active] = reached | (at_bound & (costs <= goal))
         done = reached | at_bound
         moved = np.clip(points[active] + step, lower, upper)
         points[active] = np.where(at_bound[:, None], points[active], moved)
@@ -130,8 +132,9 @@ def profile_intervals(
     if better is None:
         for i in np.flatnonzero(~found):
             index = int(which[i])
-            reach = float(side[i]) * math.sqrt(sought) * float(error[index])
-            point, cost = walk(gram, space, minimum.values[0], lowest, target, index, reach)
+            reach = float(side[i]) * math.sqrt(sought[i]) * float(error[index])
+            end = float(target[i])
+            point, cost = walk(gram, space, minimum.values[0], lowest, end, index, reach)
             ends[i] = point[index]
             if cost < least:
                 better, least = point, cost
@@ -169,7 +172,7 @@ def _step(
     which: IntArray,
     side: FloatArray,
     longest: FloatArray,
-    target: float,
+    target: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """Steps to the level sought, and what the other parameters still promise."""
     index = np.arange(len(grams))

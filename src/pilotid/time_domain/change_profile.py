@@ -8,10 +8,9 @@ the intervals, of whatever parameter.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
+from pilotid.chance import CHI_SQUARED_95, CHI_SQUARED_95_OF_TWO
 from pilotid.solve.least_squares import minimise
 from pilotid.solve.walk import Held
 from pilotid.time_domain.maximum_likelihood import Maximum
@@ -27,7 +26,25 @@ AROUND = (-2.0, -1.0, 0.0, 1.0, 2.0)
 TOLERANCE, ITERATIONS = 1e-3, 10  # of the fits of all others
 
 
-def over_changes(found: Maximum, intervals: FloatArray, sought: float) -> FloatArray:
+def deviances(found: Maximum) -> FloatArray:
+    """Deviance that the intervals of the pilot's parameters go to, shape (parameters,).
+
+    When a change was and how fast are one event with many optima, and the likeliest of these
+    exceeds the truth by more than a single parameter's share: intervals of both are the shadows of
+    their joint region, that of two degrees of freedom (docs/adapting.md has what was measured).
+
+    Parameters
+    ----------
+    found
+        The optimum.
+    """
+    sought = np.full(found.joint.pilot, CHI_SQUARED_95)
+    for when in found.joint.prediction.model.whens:
+        sought[list(when)] = CHI_SQUARED_95_OF_TWO
+    return np.asarray(found.widened * sought)
+
+
+def over_changes(found: Maximum, intervals: FloatArray, sought: FloatArray | float) -> FloatArray:
     """Intervals (parameters, 2) that hold the optima of other changes, too.
 
     Parameters
@@ -37,11 +54,12 @@ def over_changes(found: Maximum, intervals: FloatArray, sought: float) -> FloatA
     intervals
         Those of the profile about it.
     sought
-        Deviance that an interval goes to.
+        Deviance that an interval goes to, one or that of each parameter.
     """
     joint, end = found.joint, found.end
     optimum, pilot = end.values[0], joint.pilot
-    target = float(end.cost[0]) * math.exp(sought / (joint.residuals - len(optimum)))
+    share = np.broadcast_to(sought, pilot) / (joint.residuals - len(optimum))
+    target = float(end.cost[0]) * np.exp(share)
     result = intervals.copy()
     for when in dict.fromkeys(joint.prediction.model.whens):
         if not when:
@@ -69,9 +87,10 @@ def over_changes(found: Maximum, intervals: FloatArray, sought: float) -> FloatA
                 tolerance=TOLERANCE,
                 iterations=ITERATIONS,
             )
-            for own in fits.values[fits.cost <= target, :pilot]:
-                result[:, 0] = np.minimum(result[:, 0], own)
-                result[:, 1] = np.maximum(result[:, 1], own)
+            for cost, own in zip(fits.cost, fits.values[:, :pilot], strict=True):
+                suits = cost <= target
+                result[suits, 0] = np.minimum(result[suits, 0], own[suits])
+                result[suits, 1] = np.maximum(result[suits, 1], own[suits])
     return result
 
 
