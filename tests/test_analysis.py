@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from helpers import PILOTS, Run
 
+from pilotid.analysis.board import read_board
 from pilotid.analysis.pattern import Pattern, parts_of
 from pilotid.analysis.rows import in_order
 from pilotid.datasets import simulate
@@ -22,6 +23,7 @@ from pilotid.seeds import recording_rng
 from pilotid.types import InputError
 
 PATTERN = "s{subject}_{condition}"
+OPTIONS = ("--per-run", "--left-out")
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +51,7 @@ def analysed(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("results")
     files = [str(path) for path in sorted(folder.glob("*.csv"))]
     with pytest.raises(SystemExit) as end:
-        main(["analyse", *files, "--pattern", PATTERN, "--per-run", "--out", str(out)])
+        main(["analyse", *files, "--pattern", PATTERN, *OPTIONS, "--out", str(out)])
     assert end.value.code == 2  # one file is bad, and was said to be
     return out
 
@@ -71,6 +73,25 @@ def test_every_fit_is_a_row(analysed: Path) -> None:
     ]
     assert len(inside) == 30  # two subjects, pooled and two runs, five parameters
     assert sum(inside) > 22
+
+
+@pytest.mark.numerical
+def test_every_run_is_predicted_by_the_fit_of_the_others(analysed: Path) -> None:
+    rows = table(analysed / "left_out.csv")
+    assert [(r["subject"], r["condition"], r["run"]) for r in rows] == [
+        (s, c, run) for s in ("1", "2") for c in ("A", "B") for run in ("1", "2")
+    ]
+    assert {(r["condition"], r["model"]) for r in rows} == {("A", "single"), ("B", "lead-lag")}
+    assert all(20.0 < float(r["vaf"]) < 100.0 for r in rows)
+    assert all(r["log_likelihood"] and r["outcome"] for r in rows)
+    board = read_board(analysed / "left_out.json")
+    assert len(board.lines) == len(rows)
+    assert board.command.startswith("pilotid analyse s1_A.csv s1_B.csv")
+    assert {(model, method) for _, model, method in board.ratios} == {
+        ("single", "mle"),
+        ("lead-lag", "mle"),
+    }
+    assert 'id="left-out"' in (analysed / "report.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.numerical
@@ -98,7 +119,7 @@ def test_a_second_call_does_nothing_again(
 
     monkeypatch.setattr("pilotid.analysis.analyse.run_tasks", refuse)
     files = sorted(folder.glob("s[12]_*.csv"))
-    answer = run("analyse", *files, "--pattern", PATTERN, "--per-run", "--out", again)
+    answer = run("analyse", *files, "--pattern", PATTERN, *OPTIONS, "--out", again)
     assert answer.status == 0, answer.err
     assert (again / "estimates.csv").read_bytes() == before
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from pilotid.analysis.candidates import Candidate
 from pilotid.analysis.choice import Choice, chosen
+from pilotid.analysis.left_out import LeftOut, left_out_rows
 from pilotid.analysis.pattern import Part
-from pilotid.analysis.rows import SUBJECT, Row
+from pilotid.analysis.rows import SUBJECT, Row, rows_of
 from pilotid.analysis.source import Source
 from pilotid.analysis.store import Done
 from pilotid.analysis.tasks import (
@@ -21,6 +21,7 @@ from pilotid.analysis.tasks import (
     failed_content,
     fit_task,
     given_up,
+    left_out_task,
     look_task,
     perform,
 )
@@ -51,6 +52,8 @@ class Settings:
         Methods by their labels.
     per_run
         Whether every run is fitted on its own as well.
+    left_out
+        Whether every run is also predicted by the fit of the others.
     element
         The controlled element, where the user names it.
     seed
@@ -61,6 +64,7 @@ class Settings:
     auto: bool
     methods: Mapping[str, Method]
     per_run: bool = False
+    left_out: bool = False
     element: ControlledElement | None = None
     seed: int = 0
 
@@ -72,6 +76,10 @@ class Fit:
     part: Part
     run: int | None
     content: Content
+
+    def rows(self, what: str, told: str) -> list[Row]:
+        """Every quantity of it, see `rows_of`."""
+        return rows_of(self.part.name, self.part.fields, self.run, self.content, what, told)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +98,8 @@ class Analysis:
         All fits.
     refused
         A sentence for each file that was left out.
+    left_out
+        Runs predicted by the fits of the others.
     """
 
     settings: Settings
@@ -97,6 +107,7 @@ class Analysis:
     choices: Mapping[Group, Choice]
     fits: Sequence[Fit]
     refused: Sequence[str]
+    left_out: Sequence[LeftOut] = ()
 
     @property
     def parts(self) -> list[Part]:
@@ -106,12 +117,12 @@ class Analysis:
     @property
     def rows(self) -> list[Row]:
         """Every quantity of every fit."""
-        return [row for fit in self.fits for row in _rows(fit, "parameters", "remarks")]
+        return [row for fit in self.fits for row in fit.rows("parameters", "remarks")]
 
     @property
     def loop_rows(self) -> list[Row]:
         """Crossover frequencies and phase margins of every fit."""
-        return [row for fit in self.fits for row in _rows(fit, "loops", "loop_remarks")]
+        return [row for fit in self.fits for row in fit.rows("loops", "loop_remarks")]
 
     @property
     def elements(self) -> dict[tuple[str, int | None, str], str]:
@@ -165,7 +176,7 @@ class _Work:
             if answer.content is not None:
                 held[answer.task.key] = answer.content
                 self.done.put(answer.task.key, answer.content)
-            elif answer.task.what == "fit":
+            elif answer.task.what != "look":
                 held[answer.task.key] = failed_content(answer.task, answer.refused or answer.lost)
             else:
                 self.refused[answer.why] = None
@@ -235,13 +246,40 @@ def analyse(
                     )
                     tasks.append((source, run, task))
         held = work.contents([task for *_, task in tasks], "fitting")
+        left = _left_out(looked, digests, settings, choices) if settings.left_out else []
+        told = work.contents([task for *_, task in left], "leaving runs out")
         return Analysis(
             settings,
             {source.part: look for source, look in looked.items()},
             choices,
             [Fit(source.part, run, held[task.key]) for source, run, task in tasks],
             list(work.refused),
+            [
+                line
+                for source, run, task in left
+                for line in left_out_rows(source.part, run, told[task.key])
+            ],
         )
+
+
+def _left_out(
+    looked: Mapping[Source, Content],
+    digests: Mapping[Source, str],
+    settings: Settings,
+    choices: Mapping[Group, Choice],
+) -> list[tuple[Source, int, Task]]:
+    """The tasks that leave each run out, of recordings of several."""
+    return [
+        (
+            source,
+            run,
+            left_out_task(source, digests[source], model, settings.methods, run, settings.seed),
+        )
+        for source, look in looked.items()
+        for model in _models(source, settings, choices)
+        for run in range(1, look["recording"]["runs"] + 1)
+        if look["recording"]["runs"] > 1
+    ]
 
 
 def _digests(sources: Sequence[Source], code: str, work: _Work) -> dict[Source, str]:
@@ -269,30 +307,3 @@ def _models(
         return list(settings.models.values())
     name = choices[group_of(source.part)].model
     return [{**MODELS, **settings.models}[name]]
-
-
-def _rows(fit: Fit, what: str, told: str) -> list[Row]:
-    return [
-        Row(
-            file=fit.part.name,
-            fields=fit.part.fields,
-            run=fit.run,
-            model=fit.content["model"],
-            method=estimate["method"],
-            parameter=key,
-            unit=unit,
-            value=_number(value),
-            std_error=_number(error),
-            lower=_number(lower),
-            upper=_number(upper),
-            outcome=estimate["outcome"],
-            usable=estimate["usable"],
-            remarks=tuple(estimate[told]),
-        )
-        for estimate in fit.content["estimates"]
-        for key, unit, value, error, lower, upper in estimate[what]
-    ]
-
-
-def _number(held: float | None) -> float:
-    return math.nan if held is None else held

@@ -15,6 +15,7 @@ from pilotid.analysis.report_estimates import (
     group_words,
     runs,
 )
+from pilotid.analysis.report_left_out import left_out_blocks
 from pilotid.analysis.results import Results
 from pilotid.analysis.rows import SUBJECT
 from pilotid.analysis.spread import ConditionSpread, spread_sentence
@@ -59,6 +60,7 @@ def write_report(folder: Path, results: Results, command: str, about: Mapping[st
         *estimates(results),
         *conditions(results),
         *runs(results),
+        *_left_out(results, command, about),
         _recordings(results.analysis),
         _origin(results, command, about),
     ]
@@ -253,6 +255,13 @@ def _recordings(analysis: Analysis) -> Section:
             )
     caption = "Every recording, all runs together; the names lead to pages with figures"
     return Section("recordings", "Recordings", [Table(caption, columns, entries(rows))])
+
+
+def _left_out(results: Results, command: str, about: Mapping[str, str]) -> Iterator[Section]:
+    """Runs left out; nothing where that was not asked for."""
+    if results.analysis.left_out:
+        board = results.board(command, about)
+        yield Section("left-out", "Runs left out", left_out_blocks(board))
 
 
 def _origin(results: Results, command: str, about: Mapping[str, str]) -> Section:

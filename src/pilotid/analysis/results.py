@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from pilotid.analysis.analyse import Analysis
+from pilotid.analysis.board import Board
 from pilotid.analysis.cells import Chosen
 from pilotid.analysis.contrasts import Contrast, contrasts
 from pilotid.analysis.repeated import Repeated, repeated
@@ -55,6 +56,13 @@ class Results:
     spreads: Sequence[RunSpread]
     by_condition: Sequence[ConditionSpread]
     notes: Sequence[str]
+
+    def board(self, command: str, versions: Mapping[str, str]) -> Board:
+        """Runs left out, with the command and the versions that made them."""
+        ratios: dict[tuple[str, str, str], list[float]] = {}
+        for s in self.spreads:
+            ratios.setdefault((s.file, s.model, s.method), []).append(s.ratio.value)
+        return Board(self.analysis.left_out, ratios, command, versions)
 
     @property
     def shown(self) -> Sequence[Row]:

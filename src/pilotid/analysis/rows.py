@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 #: The field of a pattern that names who was recorded, and the one that names under what.
 SUBJECT, CONDITION = "subject", "condition"
@@ -59,6 +61,51 @@ class Row:
     def stratum(self) -> tuple[tuple[str, str], ...]:
         """All fields but subject and condition: contrasts are made within each value of them."""
         return tuple(pair for pair in self.fields if pair[0] not in (SUBJECT, CONDITION))
+
+
+def rows_of(
+    file: str,
+    fields: tuple[tuple[str, str], ...],
+    run: int | None,
+    content: Mapping[str, Any],
+    what: str,
+    told: str,
+) -> list[Row]:
+    """Every quantity of a fit, or of its loops.
+
+    Parameters
+    ----------
+    file, fields, run
+        What was fitted.
+    content
+        What `pilotid.analysis.tasks.content_of` gave.
+    what, told
+        Where it has the quantities, and the remarks on them.
+    """
+    return [
+        Row(
+            file=file,
+            fields=fields,
+            run=run,
+            model=content["model"],
+            method=estimate["method"],
+            parameter=key,
+            unit=unit,
+            value=_number(value),
+            std_error=_number(error),
+            lower=_number(lower),
+            upper=_number(upper),
+            outcome=estimate["outcome"],
+            usable=estimate["usable"],
+            remarks=tuple(estimate[told]),
+        )
+        for estimate in content["estimates"]
+        for key, unit, value, error, lower, upper in estimate[what]
+    ]
+
+
+def _number(held: float | None) -> float:
+    return math.nan if held is None else held
 
 
 def in_order(values: Sequence[str]) -> list[str]:

@@ -62,7 +62,16 @@ class Source:
 
 def alone(recording: Recording, run: int) -> Recording:
     """One run of a recording, counted from 1."""
-    rows = slice(run - 1, run)
+    return _of_runs(recording, [run - 1], f"run {run}")
+
+
+def without(recording: Recording, run: int) -> Recording:
+    """All runs of a recording but one, counted from 1."""
+    rows = [place for place in range(recording.runs) if place != run - 1]
+    return _of_runs(recording, rows, f"without run {run}")
+
+
+def _of_runs(recording: Recording, rows: list[int], words: str) -> Recording:
     return replace(
         recording,
         e=recording.e[rows],
@@ -70,5 +79,5 @@ def alone(recording: Recording, run: int) -> Recording:
         x=recording.x[rows],
         ft=None if recording.ft is None else recording.ft[rows],
         fd=None if recording.fd is None else recording.fd[rows],
-        source=f"{recording.source}, run {run}",
+        source=f"{recording.source}, {words}",
     )

@@ -8,6 +8,7 @@ from pathlib import Path
 from pilotid.analysis.analyse import Analysis, group_of
 from pilotid.analysis.columns import contrast_table, repeated_table, spread_table
 from pilotid.analysis.latex import tables_tex
+from pilotid.analysis.left_out import COLUMNS as LEFT_OUT_COLUMNS
 from pilotid.analysis.pattern import Part
 from pilotid.analysis.results import Results
 from pilotid.analysis.rows import Row
@@ -15,6 +16,7 @@ from pilotid.disk import table_bytes, write_file
 
 ESTIMATES, MODELS, LOOPS, CONTRASTS = "estimates.csv", "models.csv", "loops.csv", "contrasts.csv"
 CONDITIONS, RUNS, TEX = "conditions.csv", "runs.csv", "tables.tex"
+LEFT_OUT = "left_out.csv"
 
 QUANTITY_COLUMNS = ("unit", "value", "std_error", "lower_95", "upper_95", "outcome", "remarks")
 
@@ -56,6 +58,10 @@ def write_tables(folder: Path, results: Results, command: str) -> None:
         write_file(folder / CONDITIONS, table_bytes(*repeated_table(results.repeated)))
     if results.spreads:
         write_file(folder / RUNS, table_bytes(*spread_table(results.spreads)))
+    if analysis.left_out:
+        head = ["file", *names, *LEFT_OUT_COLUMNS]
+        lines = [[e.part.name, *dict(e.part.fields).values(), *e.cells] for e in analysis.left_out]
+        write_file(folder / LEFT_OUT, table_bytes(head, lines))
     text = tables_tex(results.shown, results.contrasts, results.chosen, command)
     write_file(folder / TEX, text.encode("utf-8", "replace"))
 

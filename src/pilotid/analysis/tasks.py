@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from pilotid.analysis.candidates import Candidate, compared, sensible
+from pilotid.analysis.left_out import failed_rows, predicted
 from pilotid.analysis.source import Source
 from pilotid.disk import make_folder, write_file
 from pilotid.estimates.estimate import Outcome, failed
@@ -48,11 +49,11 @@ class Task:
     key
         Tells all that its content follows from.
     what
-        ``look`` or ``fit``.
+        ``look``, ``fit``, or ``left-out``: fit all runs but one, and predict that one.
     source
         The recording: where it is and how it is read.
     run
-        Number of the run to take alone, from 1; None for all.
+        Number of the run to take alone, or to leave out, from 1; None for all.
     code
         Models and methods, see `pilotid.naming.code.packed`.
     seed
@@ -144,6 +145,20 @@ def fit_task(
     return Task(key, "fit", source, run, packed((model, dict(methods), element)), seed, folder)
 
 
+def left_out_task(
+    source: Source,
+    digest: str,
+    model: PilotModel,
+    methods: Mapping[str, Method],
+    run: int,
+    seed: int,
+) -> Task:
+    """The task to fit one model to all runs of a recording but one, which is then predicted."""
+    told = {label: (plain(method), code_digest(method)) for label, method in methods.items()}
+    key = _key(digest, "left-out", run, model, code_digest(model), told, seed)
+    return Task(key, "left-out", source, run, packed((model, dict(methods), None)), seed, None)
+
+
 def _key(*parts: object) -> str:
     digest = hashlib.sha256()
     for part in parts:
@@ -154,7 +169,7 @@ def _key(*parts: object) -> str:
 def perform(task: Task) -> Answer:
     """Do a task; whatever goes wrong is an answer."""
     try:
-        content = _look(task) if task.what == "look" else _fit(task)
+        content = {"look": _look, "fit": _fit, "left-out": _left_out}[task.what](task)
         return Answer(task, json.loads(json.dumps(content)))
     except InputError as error:
         return Answer(task, refused=str(error))
@@ -202,6 +217,13 @@ def _fit(task: Task) -> Content:
     return content
 
 
+def _left_out(task: Task) -> Content:
+    model, methods, _ = unpacked(task.code)
+    assert task.run is not None
+    fits = predicted(task.source.recording(), model, methods, task.run, task.seed)
+    return {"model": model.name, "left_out": fits}
+
+
 def _page(task: Task, fitted: Fitted) -> str:
     """Write a recording's page, with its figures, and give its place beside the report."""
     from pilotid.show.page import html_report
@@ -242,6 +264,8 @@ def content_of(fitted: Fitted) -> Content:
 def failed_content(task: Task, why: str) -> Content:
     """The same of fits that a process was lost with: rows without numbers."""
     model, methods, _ = unpacked(task.code)
+    if task.what == "left-out":
+        return {"model": model.name, "left_out": failed_rows(methods, Outcome.DIED.slug)}
     estimates = tuple(failed(label, model, Outcome.DIED, why) for label in methods)
     return content_of(Fitted(None, model, estimates))  # type: ignore[arg-type]
 

@@ -65,6 +65,10 @@ def analyse(
     per_run: Annotated[
         bool, typer.Option("--per-run", help="Fit every run on its own as well.")
     ] = False,
+    left_out: Annotated[
+        bool,
+        typer.Option("--left-out", help="Predict every run by the fit of the others, too."),
+    ] = False,
     mapping: MapOption = None,
     dt: IntervalOption = None,
     detrend: DetrendOption = False,
@@ -78,12 +82,13 @@ def analyse(
     """Analyse a laboratory's recordings: subjects, conditions, runs; tables and a report."""
     from pilotid.analysis.analyse import Settings
     from pilotid.analysis.analyse import analyse as analysed
+    from pilotid.analysis.board import BOARD
     from pilotid.analysis.pattern import Pattern, parts_of
     from pilotid.analysis.report import write_report
     from pilotid.analysis.results import results_of
     from pilotid.analysis.source import Source
     from pilotid.analysis.tables import write_tables
-    from pilotid.disk import make_folder
+    from pilotid.disk import make_folder, strict_json, write_file
     from pilotid.pilot.catalogue import AUTO, model_named
     from pilotid.pilot.element import element_named
     from pilotid.study.facts import about_this
@@ -92,7 +97,13 @@ def analyse(
     models = {m.name: m for m in (model_named(name) for name in names if name != AUTO)}
     plant = element_named(element) if element else None
     settings = Settings(
-        models, AUTO in names, methods_of(method, [default_method()]), per_run, plant, seed
+        models,
+        AUTO in names,
+        methods_of(method, [default_method()]),
+        per_run,
+        left_out,
+        plant,
+        seed,
     )
     pairs = _pairs(contrast)
     reading = Reading(tuple(mapping or ()), dt, detrend, lead_in)
@@ -128,10 +139,16 @@ def analyse(
     said = [word for name, values in options.items() for value in values for word in (name, value)]
     said += [] if dt is None else ["--dt", f"{dt:g}"]
     said += [] if lead_in == LEAD_IN else ["--lead-in", f"{lead_in:g}"]
-    said += [flag for flag, on in (("--detrend", detrend), ("--per-run", per_run)) if on]
+    flags = (("--detrend", detrend), ("--per-run", per_run), ("--left-out", left_out))
+    said += [flag for flag, on in flags if on]
     command = shlex.join(["pilotid", "analyse", *map(str, files), *said, "--out", str(out)])
     write_tables(out, results, command)
     about = {k: v for k, v in about_this(seed).items() if k not in ("seed", "code")}
+    if analysis.left_out:
+        # Where the recordings are is nobody's business.
+        named = ["pilotid", "analyse", *(file.name for file in files), *said, "--out", out.name]
+        board = results.board(shlex.join(named), about)
+        write_file(out / BOARD, strict_json(board.to_dict()).encode())
     path = write_report(out, results, command, about)
     console = make_console()
     for group, choice in analysis.choices.items():

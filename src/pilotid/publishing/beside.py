@@ -56,9 +56,8 @@ class Beside:
         return sorted(found, key=lambda pair: (places[pair[1].method], pair[1].method))
 
     def _labelled(self, held: Held, method: str) -> str:
-        """A method's name, with that of the study where several have the method."""
-        having = [h for h in self.studies if _has(h, self.entry.name, method)]
-        return method if len(having) == 1 else f"{method}, {held.name}"
+        """A method's name, with that of the study where there are several."""
+        return method if len(self.studies) == 1 else f"{method}, {held.name}"
 
     @property
     def cells(self) -> list[tuple[Held, Cell]]:
@@ -103,10 +102,6 @@ def _free(name: str, taken: Sequence[str]) -> str:
     plain = plain.encode("ascii", "replace").decode().replace("?", "-")
     names = (plain, *(f"{plain}-{number}" for number in range(2, 999)))
     return next(n for n in names if n not in taken)
-
-
-def _has(held: Held, scenario: str, method: str) -> bool:
-    return any(c.method == method for c in held.study.tried_on(scenario))
 
 
 def sections_of(beside: Beside) -> list[Section]:

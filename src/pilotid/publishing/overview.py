@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
+from pilotid.analysis.board import BOARD, Board
+from pilotid.analysis.report_left_out import left_out_blocks
 from pilotid.naming.settings import shown
 from pilotid.numbers import NONE, number
 from pilotid.publishing.beside import Beside
@@ -45,7 +47,9 @@ def score_rows(studies: Sequence[Held]) -> Iterator[list[object]]:
 
 
 def sections_of(studies: Sequence[Held], scenarios: Sequence[Beside]) -> list[Section]:
-    """The first page's sections."""
+    """The first page's sections on simulated recordings; none without studies."""
+    if not studies:
+        return []
     return [
         Section("results", "Methods and scenarios", _results(studies, scenarios)),
         Section("studies", "Studies", _studies(studies)),
@@ -53,6 +57,16 @@ def sections_of(studies: Sequence[Held], scenarios: Sequence[Beside]) -> list[Se
         Section("scenarios", "Scenarios", [_scenarios(scenarios)]),
         Section("reading", "How to read the numbers", [_reading()]),
     ]
+
+
+def people(boards: Mapping[str, Board]) -> Iterator[Section]:
+    """Recordings of people, by the name of the analysis; the recordings themselves stay outside."""
+    for name, board in boards.items():
+        versions = ", ".join(f"{what} {version}" for what, version in board.versions.items())
+        taken = Text(f"[All runs]({name}/{BOARD}) as a file. Versions: {versions}.")
+        command = Command("To make it again, with the recordings:", board.command)
+        blocks = [*left_out_blocks(board), taken, command]
+        yield Section(f"people-{name}", f"Recordings of people: {name}", blocks)
 
 
 def _results(studies: Sequence[Held], scenarios: Sequence[Beside]) -> list[Block]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from pilotid.disk import make_folder, table_bytes, write_file
+from pilotid.analysis.board import BOARD, read_board
+from pilotid.disk import make_folder, strict_json, table_bytes, write_file
 from pilotid.publishing import beside, overview
 from pilotid.publishing.held import Held, held_in, names_for
 from pilotid.report.content import web_page, write_pictures
@@ -28,7 +29,7 @@ def publish(
     Parameters
     ----------
     folders
-        The studies' folders, at least one.
+        Folders of studies, or of analyses with runs left out; at least one.
     out
         Folder of the pages, which is made.
     tell
@@ -45,13 +46,22 @@ def publish(
         If a folder holds no study, or pages would be written over one.
     """
     names = names_for(folders, TAKEN)
+    of_people = {
+        name: read_board(folder / BOARD)
+        for folder, name in zip(folders, names, strict=True)
+        if (folder / BOARD).is_file()
+    }
     for folder in folders:
         if folder.resolve().parent == out.resolve() or folder.resolve() == out.resolve():
             raise InputError(
                 f"{out}: pages there would be written over the study {folder}; name another "
                 "folder with --out"
             )
-    studies = [held_in(folder, name) for folder, name in zip(folders, names, strict=True)]
+    studies = [
+        held_in(folder, name)
+        for folder, name in zip(folders, names, strict=True)
+        if name not in of_people
+    ]
     make_folder(out)
     for held in studies:
         if held.warning:
@@ -66,7 +76,11 @@ def publish(
         write_file(out / beside.FOLDER / f"{each.key}.html", page.encode("utf-8", "replace"))
     rows = overview.score_rows(studies)
     write_file(out / overview.SCORES, table_bytes(overview.SCORE_COLUMNS, rows))
-    page = web_page(TITLE, overview.sections_of(studies, scenarios))
+    for name, board in of_people.items():
+        make_folder(out / name)
+        write_file(out / name / BOARD, strict_json(board.to_dict()).encode())
+    sections = [*overview.sections_of(studies, scenarios), *overview.people(of_people)]
+    page = web_page(TITLE, sections)
     write_file(out / INDEX, page.encode("utf-8", "replace"))
     return out / INDEX
 

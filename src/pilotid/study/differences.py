@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pilotid.study.scores import bias_std_error, rmse_std_error, skewed_t, skewness, spread
+from pilotid.study.scores import bias_std_error, rmse_std_error
 from pilotid.types import BoolArray, FloatArray
 
 
@@ -105,6 +105,9 @@ def _of_means(
 ) -> tuple[float, float]:
     """Standard error of a difference of means, and how often chance makes it as large.
 
+    By Student's t.  The difference of two versions that are alike is symmetric, however skewed
+    the errors of each are, so that the correction which a single mean needs would do harm here.
+
     Parameters
     ----------
     first, second
@@ -121,21 +124,17 @@ def _of_means(
     if paired:
         if first.size < 2:
             return math.nan, math.nan
-        own = second - first
-        error, freedom = bias_std_error(own), own.size - 1.0
-        t = skewed_t(tested, spread(own), skewness(own), own.size)
+        error, freedom = bias_std_error(second - first), first.size - 1.0
     else:
         if min(first.size, second.size) < 2:
             return math.nan, math.nan
         squares = [bias_std_error(values) ** 2 for values in (first, second)]
         error = math.sqrt(sum(squares))
-        if not error > 0.0:
-            return error, 0.0 if tested else 1.0
         terms = [s**2 / (v.size - 1) for s, v in zip(squares, (first, second), strict=True)]
-        freedom, t = error**4 / sum(terms), tested / error
-    if tested == 0.0:
-        return error, 1.0
-    return error, float(min(2.0 * stdtr(freedom, -abs(t)), 1.0))
+        freedom = error**4 / sum(terms) if error > 0.0 else 1.0
+    if not error > 0.0 or tested == 0.0:
+        return error, 0.0 if tested else 1.0
+    return error, float(min(2.0 * stdtr(freedom, -abs(tested) / error), 1.0))
 
 
 def _sign_test(gained: int, lost: int) -> float:
