@@ -209,7 +209,7 @@ def constancy_of(
     rng
         Draws the random starts, and what chance gives.
     """
-    found = maximise_likelihood(recording, model, rng, LikelihoodSettings(wide=None))
+    found = maximise_likelihood(recording, model, rng, LikelihoodSettings(wide=()))
     return constancy(found, recording, rng)
 
 

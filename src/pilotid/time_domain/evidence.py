@@ -29,7 +29,7 @@ from pilotid.time_domain.settings import LikelihoodSettings
 from pilotid.types import FloatArray
 
 #: One band for all models.
-SETTINGS = LikelihoodSettings(wide=None)
+SETTINGS = LikelihoodSettings(wide=())
 
 TOLERANCE, STEPS = 2e-5, 12  # of the fits that leave a run out; they start close by
 

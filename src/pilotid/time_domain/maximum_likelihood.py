@@ -187,14 +187,18 @@ def in_wide_band(
     recording, model, rng, settings
         As for `maximise_likelihood`.
     """
-    if not _too_narrow(found, recording, settings):
-        return found
-    known = found.known
-    if known is not None and found.follows:
-        known = np.array([known[0], found.pilot])
-    wider = _maximised(recording, model, rng, settings, settings.wide, known)
-    # The wider the band, the better the forcing functions are predicted, see `following`.
-    return wider if wider.follows or not found.follows else found
+    for rate in settings.wide:
+        if not _too_narrow(found, recording, settings, rate):
+            continue
+        known = found.known
+        if known is not None and found.follows:
+            known = np.array([known[0], found.pilot])
+        wider = _maximised(recording, model, rng, settings, rate, known)
+        # The wider the band, the better the forcing functions are predicted, see `following`.
+        if found.follows and not wider.follows:
+            break
+        found = wider
+    return found
 
 
 def _lines_pilot(
@@ -226,8 +230,9 @@ def criteria_from(
         return [_maximum(narrowed, band, values, settings) for values in sets]
 
     found = reached(settings.band)
-    if _too_narrow(found[0], recording, settings):
-        found = reached(settings.wide)
+    for rate in settings.wide:
+        if _too_narrow(found[0], recording, settings, rate):
+            found = reached(rate)
     return np.array([maximum.criterion for maximum in found])
 
 
@@ -259,10 +264,13 @@ def _narrowed(
     return replace(prediction, terms=terms_at(prediction, band, pilot, settings)), band
 
 
-def _too_narrow(found: Maximum, recording: Recording, settings: LikelihoodSettings) -> bool:
-    if settings.band is None or settings.wide is None or settings.wide <= settings.band:
+def _too_narrow(
+    found: Maximum, recording: Recording, settings: LikelihoodSettings, rate: float
+) -> bool:
+    """Whether a band is wider than that of an optimum, and the recording asks for it."""
+    if settings.band is None or rate <= settings.band:
         return False
-    wider = decimation(recording.dt, settings.wide) < found.joint.band.factor
+    wider = decimation(recording.dt, rate) < found.joint.band.factor
     return wider and found.at_edge > EDGE
 
 

@@ -35,7 +35,8 @@ class LikelihoodSettings(SearchSettings):
     band
         Analysis band [rad/s]; None uses the full sampling rate.
     wide
-        Band that takes its place where the recording tells of the pilot near its edge.
+        Bands that take its place, one after the other, while the recording tells of the pilot
+        near the edge of the one before; empty for none.
     rounds
         How often the remnant's model is chosen anew at most.
     noise
@@ -43,6 +44,6 @@ class LikelihoodSettings(SearchSettings):
     """
 
     band: float | None = 50.0
-    wide: float | None = 300.0
+    wide: tuple[float, ...] = (120.0, 300.0)
     rounds: int = 3
     noise: NoiseModel | None = None
