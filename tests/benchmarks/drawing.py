@@ -35,9 +35,11 @@ def draw(times: Mapping[str, Any], file: Path) -> None:
                 panel.plot([v for v, _ in work], [start * w for _, w in work], color="#d5d9e0",
                            linewidth=0.7, zorder=0, scalex=False, scaley=False)  # fmt: skip
             panel.set_xscale("log")
-            panel.set_yscale("log")
             log_ticks(panel, "x")
             panel.set_xlabel(LABELS[axis])
+        every = [ms for by in found.values() for rows in by.values() for _, ms, _ in rows]
+        panels[0].set_yscale("log")
+        panels[0].set_ylim(0.6 * min(every), 1.6 * max(every))
         log_ticks(panels[0], "y")
         panels[0].set_ylabel("median time of a fit [ms]")
         handles, labels = panels[0].get_legend_handles_labels()
