@@ -134,10 +134,8 @@ def ratios_at_truth(
                 starts.append(bases[0].copy())
                 starts[-1][middle] += shift
                 starts[-1][rate] = speed
-        lower, upper = joint.lower.copy(), joint.upper.copy()
-        lower[which] = upper[which] = value
-        held = Held(lower, upper, joint.positive)
-        points = np.clip(starts, lower, upper)
+        held = Held.at(joint, which, value)
+        points = np.clip(starts, held.lower, held.upper)
         cost = minimise(joint.gram, points, held, tolerance=1e-4, iterations=15).cost[0]
         result[which] = freedom * np.log(cost / lowest) / found.widened
     return result

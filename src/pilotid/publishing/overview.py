@@ -27,6 +27,7 @@ from pilotid.report.population_verdicts import PopulationVerdict
 from pilotid.report.verdicts import extremes, judge, sized
 from pilotid.study.comparison import SUMMARY_COLUMNS, Cell
 from pilotid.study.entries import ScenarioEntry
+from pilotid.study.facts import LIBRARIES
 from pilotid.study.kept import KEPT
 from pilotid.study.population import PopulationCell
 from pilotid.study.summary import ESTIMATES, SUMMARY
@@ -186,8 +187,7 @@ def _studies(studies: Sequence[Held]) -> list[Block]:
 def _libraries(studies: Sequence[Held]) -> list[str]:
     """Names of the libraries whose versions studies noted."""
     first = studies[0].about
-    known = ("numpy", "scipy", "control", "pysindy", "emcee")
-    return [name for name in known if name in first]
+    return [name for name in LIBRARIES if name in first]
 
 
 def _methods(studies: Sequence[Held]) -> Table:

@@ -77,11 +77,11 @@ def spanned(
     -------
     Intervals, shape (count, 2), and all points that suit, with those that were come upon.
     """
-    scale = Scale(space.positive)
     count = len(intervals)
-    known = _inner(scale, intervals)
+    scale = Scale(space.positive[:count])
+    known = scale.enter(intervals.T).T
     for _ in range(ROUNDS):
-        points = scale.enter(suiting.values)[:, :count]
+        points = scale.enter(suiting.values[:, :count])
         # What suits one parameter may not suit another whose level is lower.
         points = np.where(suiting.costs[:, None] <= targets, points, np.nan)
         hull = np.stack([np.nanmin(points, axis=0), np.nanmax(points, axis=0)], axis=1)
@@ -98,16 +98,7 @@ def spanned(
             step = sides[side] * max(REACH * float(known[k, 1] - known[k, 0]), 1e-9)
             start = suiting.values[at], float(suiting.costs[at])
             point, cost = walk(gram, space, *start, lowest, float(targets[k]), k, step)
-            known[k, side] = scale.enter(point[None])[0, k]
+            known[k, side] = scale.enter(point[:count])[k]
             suiting = suiting.joined(point[None], np.array([cost]), float(np.max(targets)))
-    padded = np.zeros((2, len(space.positive)))
-    padded[:, :count] = known.T
-    ends = np.clip(scale.leave(padded), space.lower, space.upper)
-    return ends[:, :count].T, suiting
-
-
-def _inner(scale: Scale, intervals: FloatArray) -> FloatArray:
-    """Intervals (count, 2) of the first parameters on the inner scale."""
-    padded = np.ones((2, len(scale.positive)))
-    padded[:, : len(intervals)] = intervals.T
-    return scale.enter(padded)[:, : len(intervals)].T
+    ends = np.clip(scale.leave(known.T), space.lower[:count], space.upper[:count])
+    return ends.T, suiting

@@ -34,6 +34,13 @@ class Held:
     upper: FloatArray
     positive: BoolArray
 
+    @classmethod
+    def at(cls, space: Space, which: int, value: float) -> Held:
+        """A space in which one parameter, by its index, keeps a value."""
+        lower, upper = space.lower.copy(), space.upper.copy()
+        lower[which] = upper[which] = value
+        return cls(lower, upper, space.positive)
+
 
 def walk(
     gram: Gram,
@@ -106,8 +113,7 @@ def _conditional(
     inner = scale.enter(start[None])
     inner[0, which] = place
     values = np.clip(scale.leave(inner)[0], space.lower, space.upper)
-    lower, upper = space.lower.copy(), space.upper.copy()
-    lower[which] = upper[which] = values[which]
-    end = minimise(gram, values[None], Held(lower, upper, space.positive), tolerance=1e-5)
+    held = Held.at(space, which, float(values[which]))
+    end = minimise(gram, values[None], held, tolerance=1e-5)
     cost = float(end.cost[0])
     return end.values[0], cost if math.isfinite(cost) else math.inf

@@ -73,17 +73,15 @@ def over_changes(found: Maximum, intervals: FloatArray, sought: FloatArray | flo
             (rate, value, middle, near) for value in RATES if not _inside(value, intervals[rate])
         ]
         for held, value, other, starts in tried:
-            lower, upper = joint.lower.copy(), joint.upper.copy()
-            if not lower[held] <= value <= upper[held]:
+            if not joint.lower[held] <= value <= joint.upper[held]:
                 continue
             points = np.tile(optimum, (len(starts), 1))
             points[:, held], points[:, other] = value, starts
-            points = np.clip(points, lower, upper)
-            lower[held] = upper[held] = value
+            points = np.clip(points, joint.lower, joint.upper)
             fits = minimise(
                 joint.gram,
                 points,
-                Held(lower, upper, joint.positive),
+                Held.at(joint, held, value),
                 tolerance=TOLERANCE,
                 iterations=ITERATIONS,
             )

@@ -41,9 +41,7 @@ def off_bounds(found: Maximum) -> FloatArray:
         for value in (low[k], middle[k], high[k]):
             starts = np.array(bases)
             starts[:, k] = value
-            lower, upper = joint.lower.copy(), joint.upper.copy()
-            lower[k] = upper[k] = value
-            space = Held(lower, upper, joint.positive)
+            space = Held.at(joint, k, value)
             ends = minimise(joint.gram, starts, space, tolerance=TOLERANCE, iterations=ITERATIONS)
             points.append(ends.values)
     return np.concatenate([np.zeros((0, len(optimum))), *points])
