@@ -102,8 +102,15 @@ class MLE(LikelihoodSettings):
             converged=bool(end.converged[0]),
         )
         if profile is not None:
-            intervals = over_changes(found, profile.intervals, deviances(found))
+            sought = deviances(found)
+            intervals = over_changes(found, profile.intervals, sought)
+            # The length of an interval tells the scatter of skewed estimates; the likelihood's
+            # curvature at its maximum, from which the covariance is, only the middle of it.
+            length = np.diff(profile.intervals, axis=1)[:, 0]
+            errors = length / (2.0 * np.sqrt(sought / found.widened))
             estimate = replace(estimate, intervals=intervals)
+            if (errors > 0.0).all():
+                estimate = replace(estimate, errors=errors)
             held = np.logical_or(*at_bounds(model, estimate.values, estimate.values))
             if held.any():
                 information = np.asarray(np.linalg.inv(covariance[pilot, pilot]))

@@ -91,6 +91,7 @@ def _answers(good: Estimate) -> dict[str, Any]:
         "negative": replace(good, covariance=-covariance),
         "indefinite": replace(good, covariance=1.9 * np.eye(values.size) - 0.9),
         "asymmetric": replace(good, covariance=skew),
+        "errorless": replace(good, errors=np.zeros_like(values)),
         "reversed": replace(good, intervals=good.intervals[:, ::-1]),
         "countless": replace(good, iterations=2**70),
         "outcome": replace(good, outcome="converged"),

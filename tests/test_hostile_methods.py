@@ -32,6 +32,7 @@ UNSOUND = {
     "negative": "a variance is not positive",
     "indefinite": "the covariance is not positive",
     "asymmetric": "the covariance is not symmetric",
+    "errorless": "a standard error is not positive",
     "reversed": "an interval does not hold its value",
     "countless": "its iterations are no count",
     "outcome": "its outcome is a str in place of an Outcome",

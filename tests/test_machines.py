@@ -10,6 +10,7 @@ import pytest
 from helpers import fit_of
 
 from pilotid.datasets import scenario_named
+from pilotid.estimates.estimate import Outcome
 from pilotid.methods import method_named
 
 pytestmark = pytest.mark.numerical
@@ -24,7 +25,10 @@ def test_estimates_are_those_of_another_machine(key: str) -> None:
     method, scenario, replication = key.split()
     expected = STORED[key]
     estimate = fit_of(method_named(method), scenario_named(scenario), int(replication))
-    assert estimate.outcome.slug == expected["outcome"] == "converged"
+    assert estimate.outcome.slug == expected["outcome"]
+    if expected["outcome"] == "not-applicable":
+        return
+    assert estimate.outcome is Outcome.CONVERGED
     apart = np.abs(estimate.values - expected["values"]) / expected["std_error"]
     assert apart.max() < PROMISED
     np.testing.assert_allclose(estimate.std_error, expected["std_error"], rtol=PROMISED)

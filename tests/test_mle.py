@@ -230,3 +230,17 @@ def test_a_channel_that_the_white_search_loses_is_found_again(name: str, replica
     estimate = fit_of(MLE(), scenario, replication)
     assert estimate.outcome is Outcome.CONVERGED
     np.testing.assert_allclose(estimate.values[2:], scenario.values[2:], rtol=0.2)
+
+
+def test_standard_errors_are_those_of_the_intervals_and_products_those_of_the_curvature() -> None:
+    estimate = fit_of(MLE(), NOMINAL, 3)
+    length = np.diff(estimate.intervals, axis=1)[:, 0]
+    np.testing.assert_allclose(length / estimate.std_error, 2.0 * Z95, rtol=2e-3)
+    curvature = np.sqrt(np.diag(estimate.covariance))
+    # Gain and lead time are skewed, delays and neuromuscular parameters are not.
+    assert (estimate.std_error[:2] > 1.01 * curvature[:2]).all()
+    np.testing.assert_allclose(estimate.std_error[[2, 4]], curvature[[2, 4]], rtol=0.05)
+    np.testing.assert_allclose(np.diag(estimate.correlation), 1.0)
+    scaled = np.array([estimate.values[1], estimate.values[0]])
+    expected = np.sqrt(scaled @ estimate.covariance[:2, :2] @ scaled)
+    assert estimate["Kvis*tlead"].std_error == pytest.approx(expected, rel=1e-9)

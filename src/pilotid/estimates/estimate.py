@@ -106,6 +106,9 @@ class Estimate:
         The remnant's spectrum, where the method estimates it.
     frequency_response
         The first step of a two-step method.
+    errors
+        Standard errors, shape (parameters,), where the method knows them better than the
+        covariance tells, which holds near the values only; None where it does not.
     draws
         Draws of the posterior, where the method has one.
     trajectory
@@ -131,6 +134,7 @@ class Estimate:
     starts: Starts | None = None
     remnant: RemnantEstimate | None = None
     frequency_response: FrequencyResponse | None = None
+    errors: FloatArray | None = None
     draws: Draws | None = None
     trajectory: Trajectory | None = None
     remarks: tuple[str, ...] = ()
@@ -140,12 +144,12 @@ class Estimate:
     @property
     def std_error(self) -> FloatArray:
         """Claimed standard errors, shape (parameters,)."""
-        return np.sqrt(np.diag(self.covariance))
+        return np.sqrt(np.diag(self.covariance)) if self.errors is None else self.errors
 
     @property
     def correlation(self) -> FloatArray:
         """Claimed correlation matrix, shape (parameters, parameters)."""
-        error = self.std_error
+        error = np.sqrt(np.diag(self.covariance))
         return self.covariance / np.outer(error, error)
 
     @property

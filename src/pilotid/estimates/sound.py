@@ -62,6 +62,8 @@ def _a(thing: object) -> str:
 def _wrong_shapes(estimate: Any) -> str:
     count = len(estimate.model.parameters)
     shapes = {"values": (count,), "covariance": (count, count), "intervals": (count, 2)}
+    if estimate.errors is not None:
+        shapes["errors"] = (count,)
     for name, shape in shapes.items():
         given = getattr(estimate, name)
         if not isinstance(given, np.ndarray):
@@ -136,6 +138,8 @@ def _senseless(estimate: Estimate) -> str:
         return "the covariance is not symmetric"
     if np.linalg.eigvalsh(correlation)[0] < -ROUNDING:
         return "the covariance is not positive"
+    if not (np.isfinite(estimate.std_error) & (estimate.std_error > 0.0)).all():
+        return "a standard error is not positive"
     if not ((low <= values) & (values <= high)).all():
         return "an interval does not hold its value"
     if not (np.isnan(estimate.vaf) or 0.0 <= estimate.vaf <= 100.0):
