@@ -1,7 +1,7 @@
 """Time-domain maximum likelihood with the remnant's own spectrum.
 
 The prediction error is whitened by a model of the remnant that is estimated together
-with the pilot: a low-pass filter of order 0 to 3 or an autoregression of order 2 to 20,
+with the pilot: a low-pass of order 0 to 3, a band-pass or an autoregression of order 2 to 20,
 whichever predicts best by Akaike's criterion.  That is the direct prediction-error method
 (Ljung, System Identification, 2nd ed., sec. 13.4), consistent in the closed loop for any
 remnant whose spectrum the model can take, and efficient.

@@ -142,6 +142,7 @@ def default_prior(parameter: Parameter) -> Prior:
 REMNANT: dict[str, Prior] = {
     "frequency": LogNormal(5.5, 1.33),
     "damping": LogNormal(0.55, 0.79),
+    "corner": LogNormal(0.7, 1.0),
 }
 
 

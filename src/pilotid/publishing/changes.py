@@ -95,6 +95,11 @@ def _said(yes: bool) -> str:
 def changes(first: Held, second: Held) -> Changes:
     """Compare two studies.
 
+    Parameters
+    ----------
+    first, second
+        The studies, in this order.
+
     Raises
     ------
     InputError

@@ -56,6 +56,13 @@ class Held:
 def held_in(folder: Path, name: str = "") -> Held:
     """The study of a folder.
 
+    Parameters
+    ----------
+    folder
+        What `pilotid compare` wrote.
+    name
+        What pages call it; empty for the folder's name.
+
     Raises
     ------
     InputError

@@ -23,7 +23,8 @@ from pilotid.time_domain.modulated import FineInput, fine_input
 from pilotid.time_domain.prepare import Prepared, prepare
 from pilotid.types import ComplexArray, FloatArray
 
-REACH = 20  # samples that a whitening filter may reach back
+#: Samples that a whitening filter may reach back, and that one may to whom low frequencies matter.
+REACH, FAR = 20, 60
 EXTENSION = 4.0  # seconds over which signals fade out beyond both ends of the recording
 
 
@@ -191,12 +192,22 @@ class Prediction:
 
     def filter_response(self, taps: FloatArray) -> ComplexArray:
         """Response of moving-average filters at the bins, shape (..., bins)."""
-        return np.asarray(taps @ self._shifts[: taps.shape[-1]])
+        count = taps.shape[-1]
+        shifts = self._shifts if count <= REACH + 1 else self._far_shifts
+        return np.asarray(taps @ shifts[:count])
 
     @cached_property
     def _shifts(self) -> ComplexArray:
         """Responses of delays by 0 to REACH samples at the bins."""
-        powers = np.ones((REACH + 1, self.s.size), dtype=complex)
+        return self._delays_to(REACH)
+
+    @cached_property
+    def _far_shifts(self) -> ComplexArray:
+        """The same up to FAR samples."""
+        return self._delays_to(FAR)
+
+    def _delays_to(self, samples: int) -> ComplexArray:
+        powers = np.ones((samples + 1, self.s.size), dtype=complex)
         powers[1:] = np.exp(-self.s * self.dt)
         return np.asarray(np.cumprod(powers, axis=0), dtype=complex)
 

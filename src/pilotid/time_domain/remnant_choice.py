@@ -7,19 +7,26 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pilotid.time_domain.prediction import REACH
-from pilotid.time_domain.remnant_models import Autoregressive, Band, LowPass, NoiseModel
+from pilotid.time_domain.prediction import FAR
+from pilotid.time_domain.remnant_models import (
+    Autoregressive,
+    Band,
+    BandPass,
+    LowPass,
+    NoiseModel,
+)
 from pilotid.types import FloatArray
 
 #: The families to choose from.
 NOISE_MODELS: tuple[NoiseModel, ...] = (
     *(LowPass(order) for order in range(4)),
+    *(BandPass(order) for order in (1, 2)),
     *(Autoregressive(order) for order in (2, 3, 4, 6, 8, 10, 12, 16, 20)),
 )
 
 
 def lagged_products(residual: FloatArray) -> FloatArray:
-    """Mean products of a residual (runs, samples) at all pairs of lags 0 to REACH.
+    """Mean products of a residual (runs, samples) at all pairs of lags 0 to FAR.
 
     A filter's output power is then exact, taps @ products @ taps.  Autocovariances would
     not do: their end effects leak from the strong low frequencies of a steep spectrum,
@@ -27,11 +34,18 @@ def lagged_products(residual: FloatArray) -> FloatArray:
 
     Returns
     -------
-    Array of shape (REACH + 1, REACH + 1).
+    Array of shape (FAR + 1, FAR + 1).
     """
-    windows = np.lib.stride_tricks.sliding_window_view(residual, REACH + 1, axis=1)[..., ::-1]
-    flat = windows.reshape(-1, REACH + 1)
-    return np.asarray(flat.T @ flat / len(flat))
+    runs, samples = residual.shape
+    products = np.empty((FAR + 1, FAR + 1))
+    by_lag = [np.correlate(run, run[FAR:], mode="valid")[::-1] for run in residual]
+    products[0] = products[:, 0] = np.sum(by_lag, axis=0)
+    # One sample on, what was the last is lost and a new first one comes.
+    first, last = residual[:, FAR - 1 :: -1], residual[:, : samples - FAR - 1 : -1]
+    change = first.T @ first - last.T @ last
+    for lag in range(FAR):
+        products[lag + 1, 1:] = products[lag, :-1] + change[lag]
+    return np.asarray(products / (runs * (samples - FAR)))
 
 
 #: Contenders lie this close: the residual of a first estimate decides no more than that.

@@ -16,7 +16,7 @@ from typing import Protocol
 import numpy as np
 
 from pilotid.estimates.remnant import RemnantEstimate
-from pilotid.time_domain.prediction import REACH
+from pilotid.time_domain.prediction import FAR, REACH
 from pilotid.time_domain.prepare import decimation, lowpass
 from pilotid.types import BoolArray, FloatArray
 
@@ -56,14 +56,18 @@ class Band:
 
     @cached_property
     def cosines(self) -> FloatArray:
-        """Maps a spectrum on `omega` to autocovariances, shape (grid, REACH + 1)."""
-        return np.asarray(np.cos(np.outer(self.omega * self.dt, np.arange(REACH + 1))) / GRID)
+        """Maps a spectrum on `omega` to autocovariances, shape (grid, FAR + 1)."""
+        return np.asarray(np.cos(np.outer(self.omega * self.dt, np.arange(FAR + 1))) / GRID)
 
     @cached_property
     def folded(self) -> tuple[FloatArray, FloatArray]:
         """All frequencies of `folds`, and what maps a spectrum there to autocovariances."""
         omega, weights = (np.concatenate(parts) for parts in zip(*self.folds, strict=True))
         return omega, weights[:, None] * np.tile(self.cosines, (len(self.folds), 1))
+
+    def autocovariance(self, power: FloatArray, reach: int) -> FloatArray:
+        """Autocovariances up to lag `reach` of spectra (..., n) at all frequencies of `folded`."""
+        return np.asarray(power @ self.folded[1][:, : reach + 1])
 
 
 @lru_cache
@@ -152,6 +156,7 @@ class LowPass:
 
     order: int
     regressive = False
+    reach = REACH
 
     @property
     def name(self) -> str:
@@ -204,22 +209,26 @@ class LowPass:
     def taps(self, values: FloatArray, band: Band) -> tuple[FloatArray, FloatArray]:
         if self.order == 0 and band.factor == 1:
             return np.ones((len(values), 1)), np.zeros((len(values), 0, 1))
-        omega, cosines = band.folded
-        power, log_slopes = self.power(omega, values)
+        power, log_slopes = self.power(band.folded[0], values)
         slopes = np.array([power * slope for slope in log_slopes])
         slopes = slopes.reshape(len(self.keys), *power.shape)
-        return _filters_and_slopes(power @ cosines, slopes @ cosines)
+        return _filters_and_slopes(
+            band.autocovariance(power, self.reach), band.autocovariance(slopes, self.reach)
+        )
 
     def filters(self, values: FloatArray, band: Band) -> FloatArray:
         if self.order == 0:
             one = self.taps(values[:1], band)[0]
             return np.broadcast_to(one, (len(values), one.shape[1]))
-        omega, cosines = band.folded
         filters = []
         for begin in range(0, len(values), SPECTRA):
-            power, _ = self.power(omega, values[begin : begin + SPECTRA])
-            filters.append(prediction_error_filters(power @ cosines))
+            power, _ = self.power(band.folded[0], values[begin : begin + SPECTRA])
+            filters.append(prediction_error_filters(band.autocovariance(power, self.reach)))
         return np.concatenate(filters)
+
+    def grid(self) -> tuple[FloatArray, ...]:
+        """Values of each parameter, which together cover all spectra of the family."""
+        return (np.geomspace(0.5, 60.0, 40), np.geomspace(0.12, 1.8, 12))[: len(self.keys)]
 
     def guess(self, products: FloatArray, band: Band) -> tuple[FloatArray, float]:
         grid, taps = _catalogue(self, band)
@@ -227,6 +236,58 @@ class LowPass:
         power = np.sum((taps @ products[:reach, :reach]) * taps, axis=1)
         least = int(np.argmin(power))
         return grid[least], float(power[least])
+
+
+@dataclass(frozen=True)
+class BandPass(LowPass):
+    """A low-pass of order 1 or 2 times a first-order high-pass, s / (s + corner).
+
+    What pilots do at low frequencies is regulated away, so that a remnant may have little power
+    there.  A filter that whitens it reaches further back than others.
+
+    Attributes
+    ----------
+    order
+        Order of the low-pass, 1 or 2.
+    """
+
+    reach = FAR
+
+    @property
+    def _low(self) -> LowPass:
+        return LowPass(self.order)
+
+    @property
+    def name(self) -> str:
+        return f"{self._low.name} band-pass"
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        return (*self._low.keys, "corner")
+
+    @property
+    def lower(self) -> FloatArray:
+        return np.array([*self._low.lower, 0.05])
+
+    @property
+    def upper(self) -> FloatArray:
+        return np.array([*self._low.upper, 10.0])
+
+    def power(
+        self, omega: FloatArray, values: FloatArray
+    ) -> tuple[FloatArray, tuple[FloatArray, ...]]:
+        """Spectrum at `omega` [rad/s] and the derivatives of its logarithm, see `LowPass.power`."""
+        power, slopes = self._low.power(omega, values[:, :-1])
+        corner = values[:, -1:]
+        below = omega**2 + corner**2
+        # A hundredth is left at rest: a spectrum without power there has no filter.
+        above = omega**2 + 1e-4 * corner**2
+        return power * above / below, (*slopes, 2e-4 * corner / above - 2.0 * corner / below)
+
+    def grid(self) -> tuple[FloatArray, ...]:
+        """As `LowPass.grid`, coarser."""
+        low = (np.geomspace(0.5, 60.0, 16), np.geomspace(0.15, 1.6, 6))[: self.order]
+        return (*low, np.geomspace(0.15, 4.0, 6))
 
 
 @dataclass(frozen=True)
@@ -327,13 +388,11 @@ def prediction_error_filters(autocovariance: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=32)
 def _catalogue(model: LowPass, band: Band) -> tuple[FloatArray, FloatArray]:
-    """A grid of parameter sets of a low-pass model and their whitening filters."""
-    frequencies = np.geomspace(0.5, 60.0, 40)
-    dampings = np.geomspace(0.12, 1.8, 12)
-    axes = (frequencies, dampings)[: len(model.keys)]
+    """A grid of parameter sets of a model and their whitening filters."""
+    axes = model.grid()
     mesh = np.meshgrid(*axes, indexing="ij")
     grid = np.stack([m.ravel() for m in mesh], axis=1) if axes else np.zeros((1, 0))
-    return grid, model.taps(grid, band)[0]
+    return grid, model.filters(grid, band)
 
 
 def remnant_estimate(
