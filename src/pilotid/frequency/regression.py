@@ -104,7 +104,7 @@ class Regression:
         self._triangle = _triangle(table / self._scale)
 
     def columns(self, structure: Structure) -> IntArray:
-        """Indices of a structure's columns."""
+        """Indices of a structure's columns; a ValueError if not all of them are there."""
         held = structure.poles <= self._begin[1]
         parts = [np.arange(structure.poles)]
         for i, (low, high) in enumerate(self._lags):
@@ -118,32 +118,54 @@ class Regression:
     def costs(self, structures: Sequence[Structure]) -> FloatArray:
         """Residual sums of squares, shape (structures,)."""
         result = np.empty(len(structures))
-        sizes = np.array([s.parameters for s in structures])
-        for size in np.unique(sizes):
-            alike = np.flatnonzero(sizes == size)
-            chosen = np.array([self.columns(structures[int(i)]) for i in alike])
-            result[alike] = self._costs(chosen)
+        families: dict[tuple[int, ...], dict[tuple[int, ...], list[int]]] = {}
+        for place, structure in enumerate(structures):
+            family = families.setdefault(structure.zeros, {})
+            family.setdefault(structure.delays, []).append(place)
+        for zeros, family in families.items():
+            members = list(family.values())
+            poles = np.array([structures[i].poles for places in members for i in places])
+            row = np.repeat(np.arange(len(members)), [len(places) for places in members])
+            places = np.concatenate([np.asarray(places) for places in members])
+            delays = np.array(list(family), dtype=int)
+            for corner in (delays.min(axis=0), delays.max(axis=0)):
+                self.columns(Structure(int(poles.max()), zeros, tuple(corner.tolist())))
+            ends = self._ends(zeros, delays, int(poles.max()))
+            result[places] = ends[row, np.minimum(sum(zeros) + poles, ends.shape[1] - 1)]
         return result
 
     def search(self, structures: Sequence[Structure]) -> StructureSearch:
         """What many structures cost, as a search for the best of them."""
         return StructureSearch(tuple(structures), self.costs(structures), self.samples)
 
-    def _costs(self, chosen: IntArray) -> FloatArray:
-        """The same for sets of equally many columns, shape (sets, columns)."""
-        size = chosen.shape[1]
-        if len(self._triangle) <= size:
-            return np.zeros(len(chosen))
-        last = np.full((len(chosen), 1), self._triangle.shape[1] - 1)
-        picked = np.concatenate([chosen, last], axis=1)
+    def _ends(self, zeros: tuple[int, ...], delays: IntArray, poles: int) -> FloatArray:
+        """Residual sums of squares of the first 0, 1, ... columns of structures.
+
+        The inputs' columns come before the output's: one factorisation then has the costs of
+        all degrees of A, as what the later columns leave of the target.
+
+        Parameters
+        ----------
+        zeros
+            Numbers of coefficients of the B_i.
+        delays
+            Delays, shape (sets, inputs).
+        poles
+            Largest degree of A.
+        """
+        parts = [
+            self._begin[i + 1] + delays[:, i, None] - low + np.arange(count)
+            for i, ((low, _), count) in enumerate(zip(self._lags, zeros, strict=True))
+        ]
+        past = [*range(poles), self._triangle.shape[1] - 1]
+        chosen = np.concatenate([*parts, np.tile(past, (len(delays), 1))], axis=1)
         rows = self._triangle.T
-        remainder = np.concatenate(
-            [
-                _triangle(rows[picked[i : i + BLOCK]].swapaxes(1, 2))[:, size, size]
-                for i in range(0, len(picked), BLOCK)
-            ]
-        )
-        return np.asarray((remainder * self._scale[-1]) ** 2)
+        ends = []
+        for block in np.split(chosen, range(BLOCK, len(chosen), BLOCK)):
+            target = _triangle(rows[block].swapaxes(1, 2))[:, :, -1] * self._scale[-1]
+            left = np.cumsum(target[:, ::-1] ** 2, axis=1)[:, ::-1]
+            ends.append(np.pad(left, ((0, 0), (0, 1))))
+        return np.concatenate(ends)
 
     def fit(self, structure: Structure) -> BlackBox:
         """Coefficients of one structure, and their covariance."""
