@@ -31,6 +31,7 @@ class OutputErrors(Problem):
         self.prediction = prediction
         self.taps = taps
         self.penalty = prediction.penalty
+        self.block = prediction.at_once
 
     @property
     def residuals(self) -> int:
@@ -49,7 +50,7 @@ class OutputErrors(Problem):
         values
             Parameter sets, shape (sets, parameters).
         """
-        return self.prediction.without_nuisance(self.prediction.rows(values, self.taps))
+        return self.prediction.errors_of(self.prediction.row_spectra(values, self.taps))
 
     def residual(self, values: FloatArray) -> FloatArray:
         """Residual of one parameter set before whitening, shape (runs, scored).

@@ -16,6 +16,7 @@ import numpy as np
 
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
+from pilotid.solve.least_squares import BLOCK
 from pilotid.solve.smoothing import Penalty
 from pilotid.time_domain.extension import _extended
 from pilotid.time_domain.modulated import FineInput, fine_input
@@ -23,6 +24,7 @@ from pilotid.time_domain.prepare import Prepared, prepare
 from pilotid.types import ComplexArray, FloatArray
 
 REACH = 20  # samples that a whitening filter may reach back
+LONG = 1 << 16  # bins of all runs from which one parameter set is evaluated after the other
 EXTENSION = 4.0  # seconds over which signals fade out beyond both ends of the recording
 
 
@@ -72,6 +74,11 @@ class Prediction:
     def runs(self) -> int:
         """Number of runs."""
         return int(self.control_spectrum.shape[0])
+
+    @property
+    def at_once(self) -> int:
+        """Parameter sets to evaluate at once: one by one beyond any cache, to spare memory."""
+        return BLOCK if self.control_spectrum.size < LONG else 1
 
     @property
     def samples(self) -> int:
@@ -134,11 +141,22 @@ class Prediction:
         sets, count = values.shape
         spectrum = np.zeros((sets, count + 1, *self.control_spectrum.shape), dtype=complex)
         spectrum[:, -1] = self.control_spectrum
-        terms = self.model.terms(self.s, values)
+        step = self.s.size if any(self.fine) else LONG
+        for begin in range(0, self.s.size, step):
+            self._add(spectrum, values, slice(begin, begin + step))
+        if taps is not None:
+            response = self.filter_response(taps)
+            spectrum *= response[:, None, None] if response.ndim > 1 else response
+        return spectrum
+
+    def _add(self, spectrum: ComplexArray, values: FloatArray, bins: slice) -> None:
+        """Add what the model predicts at some bins to `row_spectra`; all, if it varies in time."""
+        terms = self.model.terms(self.s[bins], values)
+        spectrum = spectrum[..., bins]
         for c, ((response, slopes), input_spectrum) in enumerate(
             zip(terms, self.spectra, strict=True)
         ):
-            part = response[:, None, :] * input_spectrum
+            part = response[:, None, :] * input_spectrum[:, bins]
             fine, changing = self.fine[c], self.model.channels[c].changing
             if fine and changing:
                 own = list(self.model.changing_indices[c])
@@ -148,10 +166,6 @@ class Prediction:
             spectrum[:, -1] -= part
             for index, slope in slopes:
                 spectrum[:, index] += slope[:, None, :] * part if slope.ndim > 1 else slope * part
-        if taps is not None:
-            response = self.filter_response(taps)
-            spectrum *= response[:, None, None] if response.ndim > 1 else response
-        return spectrum
 
     def varying(self, values: FloatArray) -> list[ComplexArray | None]:
         """Per channel, the transform of its input where it varies, (sets, runs, bins), or None.
@@ -194,7 +208,7 @@ class Prediction:
         powers[1:] = np.exp(-self.s * self.dt)
         return np.asarray(np.cumprod(powers, axis=0), dtype=complex)
 
-    @cached_property
+    @property
     def nuisance_terms(self) -> FloatArray:
         """The nuisance terms, shape (scored, terms).
 
@@ -206,13 +220,44 @@ class Prediction:
     @cached_property
     def nuisance_basis(self) -> FloatArray:
         """Orthonormal basis of the nuisance terms, shape (scored, terms)."""
-        return np.asarray(np.linalg.qr(self.nuisance_terms).Q)
+        # By blocks, since a factorisation takes several times the memory of its matrix.
+        blocks = np.array_split(self.nuisance_terms, 1 + self.scored // LONG)
+        parts = [np.linalg.qr(block) for block in blocks]
+        together = np.linalg.qr(np.concatenate([part.R for part in parts])).Q
+        shares = np.split(together, len(parts))
+        return np.concatenate([part.Q @ q for part, q in zip(parts, shares, strict=True)])
 
     def without_nuisance(self, rows: FloatArray) -> FloatArray:
         """Rows (..., scored) less their projection on the nuisance terms."""
         if not self.terms:
             return rows
-        return rows - (rows @ self.nuisance_basis) @ self.nuisance_basis.T
+        along = (rows @ self.nuisance_basis) @ self.nuisance_basis.T
+        return np.asarray(np.subtract(rows, along, out=along))
+
+    def errors_of(self, spectra: ComplexArray) -> FloatArray:
+        """The scored samples of transforms, less their projection on the nuisance terms.
+
+        Long ones take the place of their transforms, which are lost: an hour of samples and its
+        transform need not be held together.
+
+        Parameters
+        ----------
+        spectra
+            Shape (..., runs, bins), contiguous.
+
+        Returns
+        -------
+        FloatArray
+            Shape (..., runs, scored).
+        """
+        if self.at_once > 1:
+            return self.without_nuisance(self.samples_of(spectra))
+        rows = spectra.reshape(-1, spectra.shape[-1])
+        size = len(rows) * self.scored
+        place = rows.reshape(-1).view(float)[:size].reshape(len(rows), self.scored)
+        for i, row in enumerate(rows):  # of which the samples end before the next transform
+            place[i] = self.without_nuisance(self.samples_of(row))
+        return place.reshape(*spectra.shape[:-1], self.scored)
 
     def samples_of(self, spectrum: ComplexArray) -> FloatArray:
         """The scored samples of transforms, shape (..., scored)."""

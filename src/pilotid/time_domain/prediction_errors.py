@@ -39,6 +39,7 @@ class PredictionErrors(Problem):
     def __init__(self, prediction: Prediction, noise: NoiseModel, band: Band) -> None:
         self.prediction, self.noise, self.band = prediction, noise, band
         self.penalty = prediction.penalty
+        self.block = prediction.at_once
         self.pilot = len(prediction.model.parameters)
 
     @cached_property
@@ -89,4 +90,4 @@ class PredictionErrors(Problem):
         by_remnant = -prediction.filter_response(slopes)[:, :, None] * residual
         spectra *= prediction.filter_response(taps)[:, None, None]
         joined = np.concatenate([spectra[:, :-1], by_remnant, spectra[:, -1:]], axis=1)
-        return prediction.without_nuisance(prediction.samples_of(joined))
+        return prediction.errors_of(joined)
