@@ -223,6 +223,8 @@ class Prediction:
         # By blocks, since a factorisation takes several times the memory of its matrix.
         blocks = np.array_split(self.nuisance_terms, 1 + self.scored // LONG)
         parts = [np.linalg.qr(block) for block in blocks]
+        if len(parts) == 1:
+            return np.asarray(parts[0].Q)
         together = np.linalg.qr(np.concatenate([part.R for part in parts])).Q
         shares = np.split(together, len(parts))
         return np.concatenate([part.Q @ q for part, q in zip(parts, shares, strict=True)])
@@ -253,10 +255,11 @@ class Prediction:
         if self.at_once > 1:
             return self.without_nuisance(self.samples_of(spectra))
         rows = spectra.reshape(-1, spectra.shape[-1])
-        size = len(rows) * self.scored
+        size, step = len(rows) * self.scored, 1 + LONG // rows.shape[1]
         place = rows.reshape(-1).view(float)[:size].reshape(len(rows), self.scored)
-        for i, row in enumerate(rows):  # of which the samples end before the next transform
-            place[i] = self.without_nuisance(self.samples_of(row))
+        for i in range(0, len(rows), step):  # samples end before the next transform begins
+            block = slice(i, i + step)
+            place[block] = self.without_nuisance(self.samples_of(rows[block]))
         return place.reshape(*spectra.shape[:-1], self.scored)
 
     def samples_of(self, spectrum: ComplexArray) -> FloatArray:
