@@ -76,8 +76,8 @@ class Prediction:
         return int(self.control_spectrum.shape[0])
 
     @property
-    def at_once(self) -> int:
-        """Parameter sets to evaluate at once: one by one beyond any cache, to spare memory."""
+    def block(self) -> int:
+        """Parameter sets that are evaluated at once: one beyond any cache, to spare memory."""
         return BLOCK if self.control_spectrum.size < LONG else 1
 
     @property
@@ -252,7 +252,7 @@ class Prediction:
         FloatArray
             Shape (..., runs, scored).
         """
-        if self.at_once > 1:
+        if self.block > 1:
             return self.without_nuisance(self.samples_of(spectra))
         rows = spectra.reshape(-1, spectra.shape[-1])
         size, step = len(rows) * self.scored, 1 + LONG // rows.shape[1]
