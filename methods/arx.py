@@ -51,13 +51,9 @@ from pilotid.chance import SELDOM, chi_squared_limit
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.method import dependent_signals, varying
 from pilotid.estimates.response import FrequencyResponse
+from pilotid.frequency.black_box import BlackBox, channel_response
 from pilotid.frequency.consistency import against_recording, output_at_once
-from pilotid.frequency.regression import (
-    BlackBox,
-    Regression,
-    channel_response,
-    signals,
-)
+from pilotid.frequency.regression import Regression, signals
 from pilotid.frequency.second_step import ResponseFit, second_step
 from pilotid.frequency.structures import Criterion, Structure, StructureSearch
 from pilotid.pilot.model import PilotModel

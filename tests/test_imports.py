@@ -136,3 +136,31 @@ def test_public_names_exist() -> None:
     import pilotid
 
     assert all(hasattr(pilotid, name) for name in pilotid.__all__)
+    assert set(pilotid.__all__) <= set(dir(pilotid))
+    assert not hasattr(pilotid, "nothing_of_this_name")
+    with pytest.raises(ImportError, match="cannot import name 'nothing'"):
+        exec("from pilotid import nothing")
+
+
+def test_public_names_are_fetched_from_where_types_are_checked() -> None:
+    import pilotid
+
+    homes = {f"pilotid.{home}.{name}" for name, home in pilotid._HOME.items()}
+    own = {n for n in imported(SOURCE / "__init__.py") if n.startswith("pilotid.")}
+    assert homes | {"pilotid.show.plots"} == own
+    assert {*pilotid._HOME, "plot"} == set(pilotid.__all__)
+
+
+def test_the_front_door_is_open_at_once() -> None:
+    check = (
+        "import sys, pilotid\n"
+        "print([m for m in sys.modules if m.startswith(('numpy', 'pilotid'))])\n"
+        "print(pilotid.methods.__name__, pilotid.plot.__name__, pilotid.MLE.__module__)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", check], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout.splitlines() == [
+        "['pilotid']",
+        "pilotid.methods pilotid.show.plots pilotid.methods.mle",
+    ]

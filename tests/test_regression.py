@@ -10,7 +10,8 @@ from scipy.signal import lfilter
 
 from pilotid.datasets import scenario_named, simulate
 from pilotid.estimates.response import real_parts
-from pilotid.frequency.regression import Regression, discrete_response, lagged_rows
+from pilotid.frequency.black_box import discrete_response
+from pilotid.frequency.regression import Regression, lagged_rows
 from pilotid.frequency.structures import Criterion, Structure, StructureSearch
 from pilotid.types import FloatArray
 
@@ -113,12 +114,19 @@ def test_a_structure_outside_the_regression_is_refused() -> None:
     ):
         with pytest.raises(ValueError, match="does not hold"):
             regression.fit(structure)
+        with pytest.raises(ValueError, match="does not hold"):
+            regression.costs([Structure(1, (1, 1), (2, 1)), structure])
 
 
 def test_more_columns_than_rows_leave_no_residual() -> None:
     signals = true_arx(np.random.default_rng(1), 14)
     regression = Regression(signals[0], signals[1:], 4, [(1, 6), (1, 6)], 6)
-    assert regression.costs([Structure(4, (6, 6), (1, 1))])[0] == 0.0
+    structures = [Structure(poles, (6, 6), (1, 1)) for poles in (4, 0)]
+    assert regression.costs(structures).tolist() == [0.0, 0.0]
+    few = Structure(1, (1, 1), (1, 1))
+    costs = regression.costs([*structures, few])
+    assert costs[2] == pytest.approx(regression.fit(few).cost)
+    assert costs[2] > 0.0
 
 
 def test_a_drift_of_each_run_can_be_fitted_besides() -> None:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from pilotid.analysis.choice import Selection, select
 from pilotid.datasets.named import AnyScenario, scenario_named
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.simulation import simulate as simulated
@@ -20,12 +19,12 @@ from pilotid.pilot.catalogue import model_named
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import DEFAULT_SEED, draw_rng, fit_rng, recording_rng
-from pilotid.study.comparison import Comparison
-from pilotid.study.study import Study
 from pilotid.types import InputError
 
 if TYPE_CHECKING:
+    from pilotid.analysis.choice import Selection
     from pilotid.designing.design import Design
+    from pilotid.study.comparison import Comparison
 
 DEFAULT_METHOD = "mle"
 
@@ -85,6 +84,8 @@ def which_model(
     Selection
         The model, the reason in words, and the figures of all candidates.
     """
+    from pilotid.analysis.choice import select
+
     named = [model_named(m) if isinstance(m, str) else m for m in models]
     return select(recording, named, seed)
 
@@ -146,6 +147,8 @@ def compare(
     Comparison
         All that the store holds then.
     """
+    from pilotid.study.study import Study
+
     return Study(scenarios, methods, replications, seed).run_in(Path(out), workers)
 
 

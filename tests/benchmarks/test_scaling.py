@@ -59,7 +59,7 @@ def test_scaling(benchmark: BenchmarkFixture, axis: str, value: float, name: str
     benchmark.extra_info |= {"method": name, "axis": axis, "value": value, "samples": size}
 
 
-@pytest.mark.parametrize("name", ["mle-white", "mle"])
+@pytest.mark.parametrize("name", METHODS)
 def test_an_hour_at_1_khz(benchmark: BenchmarkFixture, name: str, tmp_path: Path) -> None:
     benchmark.group = "an hour at 1 kHz, in a process of its own"
     parts = [recorded("nominal(dt=0.001)", seed) for seed in range(4)]

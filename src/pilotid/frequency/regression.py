@@ -1,8 +1,7 @@
 """Linear regression of the control on its own past and on the inputs' past.
 
-The core that black-box methods share: rows of lagged signals, the residual sums of
-squares of very many choices of columns from one QR factorisation, and the frequency
-response, with its covariance, of the discrete transfer functions found.
+The core that black-box methods share: rows of lagged signals, and the residual sums of
+squares of very many choices of columns from one QR factorisation.
 
 Lagged signals are nearly collinear (condition 1e4 to 1e8 for a pilot's), which squares
 in normal equations; here everything rests on orthogonal factors of scaled columns.
@@ -11,55 +10,15 @@ in normal equations; here everything rests on orthogonal factors of scaled colum
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from pilotid.estimates.response import FrequencyResponse, real_parts
+from pilotid.frequency.black_box import BlackBox, known_dynamics
 from pilotid.frequency.structures import Structure, StructureSearch
-from pilotid.pilot.model import Channel, PilotModel
 from pilotid.time_domain.prediction import Prediction
 from pilotid.types import ComplexArray, FloatArray, IntArray
 
 BLOCK = 256  # factorisations at once: their columns then stay in the processor's cache
-
-
-@dataclass(frozen=True, eq=False)
-class BlackBox:
-    """Least-squares coefficients of a structure.
-
-    Attributes
-    ----------
-    structure
-        Orders and delays.
-    coefficients
-        a_1, a_2, ... of A = 1 + a_1 q^-1 + ..., then those of each B_i.
-    covariance
-        Their covariance for a white residual.
-    cost
-        Residual sum of squares.
-    """
-
-    structure: Structure
-    coefficients: FloatArray
-    covariance: FloatArray
-    cost: float
-
-    @property
-    def denominator(self) -> FloatArray:
-        """Coefficients of A, its leading 1 included."""
-        return np.concatenate([[1.0], self.coefficients[: self.structure.poles]])
-
-    @property
-    def numerators(self) -> list[FloatArray]:
-        """Coefficients of each B_i, without its delay."""
-        ends = self.structure.poles + np.cumsum(self.structure.zeros)
-        return np.split(self.coefficients, [self.structure.poles, *ends])[1:-1]
-
-    def unstable(self, dt: float) -> FloatArray:
-        """Frequencies of the poles outside the unit circle [rad/s], ascending."""
-        poles = np.roots(self.denominator)
-        return np.sort(np.abs(np.angle(poles[np.abs(poles) >= 1.0]))) / dt
 
 
 class Regression:
@@ -104,7 +63,7 @@ class Regression:
         self._triangle = _triangle(table / self._scale)
 
     def columns(self, structure: Structure) -> IntArray:
-        """Indices of a structure's columns."""
+        """Indices of a structure's columns; a ValueError if not all of them are there."""
         held = structure.poles <= self._begin[1]
         parts = [np.arange(structure.poles)]
         for i, (low, high) in enumerate(self._lags):
@@ -118,32 +77,54 @@ class Regression:
     def costs(self, structures: Sequence[Structure]) -> FloatArray:
         """Residual sums of squares, shape (structures,)."""
         result = np.empty(len(structures))
-        sizes = np.array([s.parameters for s in structures])
-        for size in np.unique(sizes):
-            alike = np.flatnonzero(sizes == size)
-            chosen = np.array([self.columns(structures[int(i)]) for i in alike])
-            result[alike] = self._costs(chosen)
+        families: dict[tuple[int, ...], dict[tuple[int, ...], list[int]]] = {}
+        for place, structure in enumerate(structures):
+            family = families.setdefault(structure.zeros, {})
+            family.setdefault(structure.delays, []).append(place)
+        for zeros, family in families.items():
+            members = list(family.values())
+            poles = np.array([structures[i].poles for places in members for i in places])
+            row = np.repeat(np.arange(len(members)), [len(places) for places in members])
+            places = np.concatenate([np.asarray(places) for places in members])
+            delays = np.array(list(family), dtype=int)
+            for corner in (delays.min(axis=0), delays.max(axis=0)):
+                self.columns(Structure(int(poles.max()), zeros, tuple(corner.tolist())))
+            ends = self._ends(zeros, delays, int(poles.max()))
+            result[places] = ends[row, np.minimum(sum(zeros) + poles, ends.shape[1] - 1)]
         return result
 
     def search(self, structures: Sequence[Structure]) -> StructureSearch:
         """What many structures cost, as a search for the best of them."""
         return StructureSearch(tuple(structures), self.costs(structures), self.samples)
 
-    def _costs(self, chosen: IntArray) -> FloatArray:
-        """The same for sets of equally many columns, shape (sets, columns)."""
-        size = chosen.shape[1]
-        if len(self._triangle) <= size:
-            return np.zeros(len(chosen))
-        last = np.full((len(chosen), 1), self._triangle.shape[1] - 1)
-        picked = np.concatenate([chosen, last], axis=1)
+    def _ends(self, zeros: tuple[int, ...], delays: IntArray, poles: int) -> FloatArray:
+        """Residual sums of squares of the first 0, 1, ... columns of structures.
+
+        The inputs' columns come before the output's: one factorisation then has the costs of
+        all degrees of A, as what the later columns leave of the target.
+
+        Parameters
+        ----------
+        zeros
+            Numbers of coefficients of the B_i.
+        delays
+            Delays, shape (sets, inputs).
+        poles
+            Largest degree of A.
+        """
+        parts = [
+            self._begin[i + 1] + delays[:, i, None] - low + np.arange(count)
+            for i, ((low, _), count) in enumerate(zip(self._lags, zeros, strict=True))
+        ]
+        past = [*range(poles), self._triangle.shape[1] - 1]
+        chosen = np.concatenate([*parts, np.tile(past, (len(delays), 1))], axis=1)
         rows = self._triangle.T
-        remainder = np.concatenate(
-            [
-                _triangle(rows[picked[i : i + BLOCK]].swapaxes(1, 2))[:, size, size]
-                for i in range(0, len(picked), BLOCK)
-            ]
-        )
-        return np.asarray((remainder * self._scale[-1]) ** 2)
+        ends = []
+        for block in np.split(chosen, range(BLOCK, len(chosen), BLOCK)):
+            target = _triangle(rows[block].swapaxes(1, 2))[:, :, -1] * self._scale[-1]
+            left = np.cumsum(target[:, ::-1] ** 2, axis=1)[:, ::-1]
+            ends.append(np.pad(left, ((0, 0), (0, 1))))
+        return np.concatenate(ends)
 
     def fit(self, structure: Structure) -> BlackBox:
         """Coefficients of one structure, and their covariance."""
@@ -211,97 +192,3 @@ def signals(prediction: Prediction) -> tuple[FloatArray, list[FloatArray]]:
     channels = zip(prediction.model.channels, prediction.spectra, strict=True)
     inputs = [samples(known_dynamics(c, prediction.s) * spectrum) for c, spectrum in channels]
     return samples(prediction.control_spectrum), inputs
-
-
-def known_dynamics(channel: Channel, s: ComplexArray) -> ComplexArray:
-    """Product of a channel's factors without parameters, differentiators apart, shape (n,)."""
-    product = np.ones_like(s)
-    for factor in channel.dynamics:
-        if not factor.parameters:
-            product = product * factor.response(s, [])
-    return product
-
-
-def discrete_response(
-    omega: FloatArray,
-    dt: float,
-    fit: BlackBox,
-    factors: ComplexArray,
-    reference: ComplexArray | None = None,
-) -> tuple[ComplexArray, FloatArray]:
-    """Frequency responses of the transfer functions B_i/A, and their covariance.
-
-    Parameters
-    ----------
-    omega
-        Frequencies [rad/s], shape (n,).
-    dt
-        Sampling interval [s].
-    fit
-        Coefficients and their covariance.
-    factors
-        What each response is multiplied by, shape (inputs, n).
-    reference
-        Responses at which errors are propagated, shape (inputs, n); None for the estimated
-        ones, whose errors make small responses look accurate.
-
-    Returns
-    -------
-    Responses (inputs, n), and the covariance of `pilotid.estimates.response.real_parts` of them.
-    """
-    structure = fit.structure
-    delay = np.exp(-1j * omega * dt)
-    powers = delay ** np.arange(1, structure.poles + 1)[:, None]
-    bottom = 1.0 + fit.coefficients[: structure.poles] @ powers
-    value = np.zeros(factors.shape, dtype=complex)
-    slopes = np.zeros((structure.parameters, *factors.shape), dtype=complex)
-    begin = structure.poles
-    for i, top in enumerate(fit.numerators):
-        shifts = delay ** structure.lags(i)[:, None]
-        common = factors[i] / bottom
-        value[i] = common * (top @ shifts)
-        slopes[begin : begin + top.size, i] = common * shifts
-        begin += top.size
-    at = value if reference is None else reference
-    slopes[: structure.poles] = -at * (powers / bottom)[:, None]
-    jacobian = real_parts(slopes)
-    return value, jacobian.T @ fit.covariance @ jacobian
-
-
-def channel_response(
-    model: PilotModel,
-    omega: FloatArray,
-    dt: float,
-    fit: BlackBox,
-    misfit: float,
-    note: str,
-    values: FloatArray | None = None,
-) -> FrequencyResponse:
-    """The responses of a pilot's channels by a black-box model of them.
-
-    Parameters
-    ----------
-    model
-        The pilot model, whose channels are the inputs.
-    omega
-        Frequencies [rad/s], shape (n,).
-    dt
-        Sampling interval of the black-box model [s].
-    fit
-        The black-box model.
-    misfit
-        Error of the black-box model as a share of the response, independent at every
-        frequency; it adds to the covariance.
-    note
-        What a reader should know of the black-box model.
-    values
-        Parameters of the pilot model at which errors are propagated; None for the estimated
-        response.
-    """
-    s = np.asarray(1j * omega, dtype=complex)
-    factors = np.array([known_dynamics(c, s) * s**c.derivative for c in model.channels])
-    reference = None if values is None else model.response(omega, values)
-    value, covariance = discrete_response(omega, dt, fit, factors, reference)
-    size = np.abs(value if reference is None else reference).ravel()
-    allowance = np.tile(0.5 * (misfit * size) ** 2, 2)
-    return FrequencyResponse(omega, value, covariance + np.diag(allowance), note=note)

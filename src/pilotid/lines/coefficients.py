@@ -235,7 +235,10 @@ def coefficients_of(
     by_signal = forcing_lines(recording)
     lines = np.concatenate(list(by_signal.values()))
     disturbance = np.concatenate([np.full(v.size, k == "fd") for k, v in by_signal.items()])
-    between = np.setdiff1d(np.arange(1, recording.samples // 2), lines)
+    # The nearest bins without a line are no farther than if lines filled all before them.
+    reach = neighbours + lines.size
+    close = np.unique(lines[:, None] + np.arange(-reach, reach + 1))
+    between = np.setdiff1d(close[(close > 0) & (close < recording.samples // 2)], lines)
     away = np.abs(between - lines[:, None])
     nearest = np.sort(np.argsort(away, axis=1, kind="stable")[:, :neighbours], axis=1)
     used, index = np.unique(nearest, return_inverse=True)

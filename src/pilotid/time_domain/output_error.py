@@ -49,7 +49,7 @@ class OutputErrors(Problem):
         values
             Parameter sets, shape (sets, parameters).
         """
-        return self.prediction.without_nuisance(self.prediction.rows(values, self.taps))
+        return self.prediction.errors_of(self.prediction.row_spectra(values, self.taps))
 
     def residual(self, values: FloatArray) -> FloatArray:
         """Residual of one parameter set before whitening, shape (runs, scored).

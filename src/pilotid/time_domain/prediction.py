@@ -25,6 +25,7 @@ from pilotid.types import ComplexArray, FloatArray
 
 #: Samples that a whitening filter may reach back, and that one may to whom low frequencies matter.
 REACH, FAR = 20, 60
+LONG = 1 << 16  # bins of all runs from which one parameter set is evaluated after the other
 EXTENSION = 4.0  # seconds over which signals fade out beyond both ends of the recording
 
 
@@ -77,8 +78,8 @@ class Prediction:
 
     @property
     def block(self) -> int:
-        """Parameter sets that are evaluated at once."""
-        return BLOCK
+        """Parameter sets that are evaluated at once: one beyond any cache, to spare memory."""
+        return BLOCK if self.control_spectrum.size < LONG else 1
 
     @property
     def samples(self) -> int:
@@ -141,11 +142,22 @@ class Prediction:
         sets, count = values.shape
         spectrum = np.zeros((sets, count + 1, *self.control_spectrum.shape), dtype=complex)
         spectrum[:, -1] = self.control_spectrum
-        terms = self.model.terms(self.s, values)
+        step = self.s.size if any(self.fine) else LONG
+        for begin in range(0, self.s.size, step):
+            self._add(spectrum, values, slice(begin, begin + step))
+        if taps is not None:
+            response = self.filter_response(taps)
+            spectrum *= response[:, None, None] if response.ndim > 1 else response
+        return spectrum
+
+    def _add(self, spectrum: ComplexArray, values: FloatArray, bins: slice) -> None:
+        """Add what the model predicts at some bins to `row_spectra`; all, if it varies in time."""
+        terms = self.model.terms(self.s[bins], values)
+        spectrum = spectrum[..., bins]
         for c, ((response, slopes), input_spectrum) in enumerate(
             zip(terms, self.spectra, strict=True)
         ):
-            part = response[:, None, :] * input_spectrum
+            part = response[:, None, :] * input_spectrum[:, bins]
             fine, changing = self.fine[c], self.model.channels[c].changing
             if fine and changing:
                 own = list(self.model.changing_indices[c])
@@ -155,10 +167,6 @@ class Prediction:
             spectrum[:, -1] -= part
             for index, slope in slopes:
                 spectrum[:, index] += slope[:, None, :] * part if slope.ndim > 1 else slope * part
-        if taps is not None:
-            response = self.filter_response(taps)
-            spectrum *= response[:, None, None] if response.ndim > 1 else response
-        return spectrum
 
     def varying(self, values: FloatArray) -> list[ComplexArray | None]:
         """Per channel, the transform of its input where it varies, (sets, runs, bins), or None.
@@ -211,7 +219,7 @@ class Prediction:
         powers[1:] = np.exp(-self.s * self.dt)
         return np.asarray(np.cumprod(powers, axis=0), dtype=complex)
 
-    @cached_property
+    @property
     def nuisance_terms(self) -> FloatArray:
         """The nuisance terms, shape (scored, terms).
 
@@ -223,13 +231,47 @@ class Prediction:
     @cached_property
     def nuisance_basis(self) -> FloatArray:
         """Orthonormal basis of the nuisance terms, shape (scored, terms)."""
-        return np.asarray(np.linalg.qr(self.nuisance_terms).Q)
+        # By blocks, since a factorisation takes several times the memory of its matrix.
+        blocks = np.array_split(self.nuisance_terms, 1 + self.scored // LONG)
+        parts = [np.linalg.qr(block) for block in blocks]
+        if len(parts) == 1:
+            return np.asarray(parts[0].Q)
+        together = np.linalg.qr(np.concatenate([part.R for part in parts])).Q
+        shares = np.split(together, len(parts))
+        return np.concatenate([part.Q @ q for part, q in zip(parts, shares, strict=True)])
 
     def without_nuisance(self, rows: FloatArray) -> FloatArray:
         """Rows (..., scored) less their projection on the nuisance terms."""
         if not self.terms:
             return rows
-        return rows - (rows @ self.nuisance_basis) @ self.nuisance_basis.T
+        along = (rows @ self.nuisance_basis) @ self.nuisance_basis.T
+        return np.asarray(np.subtract(rows, along, out=along))
+
+    def errors_of(self, spectra: ComplexArray) -> FloatArray:
+        """The scored samples of transforms, less their projection on the nuisance terms.
+
+        Long ones take the place of their transforms, which are lost: an hour of samples and its
+        transform need not be held together.
+
+        Parameters
+        ----------
+        spectra
+            Shape (..., runs, bins), contiguous.
+
+        Returns
+        -------
+        FloatArray
+            Shape (..., runs, scored).
+        """
+        if self.block > 1:
+            return self.without_nuisance(self.samples_of(spectra))
+        rows = spectra.reshape(-1, spectra.shape[-1])
+        size, step = len(rows) * self.scored, 1 + LONG // rows.shape[1]
+        place = rows.reshape(-1).view(float)[:size].reshape(len(rows), self.scored)
+        for i in range(0, len(rows), step):  # samples end before the next transform begins
+            block = slice(i, i + step)
+            place[block] = self.without_nuisance(self.samples_of(rows[block]))
+        return place.reshape(*spectra.shape[:-1], self.scored)
 
     def samples_of(self, spectrum: ComplexArray) -> FloatArray:
         """The scored samples of transforms, shape (..., scored)."""

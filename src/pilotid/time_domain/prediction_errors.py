@@ -89,4 +89,4 @@ class PredictionErrors(Problem):
         by_remnant = -prediction.filter_response(slopes)[:, :, None] * residual
         spectra *= prediction.filter_response(taps)[:, None, None]
         joined = np.concatenate([spectra[:, :-1], by_remnant, spectra[:, -1:]], axis=1)
-        return prediction.without_nuisance(prediction.samples_of(joined))
+        return prediction.errors_of(joined)
