@@ -17,6 +17,16 @@ from pilotid.types import ComplexArray, FloatArray
 Placed = tuple[Factor, tuple[int, ...]]
 
 
+class _Layout:
+    """Factors with their parameters, sorted once by how they are evaluated."""
+
+    def __init__(self, placed: list[Placed]) -> None:
+        self.delays = [(f, own) for f, own in placed if isinstance(f, TimeDelay)]
+        rest = [(f, own) for f, own in placed if not isinstance(f, TimeDelay)]
+        self.on_axis = [(f, own) for f, own in rest if isinstance(f, OnAxis)]
+        self.others = [(f, own) for f, own in rest if not isinstance(f, OnAxis)]
+
+
 class Residuals:
     """Transforms of the residual u - u_hat, before whitening, for many parameter sets.
 
@@ -40,19 +50,20 @@ class Residuals:
             for channel in model.channels
         ]
         shared = reduce(and_, (Counter(p for p in layout if p[1]) for layout in layouts))
-        self._common = list(shared.elements())
-        self._channels: list[tuple[list[Placed], ComplexArray]] = []
+        self._common = _Layout(list(shared.elements())) if shared else None
+        self._channels: list[tuple[_Layout, ComplexArray]] = []
         for layout, spectrum in zip(layouts, prediction.spectra, strict=True):
             constant = spectrum[None]
             for factor, indices in layout:
                 if not indices:
                     constant = constant * factor.response(s, [])
             moving = list((Counter(p for p in layout if p[1]) - shared).elements())
-            self._channels.append((moving, constant))
+            self._channels.append((_Layout(moving), constant))
         self._omega = s.imag
-        # Bins as a table of about as many rows as columns.
-        self._width = math.ceil(math.sqrt(s.size))
-        self._rows, self._columns = s[:: self._width], s[: self._width]
+        # Bins as a table of about as many rows as columns, if they lie evenly.
+        even = np.ptp(np.diff(self._omega)) <= 1e-9 * self._omega[-1]
+        self._width = math.ceil(math.sqrt(s.size)) if even else 0
+        self._rows, self._columns = s[:: max(1, self._width)], s[: self._width]
 
     def spectra(self, values: FloatArray) -> ComplexArray:
         """Transforms of the residuals, shape (sets, runs, bins).
@@ -70,28 +81,25 @@ class Residuals:
                 part = part * varying
             total = part if total is None else np.add(total, part, out=total)
         assert total is not None
-        if self._common:
+        if self._common is not None:
             total *= self._product(self._common, values)[:, None, :]
         return np.subtract(self.prediction.control_spectrum, total, out=total)
 
-    def _product(self, layout: list[Placed], values: FloatArray) -> ComplexArray:
+    def _product(self, layout: _Layout, values: FloatArray) -> ComplexArray:
         """Product of factors, shape (sets, bins) or, without any that varies, (sets, 1)."""
         gain = np.ones((len(values), 1))
-        delays: list[FloatArray] = []
         responses: list[Response] = []
-        for factor, indices in layout:
+        for axial, indices in layout.on_axis:
             own = [values[:, i, None] for i in indices]
-            if isinstance(factor, TimeDelay):
-                delays.append(factor.seconds(own))
-            elif isinstance(factor, OnAxis):
-                responses.append(factor.response_on_axis(self._omega, own))
+            responses.append(axial.response_on_axis(self._omega, own))
+        for factor, indices in layout.others:
+            response = factor.response(self.prediction.s, [values[:, i, None] for i in indices])
+            if response.shape[-1] == 1:
+                gain = gain * np.real(response)
             else:
-                response = factor.response(self.prediction.s, own)
-                if response.shape[-1] == 1:
-                    gain = gain * np.real(response)
-                else:
-                    responses.append(response)
-        if delays:
+                responses.append(response)
+        if layout.delays:
+            delays = [f.seconds([values[:, i, None] for i in own]) for f, own in layout.delays]
             responses.append(self._delayed(sum(delays[1:], delays[0]), gain))
         elif responses:
             responses[0] = responses[0] * gain
@@ -104,6 +112,12 @@ class Residuals:
 
     def _delayed(self, delay: FloatArray, gain: FloatArray) -> ComplexArray:
         """A gain and a delay, shape (sets, bins)."""
+        if not self._width:
+            angle = delay * self._omega
+            result = np.empty(angle.shape, dtype=complex)
+            np.multiply(gain, np.cos(angle), out=result.real)
+            np.multiply(-gain, np.sin(angle), out=result.imag)
+            return result
         rows = gain * np.exp(-delay * self._rows)
         columns = np.exp(-delay * self._columns)
         table = rows[:, :, None] * columns[:, None, :]
