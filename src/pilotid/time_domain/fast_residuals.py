@@ -13,6 +13,8 @@ from pilotid.pilot.factors import Factor, OnAxis, Response, TimeDelay
 from pilotid.time_domain.prediction import Prediction
 from pilotid.types import ComplexArray, FloatArray
 
+CACHED = 6000  # bins evaluated at once: about what the processor's cache holds
+
 #: Parameters of a factor by their place in the model.
 Placed = tuple[Factor, tuple[int, ...]]
 
@@ -59,11 +61,53 @@ class Residuals:
                     constant = constant * factor.response(s, [])
             moving = list((Counter(p for p in layout if p[1]) - shared).elements())
             self._channels.append((_Layout(moving), constant))
+        #: Per channel, the linear parameters that it depends on: place among those, and index.
+        self._scaling = [
+            [(i, index) for i, index in enumerate(model.linear) if any(index in p for _, p in own)]
+            for own in layouts
+        ]
         self._omega = s.imag
         # Bins as a table of about as many rows as columns, if they lie evenly.
         even = np.ptp(np.diff(self._omega)) <= 1e-9 * self._omega[-1]
         self._width = math.ceil(math.sqrt(s.size)) if even else 0
         self._rows, self._columns = s[:: max(1, self._width)], s[: self._width]
+
+    def linear_gram(self, values: FloatArray) -> FloatArray:
+        """Inner products of the derivatives by linear parameters, and of the residual.
+
+        All that it takes to solve for gains; nuisance terms are projected out.  Of models that
+        do not vary in time.
+
+        Parameters
+        ----------
+        values
+            Parameter sets, shape (sets, parameters).
+
+        Returns
+        -------
+        Array of shape (sets, linear + 1, linear + 1), the residual last.
+        """
+        prediction = self.prediction
+        linear = prediction.model.linear
+        grams = np.empty((len(values), len(linear) + 1, len(linear) + 1))
+        block = max(1, CACHED // prediction.control_spectrum.size)
+        for begin in range(0, len(values), block):
+            own = values[begin : begin + block]
+            rows = np.zeros(
+                (len(own), len(linear) + 1, *prediction.control_spectrum.shape), dtype=complex
+            )
+            for (layout, spectrum), scaling in zip(self._channels, self._scaling, strict=True):
+                part = self._product(layout, own)[:, None, :] * spectrum
+                rows[:, -1] -= part
+                for place, index in scaling:
+                    rows[:, place] += part / own[:, index, None, None]
+            if self._common is not None:
+                rows *= self._product(self._common, own)[:, None, None, :]
+            rows[:, -1] += prediction.control_spectrum
+            errors = prediction.without_nuisance(prediction.samples_of(rows))
+            flat = errors.reshape(*errors.shape[:2], -1)
+            grams[begin : begin + block] = flat @ flat.transpose(0, 2, 1)
+        return grams
 
     def spectra(self, values: FloatArray) -> ComplexArray:
         """Transforms of the residuals, shape (sets, runs, bins).
