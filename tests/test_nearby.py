@@ -75,6 +75,20 @@ def test_sets_all_over_the_place_have_their_sums_too() -> None:
     )
 
 
+def test_sums_that_prove_wrong_are_not_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
+    # So few frequencies do not tell sets apart, though all seems to lie within the span.
+    monkeypatch.setattr(nearby, "FREQUENCIES", 6)
+    likelihood = likelihood_of(0)
+    values = sets_of(0, 900, 0.02)
+    expected = in_full(likelihood, values)
+    np.testing.assert_allclose(likelihood.sums_of_squares(values), expected, rtol=1e-12)
+
+
+def test_sets_without_sums_teach_nothing() -> None:
+    likelihood = likelihood_of(0)
+    assert np.isnan(likelihood.sums_of_squares(np.full((700, 7), np.nan))).all()
+
+
 def test_inputs_that_vary_and_long_recordings_are_not_for_it() -> None:
     assert Nearby.suits(predict(RECORDING, MULTI, 50.0))
     assert not Nearby.suits(predict(RECORDING, ADAPTING, 50.0))
