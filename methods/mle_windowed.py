@@ -34,7 +34,7 @@ from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.over_time import estimated_over_time, no_reduction
 from pilotid.time_domain.prediction import Prediction, predict
 from pilotid.time_domain.prepare import prepare
-from pilotid.time_domain.remnant_choice import contenders, guessed
+from pilotid.time_domain.remnant_choice import suiting
 from pilotid.time_domain.remnant_models import analysis_band
 from pilotid.types import BoolArray, FloatArray, IntArray
 
@@ -109,8 +109,7 @@ class MLEWindowed:
         nearest = np.argmin(np.abs(time - middles[:, None]), axis=0)
         left = windows.left(starts, nearest)
         for _ in range(ROUNDS):
-            noise = contenders(left, band)[0]
-            windows.taps = noise.filters(guessed(noise, left, band)[None], band)[0]
+            windows.taps = suiting(left, band).whitener(band)
             end = minimise_each(windows.gram, starts, plain, tolerance=1e-6, iterations=40)
             starts = end.values
             left = windows.left(starts, nearest)

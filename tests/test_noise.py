@@ -7,7 +7,7 @@ import pytest
 
 from pilotid.time_domain.prediction import REACH
 from pilotid.time_domain.prepare import lowpass
-from pilotid.time_domain.remnant_choice import NOISE_MODELS, contenders, lagged_products
+from pilotid.time_domain.remnant_choice import NOISE_MODELS, lagged_products, suiting
 from pilotid.time_domain.remnant_models import Autoregressive, Band, LowPass, remnant_estimate
 from pilotid.types import FloatArray
 
@@ -80,14 +80,14 @@ def test_a_moving_average_of_the_products_is_the_filtered_power() -> None:
 @pytest.mark.parametrize("order", [1, 2])
 def test_the_family_that_made_the_remnant_is_chosen(order: int) -> None:
     chosen = [
-        contenders(shaped(order, TRUTHS[order], 1360, seed), BAND)[0].name for seed in range(20)
+        suiting(shaped(order, TRUTHS[order], 1360, seed), BAND).model.name for seed in range(20)
     ]
     assert chosen.count(LowPass(order).name) >= 18
 
 
 def test_white_noise_is_taken_for_white() -> None:
     chosen = [
-        contenders(np.random.default_rng(seed).standard_normal((1, 1360)), FULL)[0].name
+        suiting(np.random.default_rng(seed).standard_normal((1, 1360)), FULL).model.name
         for seed in range(20)
     ]
     assert chosen.count("white") >= 18
@@ -100,9 +100,9 @@ def test_a_resonance_that_no_low_pass_has_calls_for_a_free_spectrum() -> None:
     signal = rng.standard_normal(3000)
     for i in range(4, signal.size):
         signal[i] -= coefficients[1:] @ signal[i - 4 : i][::-1]
-    best = contenders(signal[None, 200:], FULL)[0]
+    best = suiting(signal[None, 200:], FULL).model
     assert isinstance(best, Autoregressive)
-    guess = best.guess(lagged_products(signal[None, 200:]), FULL)
+    guess, _ = best.guess(lagged_products(signal[None, 200:]), FULL)
     np.testing.assert_allclose(guess[:4], coefficients[1:], atol=0.1)
 
 
@@ -110,7 +110,7 @@ def test_a_resonance_that_no_low_pass_has_calls_for_a_free_spectrum() -> None:
 def test_every_model_agrees_with_itself_on_its_parameters(model: LowPass) -> None:
     count = len(model.keys)
     assert model.lower.shape == model.upper.shape == model.positive.shape == (count,)
-    guess = model.guess(lagged_products(shaped(2, TRUTHS[2], 1360, 5)), BAND)
+    guess, _ = model.guess(lagged_products(shaped(2, TRUTHS[2], 1360, 5)), BAND)
     assert guess.shape == (count,)
     taps, slopes = model.taps(np.tile(guess, (3, 1)), BAND)
     assert taps[:, 0] == pytest.approx(1.0)

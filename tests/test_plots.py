@@ -26,7 +26,7 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.show import plots
 from pilotid.show.page import html_report
-from pilotid.show.style import STYLES
+from pilotid.show.style import OTHERS, STYLES
 from pilotid.show.svg import svg
 from pilotid.types import FloatArray, InputError
 
@@ -331,3 +331,19 @@ def test_the_page_of_a_failed_fit_has_words_and_no_figure() -> None:
     page = html_report([Fitted(recording(), MULTI, (lost,))])
     assert "<svg" not in page
     assert "a time delay was driven negative" in page
+
+
+def test_every_method_is_seen_on_white_and_has_a_look_of_its_own() -> None:
+    """A contrast of 3 to 1 and more, by the formula of WCAG 2.2."""
+
+    def luminance(colour: str) -> float:
+        shares = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
+        linear = np.where(shares <= 0.04045, shares / 12.92, ((shares + 0.055) / 1.055) ** 2.4)
+        return float(linear @ [0.2126, 0.7152, 0.0722])
+
+    looks = [*STYLES.values(), *OTHERS]
+    assert (
+        len({colour for colour, _ in looks}) == len({marker for _, marker in looks}) == len(looks)
+    )
+    for colour, _ in looks:
+        assert 1.05 / (luminance(colour) + 0.05) >= 3.0, colour

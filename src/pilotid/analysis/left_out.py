@@ -27,7 +27,7 @@ from pilotid.seeds import fit_rng
 from pilotid.study.entries import number
 from pilotid.time_domain.output_error import OutputErrors, simulated_vaf
 from pilotid.time_domain.prediction import Prediction, predict
-from pilotid.time_domain.remnant_choice import contenders, guessed
+from pilotid.time_domain.remnant_choice import suiting
 from pilotid.time_domain.remnant_models import analysis_band
 from pilotid.types import FloatArray
 
@@ -125,8 +125,7 @@ def log_likelihood(
     """
     band = analysis_band(others.dt, BAND)
     left = _errors(others, model, values)
-    remnant = contenders(left, band)[0]
-    taps = remnant.taps(guessed(remnant, left, band)[None], band)[0][0]
+    taps = suiting(left, band).whitener(band)
     variance = float(np.mean(_errors(others, model, values, taps) ** 2))
     errors = _errors(own, model, values, taps)
     squares = float(np.sum(errors**2)) / variance

@@ -144,13 +144,19 @@ class Estimate:
     @property
     def std_error(self) -> FloatArray:
         """Claimed standard errors, shape (parameters,)."""
-        return np.sqrt(np.diag(self.covariance)) if self.errors is None else self.errors
+        if self.errors is not None:
+            return self.errors
+        return self._curvature
+
+    @property
+    def _curvature(self) -> FloatArray:
+        """The standard errors that the covariance tells."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     @property
     def correlation(self) -> FloatArray:
         """Claimed correlation matrix, shape (parameters, parameters)."""
-        error = np.sqrt(np.diag(self.covariance))
-        return self.covariance / np.outer(error, error)
+        return self.covariance / np.outer(self._curvature, self._curvature)
 
     @property
     def sentence(self) -> str:

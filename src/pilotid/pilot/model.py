@@ -297,7 +297,7 @@ class PilotModel:
         done: dict[Factor, tuple[Response, tuple[Response, ...]]] = {}
         result: list[ChannelTerms] = []
         for layout in self._layout:
-            response: ComplexArray = np.ones_like(s)
+            response: Response = np.ones(1)
             slopes: list[tuple[int, Response]] = []
             for factor, indices in layout:
                 if factor not in done:
@@ -306,7 +306,10 @@ class PilotModel:
                 factor_response, factor_slopes = done[factor]
                 response = response * factor_response
                 slopes += zip(indices, factor_slopes, strict=True)
-            result.append((response, slopes))
+            everywhere = np.asarray(response, dtype=complex)
+            if everywhere.shape[-1] == 1:
+                everywhere = everywhere + np.zeros_like(s)
+            result.append((everywhere, slopes))
         return result
 
     def response(self, omega: FloatArray, values: FloatArray) -> ComplexArray:

@@ -12,19 +12,20 @@ if TYPE_CHECKING:
 #: What matplotlib takes for the stroke of a line.
 Dash = Literal["-", "--"] | tuple[float, tuple[float, ...]]
 
-# Colours that people with a colour vision deficiency tell apart (Okabe and Ito, 2008, and Tol,
-# 2021), and markers, so that methods differ without colour, too: the same in every figure.
+# Colours that people with a colour vision deficiency tell apart (after Okabe and Ito, 2008, and
+# Tol, 2021; darker where they had no contrast of 3 to 1 with white, as WCAG 2.2 asks), and
+# markers, so that methods differ without colour, too: the same in every figure.
 STYLES: dict[str, tuple[str, str]] = {
-    "mmle3": ("#999999", "o"),
+    "mmle3": ("#929292", "o"),
     "mle-white": ("#D55E00", "s"),
-    "mle-genetic": ("#56B4E9", "P"),
+    "mle-genetic": ("#3D9AD1", "P"),
     "mle": ("#0072B2", "^"),
     "fourier": ("#009E73", "D"),
-    "arx": ("#E69F00", "v"),
+    "arx": ("#CC8400", "v"),
     "sindy": ("#CC79A7", "X"),
     "bayes": ("#332288", "<"),
     "bayes-white": ("#882255", ">"),
-    "mle-windowed": ("#6699CC", "d"),
+    "mle-windowed": ("#6394CA", "d"),
     "rarx": ("#AA4466", "H"),
     "ukf": ("#117744", "8"),
 }
@@ -44,7 +45,7 @@ DASHES: dict[str, Dash] = {
     "ukf": (0, (5.0, 1.0, 2.0, 1.0)),
 }
 #: Of methods from other packages.
-OTHERS = (("#117733", "*"), ("#AA4499", "p"), ("#44AA99", "h"))
+OTHERS = (("#117733", "*"), ("#AA4499", "p"), ("#3FA294", "h"))
 WIDTH = 7.6  # inches, two columns of a journal
 SMALLEST = 7.5  # points, the smallest type of a figure: above 7 once an A4 page holds it
 INK = "#333333"

@@ -282,7 +282,8 @@ def _step(
     if blocked.any():
         matrix = np.where(free[:, :, None] & free[:, None, :], matrix, 0.0)
     # A start outside the model's domain has no Hessian; it goes nowhere.
-    matrix = np.where(np.isfinite(matrix).all(axis=(1, 2), keepdims=True), matrix, 0.0)
+    if not (finite := np.isfinite(matrix)).all():
+        matrix = np.where(finite.all(axis=(1, 2), keepdims=True), matrix, 0.0)
     # Negative curvature is turned round, so that steps descend.
     eigenvalues, vectors = np.linalg.eigh(matrix)
     eigenvalues = np.maximum(np.abs(eigenvalues), 1e-9)

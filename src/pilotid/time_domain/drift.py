@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from pilotid.time_domain.prediction_errors import PredictionErrors
-from pilotid.time_domain.remnant_choice import contenders, guessed
+from pilotid.time_domain.remnant_choice import suiting
 from pilotid.types import FloatArray
 
 
@@ -37,8 +37,7 @@ def drift_left(joint: PredictionErrors, values: FloatArray) -> tuple[float, Floa
     line = prediction.without_nuisance(np.linspace(-0.5, 0.5, prediction.scored))
     residual = prediction.without_nuisance(prediction.residual(pilot))
     rest = residual - np.outer(residual @ line, line) / (line @ line)
-    noise = contenders(rest, band)[0]
-    taps = noise.taps(guessed(noise, rest, band)[None], band)[0][0]
+    taps = suiting(rest, band).whitener(band)
     rows = prediction.without_nuisance(prediction.rows(pilot[None], taps))[0]
     *jacobian, errors = rows.reshape(len(rows), -1)
     own = [column / (np.linalg.norm(column) or 1.0) for column in jacobian]

@@ -6,7 +6,6 @@ chosen, and estimated along with the pilot, in the analysis band.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,12 +20,13 @@ from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Minima, minimise
 from pilotid.time_domain.exploration import FIRST, explore, terms_at
 from pilotid.time_domain.following import Following
+from pilotid.time_domain.joint_fits import FINE, JointFit, JointFits
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction, predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.prepare import decimation
-from pilotid.time_domain.remnant_choice import contenders, criterion, guessed, neighbours
-from pilotid.time_domain.remnant_models import Band, NoiseModel, analysis_band, remnant_estimate
+from pilotid.time_domain.remnant_choice import guessed
+from pilotid.time_domain.remnant_models import Band, analysis_band, remnant_estimate
 from pilotid.time_domain.settings import LikelihoodSettings
 from pilotid.time_domain.smoothness import criterion_and_degrees, smoothed
 from pilotid.types import FloatArray
@@ -39,11 +39,6 @@ UPPER, EDGE = 0.6, 0.01
 
 #: Candidates whose criterion, on a first look, is higher than the lowest by more are left out.
 NEAR = 20.0
-
-FINE = 1e-6  # tolerance of the last search
-
-#: By how much the criterion of a longer or shorter autoregression must be lower.
-CLEARLY = 0.1
 
 #: Likelihood ratios are larger than chi-squared says in short recordings, since pilot and remnant
 #: share what little there is: by this many seconds over the scored time (Bartlett's correction,
@@ -106,7 +101,7 @@ class Maximum:
         """The criterion that chose the remnant's model, of pilot and remnant together."""
         if self.joint.penalty is not None:
             return criterion_and_degrees(self.joint, self.joint, self.end)[0]
-        return _criterion(self.joint, self.end)
+        return JointFit(self.joint, self.end).criterion
 
     @property
     def curves(self) -> str:
@@ -207,7 +202,7 @@ def _lines_pilot(
     """The pilot that the forcing functions' lines show, shape (1, parameters), if they do."""
     if objection(recording, model):
         return None
-    fit = fit_lines(recording, model, rng, candidates=96, refined=8, same=0.01)
+    fit = fit_lines(recording, model, rng, candidates=96, refined=8, same=0.01, tolerance=1e-3)
     return fit.values[None] if np.isfinite(fit.values).all() else None
 
 
@@ -294,16 +289,16 @@ def _maximised(
     band = analysis_band(recording.dt, rate)
     explored = explore(prediction, band, rng, settings, known)
     narrowed, following = replace(prediction, terms=explored.terms), explored.following
-    candidates = explored.candidates
+    candidates = [JointFits(narrowed, band, pilot, settings.noise) for pilot in explored.candidates]
     if len(candidates) > 1:
-        firsts = [_chosen(narrowed, band, pilot, settings, 1e-3) for pilot in candidates]
-        reached = np.array([_criterion(*first) for first in firsts])
-        candidates = np.array([end.values[0, : joint.pilot] for joint, end in firsts])
-        if (kept := following(candidates)).any():
+        firsts = [fits.look() for fits in candidates]
+        reached = np.array([first.criterion for first in firsts])
+        kept = following(np.array([first.pilot for first in firsts]))
+        if kept.any():
             reached[~kept] = np.inf
-        near = reached < np.min(reached) + NEAR
-        candidates = candidates[near]
-    tried = [_maximum(narrowed, band, values, settings, following) for values in candidates]
+        near = np.flatnonzero(reached < np.min(reached) + NEAR)
+        candidates = [candidates[index] for index in near]
+    tried = [_best_of(fits, settings, following) for fits in candidates]
     followed = [maximum for maximum in tried if maximum.follows] or tried
     best = min(followed, key=lambda maximum: maximum.criterion)
     # The terms were chosen beside a first estimate; at the optimum the choice may be another.
@@ -336,24 +331,12 @@ def _maximum(
     """Pilot and remnant together from one pilot, the remnant's model chosen as they move."""
     if prediction.model.curves and prediction.penalty is None:
         return _smooth_maximum(prediction, band, pilot, settings)
-    chosen, iterations = None, 0
-    for _ in range(settings.rounds):
-        joint, end = _chosen(prediction, band, pilot, settings, FINE)
-        iterations += end.iterations
-        pilot = end.values[0, : joint.pilot]
-        if joint.noise == chosen or settings.noise:
-            break
-        chosen = joint.noise
-    # Of many long autoregressions the first that suits depends on where the search came from.
-    while not settings.noise and (others := neighbours(joint.noise)):
-        residual = OutputErrors(prediction).residual(pilot)
-        better = _best(prediction, band, pilot, residual, others, FINE)
-        if not _criterion(*better) < _criterion(joint, end) - CLEARLY:
-            break
-        joint, end = better
-        iterations += end.iterations
-        pilot = end.values[0, : joint.pilot]
-    return Maximum(joint, end, Starts(cost=np.ones(1), agreeing=1), iterations, following)
+    return _best_of(JointFits(prediction, band, pilot, settings.noise), settings, following)
+
+
+def _best_of(fits: JointFits, settings: LikelihoodSettings, following: Following | None) -> Maximum:
+    joint, end = fits.best(settings.rounds)
+    return Maximum(joint, end, Starts(cost=np.ones(1), agreeing=1), fits.iterations, following)
 
 
 def _smooth_maximum(
@@ -374,38 +357,3 @@ def _smooth_maximum(
         joint, end = smoothed(other.joint, other.joint, prediction.model, other.end.values[0], FINE)
         iterations += other.iterations + end.iterations
     return Maximum(joint, end, Starts(cost=np.ones(1), agreeing=1), iterations)
-
-
-def _chosen(
-    prediction: Prediction,
-    band: Band,
-    pilot: FloatArray,
-    settings: LikelihoodSettings,
-    tolerance: float,
-) -> tuple[PredictionErrors, Minima]:
-    """The remnant's model that suits what a pilot leaves, and the optimum with it."""
-    residual = OutputErrors(prediction).residual(pilot)
-    models = [settings.noise] if settings.noise else contenders(residual, band)
-    return _best(prediction, band, pilot, residual, models, tolerance)
-
-
-def _best(
-    prediction: Prediction,
-    band: Band,
-    pilot: FloatArray,
-    residual: FloatArray,
-    models: Sequence[NoiseModel],
-    tolerance: float,
-) -> tuple[PredictionErrors, Minima]:
-    """The best of some models of the remnant that a pilot leaves, each estimated with it."""
-    fits = []
-    for model in models:
-        joint = PredictionErrors(prediction, model, band)
-        start = np.concatenate([pilot, guessed(model, residual, band)])
-        fits.append((joint, minimise(joint.gram, start[None], joint, tolerance=tolerance)))
-    return min(fits, key=lambda fit: _criterion(*fit))
-
-
-def _criterion(joint: PredictionErrors, end: Minima) -> float:
-    power = float(end.cost[0]) / joint.residuals
-    return criterion(joint.noise, power, joint.residuals, joint.pilot)

@@ -30,7 +30,7 @@ class OutputErrors(Problem):
     def __init__(self, prediction: Prediction, taps: FloatArray | None = None) -> None:
         self.prediction = prediction
         self.taps = taps
-        self.penalty = prediction.penalty
+        self.block, self.penalty = prediction.block, prediction.penalty
 
     @property
     def residuals(self) -> int:

@@ -16,6 +16,7 @@ import numpy as np
 
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
+from pilotid.solve.least_squares import BLOCK
 from pilotid.solve.smoothing import Penalty
 from pilotid.time_domain.extension import _extended
 from pilotid.time_domain.modulated import FineInput, fine_input
@@ -72,6 +73,11 @@ class Prediction:
     def runs(self) -> int:
         """Number of runs."""
         return int(self.control_spectrum.shape[0])
+
+    @property
+    def block(self) -> int:
+        """Parameter sets that are evaluated at once."""
+        return BLOCK
 
     @property
     def samples(self) -> int:

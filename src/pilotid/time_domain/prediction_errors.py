@@ -38,7 +38,7 @@ class PredictionErrors(Problem):
 
     def __init__(self, prediction: Prediction, noise: NoiseModel, band: Band) -> None:
         self.prediction, self.noise, self.band = prediction, noise, band
-        self.penalty = prediction.penalty
+        self.block, self.penalty = prediction.block, prediction.penalty
         self.pilot = len(prediction.model.parameters)
 
     @cached_property

@@ -23,6 +23,8 @@ from pilotid.types import BoolArray, ComplexArray, FloatArray
 #: A group of bins is this share of its frequency wide, and at most so many rad/s.
 SHARE, WIDEST = 1.0 / 15.0, 0.35
 
+MANY = 32  # parameter sets evaluated at once: a hundred frequencies of each fit the cache
+
 
 @dataclass(frozen=True)
 class Reduced(Prediction):
@@ -42,6 +44,10 @@ class Reduced(Prediction):
     @property
     def samples(self) -> int:
         return self.counted
+
+    @property
+    def block(self) -> int:
+        return MANY
 
     def samples_of(self, spectrum: ComplexArray) -> FloatArray:
         weighted = np.ascontiguousarray(spectrum * self.weights)

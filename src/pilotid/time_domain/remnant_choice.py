@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -60,34 +61,51 @@ def criterion(model: NoiseModel, power: float, samples: int, pilot: int = 0) -> 
     return deviance + 2.0 * count * samples / max(samples - count - 1.0, 1.0)
 
 
+class Guess(NamedTuple):
+    """A model of the remnant, and its parameters, shape (parameters,)."""
+
+    model: NoiseModel
+    values: FloatArray
+
+    def whitener(self, band: Band) -> FloatArray:
+        """The filter that whitens it, shape (taps,)."""
+        return np.asarray(self.model.filters(self.values[None], band)[0])
+
+
 def guessed(model: NoiseModel, residual: FloatArray, band: Band) -> FloatArray:
     """The parameters of a noise model that a residual (runs, samples) suggests."""
-    return np.asarray(model.guess(lagged_products(residual), band))
+    return model.guess(lagged_products(residual), band)[0]
 
 
-def contenders(residual: FloatArray, band: Band) -> list[NoiseModel]:
+def suiting(residual: FloatArray, band: Band) -> Guess:
+    """The noise model that suits a residual (runs, samples) best."""
+    return contenders(lagged_products(residual), residual.size, band)[0]
+
+
+def contenders(products: FloatArray, samples: int, band: Band) -> list[Guess]:
     """The noise model that suits a residual best, and the best of the other kind if it is close.
 
     The kinds are low-pass filters and autoregressions.
 
     Parameters
     ----------
-    residual
-        Residual before whitening, shape (runs, samples).
+    products
+        The residual's `lagged_products`, before whitening.
+    samples
+        Its samples in all runs.
     band
         The analysis band.
     """
-    products = lagged_products(residual)
-    best: dict[bool, tuple[float, int]] = {}
+    best: dict[bool, tuple[float, int, Guess]] = {}
     for rank, model in enumerate(NOISE_MODELS):
-        values = model.guess(products, band)
-        taps = model.taps(values[None], band)[0][0]
-        power = float(taps @ products[: taps.size, : taps.size] @ taps)
-        score = criterion(model, power, residual.size), rank
-        best[model.regressive] = min(best.get(model.regressive, score), score)
-    scored = sorted(best.values())
-    limit = scored[0][0] + CLOSE
-    return [NOISE_MODELS[rank] for score, rank in scored if score < limit]
+        values, power = model.guess(products, band)
+        scored = criterion(model, power, samples), rank, Guess(model, values)
+        held = best.get(model.regressive)
+        if held is None or scored[:2] < held[:2]:
+            best[model.regressive] = scored
+    ascending = sorted(best.values(), key=lambda scored: scored[:2])
+    limit = ascending[0][0] + CLOSE
+    return [guess for score, _, guess in ascending if score < limit]
 
 
 def neighbours(model: NoiseModel) -> list[NoiseModel]:

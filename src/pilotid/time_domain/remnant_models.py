@@ -59,6 +59,12 @@ class Band:
         """Maps a spectrum on `omega` to autocovariances, shape (grid, REACH + 1)."""
         return np.asarray(np.cos(np.outer(self.omega * self.dt, np.arange(REACH + 1))) / GRID)
 
+    @cached_property
+    def folded(self) -> tuple[FloatArray, FloatArray]:
+        """All frequencies of `folds`, and what maps a spectrum there to autocovariances."""
+        omega, weights = (np.concatenate(parts) for parts in zip(*self.folds, strict=True))
+        return omega, weights[:, None] * np.tile(self.cosines, (len(self.folds), 1))
+
 
 @lru_cache
 def analysis_band(dt: float, band: float | None) -> Band:
@@ -112,8 +118,20 @@ class NoiseModel(Protocol):
         """The whitening filters alone, fast for very many parameter sets, shape (sets, taps)."""
         ...
 
-    def guess(self, products: FloatArray, band: Band) -> FloatArray:
-        """Parameters that suit a residual, from its `lagged_products`, shape (parameters,)."""
+    def guess(self, products: FloatArray, band: Band) -> tuple[FloatArray, float]:
+        """Parameters that suit a residual, from its `lagged_products`, and the power they leave.
+
+        Parameters
+        ----------
+        products
+            Lagged products of the residual.
+        band
+            The analysis band.
+
+        Returns
+        -------
+        Parameters, shape (parameters,), and the mean square of the whitened residual.
+        """
         ...
 
     @property
@@ -186,32 +204,29 @@ class LowPass:
     def taps(self, values: FloatArray, band: Band) -> tuple[FloatArray, FloatArray]:
         if self.order == 0 and band.factor == 1:
             return np.ones((len(values), 1)), np.zeros((len(values), 0, 1))
-        total = np.zeros((len(values), GRID))
-        slopes = np.zeros((len(self.keys), len(values), GRID))
-        for omega, weight in band.folds:
-            power, log_slopes = self.power(omega, values)
-            total += power * weight
-            for slope, log_slope in zip(slopes, log_slopes, strict=True):
-                slope += power * weight * log_slope
-        return _filters_and_slopes(total @ band.cosines, slopes @ band.cosines)
+        omega, cosines = band.folded
+        power, log_slopes = self.power(omega, values)
+        slopes = np.array([power * slope for slope in log_slopes])
+        slopes = slopes.reshape(len(self.keys), *power.shape)
+        return _filters_and_slopes(power @ cosines, slopes @ cosines)
 
     def filters(self, values: FloatArray, band: Band) -> FloatArray:
         if self.order == 0:
             one = self.taps(values[:1], band)[0]
             return np.broadcast_to(one, (len(values), one.shape[1]))
+        omega, cosines = band.folded
         filters = []
         for begin in range(0, len(values), SPECTRA):
-            block = values[begin : begin + SPECTRA]
-            folded = [self.power(omega, block)[0] * weight for omega, weight in band.folds]
-            power = np.sum(folded, axis=0)
-            filters.append(prediction_error_filters(power @ band.cosines))
+            power, _ = self.power(omega, values[begin : begin + SPECTRA])
+            filters.append(prediction_error_filters(power @ cosines))
         return np.concatenate(filters)
 
-    def guess(self, products: FloatArray, band: Band) -> FloatArray:
+    def guess(self, products: FloatArray, band: Band) -> tuple[FloatArray, float]:
         grid, taps = _catalogue(self, band)
         reach = taps.shape[1]
         power = np.sum((taps @ products[:reach, :reach]) * taps, axis=1)
-        return np.asarray(grid[int(np.argmin(power))])
+        least = int(np.argmin(power))
+        return grid[least], float(power[least])
 
 
 @dataclass(frozen=True)
@@ -257,12 +272,14 @@ class Autoregressive:
     def filters(self, values: FloatArray, band: Band) -> FloatArray:
         return self.taps(values, band)[0]
 
-    def guess(self, products: FloatArray, band: Band) -> FloatArray:
+    def guess(self, products: FloatArray, band: Band) -> tuple[FloatArray, float]:
         own = products[: self.order + 1, : self.order + 1]
         try:
-            return np.asarray(-np.linalg.solve(own[1:, 1:], own[1:, 0]))
+            values = np.asarray(-np.linalg.solve(own[1:, 1:], own[1:, 0]))
         except np.linalg.LinAlgError:  # rounding errors are all that is left: white will do
-            return np.zeros(self.order)
+            values = np.zeros(self.order)
+        taps = np.concatenate([[1.0], values])
+        return values, float(taps @ own @ taps)
 
 
 def _filters_and_slopes(
@@ -283,9 +300,8 @@ def _filters_and_slopes(
     taps = np.ones_like(autocovariance)
     taps[:, 1:] = -(inverse @ autocovariance[:, 1:, None])[..., 0]
     derivatives = np.zeros((len(taps), len(slopes), order + 1))
-    for index, slope in enumerate(slopes):
-        right = slope[:, 1:, None] + slope[:, lags] @ taps[:, 1:, None]
-        derivatives[:, index, 1:] = -(inverse @ right)[..., 0]
+    right = slopes[..., 1:, None] + slopes[..., lags] @ taps[:, 1:, None]
+    derivatives[:, :, 1:] = np.swapaxes(-(inverse @ right)[..., 0], 0, 1)
     return taps, derivatives
 
 

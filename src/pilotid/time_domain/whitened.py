@@ -18,7 +18,7 @@ from pilotid.recordings.recording import INPUTS, Recording
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prepare import decimation, lowpass, prepare
-from pilotid.time_domain.remnant_choice import contenders, guessed
+from pilotid.time_domain.remnant_choice import suiting
 from pilotid.time_domain.remnant_models import Band, analysis_band, prediction_error_filters
 from pilotid.types import FloatArray
 
@@ -57,7 +57,7 @@ def prediction_errors(recording: Recording, estimate: Estimate) -> Whitened:
     """The prediction errors of an estimate.
 
     They are whitened by the estimate's model of the remnant, from its density; without one, by
-    the model that suits best what the estimate leaves, see `contenders`.
+    the model that suits best what the estimate leaves, see `suiting`.
 
     Parameters
     ----------
@@ -73,11 +73,11 @@ def prediction_errors(recording: Recording, estimate: Estimate) -> Whitened:
     residual = OutputErrors(prediction).residual(estimate.values)
     if remnant is not None:
         density = np.interp(band.omega, remnant.omega, remnant.density)
-        name, taps = remnant.model, prediction_error_filters((density @ band.cosines)[None])
+        name, taps = remnant.model, prediction_error_filters((density @ band.cosines)[None])[0]
     else:
-        noise = contenders(residual, band)[0]
-        name, taps = noise.name, noise.filters(guessed(noise, residual, band)[None], band)
-    errors = prediction.without_nuisance(prediction.residual(estimate.values, taps[0]))
+        guess = suiting(residual, band)
+        name, taps = guess.model.name, guess.whitener(band)
+    errors = prediction.without_nuisance(prediction.residual(estimate.values, taps))
     prepared = prepare(recording, estimate.model, rate)
     scored = np.round(prepared.time[prepared.first :] / recording.dt).astype(int) + recording.run_in
     inputs = {}
