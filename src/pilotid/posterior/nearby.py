@@ -95,7 +95,7 @@ class Nearby:
             own = slice(begin, end)
             found = prediction_errors(self._joint, self._residuals, values[own], taps[own])
             errors[own] = found.reshape(end - begin, -1)
-        sums = np.einsum("st,st->s", errors, errors)
+        sums = np.asarray(np.einsum("st,st->s", errors, errors))
         placed = self._spectra(values, taps)
         proving = np.arange(len(values)) % PROVED == PROVED // 2
         learnt = np.isfinite(sums) & np.isfinite(placed).all(axis=1) & placed.any(axis=1) & ~proving

@@ -140,7 +140,7 @@ def coverage(hits: BoolArray, clusters: IntArray) -> tuple[Share, tuple[float, f
     share = mean(hits.astype(float), clusters)
     if not hits.size:
         return share, (math.nan, math.nan)
-    worth = np.count_nonzero(np.bincount(clusters))
+    worth = int(np.count_nonzero(np.bincount(clusters)))
     if share.error > 0.0:
         # Parameters that make up for one another are worth no more than independent ones.
         worth = min(hits.size, max(1, round(share.value * (1.0 - share.value) / share.error**2)))
