@@ -87,27 +87,33 @@ class Residuals:
         -------
         Array of shape (sets, linear + 1, linear + 1), the residual last.
         """
-        prediction = self.prediction
-        linear = prediction.model.linear
-        grams = np.empty((len(values), len(linear) + 1, len(linear) + 1))
+        prediction, channels = self.prediction, len(self._channels)
+        control = prediction.without_nuisance(prediction.control).ravel()
+        # Of each channel's answer and of the control.
+        products = np.empty((len(values), channels + 1, channels + 1))
+        products[:, -1, -1] = control @ control
         block = max(1, CACHED // prediction.control_spectrum.size)
         for begin in range(0, len(values), block):
             own = values[begin : begin + block]
-            rows = np.zeros(
-                (len(own), len(linear) + 1, *prediction.control_spectrum.shape), dtype=complex
-            )
-            for (layout, spectrum), scaling in zip(self._channels, self._scaling, strict=True):
-                part = self._product(layout, own)[:, None, :] * spectrum
-                rows[:, -1] -= part
-                for place, index in scaling:
-                    rows[:, place] += part / own[:, index, None, None]
-            if self._common is not None:
-                rows *= self._product(self._common, own)[:, None, None, :]
-            rows[:, -1] += prediction.control_spectrum
-            errors = prediction.without_nuisance(prediction.samples_of(rows))
-            flat = errors.reshape(*errors.shape[:2], -1)
-            grams[begin : begin + block] = flat @ flat.transpose(0, 2, 1)
-        return grams
+            rows = np.empty((len(own), channels, *prediction.control_spectrum.shape), dtype=complex)
+            common = None if self._common is None else self._product(self._common, own)
+            for row, (layout, spectrum) in enumerate(self._channels):
+                part = self._product(layout, own)
+                if common is not None:
+                    part = part * common
+                np.multiply(part[:, None, :], spectrum, out=rows[:, row])
+            answers = prediction.without_nuisance(prediction.samples_of(rows))
+            flat = answers.reshape(*answers.shape[:2], -1)
+            found = products[begin : begin + block]
+            found[:, :-1, :-1] = flat @ flat.transpose(0, 2, 1)
+            found[:, -1, :-1] = found[:, :-1, -1] = flat @ control
+        linear = prediction.model.linear
+        combined = np.zeros((len(values), len(linear) + 1, channels + 1))
+        combined[:, -1, :-1], combined[:, -1, -1] = -1.0, 1.0
+        for channel, scaling in enumerate(self._scaling):
+            for place, index in scaling:
+                combined[:, place, channel] = 1.0 / values[:, index]
+        return np.asarray(combined @ products @ combined.transpose(0, 2, 1))
 
     def spectra(self, values: FloatArray) -> ComplexArray:
         """Transforms of the residuals, shape (sets, runs, bins).
