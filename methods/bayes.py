@@ -3,8 +3,8 @@
 The likelihood is that of `mle`: prediction errors whitened by a model of the remnant, whose
 parameters are sampled along with the pilot's.  The variance of the prediction errors, and
 the coefficients of an autoregressive remnant, are integrated out in closed form.  Which
-family of remnants it is (low-pass of some order, band-pass, or autoregressive) is decided once, by the
-criterion that `mle` uses, and named in the result: the posterior is given that family.
+family of remnants it is (low-pass of some order, band-pass, or autoregressive) is decided
+once, by the criterion that `mle` uses, and named in the result: the posterior is given it.
 Priors are proper and weak, see `pilotid.posterior.priors` and docs/posterior.md.
 
 The value of a parameter is its posterior mean on the scale it is sampled on, the logarithm

@@ -29,6 +29,7 @@ from pilotid.pilot.frozen import searched
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.evolution import evolve
+from pilotid.time_domain.fast_residuals import Residuals
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.white_likelihood import WhiteLikelihood
@@ -76,7 +77,13 @@ class MLEGenetic(WhiteLikelihood):
         """
         sought = searched(model)
         coarse = OutputErrors(predict(recording, sought, self.search_band))
+        fast = None if sought.changes else Residuals(coarse.prediction).linear_gram
         found = evolve(
-            coarse.gram, sought, rng, population=self.population, generations=self.generations
+            coarse.gram,
+            sought,
+            rng,
+            population=self.population,
+            generations=self.generations,
+            linear_gram=fast,
         )
         return self.polished(self.name, recording, model, found)

@@ -14,7 +14,7 @@ and the white residual makes it inconsistent for a coloured remnant.  Use `mle`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
@@ -28,7 +28,7 @@ from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_of
 from pilotid.time_domain.conclusion import concluded
 from pilotid.time_domain.prepare import prepare
-from pilotid.types import FloatArray
+from pilotid.types import ComplexArray, FloatArray
 
 Hold = Literal["zoh", "foh"]
 FINITE_DIFFERENCE = 1e-5  # relative step of the central differences
@@ -61,9 +61,8 @@ class MMLE3:
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
         """Why it cannot treat a model: it varies in time."""
-        # Imported here, before the fit is timed, since they take longer than the fit.
-        import control  # noqa: F401
-        import scipy.signal  # noqa: F401
+        # Imported here, before the fit is timed.
+        import scipy.linalg  # noqa: F401
 
         return varying(model)
 
@@ -162,6 +161,9 @@ class _Output:
             channel.sign * np.fft.rfft(signal, n=self._length)
             for channel, signal in zip(model.channels, prepared.inputs, strict=True)
         ]
+        keys = [{p.key for f in c.dynamics for p in f.parameters} for c in model.channels]
+        # Per channel, the parameters that it depends on.
+        self._moving = [[i for i, key in enumerate(model.keys) if key in own] for own in keys]
 
     def predict(self, values: FloatArray) -> FloatArray:
         """Model output, shape (runs, samples); not finite where the model diverges."""
@@ -169,68 +171,125 @@ class _Output:
         polynomials = self._model.polynomials(values, self._settings.pade_order)
         with np.errstate(over="ignore", invalid="ignore"):
             for rational, spectrum in zip(polynomials, self._spectra, strict=True):
-                pulse = pulse_response(rational, self._dt, self._samples, self._settings.hold)
-                total += np.fft.rfft(pulse, n=self._length) * spectrum
-            return np.fft.irfft(total, n=self._length)[:, self._first : self._samples]
+                total += np.fft.rfft(self._pulses([rational])[0], n=self._length) * spectrum
+            return self._windowed(total)
 
     def jacobian(self, values: FloatArray) -> FloatArray:
-        """Central differences of the output, shape (parameters, runs * samples)."""
-        rows = []
-        for i, value in enumerate(values):
-            step = np.zeros_like(values)
-            step[i] = FINITE_DIFFERENCE * max(abs(value), 1e-3)
-            change = self.predict(values + step) - self.predict(values - step)
-            rows.append(change.ravel() / (2.0 * step[i]))
+        """Central differences of the output, shape (parameters, runs * samples).
+
+        The output is linear in the pulse responses, so that these are what is differenced.
+        """
+        steps = FINITE_DIFFERENCE * np.maximum(np.abs(values), 1e-3)
+        sets = values + np.concatenate([np.diag(steps), -np.diag(steps)])
+        order = self._settings.pade_order
+        polynomials = [self._model.polynomials(own, order) for own in sets]
+        count = len(values)
+        responses: list[dict[int, ComplexArray]] = []
+        with np.errstate(over="ignore", invalid="ignore"):
+            for c, moving in enumerate(self._moving):
+                above = self._pulses([polynomials[i][c] for i in moving])
+                below = self._pulses([polynomials[i + count][c] for i in moving])
+                slopes = (above - below) / (2.0 * steps[moving])[:, None]
+                transforms = np.fft.rfft(slopes, n=self._length)
+                responses.append(dict(zip(moving, transforms, strict=True)))
+            rows = []
+            for i in range(count):
+                total = np.zeros(self._spectra[0].shape, dtype=complex)
+                for own, spectrum in zip(responses, self._spectra, strict=True):
+                    if i in own:
+                        total += own[i] * spectrum
+                rows.append(self._windowed(total).ravel())
         return np.array(rows)
 
+    def _pulses(self, rationals: Sequence[Rational]) -> FloatArray:
+        return pulse_responses(rationals, self._dt, self._samples, self._settings.hold)
 
-def pulse_response(rational: Rational, dt: float, samples: int, hold: Hold) -> FloatArray:
-    """Response of a discretised transfer function to a unit pulse, from rest.
+    def _windowed(self, spectrum: ComplexArray) -> FloatArray:
+        """The measurement window of a transform, shape (runs, samples)."""
+        return np.fft.irfft(spectrum, n=self._length)[:, self._first : self._samples]
+
+
+def pulse_responses(
+    rationals: Sequence[Rational], dt: float, samples: int, hold: Hold
+) -> FloatArray:
+    """Responses of discretised transfer functions to a unit pulse, from rest.
 
     Parameters
     ----------
-    rational
-        Numerator and denominator, highest power first.
+    rationals
+        Numerator and denominator of each, highest power first.
     dt
         Sampling interval [s].
     samples
-        Length of the response.
+        Length of the responses.
     hold
         ``zoh`` or ``foh``.
-    """
-    from scipy.signal import cont2discrete
 
-    a, b, c, d = _scaled_state_space(rational)
-    scale = TIME_SCALE
-    ad, bd, cd, dd, _ = cont2discrete((a, b, c, d), dt * scale, method=hold)
-    # Columns [B, AB, A^2 B, ...], doubled in number by each power of A.
-    columns, power = bd, ad
-    while columns.shape[1] < samples - 1:
-        columns = np.concatenate([columns, power @ columns], axis=1)
+    Returns
+    -------
+    Array of shape (transfer functions, samples).
+    """
+    found = np.empty((len(rationals), samples))
+    alike: dict[tuple[int, int], list[int]] = {}
+    for i, (top, bottom) in enumerate(rationals):
+        alike.setdefault((len(top), len(bottom)), []).append(i)
+    for own in alike.values():
+        system = _scaled_state_space([rationals[i] for i in own])
+        found[own] = _pulsed(*_discretised(*system, dt * TIME_SCALE, hold), samples)
+    return found
+
+
+def _pulsed(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray, samples: int) -> FloatArray:
+    """Responses d, cb, cab, caab, ..., shape (systems, samples)."""
+    # Rows [c; ca; caa; ...] times columns [b, a^m b, a^2m b, ...], each doubled in number by each
+    # power of a.
+    rows, power = c, a
+    while rows.shape[1] ** 2 < samples - 1:
+        rows = np.concatenate([rows, rows @ power], axis=1)
         power = power @ power
-    response = np.empty(samples)
-    response[0] = dd[0, 0]
-    response[1:] = (cd @ columns)[0, : samples - 1]
-    return response
+    columns = b
+    while rows.shape[1] * columns.shape[2] < samples - 1:
+        columns = np.concatenate([columns, power @ columns], axis=2)
+        power = power @ power
+    after = (rows @ columns).transpose(0, 2, 1).reshape(len(a), -1)
+    return np.concatenate([d, after[:, : samples - 1]], axis=1)
+
+
+def _discretised(
+    a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray, dt: float, hold: Hold
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Systems with inputs held, by one matrix exponential each (as scipy's cont2discrete)."""
+    from scipy.linalg import expm
+
+    systems, order = a.shape[:2]
+    block = np.zeros((systems, order + 2, order + 2))
+    block[:, :order, :order], block[:, :order, order] = a * dt, b[..., 0] * dt
+    if hold == "zoh":
+        power = expm(block[:, :-1, :-1])
+        return power[:, :order, :order], power[:, :order, order:], c, d
+    block[:, order, order + 1] = 1.0
+    power = expm(block)
+    ad, last = power[:, :order, :order], power[:, :order, order + 1 :]
+    bd = power[:, :order, order : order + 1] - last + ad @ last
+    return ad, bd, c, d + (c @ last)[:, 0]
 
 
 TIME_SCALE = 10.0  # rad/s; with time in units of 0.1 s the coefficients are of order one
 
 
 def _scaled_state_space(
-    rational: Rational,
+    rationals: Sequence[Rational],
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Controllable canonical form in scaled time."""
+    """Controllable canonical forms in scaled time, of polynomials of equal length."""
     top, bottom = (
-        np.asarray(p, dtype=float) * TIME_SCALE ** np.arange(len(p) - 1, -1, -1, dtype=float)
-        for p in rational
+        np.array(p) * TIME_SCALE ** np.arange(len(p[0]) - 1, -1, -1, dtype=float)
+        for p in zip(*rationals, strict=True)
     )
-    top, bottom = top / bottom[0], bottom / bottom[0]
-    order = len(bottom) - 1
-    top = np.concatenate([np.zeros(order + 1 - len(top)), top])
-    a = np.eye(order, k=-1)
-    a[0] = -bottom[1:]
-    b = np.eye(order, 1)
-    d = np.array([[top[0]]])
-    c = (top[1:] - top[0] * bottom[1:])[None]
-    return a, b, c, d
+    top, bottom = top / bottom[:, :1], bottom / bottom[:, :1]
+    systems, order = len(bottom), bottom.shape[1] - 1
+    top = np.concatenate([np.zeros((systems, order + 1 - top.shape[1])), top], axis=1)
+    a = np.tile(np.eye(order, k=-1), (systems, 1, 1))
+    a[:, :1] = -bottom[:, None, 1:]
+    b = np.tile(np.eye(order, 1), (systems, 1, 1))
+    c = (top[:, 1:] - top[:, :1] * bottom[:, 1:])[:, None]
+    return a, b, c, top[:, :1]

@@ -18,11 +18,13 @@ from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.pilot.catalogue import MULTI, SINGLE
+from pilotid.pilot.model import PilotModel
 from pilotid.posterior.ensembles import Run
 from pilotid.posterior.likelihood import Likelihood
 from pilotid.posterior.priors import HalfCauchy, LogNormal, Normal, default_prior, priors_of
 from pilotid.seeds import fit_rng, recording_rng, start_rng
 from pilotid.time_domain.fast_residuals import Residuals
+from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.remnant_models import (
@@ -66,6 +68,19 @@ def test_residuals_are_those_of_the_prediction() -> None:
     expected = prediction.row_spectra(values)[:, -1]
     found = Residuals(prediction).spectra(values)
     np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("model", [MULTI, SINGLE], ids=lambda m: m.name)
+def test_gram_matrices_of_gains_are_parts_of_the_whole_ones(model: PilotModel) -> None:
+    recording = simulate(replace(NOMINAL, runs=2), np.random.default_rng(1))
+    prediction = predict(recording, model, 26.0)
+    values = model.start * np.exp(
+        0.3 * np.random.default_rng(2).standard_normal((13, len(model.keys)))
+    )
+    wanted = [*model.linear, len(model.keys)]
+    expected = OutputErrors(prediction).gram(values)[:, wanted][:, :, wanted]
+    found = Residuals(prediction).linear_gram(values)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * expected[:, -1, -1].min())
 
 
 @pytest.mark.parametrize("terms", [(), (0.0, -1.0 / 6.0)], ids=["plain", "nuisance"])

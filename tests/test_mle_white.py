@@ -15,7 +15,7 @@ from pilotid.datasets import scenario_named, simulate
 from pilotid.estimates.estimate import Outcome
 from pilotid.estimates.method import identify
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.methods.mmle3 import MMLE3, pulse_response
+from pilotid.methods.mmle3 import MMLE3, Hold, _Output, pulse_responses
 from pilotid.pilot.catalogue import GAIN_ONLY, MULTI
 from pilotid.pilot.factors import Rational
 from pilotid.study import scores
@@ -137,7 +137,7 @@ def test_a_delay_driven_negative_is_an_outcome() -> None:
 
 @pytest.mark.parametrize("hold", ["zoh", "foh"])
 @pytest.mark.parametrize("channel", range(2))
-def test_pulse_response_against_scipy(hold: str, channel: int) -> None:
+def test_pulse_response_against_scipy(hold: Hold, channel: int) -> None:
     rational = MULTI.polynomials(NOMINAL.values, 5)[channel]
     dt, signal = random_input()
     time = np.arange(signal.size) * dt
@@ -161,11 +161,25 @@ def random_input() -> tuple[float, FloatArray]:
 
 
 def assert_equal_response(
-    rational: Rational, dt: float, signal: FloatArray, hold: str, expected: FloatArray
+    rational: Rational, dt: float, signal: FloatArray, hold: Hold, expected: FloatArray
 ) -> None:
-    pulse = pulse_response(rational, dt, signal.size, hold)
+    pulse = pulse_responses([rational], dt, signal.size, hold)[0]
     actual = np.convolve(pulse, signal)[: signal.size]
     assert actual == pytest.approx(expected, abs=1e-6 * float(np.abs(expected).max()))
+
+
+@pytest.mark.parametrize("delay", [0.3, 0.0])
+def test_jacobian_of_the_paper_s_estimator_is_the_slope_of_its_output(delay: float) -> None:
+    output = _Output(MMLE3(), simulate(replace(NOMINAL, runs=2), np.random.default_rng(1)), MULTI)
+    values = NOMINAL.values.copy()
+    values[MULTI.keys.index("tdvis")] = delay
+    jacobian = output.jacobian(values)
+    for i, row in enumerate(jacobian):
+        step = np.zeros_like(values)
+        step[i] = 1e-5 * max(values[i], 1e-3)
+        change = (output.predict(values + step) - output.predict(values - step)).ravel()
+        expected = change / (2.0 * step[i])
+        np.testing.assert_allclose(row, expected, atol=1e-6 * np.abs(expected).max())
 
 
 def test_an_estimator_without_bounds_says_where_no_pilot_is() -> None:

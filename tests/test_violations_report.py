@@ -12,6 +12,7 @@ from test_output import estimate
 from test_study_report import KEYS, Made, check_page, entry, fit, report
 
 from pilotid.datasets import SCENARIOS
+from pilotid.recordings.checks import remarks
 from pilotid.report.content import Table
 from pilotid.report.violations import violation_chapters
 from pilotid.study.comparison import Comparison, comparison_of
@@ -109,13 +110,13 @@ def test_few_fits_are_no_grade_and_no_violation_is_no_chapter(tmp_path: Path) ->
 
 def test_a_study_keeps_what_a_user_is_told() -> None:
     sound = recording_of(NOMINAL)
-    assert told(sound, estimate()) == ""
+    assert told(remarks(sound), estimate()) == ""
     drifting = replace(sound, u=sound.u + 0.01 * sound.time)
-    line = told(drifting, estimate(remarks=("mind the gap", "and the step")))
+    line = told(remarks(drifting), estimate(remarks=("mind the gap", "and the step")))
     assert line.startswith("recording: u drifts by")
     assert "take it out with --detrend | " in line
     assert line.endswith(" | mind the gap | and the step") or line.endswith(" ...")
-    assert len(told(sound, estimate(remarks=("long " * 100,)))) == LONGEST_TOLD
+    assert len(told(remarks(sound), estimate(remarks=("long " * 100,)))) == LONGEST_TOLD
 
 
 @pytest.mark.numerical

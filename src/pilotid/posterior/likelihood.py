@@ -21,6 +21,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from pilotid.posterior.nearby import Nearby, sums_of_squares
 from pilotid.time_domain.fast_residuals import Residuals
 from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.types import BoolArray, FloatArray
@@ -40,6 +41,7 @@ class Likelihood:
     def __init__(self, joint: PredictionErrors) -> None:
         self.joint = joint
         self.residuals = Residuals(joint.prediction)
+        self._nearby = Nearby(joint, self.residuals) if Nearby.suits(joint.prediction) else None
         #: Number of the remnant's parameters that are integrated out.
         self.integrated = len(joint.noise.keys) if joint.noise.regressive else 0
         #: Number of parameters that stay.
@@ -94,16 +96,10 @@ class Likelihood:
         values
             Sets of pilot and, in any case, remnant parameters.
         """
-        joint, prediction = self.joint, self.joint.prediction
-        taps = joint.noise.filters(values[:, joint.pilot :], joint.band)
-        sums = np.empty(len(values))
-        for block in _blocks(len(values), BLOCK):
-            spectra = self.residuals.spectra(values[block, : joint.pilot])
-            if taps.shape[1] > 1:
-                spectra *= prediction.filter_response(taps[block])[:, None, :]
-            errors = prediction.without_nuisance(prediction.samples_of(spectra))
-            sums[block] = np.einsum("srt,srt->s", errors, errors)
-        return sums
+        taps = self.joint.noise.filters(values[:, self.joint.pilot :], self.joint.band)
+        if self._nearby is not None:
+            return self._nearby.sums_of_squares(values, taps)
+        return sums_of_squares(self.joint, self.residuals, values, taps)
 
     def lagged_products(self, values: FloatArray) -> FloatArray:
         """Inner products of the residual with itself at all pairs of lags 0 to the order.

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 
 #: Text stays text; a reader's machine sets it in the first of these that it has.
 FONTS = ("DejaVu Sans", "Verdana", "sans-serif")
+POINTS = 72.0  # an inch, in which matplotlib writes SVG
 SVG, LINKS = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
 
 
@@ -33,13 +34,15 @@ def svg(figure: Figure, name: str, alt: str) -> str:
     stream = io.StringIO()
     nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
     with rc_context({"svg.hashsalt": name, "svg.fonttype": "none", "font.sans-serif": FONTS}):
-        if isinstance(figure.get_layout_engine(), PlaceHolderLayoutEngine):
-            # All is in its place already, and `savefig` would draw everything twice;
-            # matplotlib's backends have no types.
-            canvas = FigureCanvasSVG(figure)
-            canvas.print_svg(stream, metadata=nothing)  # type: ignore[no-untyped-call]
-        else:
-            figure.savefig(stream, format="svg", metadata=nothing)
+        # What `savefig` does, which draws everything once more to find places for it all;
+        # matplotlib's backends have no types.
+        canvas = FigureCanvasSVG(figure)
+        engine = figure.get_layout_engine()
+        if engine is not None and not isinstance(engine, PlaceHolderLayoutEngine):
+            figure.set_dpi(POINTS)
+            engine.execute(figure)
+            figure.set_layout_engine("none")
+        canvas.print_svg(stream, metadata=nothing)  # type: ignore[no-untyped-call]
     root = ElementTree.fromstring(stream.getvalue())
     for element in root.iter():
         if element.tag == f"{{{SVG}}}g":

@@ -28,6 +28,7 @@ def evolve(
     population: int,
     generations: int,
     tolerance: float = 1e-3,
+    linear_gram: Gram | None = None,
 ) -> Minima:
     """Minimise from the best point that differential evolution finds.
 
@@ -49,9 +50,18 @@ def evolve(
         Largest number of generations.
     tolerance
         Passed to `minimise`.
+    linear_gram
+        Gram matrices of the residual and its derivatives by the linear parameters alone, which
+        evolution needs no more than; None to take them from `gram`.
     """
     scale = Scale(model.positive)
     low, high = (scale.enter(ends) for ends in _widened(model))
+    linear = list(model.linear)
+    wanted = [*linear, -1]
+
+    def own_gram(values: FloatArray) -> FloatArray:
+        return linear_gram(values) if linear_gram else gram(values)[:, wanted][:, :, wanted]
+
     free = [i for i in range(len(low)) if i not in model.linear]
     # Where a gain would have to be negative, a tenth of this is taken for it.
     base = np.where(model.positive, 10.0 * model.lower, 0.0)
@@ -62,10 +72,13 @@ def evolve(
         inner = np.tile(low, (len(points), 1))
         inner[:, free] = points
         values[:, free] = scale.leave(inner)[:, free]
-        grams = gram(values)
-        if not model.linear:
-            return values, grams[:, -1, -1]
-        return solve_linear(grams, values, model.linear, model.lower)
+        if not linear:
+            return values, own_gram(values)[:, -1, -1]
+        gains, costs = solve_linear(
+            own_gram(values), values[:, linear], tuple(range(len(linear))), model.lower[linear]
+        )
+        values[:, linear] = gains
+        return values, costs
 
     def cost(points: FloatArray, /) -> Any:  # one for each column: scipy's types do not know
         costs = solved(points.T)[1]

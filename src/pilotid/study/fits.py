@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -58,14 +59,15 @@ def run_task(task: Task) -> Result:
         origin, method = held
         replication = 0 if origin.one_recording else unit.replication
         scenario, draw = scenario_of(origin, seed, replication)
-        recording = simulate(scenario, recording_rng(seed, scenario.name, replication))
+        recording = recording_of(origin, seed, replication)
         model = started(scenario, seed, unit.replication)
         rng = fit_rng(seed, unit.method, unit.scenario, unit.replication)
         estimate = identify(method, recording, model, rng)
         excess = None if draw is None else excess_of(method, recording, estimate, scenario)
         tracks = _tracks(estimate, scenario)
         found = _result(unit, estimate, excess, draw)
-        return replace(found, remarks=told(recording, estimate), tracks=tracks)
+        shown = remarks_of(origin, seed, replication)
+        return replace(found, remarks=told(shown, estimate), tracks=tracks)
     except MemoryError as error:
         return Result(unit, Outcome.OUT_OF_MEMORY.slug, one_line(str(error)), draw=draw)
     except BaseException as error:  # an interruption too: the user's go to another process
@@ -79,16 +81,36 @@ def _tracks(estimate: Estimate, scenario: Scenario) -> tuple[Track, ...]:
     return tracks_of(estimate.trajectory, scenario)
 
 
-def told(recording: Recording, estimate: Estimate) -> str:
+@lru_cache(maxsize=2)  # methods of a replication come one after the other
+def recording_of(origin: AnyScenario, seed: int, replication: int) -> Recording:
+    """The recording of a replication; its signals are read-only."""
+    scenario, _ = scenario_of(origin, seed, replication)
+    return simulate(scenario, recording_rng(seed, scenario.name, replication))
+
+
+@lru_cache(maxsize=8)
+def remarks_of(origin: AnyScenario, seed: int, replication: int) -> tuple[str, ...]:
+    """The remarks on the recording of a replication."""
+    return remarks(recording_of(origin, seed, replication))
+
+
+def told(remarked: tuple[str, ...], estimate: Estimate) -> str:
     """What a user would be told against a recording and an estimate, on one line.
 
     Remarks on the recording come first and begin with ``recording:``, as `pilotid fit` has them.
     What a sound recording leaves open, such as a gain and a lead that trade off, is left out.
+
+    Parameters
+    ----------
+    remarked
+        The remarks on the recording.
+    estimate
+        The estimate.
     """
     left_open = what_is_open(estimate) if estimate.outcome.usable else []
     told_of = {one_line(remark) for remark in left_open}
     own = [remark for remark in estimate.remarks if remark not in told_of]
-    found = [*(f"recording: {remark}" for remark in remarks(recording)), *own]
+    found = [*(f"recording: {remark}" for remark in remarked), *own]
     line = " | ".join(found)
     return line if len(line) <= LONGEST_TOLD else f"{line[: LONGEST_TOLD - 4]} ..."
 

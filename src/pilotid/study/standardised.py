@@ -51,8 +51,8 @@ def mean(values: FloatArray, clusters: IntArray) -> Share:
     if not values.size:
         return Share(math.nan, math.nan)
     middle = float(np.mean(values))
-    _, places = np.unique(clusters, return_inverse=True)
-    sums = np.bincount(places, weights=values - middle)
+    # Recordings are numbered from zero; one that has no value here is no cluster.
+    sums = np.bincount(clusters, weights=values - middle)[np.bincount(clusters) > 0]
     count = sums.size
     if count < 2:
         return Share(middle, math.nan)
@@ -140,7 +140,7 @@ def coverage(hits: BoolArray, clusters: IntArray) -> tuple[Share, tuple[float, f
     share = mean(hits.astype(float), clusters)
     if not hits.size:
         return share, (math.nan, math.nan)
-    worth = np.unique(clusters).size
+    worth = int(np.count_nonzero(np.bincount(clusters)))
     if share.error > 0.0:
         # Parameters that make up for one another are worth no more than independent ones.
         worth = min(hits.size, max(1, round(share.value * (1.0 - share.value) / share.error**2)))
