@@ -3,9 +3,9 @@
 Step one regresses the control on lags of itself and of each channel's input, and prunes
 the library by sequentially thresholded least squares: SINDy (Brunton, Proctor and Kutz,
 PNAS 113, 2016) for a discrete system with inputs (Kaiser, Kutz and Brunton, Proc. R. Soc.
-A 474, 2018), with the numbers that pysindy's `STLSQ` gives.  An ensemble of the same fits on
-resampled blocks of time (Fasel et al., Proc. R. Soc. A 478, 2022) says how far it scatters.
-Step two fits the pilot model to the frequency response of the sparse model.
+A 474, 2018), by pysindy's `STLSQ`.  An ensemble of the same fits on resampled blocks of time
+(Fasel et al., Proc. R. Soc. A 478, 2022) says how far it scatters.  Step two fits the pilot
+model to the frequency response of the sparse model.
 
 What a pilot makes of the textbook's recipe:
 
@@ -31,6 +31,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import warnings
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -47,17 +48,16 @@ from pilotid.frequency.structures import Structure
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.time_domain.prediction import predict
-from pilotid.types import BoolArray, FloatArray
+from pilotid.types import FloatArray
 
 LEAST_ROWS = 2.0  # rows of the regression for each of its columns
-PRUNINGS = 20  # rounds of pruning, at the most
 LEAST_BLOCKS = 10  # blocks of time to resample from
 VAGUE = 2.0  # errors of a response in units of its size, beyond which it says nothing
 
 
 @dataclass(frozen=True)
 class SINDy:
-    """Sparse discrete-time regression, and a pilot model fitted to its response.
+    """Sparse discrete-time regression by pysindy, and a pilot model fitted to its response.
 
     Attributes
     ----------
@@ -95,6 +95,9 @@ class SINDy:
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
         """Why no black box can tell the pilot: the inputs are one signal, or hold the control."""
+        # Imported here, before the fit is timed, since it takes longer than the fit.
+        import pysindy  # noqa: F401
+
         if constant_only := varying(model):
             return constant_only
         if dependent := dependent_signals(model):
@@ -221,10 +224,7 @@ def _triangle(rows: FloatArray) -> FloatArray:
 
 
 def prune(rows: FloatArray, threshold: float) -> FloatArray:
-    """Coefficients of a regression, pruned by sequentially thresholded least squares.
-
-    The same as pysindy's `STLSQ` without a ridge, whose tests of its arguments take twenty times
-    as long as the regressions.
+    """Coefficients of a regression, pruned by pysindy's thresholded least squares.
 
     Parameters
     ----------
@@ -237,28 +237,18 @@ def prune(rows: FloatArray, threshold: float) -> FloatArray:
     -------
     Array of shape (terms,), zero where a term was pruned.
     """
+    import pysindy
+
     scale = np.linalg.norm(rows, axis=0)
     scale[scale == 0.0] = 1.0
     scaled = rows / scale
-    terms, target = scaled[:, :-1], scaled[:, -1]
-    kept = np.ones(terms.shape[1], dtype=bool)
-    coefficients = _regressed(terms, target, kept)
-    for _ in range(PRUNINGS):
-        large = kept & (np.abs(coefficients) >= threshold)
-        if np.array_equal(large, kept):
-            break
-        kept = large
-        coefficients = _regressed(terms, target, kept)
-    return np.asarray(coefficients * scale[-1] / scale[:-1])
-
-
-def _regressed(terms: FloatArray, target: FloatArray, kept: BoolArray) -> FloatArray:
-    """Least squares on some terms alone, zero for the others, shape (terms,)."""
-    coefficients = np.zeros(kept.size)
-    if kept.any():
-        # By singular values: the condition of the library is 1e4 and more.
-        coefficients[kept] = np.linalg.lstsq(terms[:, kept], target, rcond=None)[0]
-    return coefficients
+    # The default solver squares the condition of the library, which is 1e4 and more.
+    optimizer = pysindy.STLSQ(threshold=threshold, alpha=0.0, ridge_kw={"solver": "svd"})
+    with warnings.catch_warnings():
+        # It warns when nothing survives, which the caller looks at, and of an unsettled set.
+        warnings.simplefilter("ignore")
+        optimizer.fit(scaled[:, :-1], scaled[:, -1])
+    return np.asarray(np.ravel(optimizer.coef_) * scale[-1] / scale[:-1])
 
 
 def ensemble_covariance(

@@ -7,7 +7,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import control
 import numpy as np
 import pytest
 from helpers import NOMINAL, SINGLE_LOOP
@@ -341,13 +340,6 @@ def test_polynomials_leave_out_sign_and_differentiators() -> None:
     ratio = np.polyval(vestibular[0], s) / np.polyval(vestibular[1], s)
     np.testing.assert_allclose(ratio * s**2, full, rtol=1e-10)
     assert ratio[0].real > 0.0  # the channel's sign is -1
-
-
-@pytest.mark.parametrize("order", [1, 2, 3, 5, 8])
-def test_pade_approximants_are_those_of_python_control(order: int) -> None:
-    for delay in (0.003, 0.3, 2.0):
-        for own, expected in zip(pade(delay, order), control.pade(delay, order), strict=True):
-            np.testing.assert_allclose(own, expected, rtol=1e-12)
 
 
 def test_negative_delay_gives_the_reciprocal_pade_approximant() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -78,18 +77,17 @@ def test_pysindy_s_own_discrete_model_has_the_same_terms() -> None:
     assert own == pytest.approx(model.coefficients()[0], abs=1e-9)
 
 
-@pytest.mark.parametrize("threshold", [0.02, 0.05, 0.3, 2.0, 50.0])
-def test_pysindy_prunes_alike(threshold: float) -> None:
-    library = Library(SINDy(), recording_of(NOMINAL), MULTI)
-    rows = np.concatenate(library.blocks(library.best_delays(), 1.0))
-    scaled = rows / np.linalg.norm(rows, axis=0)
-    optimizer = pysindy.STLSQ(threshold=threshold, alpha=0.0, ridge_kw={"solver": "svd"})
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # it warns where nothing survives
-        optimizer.fit(scaled[:, :-1], scaled[:, -1])
-    own = prune(scaled, threshold)
-    assert own == pytest.approx(np.ravel(optimizer.coef_), abs=1e-9)
-    assert np.any(own) == (threshold < 50.0)
+def test_pysindy_prunes(monkeypatch: pytest.MonkeyPatch) -> None:
+    fitted: list[tuple[int, ...]] = []
+    fit = pysindy.STLSQ.fit
+
+    def counted(self: pysindy.STLSQ, x: FloatArray, y: FloatArray) -> pysindy.STLSQ:
+        fitted.append(x.shape)
+        return fit(self, x, y)
+
+    monkeypatch.setattr(pysindy.STLSQ, "fit", counted)
+    assert fit_of(SINDy(members=5), SINGLE_LOOP).outcome.usable
+    assert len(fitted) == 1 + 5  # the estimate and its ensemble
 
 
 def test_a_triangular_factor_stands_for_its_rows() -> None:
@@ -220,7 +218,7 @@ def test_an_ensemble_that_scatters_more_raises_the_covariance() -> None:
 
 
 def test_the_ensemble_comes_from_the_caller_s_generator() -> None:
-    np.random.seed(1)  # noqa: NPY002, nothing may draw from it
+    np.random.seed(1)  # noqa: NPY002, pysindy's own ensembles would draw from it
     first = fit_of(SINDy(), SINGLE_LOOP)
     np.random.seed(2)  # noqa: NPY002
     again = fit_of(SINDy(), SINGLE_LOOP)

@@ -477,19 +477,14 @@ class Neuromuscular:
 
 
 def pade(delay: float, order: int) -> Rational:
-    """Pade approximant of a delay [s], of equal order above and below.
+    """Pade approximant of a delay [s], of equal order above and below (python-control).
 
     A negative delay gives the reciprocal approximant, which is unstable.
-
-    References
-    ----------
-    G. H. Golub and C. F. van Loan, *Matrix Computations*, 3rd ed. 1996, sec. 11.3.
     """
     if delay == 0.0:
         return [1.0], [1.0]
-    rising = [1.0]  # coefficients of the denominator, lowest power first
-    for k in range(1, order + 1):
-        rising.append(rising[-1] * abs(delay) * (order - k + 1) / ((2 * order - k + 1) * k))
-    below = [c / rising[-1] for c in reversed(rising)]
-    above = [c if (order - i) % 2 == 0 else -c for i, c in enumerate(below)]
+    import control
+
+    numerator, denominator = control.pade(abs(delay), order)
+    above, below = [float(c) for c in numerator], [float(c) for c in denominator]
     return (above, below) if delay > 0.0 else (below, above)
