@@ -19,10 +19,11 @@ from pilotid.solve.covariance import covariance_at_bounds
 from pilotid.solve.intervals import profile_intervals
 from pilotid.solve.least_squares import minimise
 from pilotid.solve.walk import walk
+from pilotid.time_domain.band import Band
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
-from pilotid.time_domain.remnant_models import Autoregressive, Band, LowPass, NoiseModel
+from pilotid.time_domain.remnant_models import Autoregressive, LowPass, NoiseModel
 from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical

@@ -5,16 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pilotid.time_domain.band import Band
 from pilotid.time_domain.prediction import FAR
 from pilotid.time_domain.prepare import lowpass
 from pilotid.time_domain.remnant_choice import NOISE_MODELS, lagged_products, suiting
-from pilotid.time_domain.remnant_models import (
-    Autoregressive,
-    Band,
-    BandPass,
-    LowPass,
-    remnant_estimate,
-)
+from pilotid.time_domain.remnant_models import Autoregressive, BandPass, LowPass, remnant_estimate
 from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical

@@ -28,8 +28,9 @@ from pilotid.methods.mle import MLE
 from pilotid.seeds import fit_rng
 from pilotid.solve.least_squares import minimise
 from pilotid.solve.walk import Held
+from pilotid.time_domain.band import Band
 from pilotid.time_domain.maximum_likelihood import Maximum, maximum_from
-from pilotid.time_domain.remnant_models import Band, LowPass
+from pilotid.time_domain.remnant_models import LowPass
 from pilotid.types import BoolArray, FloatArray
 
 #: Changes from which the likelihood at a true value is sought: seconds from the best one's

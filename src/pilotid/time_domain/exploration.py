@@ -20,13 +20,14 @@ from pilotid.estimates.estimate import Starts
 from pilotid.pilot.model import PilotModel
 from pilotid.solve.least_squares import Minima, minimise, solve_linear
 from pilotid.solve.search import draw_starts, search
+from pilotid.time_domain.band import Band
 from pilotid.time_domain.following import Following
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction
 from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.reduced import reduced
 from pilotid.time_domain.remnant_choice import guessed
-from pilotid.time_domain.remnant_models import Band, LowPass
+from pilotid.time_domain.remnant_models import LowPass
 from pilotid.time_domain.settings import LikelihoodSettings
 from pilotid.types import FloatArray
 

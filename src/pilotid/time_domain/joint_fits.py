@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pilotid.solve.least_squares import Minima, minimise
+from pilotid.time_domain.band import Band
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction
 from pilotid.time_domain.prediction_errors import PredictionErrors
@@ -18,7 +19,7 @@ from pilotid.time_domain.remnant_choice import (
     lagged_products,
     neighbours,
 )
-from pilotid.time_domain.remnant_models import Band, NoiseModel
+from pilotid.time_domain.remnant_models import NoiseModel
 from pilotid.types import FloatArray
 
 #: By how much the criterion of a longer or shorter autoregression must be lower.

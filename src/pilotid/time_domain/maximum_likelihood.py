@@ -18,6 +18,7 @@ from pilotid.pilot.frozen import frozen, unfrozen
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Minima, minimise
+from pilotid.time_domain.band import Band, analysis_band
 from pilotid.time_domain.exploration import FIRST, explore, terms_at
 from pilotid.time_domain.following import Following
 from pilotid.time_domain.joint_fits import FINE, JointFit, JointFits
@@ -26,7 +27,7 @@ from pilotid.time_domain.prediction import Prediction, predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.prepare import decimation
 from pilotid.time_domain.remnant_choice import guessed
-from pilotid.time_domain.remnant_models import Band, analysis_band, remnant_estimate
+from pilotid.time_domain.remnant_models import remnant_estimate
 from pilotid.time_domain.settings import LikelihoodSettings
 from pilotid.time_domain.smoothness import criterion_and_degrees, smoothed
 from pilotid.types import FloatArray

@@ -16,8 +16,9 @@ import numpy as np
 
 from pilotid.solve.least_squares import Problem
 from pilotid.solve.smoothing import Penalty
+from pilotid.time_domain.band import Band
 from pilotid.time_domain.prediction import Prediction
-from pilotid.time_domain.remnant_models import Band, NoiseModel
+from pilotid.time_domain.remnant_models import NoiseModel
 from pilotid.types import BoolArray, FloatArray
 
 

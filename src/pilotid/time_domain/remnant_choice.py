@@ -7,14 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pilotid.time_domain.band import Band
 from pilotid.time_domain.prediction import FAR
-from pilotid.time_domain.remnant_models import (
-    Autoregressive,
-    Band,
-    BandPass,
-    LowPass,
-    NoiseModel,
-)
+from pilotid.time_domain.remnant_models import Autoregressive, BandPass, LowPass, NoiseModel
 from pilotid.types import FloatArray
 
 #: The families to choose from.

@@ -10,70 +10,18 @@ low-pass filter's two parameters by 2 % at the most; see `pilotid.theory.bounds.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
 
 from pilotid.estimates.remnant import RemnantEstimate
+from pilotid.time_domain.band import Band
 from pilotid.time_domain.prediction import FAR, REACH
-from pilotid.time_domain.prepare import decimation, lowpass
+from pilotid.time_domain.whitening import filters_and_slopes, prediction_error_filters
 from pilotid.types import BoolArray, FloatArray
 
 SPECTRA = 64  # spectra evaluated at once: about what the processor's cache holds
-GRID = 256  # frequencies on which spectra of noise models are integrated
-
-
-@dataclass(frozen=True)
-class Band:
-    """The analysis band: sampling interval of a recording, and factor of decimation."""
-
-    recorded_dt: float
-    factor: int
-
-    @property
-    def dt(self) -> float:
-        """Sampling interval after decimation [s]."""
-        return self.recorded_dt * self.factor
-
-    @cached_property
-    def omega(self) -> FloatArray:
-        """Frequencies inside the band [rad/s], shape (grid,)."""
-        return np.asarray((np.arange(GRID) + 0.5) * (np.pi / (GRID * self.dt)), dtype=float)
-
-    @cached_property
-    def folds(self) -> tuple[tuple[FloatArray, FloatArray], ...]:
-        """Frequencies that decimation folds onto `omega`, and the filter's power there."""
-        if self.factor == 1:
-            return ((self.omega, np.ones(GRID)),)
-        folded = (self.omega, 2.0 * np.pi / self.dt - self.omega)
-        return tuple((w, self._filter_power(w)) for w in folded)
-
-    def _filter_power(self, omega: FloatArray) -> FloatArray:
-        taps = lowpass(self.factor)
-        k = np.arange(taps.size) - taps.size // 2
-        return np.asarray((np.cos(np.outer(omega * self.recorded_dt, k)) @ taps) ** 2)
-
-    @cached_property
-    def cosines(self) -> FloatArray:
-        """Maps a spectrum on `omega` to autocovariances, shape (grid, FAR + 1)."""
-        return np.asarray(np.cos(np.outer(self.omega * self.dt, np.arange(FAR + 1))) / GRID)
-
-    @cached_property
-    def folded(self) -> tuple[FloatArray, FloatArray]:
-        """All frequencies of `folds`, and what maps a spectrum there to autocovariances."""
-        omega, weights = (np.concatenate(parts) for parts in zip(*self.folds, strict=True))
-        return omega, weights[:, None] * np.tile(self.cosines, (len(self.folds), 1))
-
-    def autocovariance(self, power: FloatArray, reach: int) -> FloatArray:
-        """Autocovariances up to lag `reach` of spectra (..., n) at all frequencies of `folded`."""
-        return np.asarray(power @ self.folded[1][:, : reach + 1])
-
-
-@lru_cache
-def analysis_band(dt: float, band: float | None) -> Band:
-    """The analysis band up to `band` [rad/s], or all, of a recording sampled every `dt` [s]."""
-    return Band(dt, decimation(dt, band))
 
 
 class NoiseModel(Protocol):
@@ -212,7 +160,7 @@ class LowPass:
         power, log_slopes = self.power(band.folded[0], values)
         slopes = np.array([power * slope for slope in log_slopes])
         slopes = slopes.reshape(len(self.keys), *power.shape)
-        return _filters_and_slopes(
+        return filters_and_slopes(
             band.autocovariance(power, self.reach), band.autocovariance(slopes, self.reach)
         )
 
@@ -341,49 +289,6 @@ class Autoregressive:
             values = np.zeros(self.order)
         taps = np.concatenate([[1.0], values])
         return values, float(taps @ own @ taps)
-
-
-def _filters_and_slopes(
-    autocovariance: FloatArray, slopes: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Prediction-error filters of autocovariances, and their derivatives.
-
-    Parameters
-    ----------
-    autocovariance
-        Lags from 0, shape (sets, lags).
-    slopes
-        Its derivatives, shape (parameters, sets, lags).
-    """
-    order = autocovariance.shape[1] - 1
-    lags = np.abs(np.subtract.outer(np.arange(order), np.arange(order)))
-    inverse = np.linalg.inv(autocovariance[:, lags])
-    taps = np.ones_like(autocovariance)
-    taps[:, 1:] = -(inverse @ autocovariance[:, 1:, None])[..., 0]
-    derivatives = np.zeros((len(taps), len(slopes), order + 1))
-    right = slopes[..., 1:, None] + slopes[..., lags] @ taps[:, 1:, None]
-    derivatives[:, :, 1:] = np.swapaxes(-(inverse @ right)[..., 0], 0, 1)
-    return taps, derivatives
-
-
-def prediction_error_filters(autocovariance: FloatArray) -> FloatArray:
-    """Prediction-error filters by Levinson's and Durbin's recursion, shape (sets, lags).
-
-    Parameters
-    ----------
-    autocovariance
-        Lags from 0, shape (sets, lags).
-    """
-    sets, lags = autocovariance.shape
-    taps = np.zeros((sets, lags))
-    taps[:, 0] = 1.0
-    power = autocovariance[:, 0].copy()
-    for order in range(1, lags):
-        across = np.einsum("sk,sk->s", taps[:, :order], autocovariance[:, order:0:-1])
-        reflection = -across / power
-        taps[:, 1 : order + 1] += reflection[:, None] * taps[:, order - 1 :: -1][:, :order]
-        power = power * (1.0 - reflection * reflection)
-    return taps
 
 
 @lru_cache(maxsize=32)

@@ -15,11 +15,12 @@ import numpy as np
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.remnant import RemnantEstimate
 from pilotid.recordings.recording import INPUTS, Recording
+from pilotid.time_domain.band import Band, analysis_band
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prepare import decimation, lowpass, prepare
 from pilotid.time_domain.remnant_choice import suiting
-from pilotid.time_domain.remnant_models import Band, analysis_band, prediction_error_filters
+from pilotid.time_domain.whitening import prediction_error_filters
 from pilotid.types import FloatArray
 
 USUAL = 50.0  # rad/s, the analysis band where the method has no model of the remnant
