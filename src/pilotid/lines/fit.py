@@ -24,7 +24,6 @@ from pilotid.solve.search import search
 from pilotid.types import FloatArray
 
 ROUNDS = 8  # in which leakage and power are found anew
-TOLERANCE = 1e-6  # of the fit in each
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,24 +75,16 @@ class LinesFit:
         """The same with the parameters that fit best under this power, from these ones."""
         return self._minimised(self.coefficients, self.power)
 
-    def again(self, tolerance: float = TOLERANCE) -> LinesFit:
-        """The same with the power and the leakage that these parameters leave, and a new fit.
-
-        Parameters
-        ----------
-        tolerance
-            Passed to `pilotid.solve.least_squares.minimise`.
-        """
+    def again(self) -> LinesFit:
+        """The same with the power and the leakage that these parameters leave, and a new fit."""
         responses = self.model.response(self.coefficients.omega, self.values)
         residuals = self.coefficients.residuals(responses)
         alone = self.coefficients.at_lines_alone(residuals)
-        return self._minimised(alone, self.coefficients.power(residuals), tolerance)
+        return self._minimised(alone, self.coefficients.power(residuals))
 
-    def _minimised(
-        self, coefficients: Coefficients, power: FloatArray, tolerance: float = TOLERANCE
-    ) -> LinesFit:
+    def _minimised(self, coefficients: Coefficients, power: FloatArray) -> LinesFit:
         problem = Equations(coefficients, self.model, power, 1.0, self.values)
-        end = minimise(problem.gram, self.values[None], self.model, tolerance=tolerance)
+        end = minimise(problem.gram, self.values[None], self.model, tolerance=1e-6)
         return replace(self, values=end.values[0], power=power)
 
 
@@ -106,7 +97,6 @@ def fit_lines(
     candidates: int = 48,
     refined: int = 6,
     same: float = 1e-4,
-    tolerance: float = TOLERANCE,
 ) -> LinesFit:
     """The pilot whose response in the loop to the forcing functions alone fits best.
 
@@ -122,8 +112,6 @@ def fit_lines(
         Starts screened, and starts minimised, see `pilotid.solve.search.search`.
     same
         Largest relative change of the parameters in the last round.
-    tolerance
-        Tolerance of the fit in each round.
     """
     coefficients = coefficients_of(recording, model, NEIGHBOURS, TREND)
     residuals = coefficients.first_residuals()
@@ -137,7 +125,7 @@ def fit_lines(
         found = min((found, more), key=lambda minima: float(minima.cost[0]))
     fit = LinesFit(coefficients, model, found.values[0], power)
     for _ in range(ROUNDS):
-        before, fit = fit.values, fit.again(tolerance)
+        before, fit = fit.values, fit.again()
         if np.all(np.abs(fit.values - before) <= same * np.abs(before)):
             break
     return fit

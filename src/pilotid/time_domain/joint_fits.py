@@ -62,8 +62,9 @@ class JointFit(NamedTuple):
 class JointFits:
     """Optima near one pilot, of each model of the remnant that came into question.
 
-    Every model is fitted once, from the pilot at which it first did; what is asked for again
-    is there already.
+    Every model is fitted once, from the pilot at which it first did and from where all began: one
+    model may lose a channel, which does not come back of itself, where another does not.  What is
+    asked for again is there already.
 
     Parameters
     ----------
@@ -80,7 +81,8 @@ class JointFits:
     def __init__(
         self, prediction: Prediction, band: Band, pilot: FloatArray, noise: NoiseModel | None
     ) -> None:
-        self.prediction, self.band, self.pilot, self.noise = prediction, band, pilot, noise
+        self.prediction, self.band, self.noise = prediction, band, noise
+        self.pilot = self._first = pilot
         self.iterations = 0
         self._fits: dict[NoiseModel, tuple[JointFit, float]] = {}
 
@@ -131,8 +133,9 @@ class JointFits:
             fit, reached = self._fits.get(model, (None, np.inf))
             if fit is None:
                 joint = PredictionErrors(self.prediction, model, self.band)
-                start = np.concatenate([self.pilot, values])
-                end = minimise(joint.gram, start[None], joint, tolerance=tolerance)
+                pilots = [self.pilot] if self.pilot is self._first else [self.pilot, self._first]
+                starts = np.array([np.concatenate([pilot, values]) for pilot in pilots])
+                end = minimise(joint.gram, starts, joint, tolerance=tolerance)
                 fit = JointFit(joint, end)
                 self.iterations += end.iterations
             elif reached > tolerance:

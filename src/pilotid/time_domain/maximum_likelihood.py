@@ -203,7 +203,7 @@ def _lines_pilot(
     """The pilot that the forcing functions' lines show, shape (1, parameters), if they do."""
     if objection(recording, model):
         return None
-    fit = fit_lines(recording, model, rng, candidates=96, refined=8, same=0.01, tolerance=1e-3)
+    fit = fit_lines(recording, model, rng, candidates=96, refined=8, same=0.01)
     return fit.values[None] if np.isfinite(fit.values).all() else None
 
 
