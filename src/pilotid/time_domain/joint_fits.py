@@ -26,6 +26,18 @@ from pilotid.types import FloatArray
 CLEARLY = 0.1
 
 COARSE, FINE = 1e-3, 1e-10  # tolerances of a first look, and of what is compared
+ENOUGH = 1e-6  # tolerance at which a search has converged that creeps along a flat valley
+
+
+def optimum(joint: PredictionErrors, starts: FloatArray, tolerance: float = FINE) -> Minima:
+    """The best optimum that starts lead to, shape (starts, parameters), to a tolerance.
+
+    Along a flat valley the search creeps; where it got is then good enough if `ENOUGH` is met.
+    """
+    end = minimise(joint.gram, starts, joint, tolerance=tolerance)
+    if end.converged[0]:
+        return end
+    return minimise(joint.gram, end.values[:1], joint, tolerance=max(tolerance, ENOUGH))
 
 
 class JointFit(NamedTuple):
@@ -55,8 +67,7 @@ class JointFit(NamedTuple):
 
     def refined(self, tolerance: float) -> JointFit:
         """The same to another tolerance."""
-        end = minimise(self.joint.gram, self.end.values[:1], self.joint, tolerance=tolerance)
-        return JointFit(self.joint, end)
+        return JointFit(self.joint, optimum(self.joint, self.end.values[:1], tolerance))
 
 
 class JointFits:
@@ -135,7 +146,7 @@ class JointFits:
                 joint = PredictionErrors(self.prediction, model, self.band)
                 pilots = [self.pilot] if self.pilot is self._first else [self.pilot, self._first]
                 starts = np.array([np.concatenate([pilot, values]) for pilot in pilots])
-                end = minimise(joint.gram, starts, joint, tolerance=tolerance)
+                end = optimum(joint, starts, tolerance)
                 fit = JointFit(joint, end)
                 self.iterations += end.iterations
             elif reached > tolerance:

@@ -21,7 +21,7 @@ from pilotid.solve.least_squares import Minima, minimise
 from pilotid.time_domain.band import Band, analysis_band
 from pilotid.time_domain.exploration import FIRST, explore, terms_at
 from pilotid.time_domain.following import Following
-from pilotid.time_domain.joint_fits import FINE, JointFit, JointFits
+from pilotid.time_domain.joint_fits import FINE, JointFit, JointFits, optimum
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction, predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
@@ -141,7 +141,7 @@ class Maximum:
 
     def moved(self, start: FloatArray) -> Maximum:
         """The optimum that a better point leads to, pilot and remnant, shape (parameters,)."""
-        end = minimise(self.joint.gram, start[None], self.joint, tolerance=FINE)
+        end = optimum(self.joint, start[None])
         return replace(self, end=end, iterations=self.iterations + end.iterations)
 
 
