@@ -108,9 +108,8 @@ class MLE(LikelihoodSettings):
             # curvature at its maximum, from which the covariance is, only the middle of it.
             length = np.diff(profile.intervals, axis=1)[:, 0]
             errors = length / (2.0 * np.sqrt(sought / found.widened))
-            estimate = replace(estimate, intervals=intervals)
-            if (errors > 0.0).all():
-                estimate = replace(estimate, errors=errors)
+            known = errors if (errors > 0.0).all() else None
+            estimate = replace(estimate, intervals=intervals, errors=known)
             held = np.logical_or(*at_bounds(model, estimate.values, estimate.values))
             if held.any():
                 information = np.asarray(np.linalg.inv(covariance[pilot, pilot]))

@@ -110,7 +110,7 @@ def test_white_noise_is_taken_for_white() -> None:
         suiting(np.random.default_rng(seed).standard_normal((1, 1360)), FULL).model.name
         for seed in range(20)
     ]
-    assert chosen.count("white") >= 16  # of sixteen families; Akaike's criterion errs so often
+    assert chosen.count("white") >= 16  # of fifteen families; Akaike's criterion errs so often
 
 
 def test_a_resonance_that_no_low_pass_has_calls_for_a_free_spectrum() -> None:

@@ -17,16 +17,13 @@ prior: with A the products of that past, and the sum of squares at its minimum,
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
-from pilotid.posterior.nearby import Nearby, sums_of_squares
+from pilotid.posterior.nearby import BLOCK, Nearby, blocks, sums_of_squares
 from pilotid.time_domain.fast_residuals import Residuals
 from pilotid.time_domain.prediction_errors import PredictionErrors
+from pilotid.time_domain.whitening import shifted_products
 from pilotid.types import BoolArray, FloatArray
-
-BLOCK = 16  # parameter sets evaluated at once: about what the processor's cache holds
 
 
 class Likelihood:
@@ -104,8 +101,7 @@ class Likelihood:
     def lagged_products(self, values: FloatArray) -> FloatArray:
         """Inner products of the residual with itself at all pairs of lags 0 to the order.
 
-        Nuisance terms are projected out, and all runs count together.  The products of one
-        pair of lags differ from those of the pair before by the samples at both ends alone.
+        Nuisance terms are projected out, and all runs count together.
 
         Returns
         -------
@@ -114,22 +110,20 @@ class Likelihood:
         prediction, order = self.joint.prediction, len(self.joint.noise.keys)
         scored = prediction.scored
         result = np.empty((len(values), order + 1, order + 1))
-        for block in _blocks(len(values), BLOCK):
+        for block in blocks(len(values), BLOCK):
             signal = self._long_residual(values[block])
             lags = [signal[..., order - j : order - j + scored] for j in range(order + 1)]
             gained = signal[..., order - 1 :: -1][..., :order]
             lost = signal[..., -1 : -order - 1 : -1]
             change = np.einsum("sri,srj->sij", gained, gained)
             change -= np.einsum("sri,srj->sij", lost, lost)
-            own = result[block]
-            for j, lag in enumerate(lags):
-                own[:, 0, j] = own[:, j, 0] = np.einsum("srt,srt->s", lags[0], lag)
-            for i in range(order):
-                own[:, i + 1, 1:] = own[:, i, :-1] + change[:, i]
+            first = np.stack([np.einsum("srt,srt->s", lags[0], lag) for lag in lags], axis=1)
+            own = shifted_products(first, change)
             if prediction.terms:
                 along = np.stack([lag @ prediction.nuisance_basis for lag in lags], axis=1)
                 along = along.reshape(len(signal), order + 1, -1)
                 own -= along @ along.transpose(0, 2, 1)
+            result[block] = own
         return result
 
     def _long_residual(self, values: FloatArray) -> FloatArray:
@@ -162,8 +156,3 @@ class Likelihood:
         products = self.lagged_products(values)
         solved = np.linalg.solve(products[:, 1:, 1:], products[:, 1:, :1])
         return np.asarray(-solved[..., 0])
-
-
-def _blocks(count: int, size: int) -> Iterator[slice]:
-    for begin in range(0, count, size):
-        yield slice(begin, min(begin + size, count))

@@ -11,6 +11,7 @@ evaluated in full as well.  Some that are evaluated in full prove that all this 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 
@@ -19,9 +20,9 @@ import numpy as np
 from pilotid.time_domain.fast_residuals import Residuals
 from pilotid.time_domain.prediction import Prediction
 from pilotid.time_domain.prediction_errors import PredictionErrors
-from pilotid.types import FloatArray, IntArray
+from pilotid.types import ComplexArray, FloatArray, IntArray
 
-BLOCK = 16  # parameter sets evaluated at once in full
+BLOCK = 16  # parameter sets evaluated at once in full: about what the processor's cache holds
 MANY = 128  # parameter sets evaluated at once at few frequencies
 FREQUENCIES = 160  # at which a parameter set is placed, at the most
 SNAPSHOTS = 160  # parameter sets that are learnt from at a time
@@ -91,10 +92,9 @@ class Nearby:
     def _learn(self, values: FloatArray, taps: FloatArray) -> FloatArray:
         """Sums of squares in full, of parameter sets that others will be combined from."""
         errors = np.empty((len(values), self._errors.shape[1]))
-        for begin, end in _blocks(len(values), BLOCK):
-            own = slice(begin, end)
+        for own in blocks(len(values), BLOCK):
             found = prediction_errors(self._joint, self._residuals, values[own], taps[own])
-            errors[own] = found.reshape(end - begin, -1)
+            errors[own] = found.reshape(len(found), -1)
         sums = np.asarray(np.einsum("st,st->s", errors, errors))
         placed = self._spectra(values, taps)
         proving = np.arange(len(values)) % PROVED == PROVED // 2
@@ -132,8 +132,8 @@ class Nearby:
     ) -> IntArray:
         """Fill in the sums of those that lie within the span; returns those that do not."""
         beyond = []
-        for begin, end in _blocks(left.size, MANY):
-            own = left[begin:end]
+        for block in blocks(left.size, MANY):
+            own = left[block]
             placed = self._spectra(values[own], taps[own])
             along = placed @ self._basis.T
             rest = np.linalg.norm(placed - along @ self._basis, axis=1)
@@ -145,9 +145,7 @@ class Nearby:
 
     def _spectra(self, values: FloatArray, taps: FloatArray) -> FloatArray:
         """Transforms of the prediction errors at few frequencies, as real numbers, (sets, n)."""
-        spectra = self._places.spectra(values[:, : self._joint.pilot])
-        if taps.shape[1] > 1:
-            spectra *= self._some.filter_response(taps)[:, None, :]
+        spectra = _whitened(self._places, values[:, : self._joint.pilot], taps)
         return np.ascontiguousarray(spectra).view(float).reshape(len(values), -1)
 
 
@@ -156,9 +154,9 @@ def sums_of_squares(
 ) -> FloatArray:
     """Sums of squares of the prediction errors in full, shape (sets,); see `Nearby`."""
     sums = np.empty(len(values))
-    for begin, end in _blocks(len(values), BLOCK):
-        errors = prediction_errors(joint, residuals, values[begin:end], taps[begin:end])
-        sums[begin:end] = np.einsum("srt,srt->s", errors, errors)
+    for block in blocks(len(values), BLOCK):
+        errors = prediction_errors(joint, residuals, values[block], taps[block])
+        sums[block] = np.einsum("srt,srt->s", errors, errors)
     return sums
 
 
@@ -166,10 +164,16 @@ def prediction_errors(
     joint: PredictionErrors, residuals: Residuals, values: FloatArray, taps: FloatArray
 ) -> FloatArray:
     """Prediction errors of parameter sets, shape (sets, runs, scored)."""
-    spectra = residuals.spectra(values[:, : joint.pilot])
-    if taps.shape[1] > 1:
-        spectra *= joint.prediction.filter_response(taps)[:, None, :]
+    spectra = _whitened(residuals, values[:, : joint.pilot], taps)
     return joint.prediction.without_nuisance(joint.prediction.samples_of(spectra))
+
+
+def _whitened(residuals: Residuals, pilots: FloatArray, taps: FloatArray) -> ComplexArray:
+    """Transforms of the prediction errors, shape (sets, runs, bins)."""
+    spectra = residuals.spectra(pilots)
+    if taps.shape[1] > 1:
+        spectra *= residuals.prediction.filter_response(taps)[:, None, :]
+    return spectra
 
 
 def _telling(prediction: Prediction) -> IntArray:
@@ -191,5 +195,7 @@ def _at(prediction: Prediction, bins: IntArray) -> Prediction:
     )
 
 
-def _blocks(count: int, size: int) -> list[tuple[int, int]]:
-    return [(begin, min(begin + size, count)) for begin in range(0, count, size)]
+def blocks(count: int, size: int) -> Iterator[slice]:
+    """Slices that cover so many, in blocks of a size."""
+    for begin in range(0, count, size):
+        yield slice(begin, min(begin + size, count))

@@ -104,12 +104,14 @@ class JointFits:
     def best(self, rounds: int) -> JointFit:
         """The best of all, its model chosen anew as the pilot moves, up to so many times."""
         found = self._chosen(FINE)
+        if self.noise:
+            return found
         for _ in range(rounds - 1):
             before, found = found, self._chosen(FINE)
             if found.joint.noise == before.joint.noise:
                 break
         # Of many long autoregressions the first that suits depends on where the search came from.
-        while self.noise is None and (others := neighbours(found.joint.noise)):
+        while others := neighbours(found.joint.noise):
             better = self._best(self._guesses(others, self._products()), FINE)
             if not better.criterion < found.criterion - CLEARLY:
                 break

@@ -10,6 +10,7 @@ import numpy as np
 from pilotid.time_domain.band import Band
 from pilotid.time_domain.prediction import FAR
 from pilotid.time_domain.remnant_models import Autoregressive, BandPass, LowPass, NoiseModel
+from pilotid.time_domain.whitening import shifted_products
 from pilotid.types import FloatArray
 
 #: The families to choose from.
@@ -32,14 +33,9 @@ def lagged_products(residual: FloatArray) -> FloatArray:
     Array of shape (FAR + 1, FAR + 1).
     """
     runs, samples = residual.shape
-    products = np.empty((FAR + 1, FAR + 1))
     by_lag = [np.correlate(run, run[FAR:], mode="valid")[::-1] for run in residual]
-    products[0] = products[:, 0] = np.sum(by_lag, axis=0)
-    # One sample on, what was the last is lost and a new first one comes.
-    first, last = residual[:, FAR - 1 :: -1], residual[:, : samples - FAR - 1 : -1]
-    change = first.T @ first - last.T @ last
-    for lag in range(FAR):
-        products[lag + 1, 1:] = products[lag, :-1] + change[lag]
+    gained, lost = residual[:, FAR - 1 :: -1], residual[:, : samples - FAR - 1 : -1]
+    products = shifted_products(np.sum(by_lag, axis=0), gained.T @ gained - lost.T @ lost)
     return np.asarray(products / (runs * (samples - FAR)))
 
 
@@ -94,7 +90,7 @@ def suiting(residual: FloatArray, band: Band) -> Guess:
 def contenders(products: FloatArray, samples: int, band: Band) -> list[Guess]:
     """The noise model that suits a residual best, and the best of the other kind if it is close.
 
-    The kinds are low-pass filters and autoregressions.
+    The kinds are filters of white noise and autoregressions.
 
     Parameters
     ----------
@@ -105,16 +101,16 @@ def contenders(products: FloatArray, samples: int, band: Band) -> list[Guess]:
     band
         The analysis band.
     """
-    best: dict[bool, tuple[float, int, Guess]] = {}
-    for rank, model in enumerate(NOISE_MODELS):
+    scored: dict[bool, list[tuple[float, Guess]]] = {False: [], True: []}
+    for model in NOISE_MODELS:
         values, power = model.guess(products, band)
-        scored = criterion(model, power, samples), rank, Guess(model, values)
-        held = best.get(model.regressive)
-        if held is None or scored[:2] < held[:2]:
-            best[model.regressive] = scored
-    ascending = sorted(best.values(), key=lambda scored: scored[:2])
-    limit = ascending[0][0] + CLOSE
-    return [guess for score, _, guess in ascending if score < limit]
+        scored[model.regressive].append((criterion(model, power, samples), Guess(model, values)))
+    best = sorted((min(kind, key=_score) for kind in scored.values()), key=_score)
+    return [guess for score, guess in best if score < best[0][0] + CLOSE]
+
+
+def _score(scored: tuple[float, Guess]) -> float:
+    return scored[0]
 
 
 def neighbours(model: NoiseModel) -> list[NoiseModel]:

@@ -1,4 +1,4 @@
-"""Filters that whiten: the prediction-error filters of a spectrum."""
+"""Filters that whiten, and the products of lagged signals that tell the power they leave."""
 
 from __future__ import annotations
 
@@ -48,3 +48,27 @@ def prediction_error_filters(autocovariance: FloatArray) -> FloatArray:
         taps[:, 1 : order + 1] += reflection[:, None] * taps[:, order - 1 :: -1][:, :order]
         power = power * (1.0 - reflection * reflection)
     return taps
+
+
+def shifted_products(first: FloatArray, change: FloatArray) -> FloatArray:
+    """Inner products of a signal with itself at all pairs of lags.
+
+    Those of one pair of lags differ from those of the pair before by the samples at both ends
+    alone.
+
+    Parameters
+    ----------
+    first
+        Products of lag 0 with lags 0 to n, shape (..., n + 1).
+    change
+        Products of the samples gained less those of the samples lost, shape (..., n, n).
+
+    Returns
+    -------
+    Array of shape (..., n + 1, n + 1).
+    """
+    products = np.empty((*first.shape, first.shape[-1]))
+    products[..., 0, :] = products[..., 0] = first
+    for lag in range(change.shape[-1]):
+        products[..., lag + 1, 1:] = products[..., lag, :-1] + change[..., lag, :]
+    return products
