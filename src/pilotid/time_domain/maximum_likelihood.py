@@ -128,10 +128,18 @@ class Maximum:
 
     @property
     def at_edge(self) -> float:
-        """Largest share of what is known of a parameter that lies near the band's edge."""
-        joint, values = self.joint, self.end.values[0]
+        """Largest share of what is known of a parameter that lies near the band's edge.
+
+        The pilot of the lines is asked, too: where two optima are as good as one another, which
+        of them a search found must not decide on the band.
+        """
+        asked = [self.pilot] if self.known is None else [self.pilot, self.known[0]]
+        return max(map(self._at_edge, asked))
+
+    def _at_edge(self, pilot: FloatArray) -> float:
+        joint = self.joint
         prediction = joint.prediction
-        rows = prediction.row_spectra(values[None, : joint.pilot], joint.whitener(values))[0, :-1]
+        rows = prediction.row_spectra(pilot[None], joint.whitener(self.end.values[0]))[0, :-1]
         # A step has all frequencies: when it was, the band need not tell in full.
         when = [i for indices in prediction.model.whens for i in indices]
         rows = np.delete(rows, when, axis=0)
