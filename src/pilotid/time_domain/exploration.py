@@ -35,8 +35,9 @@ from pilotid.types import FloatArray
 FIRST = LowPass(2)
 
 #: Deviance by which a candidate may be worse than the best one.  The sweep's whitening is that
-#: of one pilot and favours it; with a remnant of its own each candidate has the same chance.
-SWEPT, LIKELY = 1000.0, 120.0
+#: of one pilot and favours it; with a remnant of its own each candidate has the same chance, but
+#: for what the few frequencies do not tell (170 was seen, and the right one left out for it).
+SWEPT, LIKELY = 1000.0, 300.0
 MOST = 5  # candidates that are looked at closely
 SWEEP = 8  # iterations of the sweep, after which the `PROMISING` best go on
 PROMISING = 9
