@@ -225,8 +225,8 @@ def criteria_from(
     recording, model, settings
         As for `maximise_likelihood`.
     sets
-        Pilot parameters, shape (sets, parameters); band and nuisance terms are those that
-        suit the first.
+        Pilot parameters, shape (sets, parameters); nuisance terms are those that suit the first,
+        and the band is wide enough for all.
     """
 
     def reached(rate: float | None) -> list[Maximum]:
@@ -235,7 +235,7 @@ def criteria_from(
 
     found = reached(settings.band)
     for rate in settings.wide:
-        if _too_narrow(found[0], recording, settings, rate):
+        if any(_too_narrow(maximum, recording, settings, rate) for maximum in found):
             found = reached(rate)
     return np.array([maximum.criterion for maximum in found])
 
