@@ -179,10 +179,13 @@ def motionless_input(recording: Recording, model: PilotModel) -> str | None:
 def all_remarks(estimate: Estimate, recording: Recording) -> tuple[str, ...]:
     """What a user must know of an estimate, also for what the recording lacks."""
     found = remarks_on(estimate)
-    if estimate.outcome is not Outcome.NOT_APPLICABLE and vague(estimate):
+    if estimate.outcome is Outcome.NOT_APPLICABLE:
+        return found
+    # Without a target there can be two summits, the lower of which no claimed error tells of.
+    shared = one_signal(recording, estimate.model)
+    if shared is None and vague(estimate):
         shared = shared_signals(recording, estimate.model)
-        found = (*found, shared) if shared else found
-    return found
+    return (*found, shared) if shared else found
 
 
 def shared_signals(recording: Recording, model: PilotModel) -> str | None:
