@@ -181,10 +181,9 @@ def all_remarks(estimate: Estimate, recording: Recording) -> tuple[str, ...]:
     found = remarks_on(estimate)
     if estimate.outcome is Outcome.NOT_APPLICABLE:
         return found
-    # Without a target there can be two summits, the lower of which no claimed error tells of.
-    shared = one_signal(recording, estimate.model)
-    if shared is None and vague(estimate):
-        shared = shared_signals(recording, estimate.model)
+    # Without a target the likelihood can have two summits, which no claimed error shows.
+    why = shared_signals if vague(estimate) else one_signal
+    shared = why(recording, estimate.model)
     return (*found, shared) if shared else found
 
 
