@@ -59,6 +59,7 @@ def check(session: nox.Session) -> None:
     scripts = {
         "mle": "mle_against_bound.py",
         "optima": "optima.py",
+        "search-seeds": "search_seeds.py",
         "theory": "theory_against_monte_carlo.py",
         "remnant": "remnant_figure.py",
         "responses": "responses_figure.py",

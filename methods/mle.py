@@ -35,7 +35,7 @@ from pilotid.time_domain.maximum_likelihood import (
     in_wide_band,
     maximise_likelihood,
 )
-from pilotid.time_domain.off_bounds import off_bounds
+from pilotid.time_domain.other_summits import off_bounds, rivals
 from pilotid.time_domain.residual_tests import tested
 from pilotid.time_domain.settings import LikelihoodSettings
 from pilotid.types import FloatArray
@@ -73,7 +73,7 @@ class MLE(LikelihoodSettings):
             Draws the other starts.
         """
         found = maximise_likelihood(recording, model, rng, self)
-        profile = _profile(found)
+        profile = profile_of(found)
         for _ in range(MOVES):
             if profile is None or profile.better is None:
                 break
@@ -81,7 +81,7 @@ class MLE(LikelihoodSettings):
             if found.follows and not moved.follows:
                 break
             found = in_wide_band(moved, recording, model, rng, self)
-            profile = _profile(found)
+            profile = profile_of(found)
         joint, end = found.joint, found.end
         values, gram = end.values[0], end.gram[0]
         pilot = slice(joint.pilot)
@@ -146,8 +146,14 @@ def _not_followed(found: Maximum) -> list[str]:
     ]
 
 
-def _profile(found: Maximum) -> Profile | None:
-    """Profile-likelihood intervals; None where the remnant has no shape."""
+def profile_of(found: Maximum) -> Profile | None:
+    """Profile-likelihood intervals; None where the remnant has no shape.
+
+    Parameters
+    ----------
+    found
+        The optimum; its rivals are held by the intervals as far as they suit.
+    """
     joint, end = found.joint, found.end
     if covariance_of(end.gram[0, :-1, :-1], found.variance) is None:
         return None
@@ -160,5 +166,5 @@ def _profile(found: Maximum) -> Profile | None:
         joint.pilot,
         estimated=freedom,
         widened=deviances(found) / CHI_SQUARED_95,
-        others=off_bounds(found),
+        others=np.concatenate([rivals(found), off_bounds(found)]),
     )

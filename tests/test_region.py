@@ -9,17 +9,18 @@ import pytest
 from helpers import NOMINAL
 
 from pilotid.chance import CHI_SQUARED_95
-from pilotid.datasets import simulate
+from pilotid.datasets import SCENARIOS, simulate
 from pilotid.estimates.bounds import at_bounds
 from pilotid.estimates.estimate import Outcome
-from pilotid.methods.mle import MLE
+from pilotid.methods.mle import MLE, profile_of
 from pilotid.pilot.factors import Neuromuscular
 from pilotid.pilot.model import PilotModel
+from pilotid.seeds import recording_rng
 from pilotid.solve.intervals import profile_intervals
 from pilotid.solve.least_squares import Minima, minimise
 from pilotid.solve.walk import Held
-from pilotid.time_domain.maximum_likelihood import maximise_likelihood
-from pilotid.time_domain.off_bounds import off_bounds
+from pilotid.time_domain.maximum_likelihood import Maximum, maximise_likelihood
+from pilotid.time_domain.other_summits import off_bounds
 from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical
@@ -117,3 +118,27 @@ def test_where_the_optimum_is_at_a_bound_others_are_sought_inside() -> None:
     estimate = MLE().fit(recording, bounded, np.random.default_rng(1))
     assert estimate.outcome is Outcome.AT_BOUND
     assert (np.diff(estimate.intervals) > 0.0).all()
+
+
+def test_intervals_hold_the_other_summits_that_the_search_came_upon() -> None:
+    """Without a target two delays act on one signal, and may be taken for one another."""
+    scenario = SCENARIOS["disturbance-step"]
+    recording = simulate(scenario, recording_rng(1, scenario.name, 3))
+    found = maximise_likelihood(recording, scenario.model, np.random.default_rng(1), MLE())
+    delays = [scenario.model.keys.index(key) for key in ("tdvis", "tdvest")]
+    truth = scenario.values[delays]
+    assert (np.abs(found.pilot[delays] - truth) > 0.05).all()  # .25 and .36 s for .33 and .29 s
+    own = intervals_of(replace(found, rivals=()))[delays]
+    assert not ((own[:, 0] < truth) & (truth < own[:, 1])).any()
+    both = intervals_of(replace(found, rivals=[scenario.values]))[delays]
+    assert ((both[:, 0] < truth) & (truth < both[:, 1])).all()
+    assert ((both[:, 0] < own[:, 0] + 0.01) & (own[:, 1] - 0.01 < both[:, 1])).all()
+    # The search comes upon it of itself, too.
+    assert any(np.abs(pilot[delays] - truth).max() < 0.03 for pilot in found.rivals)
+
+
+def intervals_of(found: Maximum) -> FloatArray:
+    profile = profile_of(found)
+    assert profile is not None
+    assert profile.better is None
+    return profile.intervals

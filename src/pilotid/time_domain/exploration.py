@@ -12,6 +12,7 @@ what does not follow the control as a pilot does is none, see `following`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,6 +74,7 @@ def explore(
     rng: np.random.Generator,
     settings: LikelihoodSettings,
     known: FloatArray | None = None,
+    beside: Sequence[FloatArray] = (),
 ) -> Explored:
     """Search the candidates.
 
@@ -87,10 +89,14 @@ def explore(
     settings
         Number of starts, and the remnant's model if it is not to be chosen.
     known
-        Pilots near the optimum, the first fitted to the forcing functions' lines alone, shape
-        (sets, parameters); None where there are no such lines.
+        The pilot fitted to the forcing functions' lines alone, shape (1, parameters); None where
+        there are no such lines.
+    beside
+        Pilots that are known of another band.
     """
     model = prediction.model
+    none = np.zeros((0, len(model.parameters)))
+    near = np.concatenate([none if known is None else known, *(pilot[None] for pilot in beside)])
     coarse = reduced(prediction)
     following = Following(coarse, known)
     if known is None:
@@ -98,8 +104,9 @@ def explore(
         firsts = search(
             white.gram, model, rng, candidates=settings.candidates, refined=settings.refined
         ).distinct()
+        firsts = np.concatenate([firsts, near])
     else:
-        firsts = known
+        firsts = near
     joint = PredictionErrors(coarse, settings.noise or FIRST, band)
     end = _own_remnant(joint, prediction, firsts)
     taps = joint.whitener(end.values[0])
@@ -107,21 +114,20 @@ def explore(
     whitened = OutputErrors(coarse, taps)
     starts = _starts(model, best, rng, settings.candidates if known is None else 0)
     starts, _ = solve_linear(whitened.gram(starts), starts, model.linear, model.lower)
-    starts = np.concatenate([best[None], *([] if known is None else [known]), starts])
+    starts = np.concatenate([best[None], near, starts])
     first = minimise(whitened.gram, starts, model, tolerance=1e-3, iterations=SWEEP)
     # What is far behind by then is given up.
     swept = minimise(
         whitened.gram, first.values[:PROMISING], model, tolerance=1e-3, iterations=2 * SWEEP
     )
     candidates, agreeing = optima(following.only(swept), coarse.samples, SWEPT)
-    if known is not None:
-        candidates = np.concatenate([candidates, known])
+    candidates = np.concatenate([candidates, near])
     if len(candidates) > 1:
         ends = following.only(_own_remnant(joint, prediction, candidates))
         candidates = optima(ends, coarse.samples, LIKELY)[0][:, : joint.pilot]
-    if known is not None and len(known) > 1:
+    if beside:
         # What is known of another band may be nearer than where the first remnant leads.
-        candidates = np.concatenate([candidates, known])
+        candidates = np.concatenate([candidates, near])
     terms = OutputErrors(prediction, taps).noticeable_terms(candidates[0])
     cost = np.sort(np.concatenate([swept.cost, first.cost[PROMISING:]]))
     return Explored(candidates, terms, Starts(cost / cost[0], agreeing), following)

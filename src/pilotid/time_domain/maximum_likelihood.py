@@ -6,6 +6,7 @@ chosen, and estimated along with the pilot, in the analysis band.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -41,6 +42,10 @@ UPPER, EDGE = 0.6, 0.01
 #: Candidates whose criterion, on a first look, is higher than the lowest by more are left out.
 NEAR = 20.0
 
+#: Optima of the whole search whose criterion is higher by no more are as likely as the best one.
+#: Two whose criteria differ by less than `ONE` are one.
+AS_LIKELY, ONE = 5.0, 0.01
+
 #: Likelihood ratios are larger than chi-squared says in short recordings, since pilot and remnant
 #: share what little there is: by this many seconds over the scored time (Bartlett's correction,
 #: with the constant measured on populations of pilots; docs/remnant.md).
@@ -64,7 +69,9 @@ class Maximum:
     following
         Tells whether parameters follow the control, where that was asked.
     known
-        The pilots that the search began with, see `pilotid.time_domain.exploration.explore`.
+        The pilot that the forcing functions' lines show, shape (1, parameters), if they do.
+    rivals
+        Pilots of other optima that are as likely, shape (optima, parameters).
     """
 
     joint: PredictionErrors
@@ -73,6 +80,7 @@ class Maximum:
     iterations: int
     following: Following | None = None
     known: FloatArray | None = None
+    rivals: Sequence[FloatArray] = ()
 
     @property
     def pilot(self) -> FloatArray:
@@ -130,13 +138,12 @@ class Maximum:
     def at_edge(self) -> float:
         """Largest share of what is known of a parameter that lies near the band's edge.
 
-        The pilot of the lines is asked, too: where two optima are as good as one another, which
-        of them a search found must not decide on the band.
+        Of two optima that are as likely, which one a search found must not decide on the band.
         """
-        asked = [self.pilot] if self.known is None else [self.pilot, self.known[0]]
-        return max(map(self._at_edge, asked))
+        return max(map(self.edge_of, [self.pilot, *self.rivals]))
 
-    def _at_edge(self, pilot: FloatArray) -> float:
+    def edge_of(self, pilot: FloatArray) -> float:
+        """The same of a pilot, shape (parameters,), with the remnant of the optimum."""
         joint = self.joint
         prediction = joint.prediction
         rows = prediction.row_spectra(pilot[None], joint.whitener(self.end.values[0]))[0, :-1]
@@ -192,12 +199,13 @@ def in_wide_band(
         As for `maximise_likelihood`.
     """
     for rate in settings.wide:
-        if not _too_narrow(found, recording, settings, rate):
+        if not _is_wider(recording, settings, rate, found):
             continue
-        known = found.known
-        if known is not None and found.follows:
-            known = np.array([known[0], found.pilot])
-        wider = _maximised(recording, model, rng, settings, rate, known)
+        found = _beside_lines(found, settings)
+        if found.at_edge <= EDGE:
+            continue
+        beside = [found.pilot, *found.rivals] if found.follows else []
+        wider = _maximised(recording, model, rng, settings, rate, found.known, beside)
         # The wider the band, the better the forcing functions are predicted, see `following`.
         if found.follows and not wider.follows:
             break
@@ -235,7 +243,8 @@ def criteria_from(
 
     found = reached(settings.band)
     for rate in settings.wide:
-        if any(_too_narrow(maximum, recording, settings, rate) for maximum in found):
+        wider = _is_wider(recording, settings, rate, found[0])
+        if wider and any(maximum.at_edge > EDGE for maximum in found):
             found = reached(rate)
     return np.array([maximum.criterion for maximum in found])
 
@@ -268,14 +277,30 @@ def _narrowed(
     return replace(prediction, terms=terms_at(prediction, band, pilot, settings)), band
 
 
-def _too_narrow(
-    found: Maximum, recording: Recording, settings: LikelihoodSettings, rate: float
+def _is_wider(
+    recording: Recording, settings: LikelihoodSettings, rate: float, found: Maximum
 ) -> bool:
-    """Whether a band is wider than that of an optimum, and the recording asks for it."""
+    """Whether a band is wider than that of an optimum."""
     if settings.band is None or rate <= settings.band:
         return False
-    wider = decimation(recording.dt, rate) < found.joint.band.factor
-    return wider and found.at_edge > EDGE
+    return decimation(recording.dt, rate) < found.joint.band.factor
+
+
+def _beside_lines(found: Maximum, settings: LikelihoodSettings) -> Maximum:
+    """An optimum that was compared with the one near the lines' pilot, if that asks for a band.
+
+    The search may have passed that one by, with one seed and not with another.
+    """
+    if found.known is None or found.at_edge > EDGE or found.edge_of(found.known[0]) <= EDGE:
+        return found
+    joint = found.joint
+    other = _maximum(joint.prediction, joint.band, found.known[0], settings, found.following)
+    if not other.follows:
+        return found
+    best = min(found, other, key=lambda maximum: maximum.criterion)
+    rivals = _rivals([found, other], best.criterion)
+    end = replace(best, starts=found.starts, known=found.known)
+    return replace(end, rivals=[*found.rivals, *rivals])
 
 
 def _maximised(
@@ -285,6 +310,7 @@ def _maximised(
     settings: LikelihoodSettings,
     rate: float | None,
     known: FloatArray | None,
+    beside: Sequence[FloatArray] = (),
 ) -> Maximum:
     if model.curves:
         plain = frozen(model)
@@ -296,7 +322,7 @@ def _maximised(
         return replace(_elsewhere(found), starts=first.starts)
     prediction = predict(recording, model, rate)
     band = analysis_band(recording.dt, rate)
-    explored = explore(prediction, band, rng, settings, known)
+    explored = explore(prediction, band, rng, settings, known, beside)
     narrowed, following = replace(prediction, terms=explored.terms), explored.following
     candidates = [JointFits(narrowed, band, pilot, settings.noise) for pilot in explored.candidates]
     if len(candidates) > 1:
@@ -310,13 +336,28 @@ def _maximised(
     tried = [_best_of(fits, settings, following) for fits in candidates]
     followed = [maximum for maximum in tried if maximum.follows] or tried
     best = min(followed, key=lambda maximum: maximum.criterion)
+    rivals = _rivals(followed, best.criterion)
     # The terms were chosen beside a first estimate; at the optimum the choice may be another.
     pilot = best.pilot
     whitened = OutputErrors(prediction, best.joint.whitener(best.end.values[0]))
     terms = whitened.noticeable_terms(pilot)
     if terms != explored.terms:
         best = _maximum(replace(prediction, terms=terms), band, pilot, settings, following)
-    return replace(_elsewhere(best), starts=explored.starts, known=known)
+    return replace(_elsewhere(best), starts=explored.starts, known=known, rivals=rivals)
+
+
+def _rivals(tried: Sequence[Maximum], lowest: float) -> list[FloatArray]:
+    """Pilots of optima that are nearly as good as the best one, each once."""
+    reached, rivals = [lowest], []
+    for other in tried:
+        criterion = other.criterion
+        if (
+            criterion < lowest + AS_LIKELY
+            and min(abs(criterion - known) for known in reached) > ONE
+        ):
+            reached.append(criterion)
+            rivals.append(other.pilot)
+    return rivals
 
 
 def _elsewhere(found: Maximum) -> Maximum:

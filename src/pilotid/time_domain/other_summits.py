@@ -1,8 +1,10 @@
-"""Other explanations of a recording whose optimum lies at a bound of a parameter.
+"""Other explanations of a recording: what suits it as well as the optimum, elsewhere.
 
-There the likelihood is far from a parabola, and often has another summit inside the bounds which
-is nearly as high: a slow neuromuscular system with a short delay is not unlike a fast one with a
-long delay.  So each parameter at a bound is held at usual values, and the others are fitted.
+The search may have come upon other summits of the likelihood that are nearly as high.  And where
+the optimum lies at a bound of a parameter, the likelihood is far from a parabola and often has
+another summit inside the bounds: a slow neuromuscular system with a short delay is not unlike a
+fast one with a long delay.  So each parameter at a bound is held at usual values, and the others
+are fitted.
 """
 
 from __future__ import annotations
@@ -16,6 +18,23 @@ from pilotid.time_domain.maximum_likelihood import Maximum
 from pilotid.types import FloatArray
 
 TOLERANCE, ITERATIONS = 1e-5, 20  # of the fits of all others
+
+
+def rivals(found: Maximum) -> FloatArray:
+    """Other summits, with the optimum's model of the remnant, shape (points, parameters).
+
+    Parameters
+    ----------
+    found
+        The optimum, with the pilots of other summits.
+    """
+    joint, optimum = found.joint, found.end.values[0]
+    starts = [np.concatenate([pilot, optimum[joint.pilot :]]) for pilot in found.rivals]
+    if not starts:
+        return np.zeros((0, len(optimum)))
+    return minimise(
+        joint.gram, np.array(starts), joint, tolerance=TOLERANCE, iterations=ITERATIONS
+    ).values
 
 
 def off_bounds(found: Maximum) -> FloatArray:
