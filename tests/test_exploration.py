@@ -19,6 +19,7 @@ from pilotid.datasets import Scenario, simulate
 from pilotid.datasets.remnant import Remnant
 from pilotid.methods.mle import MLE
 from pilotid.pilot.element import position_control
+from pilotid.seeds import recording_rng
 from pilotid.solve.intervals import profile_intervals
 from pilotid.solve.least_squares import Minima, minimise
 from pilotid.time_domain import reduced as reduction
@@ -69,6 +70,17 @@ def test_the_reduction_costs_the_same_for_any_length_and_number_of_runs() -> Non
     assert long.control_spectrum.size < 1.5 * short.control_spectrum.size
     assert short.s.size < 200
     assert long.samples > 15 * short.samples
+
+
+def test_lines_whose_fit_went_astray_do_not_lead_the_search_astray() -> None:
+    """As on replication 154 of `nominal`, seed 1, whose lines' pilot had four values at bounds."""
+    start = {"Kvis": 0.1, "tlead": 0.7, "tdvis": 0.5, "Kvest": 0.8, "tdvest": 0.1}
+    model = NOMINAL.model.with_start(start)
+    astray = np.array([1.5e4, 0.016, 1.0, 0.013, 1.0, 12.1, 0.02])
+    recording = simulate(NOMINAL, recording_rng(1, "nominal", 154))
+    prediction, band = predict(recording, model, BAND), analysis_band(NOMINAL.dt, BAND)
+    found = explore(prediction, band, np.random.default_rng(1), MLE(), astray[None])
+    np.testing.assert_allclose(found.candidates[0][2:], NOMINAL.values[2:], rtol=0.3)
 
 
 def test_the_reduction_has_its_optimum_where_the_pilot_is() -> None:

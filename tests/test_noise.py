@@ -8,7 +8,13 @@ import pytest
 from pilotid.time_domain.band import Band
 from pilotid.time_domain.prediction import FAR
 from pilotid.time_domain.prepare import lowpass
-from pilotid.time_domain.remnant_choice import NOISE_MODELS, lagged_products, suiting
+from pilotid.time_domain.remnant_choice import (
+    NOISE_MODELS,
+    contenders,
+    handicap,
+    lagged_products,
+    suiting,
+)
 from pilotid.time_domain.remnant_models import Autoregressive, BandPass, LowPass, remnant_estimate
 from pilotid.types import FloatArray
 
@@ -77,6 +83,18 @@ def test_a_remnant_without_low_frequencies_is_taken_for_a_band_pass() -> None:
     assert sum(isinstance(guess.model, BandPass) for guess in found) >= 18
     corners = [guess.values[-1] for guess in found if isinstance(guess.model, BandPass)]
     assert np.median(corners) == pytest.approx(truth[-1], rel=0.4)
+
+
+def test_a_band_pass_has_to_win_against_a_low_pass() -> None:
+    """Its corner and the pilot's gain explain one another: both are fitted, with a handicap."""
+    close = 0
+    for seed in range(20):
+        residual = shaped(BandPass(2), [4.0, 0.7, 0.3], 1360, seed)
+        found = [guess.model for guess in contenders(lagged_products(residual), 1360, BAND)]
+        if any(isinstance(model, BandPass) for model in found):
+            close += any(type(model) is LowPass for model in found)
+    assert close >= 5
+    assert handicap(BandPass(2)) > handicap(LowPass(2)) == handicap(Autoregressive(8)) == 0.0
 
 
 def test_the_filter_whitens_a_remnant_that_was_filtered_and_decimated() -> None:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pilotid.estimates.bounds import at_bounds
 from pilotid.estimates.estimate import Starts
 from pilotid.pilot.model import PilotModel
 from pilotid.solve.least_squares import Minima, minimise, solve_linear
@@ -99,7 +100,9 @@ def explore(
     near = np.concatenate([none if known is None else known, *(pilot[None] for pilot in beside)])
     coarse = reduced(prediction)
     following = Following(coarse, known)
-    if known is None:
+    # A fit of the lines that ended at a bound may have gone astray.
+    guided = known is not None and not np.any(at_bounds(model, known[0], known[0]))
+    if not guided:
         white = OutputErrors(coarse.below(settings.search_band))
         firsts = search(
             white.gram, model, rng, candidates=settings.candidates, refined=settings.refined
@@ -112,7 +115,7 @@ def explore(
     taps = joint.whitener(end.values[0])
     best = end.values[0, : joint.pilot]
     whitened = OutputErrors(coarse, taps)
-    starts = _starts(model, best, rng, settings.candidates if known is None else 0)
+    starts = _starts(model, best, rng, 0 if guided else settings.candidates)
     starts, _ = solve_linear(whitened.gram(starts), starts, model.linear, model.lower)
     starts = np.concatenate([best[None], near, starts])
     first = minimise(whitened.gram, starts, model, tolerance=1e-3, iterations=SWEEP)

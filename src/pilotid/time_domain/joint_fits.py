@@ -16,6 +16,7 @@ from pilotid.time_domain.remnant_choice import (
     Guess,
     contenders,
     criterion,
+    handicap,
     lagged_products,
     neighbours,
 )
@@ -63,7 +64,8 @@ class JointFit(NamedTuple):
     def criterion(self) -> float:
         """The criterion that chooses the remnant's model, of pilot and remnant together."""
         power = float(self.end.cost[0]) / self.joint.residuals
-        return criterion(self.joint.noise, power, self.joint.residuals, self.joint.pilot)
+        own = criterion(self.joint.noise, power, self.joint.residuals, self.joint.pilot)
+        return own + handicap(self.joint.noise)
 
     def refined(self, tolerance: float) -> JointFit:
         """The same to another tolerance."""

@@ -43,6 +43,16 @@ def lagged_products(residual: FloatArray) -> FloatArray:
 CLOSE = 20.0
 
 
+#: By how much a band-pass must predict better: its corner and the pilot's gain at low frequencies
+#: explain one another, and where none is needed it would take the gain for its own.
+CORNER = 7.0
+
+
+def handicap(model: NoiseModel) -> float:
+    """By how much the criterion of a model, fitted with the pilot, must be lower to be chosen."""
+    return CORNER if isinstance(model, BandPass) else 0.0
+
+
 def criterion(model: NoiseModel, power: float, samples: int, pilot: int = 0) -> float:
     """Akaike's information criterion of a noise model, corrected for few samples.
 
@@ -90,7 +100,8 @@ def suiting(residual: FloatArray, band: Band) -> Guess:
 def contenders(products: FloatArray, samples: int, band: Band) -> list[Guess]:
     """The noise model that suits a residual best, and the best of the other kind if it is close.
 
-    The kinds are filters of white noise and autoregressions.
+    The kinds are filters of white noise and autoregressions.  Beside a band-pass stands the best
+    low-pass as well: whether there is a corner is for `CORNER` to decide.
 
     Parameters
     ----------
@@ -105,7 +116,11 @@ def contenders(products: FloatArray, samples: int, band: Band) -> list[Guess]:
     for model in NOISE_MODELS:
         values, power = model.guess(products, band)
         scored[model.regressive].append((criterion(model, power, samples), Guess(model, values)))
-    best = sorted((min(kind, key=_score) for kind in scored.values()), key=_score)
+    best = [min(kind, key=_score) for kind in scored.values()]
+    if isinstance(best[0][1].model, BandPass):
+        plain = [each for each in scored[False] if not isinstance(each[1].model, BandPass)]
+        best.append(min(plain, key=_score))
+    best.sort(key=_score)
     return [guess for score, guess in best if score < best[0][0] + CLOSE]
 
 
