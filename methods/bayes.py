@@ -139,7 +139,7 @@ class Bayes(LikelihoodSettings):
         settings = replace(self, noise=LowPass(0)) if white else self
         found = maximise_likelihood(recording, model, rng, settings)
         joint = found.joint
-        likelihood = Likelihood(joint)
+        likelihood = Likelihood(joint, 1.0 if white else found.widened)
         posterior = Posterior(likelihood, priors_of(model, joint.noise, self.priors))
         sampled = sample(
             posterior,

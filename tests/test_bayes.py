@@ -66,6 +66,14 @@ def test_residuals_are_those_of_the_prediction() -> None:
     np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
 
 
+@pytest.mark.parametrize("noise", [LowPass(2), Autoregressive(4)], ids=lambda n: n.name)
+def test_a_widened_likelihood_knows_less_by_the_factor(noise: NoiseModel) -> None:
+    plain = likelihood_of(noise)
+    values = sets_of(LowPass(2), 5)[:, : plain.count]
+    widened = Likelihood(plain.joint, 1.25)
+    np.testing.assert_allclose(1.25 * widened.log(values), plain.log(values), rtol=1e-12)
+
+
 @pytest.mark.parametrize("model", [MULTI, SINGLE], ids=lambda m: m.name)
 def test_gram_matrices_of_gains_are_parts_of_the_whole_ones(model: PilotModel) -> None:
     recording = simulate(replace(NOMINAL, runs=2), np.random.default_rng(1))

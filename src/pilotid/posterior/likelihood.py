@@ -33,10 +33,14 @@ class Likelihood:
     ----------
     joint
         Prediction, model of the remnant and analysis band.
+    widened
+        Factor on the variances that the likelihood stands for, see
+        `pilotid.time_domain.maximum_likelihood.Maximum`: the remnant's model was chosen from the
+        same seconds, which integrating over its parameters does not tell.
     """
 
-    def __init__(self, joint: PredictionErrors) -> None:
-        self.joint = joint
+    def __init__(self, joint: PredictionErrors, widened: float = 1.0) -> None:
+        self.joint, self.widened = joint, widened
         self.residuals = Residuals(joint.prediction)
         self._nearby = Nearby(joint, self.residuals) if Nearby.suits(joint.prediction) else None
         #: Number of the remnant's parameters that are integrated out.
@@ -79,11 +83,12 @@ class Likelihood:
             penalty = self.joint.penalty
             rough = penalty.of(values) if penalty else np.zeros(len(values))
             if not self.integrated:
-                return np.asarray(-0.5 * samples * np.log(self.sums_of_squares(values) + rough))
+                deviance = samples * np.log(self.sums_of_squares(values) + rough)
+                return np.asarray(-0.5 / self.widened * deviance)
             left, log_determinant = self._regressed(self.lagged_products(values))
             left = left + rough
             freedom = samples - self.integrated
-            return np.asarray(-0.5 * (freedom * np.log(left) + log_determinant))
+            return np.asarray(-0.5 / self.widened * (freedom * np.log(left) + log_determinant))
 
     def sums_of_squares(self, values: FloatArray) -> FloatArray:
         """Sums of squares of the prediction errors, shape (sets,).
