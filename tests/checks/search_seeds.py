@@ -3,8 +3,8 @@
     nox -s check -- search-seeds --model multi FILES...
 
 A line for each recording: how far criteria lie apart, how far values lie apart in claimed errors,
-outcomes, the bands and the seconds.  Ends with status 1 if values of one recording differ by more
-than a tenth of their errors.
+models of the remnant, outcomes and seconds.  Ends with status 1 if values of one recording differ
+by more than a tenth of their errors.
 """
 
 from __future__ import annotations
