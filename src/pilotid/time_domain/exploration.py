@@ -102,14 +102,13 @@ def explore(
     following = Following(coarse, known)
     # A fit of the lines that ended at a bound may have gone astray.
     guided = known is not None and not np.any(at_bounds(model, known[0], known[0]))
+    firsts = near
     if not guided:
         white = OutputErrors(coarse.below(settings.search_band))
-        firsts = search(
+        ends = search(
             white.gram, model, rng, candidates=settings.candidates, refined=settings.refined
-        ).distinct()
-        firsts = np.concatenate([firsts, near])
-    else:
-        firsts = near
+        )
+        firsts = np.concatenate([ends.distinct(), near])
     joint = PredictionErrors(coarse, settings.noise or FIRST, band)
     end = _own_remnant(joint, prediction, firsts)
     taps = joint.whitener(end.values[0])

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -71,7 +72,7 @@ class Maximum:
     known
         The pilot that the forcing functions' lines show, shape (1, parameters), if they do.
     rivals
-        Pilots of other optima that are as likely, shape (optima, parameters).
+        Pilots of other optima that are as likely, each of shape (parameters,).
     """
 
     joint: PredictionErrors
@@ -134,7 +135,7 @@ class Maximum:
             float(np.mean(np.var(joint.prediction.control, axis=1))),
         )
 
-    @property
+    @cached_property
     def at_edge(self) -> float:
         """Largest share of what is known of a parameter that lies near the band's edge.
 
@@ -298,9 +299,8 @@ def _beside_lines(found: Maximum, settings: LikelihoodSettings) -> Maximum:
     if not other.follows:
         return found
     best = min(found, other, key=lambda maximum: maximum.criterion)
-    rivals = _rivals([found, other], best.criterion)
-    end = replace(best, starts=found.starts, known=found.known)
-    return replace(end, rivals=[*found.rivals, *rivals])
+    rivals = [*found.rivals, *_rivals([found, other], best.criterion)]
+    return replace(best, starts=found.starts, known=found.known, rivals=rivals)
 
 
 def _maximised(
