@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import os
 import re
 import subprocess
 import sys
@@ -164,3 +165,19 @@ def test_the_front_door_is_open_at_once() -> None:
         "['pilotid']",
         "pilotid.methods pilotid.show.plots pilotid.methods.mle",
     ]
+
+
+@pytest.mark.parametrize(("given", "expected"), [(None, "1"), ("3", "3")])
+def test_the_command_has_one_thread_of_linear_algebra_unless_told(
+    given: str | None, expected: str
+) -> None:
+    code = (
+        "import os, sys; import pilotid.cli; assert 'numpy' not in sys.modules;"
+        "print(os.environ['OMP_NUM_THREADS'], os.environ['OPENBLAS_NUM_THREADS'])"
+    )
+    kept = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
+    own = kept if given is None else {**kept, "OMP_NUM_THREADS": given}
+    answer = subprocess.run(
+        [sys.executable, "-c", code], env=own, capture_output=True, text=True, check=True
+    )
+    assert answer.stdout.split() == [expected, "1"]

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers import NOMINAL, PILOTS, SINGLE_LOOP, part_of, recording_of, without_remnant
+from scipy.fft import next_fast_len
 
 from pilotid.datasets import SCENARIOS, Scenario, simulate
 from pilotid.pilot.catalogue import MULTI, RATE, SINGLE
@@ -15,6 +16,7 @@ from pilotid.pilot.factors import Canals
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import minimise
+from pilotid.time_domain.extension import fast_length
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict, predict_circular
 from pilotid.time_domain.prepare import decimation, prepare
@@ -458,3 +460,20 @@ def test_inputs_and_control_are_prepared_alike_and_aligned(run_in: int, band: fl
     np.testing.assert_allclose(prepared.inputs[0], prepared.control, atol=1e-12)
     assert prepared.inputs[1].shape == prepared.control.shape
     assert np.std(prepared.control) > 0.1
+
+
+def test_fast_lengths_are_those_of_scipy() -> None:
+    lengths = [*range(1, 4000), 98_305, 1_000_003, 3_600_001]
+    assert [fast_length(n) for n in lengths] == [next_fast_len(n, real=True) for n in lengths]
+
+
+def test_responses_of_filters_are_the_transforms_of_their_taps() -> None:
+    prediction = predict(recording_of(NOMINAL), MULTI, 26.0)
+    rng = np.random.default_rng(1)
+    for count in (1, 5, 21, 61):
+        taps = rng.normal(size=(2, 3, count))
+        delays = np.exp(-np.outer(np.arange(count) * prediction.dt, prediction.s))
+        assert prediction.filter_response(taps) == pytest.approx(taps @ delays, abs=1e-10)
+        one = prediction.filter_response(taps[0, 0])
+        assert one.shape == prediction.s.shape
+        assert one == pytest.approx(taps[0, 0] @ delays, abs=1e-10)

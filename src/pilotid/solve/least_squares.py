@@ -21,6 +21,9 @@ from pilotid.types import BoolArray, FloatArray, IntArray
 #: extrapolated towards zero would not come back.
 LONGEST = 1.0
 
+#: Damping of the first step, in shares of the diagonal of the Hessian.
+FIRST = 1e-3
+
 BLOCK = 4  # parameter sets evaluated at once: more no longer fit the processor's cache
 
 #: Maps parameter sets (sets, p) to Gram matrices (sets, p + 1, p + 1), see `Problem.gram`.
@@ -120,6 +123,10 @@ class Minima:
         Gram matrices at the end points, shape (starts, parameters + 1, parameters + 1).
     iterations
         Iterations of the sweep.
+    curvature
+        What secants told of the Hessian beyond the Gram matrix, by logarithms of positive
+        parameters, shape (starts, parameters, parameters); it belongs to `gram` and spares a
+        search that goes on from here to learn it again; None for nothing.
     """
 
     values: FloatArray
@@ -127,6 +134,19 @@ class Minima:
     converged: BoolArray
     gram: FloatArray
     iterations: int
+    curvature: FloatArray | None = None
+
+    def only(self, which: IntArray | BoolArray) -> Minima:
+        """Some of the ends, in the order given."""
+        known = self.curvature
+        return Minima(
+            self.values[which],
+            self.cost[which],
+            self.converged[which],
+            self.gram[which],
+            self.iterations,
+            None if known is None else known[which],
+        )
 
     def distinct(self, same: float = 3e-3, far: float = 0.1) -> FloatArray:
         """One end point of each optimum that may be the best one.
@@ -167,10 +187,23 @@ def minimise(
     end = minimise_each(
         lambda values, _: gram(values), starts, space, tolerance=tolerance, iterations=iterations
     )
-    order = np.argsort(end.cost, kind="stable")
-    return Minima(
-        end.values[order], end.cost[order], end.converged[order], end.gram[order], end.iterations
-    )
+    return end.only(np.argsort(end.cost, kind="stable"))
+
+
+def resume(
+    gram: Gram, end: Minima, space: Space, *, tolerance: float = 1e-9, iterations: int = 60
+) -> Minima:
+    """Go on from where a search ended, its best end alone, with what it learned of the Hessian.
+
+    Parameters
+    ----------
+    gram, space, tolerance, iterations
+        See `minimise`.
+    end
+        What `minimise` found.
+    """
+    best = end.only(np.arange(1))
+    return _within(lambda values, _: gram(values), best.values, space, tolerance, iterations, best)
 
 
 def minimise_each(
@@ -197,6 +230,18 @@ def minimise_each(
     Minima
         In the order of the problems.
     """
+    return _within(gram, starts, space, tolerance, iterations, None)
+
+
+def _within(
+    gram: GramOf,
+    starts: FloatArray,
+    space: Space,
+    tolerance: float,
+    iterations: int,
+    known: Minima | None,
+) -> Minima:
+    """Minimise on the inner scale; `known` is what a search knew that ended at the starts."""
     scale = Scale(space.positive)
     clipped = np.clip(starts, space.lower, space.upper)
 
@@ -204,9 +249,16 @@ def minimise_each(
         values = scale.leave(points)
         return scale.inner(gram(values, which), values)
 
+    points = scale.enter(clipped)
+    if known is None:
+        grams, curvature = inner_gram(points, np.arange(len(points))), None
+    else:
+        grams, curvature = scale.inner(known.gram, clipped), known.curvature
+    if curvature is None:
+        curvature = np.zeros_like(grams[:, :-1, :-1])
     end = _minimise(
         inner_gram,
-        scale.enter(clipped),
+        Minima(points, grams[:, -1, -1], np.zeros(len(points), dtype=bool), grams, 1, curvature),
         scale.enter(space.lower),
         scale.enter(space.upper),
         np.where(space.positive, LONGEST, 0.25 * (space.upper - space.lower)),
@@ -219,50 +271,75 @@ def minimise_each(
 
 def _minimise(
     gram: GramOf,
-    starts: FloatArray,
+    begin: Minima,
     lower: FloatArray,
     upper: FloatArray,
     longest: FloatArray,
     tolerance: float,
     iterations: int,
 ) -> Minima:
-    values = starts.copy()
-    active = np.arange(len(values))
-    grams = gram(values, active)
-    curvature = np.zeros_like(grams[:, :-1, :-1])
-    damping = np.full(len(values), 1e-3)
-    converged = np.zeros(len(values), dtype=bool)
+    """Minimise from where `begin` is, all searches at once, until the last has ended."""
+    # Of the searches that go on; what has ended is put into the arrays of the result.
+    active = np.arange(len(begin.values))
+    values, grams = begin.values, begin.gram
+    curvature = np.zeros_like(grams[:, :-1, :-1]) if begin.curvature is None else begin.curvature
+    damping = np.full(len(values), FIRST)
+    ended = begin.only(np.arange(len(values)))
+    learned_of = curvature.copy()
     count = 1
+
+    def keep(which: BoolArray, converged: BoolArray | bool) -> None:
+        index = active[which]
+        ended.values[index], ended.gram[index] = values[which], grams[which]
+        ended.cost[index], ended.converged[index] = grams[which, -1, -1], converged
+        learned_of[index] = curvature[which]
+
     while active.size and count < iterations:
-        step, promised = _step(
-            grams[active], curvature[active], values[active], damping[active], lower, upper
-        )
-        done = promised <= tolerance * grams[active, -1, -1]
-        converged[active[done]] = True
-        active, step = active[~done], step[~done]
-        if not active.size:
-            break
-        trial = np.clip(values[active] + np.clip(step, -longest, longest), lower, upper)
+        cost = grams[:, -1, -1]
+        step, promised, stiff = _step(grams, curvature, values, damping, lower, upper)
+        if (done := promised <= tolerance * cost).any():
+            keep(done, True)
+            if done.all():
+                active = active[:0]
+                break
+            on = ~done
+            active, values, grams, cost = active[on], values[on], grams[on], cost[on]
+            curvature, damping = curvature[on], damping[on]
+            step, promised, stiff = step[on], promised[on], stiff[on]
+        step = np.minimum(np.maximum(step, -longest), longest)
+        trial = np.minimum(np.maximum(values + step, lower), upper)
         trial_grams = gram(trial, active)
         count += 1
-        better = trial_grams[:, -1, -1] < grams[active, -1, -1]  # false for NaN
-        accepted = active[better]
-        moved = (trial - values[active])[better]
+        reached = trial_grams[:, -1, -1]
+        better = reached < cost  # false for NaN
         # Far from the optimum a secant says little about the curvature there.
-        near = trial_grams[better, -1, -1] > 0.99 * grams[accepted, -1, -1]
+        near = better & (reached > 0.99 * cost)
         if near.any():
-            updated = _secant(curvature[accepted], grams[accepted], trial_grams[better], moved)
-            curvature[accepted] = np.where(near[:, None, None], updated, 0.0)
+            secant = _secant(curvature, grams, trial_grams, trial - values)
+            learned = np.where(near[:, None, None], secant, 0.0)
         else:
-            curvature[accepted] = 0.0
-        values[accepted], grams[accepted] = trial[better], trial_grams[better]
-        damping[accepted] = np.maximum(damping[accepted] / 10.0, 1e-9)
-        damping[active[~better]] *= 8.0
+            learned = np.zeros_like(curvature)
+        eased = np.maximum(damping / 10.0, 1e-9)
+        if better.all():
+            values, grams, curvature, damping = trial, trial_grams, learned, eased
+            continue
+        # A parabola through what was promised and what came tells how much too long the step was.
+        rise = (reached - cost) / np.maximum(promised, 1e-200)
+        longer = np.where(
+            np.isfinite(rise), np.minimum(np.maximum(1.0 + 2.0 * rise, 1.0), 100.0), 100.0
+        )
+        damping = np.where(better, eased, np.maximum(8.0 * damping, longer * stiff))
+        values = np.where(better[:, None], trial, values)
+        grams = np.where(better[:, None, None], trial_grams, grams)
+        curvature = np.where(better[:, None, None], learned, curvature)
         # Rounding, not the model, is then what keeps a step from lowering the cost.
-        stuck = damping[active] > 1e7
-        converged[active[stuck]] = np.isfinite(grams[active[stuck], -1, -1])
-        active = active[~stuck]
-    return Minima(values, grams[:, -1, -1].copy(), converged, grams, count)
+        if (stuck := damping > 1e7).any():
+            keep(stuck, np.isfinite(grams[stuck, -1, -1]))
+            on = ~stuck
+            active, values, grams = active[on], values[on], grams[on]
+            curvature, damping = curvature[on], damping[on]
+    keep(np.ones(active.size, dtype=bool), False)
+    return replace(ended, iterations=count, curvature=learned_of)
 
 
 def _step(
@@ -272,25 +349,32 @@ def _step(
     damping: FloatArray,
     lower: FloatArray,
     upper: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Damped steps, and the decrease of the cost that an undamped step promises."""
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Damped steps, the decrease that undamped ones promise, and the Hessian along those.
+
+    The last in shares of its diagonal, as the damping is.
+    """
     descent = grams[:, :-1, -1]
     blocked = ((values <= lower) & (descent < 0.0)) | ((values >= upper) & (descent > 0.0))
-    free = ~blocked
     scale = _scale(grams)
     matrix = (grams[:, :-1, :-1] + curvature) / (scale[:, :, None] * scale[:, None, :])
+    right = descent / scale
     if blocked.any():
+        free = ~blocked
         matrix = np.where(free[:, :, None] & free[:, None, :], matrix, 0.0)
+        right = np.where(free, right, 0.0)
     # A start outside the model's domain has no Hessian; it goes nowhere.
     if not (finite := np.isfinite(matrix)).all():
         matrix = np.where(finite.all(axis=(1, 2), keepdims=True), matrix, 0.0)
     # Negative curvature is turned round, so that steps descend.
     eigenvalues, vectors = np.linalg.eigh(matrix)
     eigenvalues = np.maximum(np.abs(eigenvalues), 1e-9)
-    right = np.where(free, descent / scale, 0.0)
     along = (right[:, None] @ vectors)[:, 0]
     step = (vectors @ (along / (eigenvalues + damping[:, None]))[:, :, None])[:, :, 0]
-    return step / scale, np.sum(along**2 / eigenvalues, axis=1)
+    own = along / eigenvalues
+    promise = (along * own).sum(axis=1)
+    stiff = promise / np.maximum((own * own).sum(axis=1), 1e-300)
+    return step / scale, promise, stiff
 
 
 def _secant(
@@ -303,12 +387,12 @@ def _secant(
     each step shows that curvature (Dennis, Gay & Welsch, NL2SOL, 1981).
     """
     scale = _scale(new)
-    gradient_change = old[:, :-1, -1] - new[:, :-1, -1]
-    model_change = np.einsum("spq,sq->sp", new[:, :-1, :-1] + curvature, step)
-    missing = (gradient_change - model_change) / scale
-    scaled_step = step * scale
-    product = np.einsum("sp,sp->s", missing, scaled_step)
-    size = np.linalg.norm(missing, axis=1) * np.linalg.norm(scaled_step, axis=1)
+    change = old[:, :-1, -1] - new[:, :-1, -1]  # of the gradient
+    told = ((new[:, :-1, :-1] + curvature) @ step[:, :, None])[:, :, 0]
+    missing = (change - told) / scale
+    scaled = step * scale
+    product = (missing * scaled).sum(axis=1)
+    size = np.sqrt((missing * missing).sum(axis=1) * (scaled * scaled).sum(axis=1))
     trusted = np.abs(product) > 1e-3 * size
     factor = np.where(trusted, 1.0 / np.where(trusted, product, 1.0), 0.0)
     unscaled = missing * scale

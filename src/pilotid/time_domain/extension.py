@@ -69,3 +69,20 @@ def _continued(inward: FloatArray, lower: FloatArray, extension: int, dt: float)
         at_rest[j - 1] = -start - dt * (outward @ kernels[j - 1] + half)
     weights = np.linalg.solve(dt * kernels @ bumps.T, at_rest)
     return np.asarray(outward + weights.T @ bumps)
+
+
+def fast_length(samples: int) -> int:
+    """The shortest length of a fast real transform, a product of 2, 3 and 5, of so many samples.
+
+    scipy has the same as ``next_fast_len``, but takes longer to import than a fit takes.
+    """
+    best = 1 << max(samples - 1, 0).bit_length()
+    five = 1
+    while five < best:
+        product = five
+        while product < best:
+            # By the smallest power of 2 that makes it long enough.
+            best = min(best, product << max(-(-samples // product) - 1, 0).bit_length())
+            product *= 3
+        five *= 5
+    return best

@@ -10,8 +10,6 @@ who is fitted to the forcing functions' lines alone tells how much there is to e
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from pilotid.solve.least_squares import Minima
@@ -62,12 +60,4 @@ class Following:
     def only(self, ends: Minima) -> Minima:
         """The ends that do, all if none does."""
         kept = self(ends.values)
-        if kept.all() or not kept.any():
-            return ends
-        return replace(
-            ends,
-            values=ends.values[kept],
-            cost=ends.cost[kept],
-            converged=ends.converged[kept],
-            gram=ends.gram[kept],
-        )
+        return ends if kept.all() or not kept.any() else ends.only(kept)

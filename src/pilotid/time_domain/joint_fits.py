@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pilotid.solve.least_squares import Minima, minimise
+from pilotid.solve.least_squares import Minima, minimise, resume
 from pilotid.time_domain.band import Band
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction
@@ -26,8 +26,12 @@ from pilotid.types import FloatArray
 #: By how much the criterion of a longer or shorter autoregression must be lower.
 CLEARLY = 0.1
 
-COARSE, FINE = 1e-3, 1e-10  # tolerances of a first look, and of what is compared
-ENOUGH = 1e-6  # tolerance at which a search has converged that creeps along a flat valley
+COARSE, FINE = 1e-3, 1e-10  # tolerances of a first look, and of what is reported
+#: Tolerance of what is compared, and at which a search has converged that creeps along a flat
+#: valley.
+ENOUGH = 1e-6
+#: What such a search is still short of, in steps of its tolerance: those ahead add up.
+AHEAD = 10.0
 
 
 def optimum(joint: PredictionErrors, starts: FloatArray, tolerance: float = FINE) -> Minima:
@@ -36,9 +40,15 @@ def optimum(joint: PredictionErrors, starts: FloatArray, tolerance: float = FINE
     Along a flat valley the search creeps; where it got is then good enough if `ENOUGH` is met.
     """
     end = minimise(joint.gram, starts, joint, tolerance=tolerance)
-    if end.converged[0]:
-        return end
-    return minimise(joint.gram, end.values[:1], joint, tolerance=max(tolerance, ENOUGH))
+    return end if end.converged[0] else _resumed(joint, end, max(tolerance, ENOUGH))
+
+
+def _resumed(joint: PredictionErrors, end: Minima, tolerance: float) -> Minima:
+    """The best of some ends to another tolerance, or to `ENOUGH` as in `optimum`."""
+    further = resume(joint.gram, end, joint, tolerance=tolerance)
+    if further.converged[0] or tolerance >= ENOUGH:
+        return further
+    return resume(joint.gram, further, joint, tolerance=ENOUGH)
 
 
 class JointFit(NamedTuple):
@@ -67,9 +77,14 @@ class JointFit(NamedTuple):
         own = criterion(self.joint.noise, power, self.joint.residuals, self.joint.pilot)
         return own + handicap(self.joint.noise)
 
+    @property
+    def short(self) -> float:
+        """By how much the criterion may be lower at the optimum, of a fit to `ENOUGH`."""
+        return AHEAD * ENOUGH * self.joint.residuals
+
     def refined(self, tolerance: float) -> JointFit:
         """The same to another tolerance."""
-        return JointFit(self.joint, optimum(self.joint, self.end.values[:1], tolerance))
+        return JointFit(self.joint, _resumed(self.joint, self.end, tolerance))
 
 
 class JointFits:
@@ -104,17 +119,19 @@ class JointFits:
         return self._chosen(COARSE)
 
     def best(self, rounds: int) -> JointFit:
-        """The best of all, its model chosen anew as the pilot moves, up to so many times."""
-        found = self._chosen(FINE)
+        """The best of all to `ENOUGH`, its model chosen anew as the pilot moves, up to so often."""
+        found = self._chosen(ENOUGH)
         if self.noise:
             return found
         for _ in range(rounds - 1):
-            before, found = found, self._chosen(FINE)
+            before, found = found, self._chosen(ENOUGH)
             if found.joint.noise == before.joint.noise:
                 break
         # Of many long autoregressions the first that suits depends on where the search came from.
         while others := neighbours(found.joint.noise):
-            better = self._best(self._guesses(others, self._products()), FINE)
+            better = self._best(self._guesses(others, self._products()), ENOUGH)
+            if abs(better.criterion - found.criterion + CLEARLY) < found.short:
+                found, better = self._to(found, FINE), self._to(better, FINE)
             if not better.criterion < found.criterion - CLEARLY:
                 break
             found = self._moved(better)
@@ -143,19 +160,33 @@ class JointFits:
 
     def _best(self, guesses: Sequence[Guess], tolerance: float) -> JointFit:
         """The best of some models, each with the pilot that goes with it."""
-        fits = []
-        for model, values in guesses:
-            fit, reached = self._fits.get(model, (None, np.inf))
-            if fit is None:
-                joint = PredictionErrors(self.prediction, model, self.band)
-                pilots = [self.pilot] if self.pilot is self._first else [self.pilot, self._first]
-                starts = np.array([np.concatenate([pilot, values]) for pilot in pilots])
-                end = optimum(joint, starts, tolerance)
-                fit = JointFit(joint, end)
-                self.iterations += end.iterations
-            elif reached > tolerance:
-                fit = fit.refined(tolerance)
-                self.iterations += fit.end.iterations
-            self._fits[model] = fit, min(reached, tolerance)
-            fits.append(fit)
-        return min(fits, key=lambda fit: fit.criterion)
+        fits = [self._fitted(guess, tolerance) for guess in guesses]
+        best = min(fits, key=_criterion)
+        near = [fit for fit in fits if fit.criterion < best.criterion + best.short]
+        if tolerance > ENOUGH or len(near) == 1:
+            return best
+        return min((self._to(fit, FINE) for fit in near), key=_criterion)
+
+    def _fitted(self, guess: Guess, tolerance: float) -> JointFit:
+        """A model fitted to a tolerance, if it is not yet."""
+        model, values = guess
+        if model in self._fits:
+            return self._to(self._fits[model][0], tolerance)
+        joint = PredictionErrors(self.prediction, model, self.band)
+        pilots = [self.pilot] if self.pilot is self._first else [self.pilot, self._first]
+        starts = np.array([np.concatenate([pilot, values]) for pilot in pilots])
+        return self._kept(JointFit(joint, optimum(joint, starts, tolerance)), tolerance)
+
+    def _to(self, fit: JointFit, tolerance: float) -> JointFit:
+        """A fit that was made before, to a tolerance."""
+        reached = self._fits[fit.joint.noise][1]
+        return fit if reached <= tolerance else self._kept(fit.refined(tolerance), tolerance)
+
+    def _kept(self, fit: JointFit, tolerance: float) -> JointFit:
+        self.iterations += fit.end.iterations
+        self._fits[fit.joint.noise] = fit, tolerance
+        return fit
+
+
+def _criterion(fit: JointFit) -> float:
+    return fit.criterion

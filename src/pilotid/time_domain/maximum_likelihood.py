@@ -155,6 +155,11 @@ class Maximum:
         upper = prediction.s.imag > UPPER * np.pi / prediction.dt
         return float(np.max(np.sum(power[:, upper], axis=1) / np.sum(power, axis=1)))
 
+    def refined(self) -> Maximum:
+        """The same optimum to the tolerance of what is reported."""
+        end = JointFit(self.joint, self.end).refined(FINE).end
+        return replace(self, end=end, iterations=self.iterations + end.iterations)
+
     def moved(self, start: FloatArray) -> Maximum:
         """The optimum that a better point leads to, pilot and remnant, shape (parameters,)."""
         end = optimum(self.joint, start[None])
@@ -335,6 +340,9 @@ def _maximised(
         candidates = [candidates[index] for index in near]
     tried = [_best_of(fits, settings, following) for fits in candidates]
     followed = [maximum for maximum in tried if maximum.follows] or tried
+    lowest = min(maximum.criterion for maximum in followed)
+    # What was far behind to `ENOUGH` is no rival.
+    followed = [each.refined() for each in followed if each.criterion < lowest + 2.0 * AS_LIKELY]
     best = min(followed, key=lambda maximum: maximum.criterion)
     rivals = _rivals(followed, best.criterion)
     # The terms were chosen beside a first estimate; at the optimum the choice may be another.
@@ -381,7 +389,8 @@ def _maximum(
     """Pilot and remnant together from one pilot, the remnant's model chosen as they move."""
     if prediction.model.curves and prediction.penalty is None:
         return _smooth_maximum(prediction, band, pilot, settings)
-    return _best_of(JointFits(prediction, band, pilot, settings.noise), settings, following)
+    fits = JointFits(prediction, band, pilot, settings.noise)
+    return _best_of(fits, settings, following).refined()
 
 
 def _best_of(fits: JointFits, settings: LikelihoodSettings, following: Following | None) -> Maximum:

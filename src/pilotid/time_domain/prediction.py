@@ -18,7 +18,7 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import BLOCK
 from pilotid.solve.smoothing import Penalty
-from pilotid.time_domain.extension import _extended
+from pilotid.time_domain.extension import _extended, fast_length
 from pilotid.time_domain.modulated import FineInput, fine_input
 from pilotid.time_domain.prepare import Prepared, prepare
 from pilotid.types import ComplexArray, FloatArray
@@ -137,10 +137,16 @@ class Prediction:
         """
         return self.samples_of(self.row_spectra(values, taps))
 
-    def row_spectra(self, values: FloatArray, taps: FloatArray | None = None) -> ComplexArray:
-        """The transforms of `rows`, shape (sets, parameters + 1, runs, bins)."""
+    def row_spectra(
+        self, values: FloatArray, taps: FloatArray | None = None, between: int = 0
+    ) -> ComplexArray:
+        """The transforms of `rows`, shape (sets, parameters + 1, runs, bins).
+
+        `between` is a number of empty rows between Jacobian and residual, for other parameters.
+        """
         sets, count = values.shape
-        spectrum = np.zeros((sets, count + 1, *self.control_spectrum.shape), dtype=complex)
+        rows = count + between + 1
+        spectrum = np.zeros((sets, rows, *self.control_spectrum.shape), dtype=complex)
         spectrum[:, -1] = self.control_spectrum
         step = self.s.size if any(self.fine) else LONG
         for begin in range(0, self.s.size, step):
@@ -202,7 +208,9 @@ class Prediction:
         """Response of moving-average filters at the bins, shape (..., bins)."""
         count = taps.shape[-1]
         shifts = self._shifts if count <= REACH + 1 else self._far_shifts
-        return np.asarray(taps @ shifts[:count])
+        # Taps are real: so are the products, of real and imaginary parts side by side.
+        flat = taps.reshape(-1, count) @ shifts.view(float)[:count]
+        return np.asarray(flat.view(complex).reshape(*taps.shape[:-1], self.s.size))
 
     @cached_property
     def _shifts(self) -> ComplexArray:
@@ -291,12 +299,10 @@ def predict(recording: Recording, model: PilotModel, band: float | None = None) 
     band
         What lies above this frequency [rad/s] is not used; None for the full sampling rate.
     """
-    from scipy.fft import next_fast_len
-
     model = model.over(recording.duration)
     prepared: Prepared = prepare(recording, model, band)
     extension = min(round(EXTENSION / prepared.dt), prepared.control.shape[1] - 1)
-    length = next_fast_len(prepared.control.shape[1] + 2 * extension, real=True)
+    length = fast_length(prepared.control.shape[1] + 2 * extension)
 
     def transformed(signal: FloatArray, edges: FloatArray) -> ComplexArray:
         return np.fft.rfft(_extended(signal, edges, extension, prepared.dt), n=length)

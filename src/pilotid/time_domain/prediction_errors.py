@@ -85,9 +85,10 @@ class PredictionErrors(Problem):
         prediction = self.prediction
         pilot, remnant = values[:, : self.pilot], values[:, self.pilot :]
         taps, slopes = self.noise.taps(remnant, self.band)
-        spectra = prediction.row_spectra(pilot)
+        spectra = prediction.row_spectra(pilot, between=slopes.shape[1])
         residual = spectra[:, -1:]
-        by_remnant = -prediction.filter_response(slopes)[:, :, None] * residual
-        spectra *= prediction.filter_response(taps)[:, None, None]
-        joined = np.concatenate([spectra[:, :-1], by_remnant, spectra[:, -1:]], axis=1)
-        return prediction.errors_of(joined)
+        filters = prediction.filter_response(np.concatenate([slopes, taps[:, None]], axis=1))
+        np.multiply(filters[:, :-1, None], -residual, out=spectra[:, self.pilot : -1])
+        spectra[:, : self.pilot] *= filters[:, -1:, None]
+        residual *= filters[:, -1:, None]
+        return prediction.errors_of(spectra)

@@ -23,7 +23,7 @@ from pilotid.types import BoolArray, ComplexArray, FloatArray
 #: A group of bins is this share of its frequency wide, and at most so many rad/s.
 SHARE, WIDEST = 1.0 / 15.0, 0.35
 
-MANY = 32  # parameter sets evaluated at once: a hundred frequencies of each fit the cache
+MANY = 12  # parameter sets evaluated at once: a hundred frequencies of each fit the cache
 
 
 @dataclass(frozen=True)

@@ -56,7 +56,7 @@ class WhiteLikelihood:
         if model.curves:
             problem, end = smoothed(problem, model, model, start, 1e-6)
         else:
-            end = minimise(problem.gram, start[None], model, tolerance=1e-6)
+            end = minimise(problem.gram, start[None], model, tolerance=1e-8)
         values, gram = end.values[0], end.gram[0]
         variance = gram[-1, -1] / (problem.residuals - len(values))
         covariance = covariance_of(gram[:-1, :-1], variance)
