@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +11,7 @@ from pilotid.chance import Z95
 from pilotid.report.figures import BOUND, name_rows
 from pilotid.show.style import INK, WIDTH, colour_of, journal_style, log_ticks, marker_of
 from pilotid.study.comparison import Cell
+from pilotid.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,14 +58,20 @@ def _glance_row(axes: tuple[Axes, Axes, Axes], row: int, cell: Cell) -> None:
         "elinewidth": 0.7,
         "linewidth": 0.0,
     }
-    offsets = np.linspace(-0.36, 0.36, len(cell.percent))
-    for place, score in zip(row + offsets, cell.percent, strict=True):
-        axes[0].errorbar(score.bias / score.bound, place,
-                         xerr=Z95 * score.bias_se / score.bound, **style)  # fmt: skip
-        low = min(Z95 * score.ratio_se, 0.9 * score.ratio)
-        axes[1].errorbar(score.ratio, place, xerr=[[low], [Z95 * score.ratio_se]], **style)
-        if math.isfinite(score.coverage):
-            ends = np.abs(np.array(score.coverage_interval) - score.coverage)
-            axes[2].errorbar(
-                100.0 * score.coverage, place, xerr=100.0 * ends[:, np.newaxis], **style
-            )
+    scores = cell.percent
+    places = row + np.linspace(-0.36, 0.36, len(scores))
+
+    def bars(panel: Axes, values: Sequence[float], below: FloatArray, above: FloatArray) -> None:
+        known = np.isfinite(values)  # what is not finite has no point
+        panel.errorbar(np.array(values)[known], places[known],
+                       xerr=np.array([below, above])[:, known], **style)  # fmt: skip
+
+    reach = np.array([Z95 * score.bias_se / score.bound for score in scores])
+    bars(axes[0], [score.bias / score.bound for score in scores], reach, reach)
+    ratios = np.array([score.ratio for score in scores])
+    reach = np.array([Z95 * score.ratio_se for score in scores])
+    bars(axes[1], ratios.tolist(), np.minimum(reach, 0.9 * ratios), reach)
+    covered = np.array([score.coverage for score in scores])
+    ends = np.array([score.coverage_interval for score in scores]).reshape(-1, 2)
+    off = np.abs(ends - covered[:, np.newaxis]).T
+    bars(axes[2], (100.0 * covered).tolist(), 100.0 * off[0], 100.0 * off[1])

@@ -90,9 +90,8 @@ def _point(
         axes.plot(low, row, "<", color=colour, markersize=3.5, markerfacecolor="white",
                   clip_on=False)  # fmt: skip
         return
-    reach = np.abs(np.array(interval) - value)[:, np.newaxis]
-    axes.errorbar(value, row, xerr=reach, color=colour, marker=marker_of(method), markersize=3.2,
-                  linewidth=0.0, elinewidth=0.8)  # fmt: skip
+    axes.plot(interval, [row, row], color=colour, linewidth=0.8, solid_capstyle="butt")
+    axes.plot(value, row, marker_of(method), color=colour, markersize=3.2)
 
 
 def by_parameter(cells: Sequence[PopulationCell]) -> Figure:

@@ -251,14 +251,14 @@ def _within(
 
     points = scale.enter(clipped)
     if known is None:
-        grams, curvature = inner_gram(points, np.arange(len(points))), None
+        grams = inner_gram(points, np.arange(len(points)))
     else:
-        grams, curvature = scale.inner(known.gram, clipped), known.curvature
-    if curvature is None:
-        curvature = np.zeros_like(grams[:, :-1, :-1])
+        grams = scale.inner(known.gram, clipped)
+    none = np.zeros(len(points), dtype=bool)
+    begin = Minima(points, grams[:, -1, -1], none, grams, 1, known and known.curvature)
     end = _minimise(
         inner_gram,
-        Minima(points, grams[:, -1, -1], np.zeros(len(points), dtype=bool), grams, 1, curvature),
+        begin,
         scale.enter(space.lower),
         scale.enter(space.upper),
         np.where(space.positive, LONGEST, 0.25 * (space.upper - space.lower)),
@@ -315,7 +315,8 @@ def _minimise(
         # Far from the optimum a secant says little about the curvature there.
         near = better & (reached > 0.99 * cost)
         if near.any():
-            secant = _secant(curvature, grams, trial_grams, trial - values)
+            new = trial_grams if near.all() else np.where(near[:, None, None], trial_grams, grams)
+            secant = _secant(curvature, grams, new, trial - values)
             learned = np.where(near[:, None, None], secant, 0.0)
         else:
             learned = np.zeros_like(curvature)
