@@ -162,7 +162,7 @@ class JointFits:
         """The best of some models, each with the pilot that goes with it."""
         fits = [self._fitted(guess, tolerance) for guess in guesses]
         best = min(fits, key=_criterion)
-        near = [fit for fit in fits if fit.criterion < best.criterion + best.short]
+        near = [fit for fit in fits if not fit.criterion > best.criterion + best.short]
         if tolerance > ENOUGH or len(near) == 1:
             return best
         return min((self._to(fit, FINE) for fit in near), key=_criterion)

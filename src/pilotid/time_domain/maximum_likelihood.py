@@ -342,7 +342,8 @@ def _maximised(
     followed = [maximum for maximum in tried if maximum.follows] or tried
     lowest = min(maximum.criterion for maximum in followed)
     # What was far behind to `ENOUGH` is no rival.
-    followed = [each.refined() for each in followed if each.criterion < lowest + 2.0 * AS_LIKELY]
+    far = lowest + 2.0 * AS_LIKELY
+    followed = [each.refined() for each in followed if not each.criterion > far]
     best = min(followed, key=lambda maximum: maximum.criterion)
     rivals = _rivals(followed, best.criterion)
     # The terms were chosen beside a first estimate; at the optimum the choice may be another.
