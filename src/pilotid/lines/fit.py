@@ -24,8 +24,6 @@ from pilotid.solve.search import search
 from pilotid.types import FloatArray
 
 ROUNDS = 8  # in which leakage and power are found anew
-#: Tolerance of each of these: what one leaves, the next one finds.
-ROUGH, FINE = 1e-4, 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,20 +73,18 @@ class LinesFit:
 
     def minimised(self) -> LinesFit:
         """The same with the parameters that fit best under this power, from these ones."""
-        return self._minimised(self.coefficients, self.power, FINE)
+        return self._minimised(self.coefficients, self.power)
 
     def again(self) -> LinesFit:
         """The same with the power and the leakage that these parameters leave, and a new fit."""
         responses = self.model.response(self.coefficients.omega, self.values)
         residuals = self.coefficients.residuals(responses)
         alone = self.coefficients.at_lines_alone(residuals)
-        return self._minimised(alone, self.coefficients.power(residuals), ROUGH)
+        return self._minimised(alone, self.coefficients.power(residuals))
 
-    def _minimised(
-        self, coefficients: Coefficients, power: FloatArray, tolerance: float
-    ) -> LinesFit:
+    def _minimised(self, coefficients: Coefficients, power: FloatArray) -> LinesFit:
         problem = Equations(coefficients, self.model, power, 1.0, self.values)
-        end = minimise(problem.gram, self.values[None], self.model, tolerance=tolerance)
+        end = minimise(problem.gram, self.values[None], self.model, tolerance=1e-6)
         return replace(self, values=end.values[0], power=power)
 
 
