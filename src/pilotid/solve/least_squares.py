@@ -251,11 +251,11 @@ def _within(
 
     points = scale.enter(clipped)
     if known is None:
-        grams = inner_gram(points, np.arange(len(points)))
+        grams, curvature = inner_gram(points, np.arange(len(points))), None
     else:
-        grams = scale.inner(known.gram, clipped)
+        grams, curvature = scale.inner(known.gram, clipped), known.curvature
     none = np.zeros(len(points), dtype=bool)
-    begin = Minima(points, grams[:, -1, -1], none, grams, 1, known and known.curvature)
+    begin = Minima(points, grams[:, -1, -1], none, grams, 1, curvature)
     end = _minimise(
         inner_gram,
         begin,
