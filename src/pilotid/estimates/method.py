@@ -114,6 +114,8 @@ def identify(
     Whatever the method does, the answer is an estimate: what it raises, and what it returns
     that makes no sense, are outcomes.  Only an interruption by the user passes through.
     """
+    import scipy.special  # noqa: F401, before the fit is timed
+
     name, begin = method.name, None
     try:
         objection = motionless_input(recording, model) or method.objection(recording, model)

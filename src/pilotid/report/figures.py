@@ -123,14 +123,14 @@ def bars(
         axes.scatter(caps, [*rows, *rows], s=cap**2, c=each * 2, marker="|", linewidths=width)
 
 
+def _around(value: float, spread: float) -> tuple[float, float]:
+    return value - spread, value + spread
+
+
 def _reach(value: float, *spreads: float) -> tuple[float, float]:
     """Ends of a value with the larger of its spreads."""
     spread = max([s for s in spreads if math.isfinite(s)], default=0.0)
-    return value - spread, value + spread
-
-
-def _around(value: float, spread: float) -> tuple[float, float]:
-    return value - spread, value + spread
+    return _around(value, spread)
 
 
 def errors(

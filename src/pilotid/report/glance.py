@@ -61,17 +61,17 @@ def _glance_row(axes: tuple[Axes, Axes, Axes], row: int, cell: Cell) -> None:
     scores = cell.percent
     places = row + np.linspace(-0.36, 0.36, len(scores))
 
-    def bars(panel: Axes, values: Sequence[float], below: FloatArray, above: FloatArray) -> None:
+    def points(panel: Axes, values: FloatArray, below: FloatArray, above: FloatArray) -> None:
         known = np.isfinite(values)  # what is not finite has no point
-        panel.errorbar(np.array(values)[known], places[known],
+        panel.errorbar(values[known], places[known],
                        xerr=np.array([below, above])[:, known], **style)  # fmt: skip
 
+    bias = np.array([score.bias / score.bound for score in scores])
     reach = np.array([Z95 * score.bias_se / score.bound for score in scores])
-    bars(axes[0], [score.bias / score.bound for score in scores], reach, reach)
-    ratios = np.array([score.ratio for score in scores])
+    points(axes[0], bias, reach, reach)
+    ratio = np.array([score.ratio for score in scores])
     reach = np.array([Z95 * score.ratio_se for score in scores])
-    bars(axes[1], ratios.tolist(), np.minimum(reach, 0.9 * ratios), reach)
-    covered = np.array([score.coverage for score in scores])
-    ends = np.array([score.coverage_interval for score in scores]).reshape(-1, 2)
-    off = np.abs(ends - covered[:, np.newaxis]).T
-    bars(axes[2], (100.0 * covered).tolist(), 100.0 * off[0], 100.0 * off[1])
+    points(axes[1], ratio, np.minimum(reach, 0.9 * ratio), reach)
+    covered = 100.0 * np.array([score.coverage for score in scores])
+    low, high = 100.0 * np.array([score.coverage_interval for score in scores]).reshape(-1, 2).T
+    points(axes[2], covered, np.abs(low - covered), np.abs(high - covered))

@@ -288,24 +288,25 @@ def _minimise(
     learned_of = curvature.copy()
     count = 1
 
-    def keep(which: BoolArray, converged: BoolArray | bool) -> None:
-        index = active[which]
+    def leave(which: BoolArray, converged: BoolArray | bool) -> BoolArray:
+        """Keep where some have ended; which of them go on."""
+        nonlocal active, values, grams, curvature, damping
+        index, on = active[which], ~which
         ended.values[index], ended.gram[index] = values[which], grams[which]
         ended.cost[index], ended.converged[index] = grams[which, -1, -1], converged
         learned_of[index] = curvature[which]
+        active, values, grams = active[on], values[on], grams[on]
+        curvature, damping = curvature[on], damping[on]
+        return on
 
     while active.size and count < iterations:
         cost = grams[:, -1, -1]
         step, promised, stiff = _step(grams, curvature, values, damping, lower, upper)
         if (done := promised <= tolerance * cost).any():
-            keep(done, True)
-            if done.all():
-                active = active[:0]
+            on = leave(done, True)
+            if not active.size:
                 break
-            on = ~done
-            active, values, grams, cost = active[on], values[on], grams[on], cost[on]
-            curvature, damping = curvature[on], damping[on]
-            step, promised, stiff = step[on], promised[on], stiff[on]
+            cost, step, promised, stiff = cost[on], step[on], promised[on], stiff[on]
         step = np.minimum(np.maximum(step, -longest), longest)
         trial = np.minimum(np.maximum(values + step, lower), upper)
         trial_grams = gram(trial, active)
@@ -335,11 +336,8 @@ def _minimise(
         curvature = np.where(better[:, None, None], learned, curvature)
         # Rounding, not the model, is then what keeps a step from lowering the cost.
         if (stuck := damping > 1e7).any():
-            keep(stuck, np.isfinite(grams[stuck, -1, -1]))
-            on = ~stuck
-            active, values, grams = active[on], values[on], grams[on]
-            curvature, damping = curvature[on], damping[on]
-    keep(np.ones(active.size, dtype=bool), False)
+            leave(stuck, np.isfinite(grams[stuck, -1, -1]))
+    leave(np.ones(active.size, dtype=bool), False)
     return replace(ended, iterations=count, curvature=learned_of)
 
 

@@ -40,15 +40,9 @@ def optimum(joint: PredictionErrors, starts: FloatArray, tolerance: float = FINE
     Along a flat valley the search creeps; where it got is then good enough if `ENOUGH` is met.
     """
     end = minimise(joint.gram, starts, joint, tolerance=tolerance)
-    return end if end.converged[0] else _resumed(joint, end, max(tolerance, ENOUGH))
-
-
-def _resumed(joint: PredictionErrors, end: Minima, tolerance: float) -> Minima:
-    """The best of some ends to another tolerance, or to `ENOUGH` as in `optimum`."""
-    further = resume(joint.gram, end, joint, tolerance=tolerance)
-    if further.converged[0] or tolerance >= ENOUGH:
-        return further
-    return resume(joint.gram, further, joint, tolerance=ENOUGH)
+    if end.converged[0]:
+        return end
+    return resume(joint.gram, end, joint, tolerance=max(tolerance, ENOUGH))
 
 
 class JointFit(NamedTuple):
@@ -83,8 +77,11 @@ class JointFit(NamedTuple):
         return AHEAD * ENOUGH * self.joint.residuals
 
     def refined(self, tolerance: float) -> JointFit:
-        """The same to another tolerance."""
-        return JointFit(self.joint, _resumed(self.joint, self.end, tolerance))
+        """The same to another tolerance, or to `ENOUGH` as in `optimum`."""
+        end = resume(self.joint.gram, self.end, self.joint, tolerance=tolerance)
+        if tolerance < ENOUGH and not end.converged[0]:
+            end = resume(self.joint.gram, end, self.joint, tolerance=ENOUGH)
+        return JointFit(self.joint, end)
 
 
 class JointFits:
