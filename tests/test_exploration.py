@@ -15,8 +15,9 @@ from helpers import (
     without_remnant,
 )
 
-from pilotid.datasets import Scenario, simulate
+from pilotid.datasets import Scenario, scenario_named, simulate
 from pilotid.datasets.remnant import Remnant
+from pilotid.lines.fit import fit_lines
 from pilotid.methods.mle import MLE
 from pilotid.pilot.element import position_control
 from pilotid.seeds import recording_rng
@@ -24,7 +25,7 @@ from pilotid.solve.intervals import profile_intervals
 from pilotid.solve.least_squares import Minima, minimise
 from pilotid.time_domain import reduced as reduction
 from pilotid.time_domain.band import analysis_band
-from pilotid.time_domain.exploration import MOST, explore, optima
+from pilotid.time_domain.exploration import MOST, explore, optima, together
 from pilotid.time_domain.maximum_likelihood import SHORT, maximise_likelihood
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction, predict
@@ -102,6 +103,8 @@ def test_optima_are_told_apart_by_the_information() -> None:
     kept, agreeing = optima(ends, samples=100, far=10.0)
     np.testing.assert_array_equal(kept, [[0.0, 0.0], [0.0, 3.0]])  # the last is too far
     assert agreeing == 2
+    assert together(ends, samples=100) == [[0, 1], [2], [3]]
+    assert together(ends.only(np.array([2, 1, 0])), samples=100) == [[0], [1, 2]]
     many = Minima(
         np.arange(20.0)[:, None] * 9.0,
         np.full(20, 1.0),
@@ -120,6 +123,22 @@ def test_exploration_finds_the_pilot_from_a_start_that_is_nobodys() -> None:
     delays = list(NOMINAL.model.delays)
     np.testing.assert_allclose(best[delays], NOMINAL.values[delays], rtol=0.1)
     assert 1 <= found.starts.agreeing <= len(found.starts.cost)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_one_optimum_that_many_starts_end_in_does_not_crowd_out_the_others(seed: int) -> None:
+    """A position control whose nine best starts meet in a wrong optimum of the usual band."""
+    rng = np.random.default_rng([77, 22])
+    scenario = scenario_named("population-usual").drawn(rng)
+    recording = simulate(scenario, rng)
+    prediction = predict(recording, scenario.model, BAND)
+    known = fit_lines(recording, scenario.model, np.random.default_rng(seed)).values[None]
+    band = analysis_band(recording.dt, BAND)
+    found = explore(prediction, band, np.random.default_rng(seed), MLE(), known)
+    delay = scenario.model.keys.index("tdvis")
+    off = np.abs(found.candidates[:, delay] - scenario.truth[delay])
+    assert off[0] > 0.1, "the recording is no longer one on which the best start is wrong"
+    assert off.min() < 0.1
 
 
 def test_autoregressions_have_neighbours_and_low_passes_none() -> None:

@@ -148,6 +148,27 @@ class Minima:
             None if known is None else known[which],
         )
 
+    def best_first(self) -> Minima:
+        """The same ends in the order of their costs."""
+        return self.only(np.argsort(self.cost, kind="stable"))
+
+    def apart(self, values: FloatArray, residuals: int, which: int = 0) -> float:
+        """How far values lie from an end, squared, in standard errors.
+
+        Parameters
+        ----------
+        values
+            The first of the parameters, shape (q,); the others are left out.
+        residuals
+            Number of independent residuals.
+        which
+            The end.
+        """
+        step = values - self.values[which, : len(values)]
+        information = self.gram[which, : len(values), : len(values)]
+        # Nothing is left of a recording without a remnant.
+        return float(step @ information @ step) * residuals / max(float(self.cost[which]), 1e-300)
+
     def distinct(self, same: float = 3e-3, far: float = 0.1) -> FloatArray:
         """One end point of each optimum that may be the best one.
 
@@ -184,10 +205,9 @@ def minimise(
     iterations
         Largest number of evaluations.
     """
-    end = minimise_each(
+    return minimise_each(
         lambda values, _: gram(values), starts, space, tolerance=tolerance, iterations=iterations
-    )
-    return end.only(np.argsort(end.cost, kind="stable"))
+    ).best_first()
 
 
 def resume(

@@ -20,7 +20,7 @@ import numpy as np
 from pilotid.estimates.bounds import at_bounds
 from pilotid.estimates.estimate import Starts
 from pilotid.pilot.model import PilotModel
-from pilotid.solve.least_squares import Minima, minimise, solve_linear
+from pilotid.solve.least_squares import Minima, minimise, minimise_each, solve_linear
 from pilotid.solve.search import draw_starts, search
 from pilotid.time_domain.band import Band
 from pilotid.time_domain.following import Following
@@ -118,10 +118,17 @@ def explore(
     starts, _ = solve_linear(whitened.gram(starts), starts, model.linear, model.lower)
     starts = np.concatenate([best[None], near, starts])
     first = minimise(whitened.gram, starts, model, tolerance=1e-3, iterations=SWEEP)
-    # What is far behind by then is given up.
-    swept = minimise(
-        whitened.gram, first.values[:PROMISING], model, tolerance=1e-3, iterations=2 * SWEEP
+    # What is far behind by then is given up, and of starts that met one goes on for all.
+    met = together(first, coarse.samples)[:PROMISING]
+    swept = minimise_each(
+        lambda values, _: whitened.gram(values),
+        first.values[[starts[0] for starts in met]],
+        model,
+        tolerance=1e-3,
+        iterations=2 * SWEEP,
     )
+    swept = swept.only(np.repeat(np.arange(len(met)), [len(starts) for starts in met]))
+    swept = swept.best_first()
     candidates, agreeing = optima(following.only(swept), coarse.samples, SWEPT)
     candidates = np.concatenate([candidates, near])
     if len(candidates) > 1:
@@ -131,7 +138,8 @@ def explore(
         # What is known of another band may be nearer than where the first remnant leads.
         candidates = np.concatenate([candidates, near])
     terms = OutputErrors(prediction, taps).noticeable_terms(candidates[0])
-    cost = np.sort(np.concatenate([swept.cost, first.cost[PROMISING:]]))
+    given_up = np.delete(first.cost, [start for starts in met for start in starts])
+    cost = np.sort(np.concatenate([swept.cost, given_up]))
     return Explored(candidates, terms, Starts(cost / cost[0], agreeing), following)
 
 
@@ -170,31 +178,39 @@ def _own_remnant(joint: PredictionErrors, prediction: Prediction, pilots: FloatA
     return minimise(joint.gram, np.hstack([pilots, guesses]), joint, tolerance=3e-3, iterations=12)
 
 
+def together(ends: Minima, samples: int) -> list[list[int]]:
+    """Which ends are in one optimum, the best optimum first, and its best end first.
+
+    Parameters
+    ----------
+    ends
+        Where starts ended, best first.
+    samples
+        Number of residuals.
+    """
+    groups: list[list[int]] = []
+    for index, values in enumerate(ends.values):
+        for group in groups:
+            if ends.apart(values, samples, group[0]) <= SAME:
+                group.append(index)
+                break
+        else:
+            groups.append([index])
+    return groups
+
+
 def optima(ends: Minima, samples: int, far: float) -> tuple[FloatArray, int]:
     """One end of each optimum, best first, and how many ends are in the best one.
 
     Parameters
     ----------
     ends
-        Where starts ended.
+        Where starts ended, best first.
     samples
         Number of residuals.
     far
         Optima are left out whose deviance exceeds the lowest by more.
     """
-    limit = ends.cost[0] * np.exp(far / samples)
-    kept: list[int] = []
-    agreeing = 0
-    for index in np.flatnonzero(ends.cost <= limit).tolist():
-        near = [_apart(ends, index, other, samples) <= SAME for other in kept]
-        agreeing += not kept or near[0]
-        if not any(near) and len(kept) < MOST:
-            kept.append(index)
-    return ends.values[kept], agreeing
-
-
-def _apart(ends: Minima, index: int, other: int, samples: int) -> float:
-    """Squared distance of two ends in standard errors of the second."""
-    step = ends.values[index] - ends.values[other]
-    information = ends.gram[other, :-1, :-1] * samples / ends.cost[other]
-    return float(step @ information @ step)
+    near = ends.only(ends.cost <= ends.cost[0] * np.exp(far / samples))
+    groups = together(near, samples)
+    return near.values[[group[0] for group in groups[:MOST]]], len(groups[0]) if groups else 0

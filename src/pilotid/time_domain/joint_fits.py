@@ -33,6 +33,9 @@ ENOUGH = 1e-6
 #: What such a search is still short of, in steps of its tolerance: those ahead add up.
 AHEAD = 10.0
 
+#: Two first looks are at one optimum where their pilots are so close, in squared standard errors.
+SAME = 1.0
+
 
 def optimum(joint: PredictionErrors, starts: FloatArray, tolerance: float = FINE) -> Minima:
     """The best optimum that starts lead to, shape (starts, parameters), to a tolerance.
@@ -75,6 +78,10 @@ class JointFit(NamedTuple):
     def short(self) -> float:
         """By how much the criterion may be lower at the optimum, of a fit to `ENOUGH`."""
         return AHEAD * ENOUGH * self.joint.residuals
+
+    def is_near(self, pilot: FloatArray) -> bool:
+        """Whether a pilot, shape (parameters,), differs by no more than its errors."""
+        return self.end.apart(pilot, self.joint.residuals) <= SAME
 
     def refined(self, tolerance: float) -> JointFit:
         """The same to another tolerance, or to `ENOUGH` as in `optimum`."""

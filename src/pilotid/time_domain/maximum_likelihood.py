@@ -337,7 +337,8 @@ def _maximised(
         if kept.any():
             reached[~kept] = np.inf
         near = np.flatnonzero(reached < np.min(reached) + NEAR)
-        candidates = [candidates[index] for index in near]
+        ranked = near[np.argsort(reached[near], kind="stable")].tolist()
+        candidates = [candidates[index] for index in _each_once(firsts, ranked)]
     tried = [_best_of(fits, settings, following) for fits in candidates]
     followed = [maximum for maximum in tried if maximum.follows] or tried
     lowest = min(maximum.criterion for maximum in followed)
@@ -353,6 +354,15 @@ def _maximised(
     if terms != explored.terms:
         best = _maximum(replace(prediction, terms=terms), band, pilot, settings, following)
     return replace(_elsewhere(best), starts=explored.starts, known=known, rivals=rivals)
+
+
+def _each_once(firsts: Sequence[JointFit], ranked: Sequence[int]) -> list[int]:
+    """Of first looks, best first, one of those that came to the same pilot."""
+    kept: list[int] = []
+    for index in ranked:
+        if not any(firsts[other].is_near(firsts[index].pilot) for other in kept):
+            kept.append(index)
+    return kept
 
 
 def _rivals(tried: Sequence[Maximum], lowest: float) -> list[FloatArray]:
