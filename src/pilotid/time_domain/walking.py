@@ -133,8 +133,8 @@ class WalkingPilot:
         result[..., self.order] = self._scale.leave(walk)
         return np.asarray(np.clip(result, self.model.lower, self.model.upper))
 
-    def step(self, k: int, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """See `pilotid.time_domain.unscented.System`."""
+    def step(self, k: int | IntArray, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See `pilotid.time_domain.unscented.System`; `k` may be one for each set and point."""
         own = np.clip(parameters, *self._limits)
         np.exp(own, out=own, where=self.positive)
         matrix, weights = muscle_step(own[..., 0], own[..., 1], self.dt)
@@ -171,10 +171,10 @@ class WalkingPilot:
         plain = self.with_remnant(np.zeros((1, 0, 0)))
         state = np.zeros((self.runs, 2))
         found = np.zeros_like(self.measured)
-        for k in range(len(self.time)):
+        matrices, given = plain.step(np.arange(len(walk))[:, None], walk[:, None])
+        for k in range(len(walk)):
             found[k] = state[:, 0]
-            matrix, given = plain.step(k, walk[None, k : k + 1])
-            state = state @ matrix[0, 0].T + given[0, 0]
+            state = state @ matrices[k, 0].T + given[k, 0]
         first = math.ceil(1.0 / self.dt)
         residual = (self.measured - found)[first:]
         return float(np.sum(np.var(residual, axis=0)) / np.sum(np.var(self.measured, axis=0)))
