@@ -26,7 +26,7 @@ from pilotid.solve.least_squares import Minima, minimise
 from pilotid.time_domain import reduced as reduction
 from pilotid.time_domain.band import analysis_band
 from pilotid.time_domain.exploration import MOST, explore, optima, together
-from pilotid.time_domain.maximum_likelihood import SHORT, maximise_likelihood
+from pilotid.time_domain.maximum_likelihood import EDGE, SHORT, maximise_likelihood
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction, predict
 from pilotid.time_domain.reduced import reduced
@@ -167,6 +167,17 @@ def position_pilot() -> Scenario:
         disturbance=None,
         remnant=Remnant(1, 11.0, 0.7, 0.12, "ratio"),
     )
+
+
+def test_an_optimum_at_a_bound_does_not_decide_on_the_band() -> None:
+    recording = simulate(NOMINAL, np.random.default_rng(1))
+    found = maximise_likelihood(recording, NOMINAL.model, np.random.default_rng(1), MLE())
+    other = found.pilot.copy()
+    frequency = NOMINAL.model.keys.index("fnm")
+    for share, asked in ((0.99, True), (1.0, False)):
+        other[frequency] = share * NOMINAL.model.upper[frequency]
+        assert found.edge_of(other) > EDGE > found.edge_of(found.pilot)
+        assert (replace(found, rivals=[other]).at_edge > EDGE) is asked
 
 
 def test_the_band_is_wider_where_the_loop_answers_at_once() -> None:

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from pilotid.estimates.bounds import at_bounds
 from pilotid.estimates.estimate import Starts
 from pilotid.estimates.remnant import RemnantEstimate
 from pilotid.lines.fit import fit_lines
@@ -140,8 +141,11 @@ class Maximum:
         """Largest share of what is known of a parameter that lies near the band's edge.
 
         Of two optima that are as likely, which one a search found must not decide on the band.
+        One at a bound is no pilot, and whether a search comes upon it is chance.
         """
-        return max(map(self.edge_of, [self.pilot, *self.rivals]))
+        model = self.joint.prediction.model
+        inside = [pilot for pilot in self.rivals if not np.any(at_bounds(model, pilot, pilot))]
+        return max(map(self.edge_of, [self.pilot, *inside]))
 
     def edge_of(self, pilot: FloatArray) -> float:
         """The same of a pilot, shape (parameters,), with the remnant of the optimum."""
