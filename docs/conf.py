@@ -81,6 +81,7 @@ if sorted((HERE / "gallery").glob("plot_*.py")):
         "write_computation_times": False,
         "image_srcset": ["2x"],
         "remove_config_comments": True,
+        "parallel": 2,
     }
 
 bibtex_bibfiles = ["references.bib"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
 import sys
@@ -49,6 +50,12 @@ def threads(_: int) -> str | None:
     return os.environ.get("OMP_NUM_THREADS")
 
 
+def nested(task: int) -> tuple[list[int], str]:
+    """Tasks on a process of this one, and how this one then starts others."""
+    answers = list(run_tasks(doubled, [task], never, workers=1))
+    return answers, multiprocessing.get_start_method()
+
+
 def given_up(task: int, loss: Loss, why: str) -> int:
     assert (loss, why) == (Loss.DIED, "twice, with signal SIGKILL")
     return -task
@@ -62,6 +69,13 @@ def test_all_tasks_are_answered_by_any_number_of_processes() -> None:
     for workers in (1, 2):
         answers = list(run_tasks(doubled, range(30), never, workers))
         assert sorted(answers) == [2 * i for i in range(30)]
+
+
+def test_processes_of_joblib_start_processes_too() -> None:
+    """Their way to start processes is one that Python does not know by itself."""
+    joblib = pytest.importorskip("joblib")
+    answers = joblib.Parallel(n_jobs=2)(joblib.delayed(nested)(task) for task in (1, 2))
+    assert answers == [([2], "loky"), ([4], "loky")]
 
 
 def test_a_task_that_kills_its_process_is_given_up_and_the_others_are_done() -> None:

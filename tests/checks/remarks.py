@@ -38,6 +38,11 @@ KINDS = {
     "on one side of the value": "lopsided interval",
     "cancel": "cancellation",
     "explains": "explains nothing",
+    "keeps its value": "u stays where it is",
+    "u drifts": "drift",
+    "another pilot than the second": "halves ask for different pilots",
+    "during the recording": "pilot changes",
+    "times the variance": "variance of halves",
 }
 
 

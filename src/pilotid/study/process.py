@@ -9,7 +9,14 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from multiprocessing import get_context, parent_process, resource_tracker
+from multiprocessing import (
+    get_all_start_methods,
+    get_context,
+    get_start_method,
+    parent_process,
+    resource_tracker,
+    set_start_method,
+)
 from multiprocessing.connection import Connection
 from threading import Thread
 from typing import Any, Generic, TypeVar
@@ -68,7 +75,7 @@ class Worker(Generic[Task, Answer]):
         self.process = context.Process(
             target=_serve, args=(other, function, limits.gigabytes), daemon=True
         )
-        with _one_thread_each(), _interruptions_held_back():
+        with _one_thread_each(), _usual_start_method(), _interruptions_held_back():
             self.process.start()
         other.close()
 
@@ -127,6 +134,23 @@ def _one_thread_each() -> Iterator[None]:
             os.environ.pop(name)
             if value is not None:
                 os.environ[name] = value
+
+
+@contextmanager
+def _usual_start_method() -> Iterator[None]:
+    """Processes that start in here are told of a way to start others that Python knows.
+
+    In a process of joblib's it would be joblib's own, and they would end as they start.
+    """
+    before = get_start_method(allow_none=True)
+    if before in (None, *get_all_start_methods()):
+        yield
+        return
+    set_start_method("spawn", force=True)
+    try:
+        yield
+    finally:
+        set_start_method(before, force=True)
 
 
 @contextmanager
