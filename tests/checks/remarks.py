@@ -38,6 +38,7 @@ KINDS = {
     "on one side of the value": "lopsided interval",
     "cancel": "cancellation",
     "explains": "explains nothing",
+    "straight back": "gain element, rests on the model of the remnant",
     "keeps its value": "u stays where it is",
     "u drifts": "drift",
     "another pilot than the second": "halves ask for different pilots",

@@ -122,13 +122,13 @@ def explore(
     met = together(first, coarse.samples)[:PROMISING]
     swept = minimise_each(
         lambda values, _: whitened.gram(values),
-        first.values[[starts[0] for starts in met]],
+        first.values[[group[0] for group in met]],
         model,
         tolerance=1e-3,
         iterations=2 * SWEEP,
     )
-    swept = swept.only(np.repeat(np.arange(len(met)), [len(starts) for starts in met]))
-    swept = swept.best_first()
+    everyone = np.repeat(np.arange(len(met)), [len(group) for group in met])
+    swept = swept.only(everyone).best_first()
     candidates, agreeing = optima(following.only(swept), coarse.samples, SWEPT)
     candidates = np.concatenate([candidates, near])
     if len(candidates) > 1:
@@ -138,7 +138,7 @@ def explore(
         # What is known of another band may be nearer than where the first remnant leads.
         candidates = np.concatenate([candidates, near])
     terms = OutputErrors(prediction, taps).noticeable_terms(candidates[0])
-    given_up = np.delete(first.cost, [start for starts in met for start in starts])
+    given_up = np.delete(first.cost, [start for group in met for start in group])
     cost = np.sort(np.concatenate([swept.cost, given_up]))
     return Explored(candidates, terms, Starts(cost / cost[0], agreeing), following)
 
