@@ -28,6 +28,7 @@ from pilotid.seeds import draw_rng, fit_rng, recording_rng
 SEED = 1
 #: Kinds of remarks, by words of theirs.
 KINDS = {
+    "are not white": "prediction errors are not white",
     "that is known": "product or ratio known alone",
     "so is the other": "cannot be told apart, nothing known",
     "people's delays": "delay below 0.1 s",
