@@ -21,7 +21,7 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.chance import CHI_SQUARED_95
-from pilotid.estimates.bounds import at_bounds
+from pilotid.estimates.bounds import held
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
@@ -110,10 +110,10 @@ class MLE(LikelihoodSettings):
             errors = length / (2.0 * np.sqrt(sought / found.widened))
             known = errors if (errors > 0.0).all() else None
             estimate = replace(estimate, intervals=intervals, errors=known)
-            held = np.logical_or(*at_bounds(model, estimate.values, estimate.values))
-            if held.any():
+            at_bound = held(model, estimate.values)
+            if at_bound.any():
                 information = np.asarray(np.linalg.inv(covariance[pilot, pilot]))
-                inside = covariance_at_bounds(information, held, profile.intervals)
+                inside = covariance_at_bounds(information, at_bound, profile.intervals)
                 estimate = estimate if inside is None else replace(estimate, covariance=inside)
         return replace(
             estimate,

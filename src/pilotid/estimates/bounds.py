@@ -25,6 +25,11 @@ def at_bounds(
     return low, upper >= model.upper - margin
 
 
+def held(model: PilotModel, values: FloatArray) -> BoolArray:
+    """Which parameters lie at a bound, shape (parameters,), as `values` do."""
+    return np.logical_or(*at_bounds(model, values, values))
+
+
 def bounds_reached(model: PilotModel, values: FloatArray) -> str:
     """Names of the parameters that lie at a bound, empty if none does."""
     low, high = at_bounds(model, values, values)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pilotid.estimates.bounds import at_bounds
+from pilotid.estimates.bounds import held
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.fitted import Fitted
 from pilotid.estimates.quantities import Quantity
@@ -75,8 +75,8 @@ def _how_well(chosen: Estimate) -> list[str]:
 
 
 def _known(chosen: Estimate) -> list[str]:
-    held = np.logical_or(*at_bounds(chosen.model, chosen.values, chosen.values))
-    bound = [key for key, there in zip(chosen.model.keys, held, strict=True) if there]
+    there = held(chosen.model, chosen.values)
+    bound = [key for key, at_bound in zip(chosen.model.keys, there, strict=True) if at_bound]
     shares = {q.key: _share(q) for q in chosen.quantities if not set(q.key.split("*")) & set(bound)}
     if not all(math.isfinite(share) for share in shares.values()):
         return []

@@ -12,12 +12,12 @@ what does not follow the control as a pilot does is none, see `following`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from pilotid.estimates.bounds import at_bounds
+from pilotid.estimates.bounds import held
 from pilotid.estimates.estimate import Starts
 from pilotid.pilot.model import PilotModel
 from pilotid.solve.least_squares import Minima, minimise, minimise_each, solve_linear
@@ -101,7 +101,7 @@ def explore(
     coarse = reduced(prediction)
     following = Following(coarse, known)
     # A fit of the lines that ended at a bound may have gone astray.
-    guided = known is not None and not np.any(at_bounds(model, known[0], known[0]))
+    guided = known is not None and not held(model, known[0]).any()
     firsts = near
     if not guided:
         white = OutputErrors(coarse.below(settings.search_band))
@@ -127,9 +127,10 @@ def explore(
         tolerance=1e-3,
         iterations=2 * SWEEP,
     )
-    everyone = np.repeat(np.arange(len(met)), [len(group) for group in met])
-    swept = swept.only(everyone).best_first()
-    candidates, agreeing = optima(following.only(swept), coarse.samples, SWEPT)
+    sizes = np.array([len(group) for group in met])
+    kept = following.which(swept)
+    followed = swept.only(np.repeat(kept, sizes[kept])).best_first()
+    candidates, agreeing = optima(followed, coarse.samples, SWEPT)
     candidates = np.concatenate([candidates, near])
     if len(candidates) > 1:
         ends = following.only(_own_remnant(joint, prediction, candidates))
@@ -139,7 +140,7 @@ def explore(
         candidates = np.concatenate([candidates, near])
     terms = OutputErrors(prediction, taps).noticeable_terms(candidates[0])
     given_up = np.delete(first.cost, [start for group in met for start in group])
-    cost = np.sort(np.concatenate([swept.cost, given_up]))
+    cost = np.sort(np.concatenate([np.repeat(swept.cost, sizes), given_up]))
     return Explored(candidates, terms, Starts(cost / cost[0], agreeing), following)
 
 
@@ -179,19 +180,27 @@ def _own_remnant(joint: PredictionErrors, prediction: Prediction, pilots: FloatA
 
 
 def together(ends: Minima, samples: int) -> list[list[int]]:
-    """Which ends are in one optimum, the best optimum first, and its best end first.
+    """Which ends are in one optimum, the best one's first; `ends`, `samples` as in `optima`."""
+    return grouped(
+        range(len(ends.values)),
+        lambda first, index: ends.apart(ends.values[index], samples, first) <= SAME,
+    )
+
+
+def grouped(indices: Iterable[int], near: Callable[[int, int], bool]) -> list[list[int]]:
+    """Indices, each with the first before it that it is near to.
 
     Parameters
     ----------
-    ends
-        Where starts ended, best first.
-    samples
-        Number of residuals.
+    indices
+        What is grouped, in an order of which the first of each group comes.
+    near
+        Whether the second index belongs to the group of the first.
     """
     groups: list[list[int]] = []
-    for index, values in enumerate(ends.values):
+    for index in indices:
         for group in groups:
-            if ends.apart(values, samples, group[0]) <= SAME:
+            if near(group[0], index):
                 group.append(index)
                 break
         else:

@@ -15,7 +15,7 @@ import numpy as np
 from pilotid.solve.least_squares import Minima
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction
-from pilotid.types import BoolArray, FloatArray
+from pilotid.types import BoolArray, FloatArray, IntArray
 
 #: A pilot's simulated response explains at least this share of what that of the lines' pilot does;
 #: in populations what is right has .90 or more, what has slid to the inverse -100 to .84.
@@ -57,7 +57,12 @@ class Following:
             return np.ones(len(sets), dtype=bool)
         return np.asarray(self.explained(sets) >= LESS * self.lines)
 
+    def which(self, ends: Minima) -> IntArray:
+        """Indices of the ends that do, of all if none does."""
+        kept = self(ends.values)
+        return np.flatnonzero(kept if kept.any() else ~kept)
+
     def only(self, ends: Minima) -> Minima:
         """The ends that do, all if none does."""
-        kept = self(ends.values)
-        return ends if kept.all() or not kept.any() else ends.only(kept)
+        which = self.which(ends)
+        return ends if len(which) == len(ends.cost) else ends.only(which)

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pilotid.estimates.bounds import at_bounds
+from pilotid.estimates.bounds import held
 from pilotid.estimates.estimate import Starts
 from pilotid.estimates.remnant import RemnantEstimate
 from pilotid.lines.fit import fit_lines
@@ -22,7 +22,7 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Minima, minimise
 from pilotid.time_domain.band import Band, analysis_band
-from pilotid.time_domain.exploration import FIRST, explore, terms_at
+from pilotid.time_domain.exploration import FIRST, explore, grouped, terms_at
 from pilotid.time_domain.following import Following
 from pilotid.time_domain.joint_fits import FINE, JointFit, JointFits, optimum
 from pilotid.time_domain.output_error import OutputErrors
@@ -144,7 +144,7 @@ class Maximum:
         One at a bound is no pilot, and whether a search comes upon it is chance.
         """
         model = self.joint.prediction.model
-        inside = [pilot for pilot in self.rivals if not np.any(at_bounds(model, pilot, pilot))]
+        inside = [pilot for pilot in self.rivals if not held(model, pilot).any()]
         return max(map(self.edge_of, [self.pilot, *inside]))
 
     def edge_of(self, pilot: FloatArray) -> float:
@@ -342,7 +342,8 @@ def _maximised(
             reached[~kept] = np.inf
         near = np.flatnonzero(reached < np.min(reached) + NEAR)
         ranked = near[np.argsort(reached[near], kind="stable")].tolist()
-        candidates = [candidates[index] for index in _each_once(firsts, ranked)]
+        met = grouped(ranked, lambda first, index: firsts[first].is_near(firsts[index].pilot))
+        candidates = [candidates[group[0]] for group in met]
     tried = [_best_of(fits, settings, following) for fits in candidates]
     followed = [maximum for maximum in tried if maximum.follows] or tried
     lowest = min(maximum.criterion for maximum in followed)
@@ -358,15 +359,6 @@ def _maximised(
     if terms != explored.terms:
         best = _maximum(replace(prediction, terms=terms), band, pilot, settings, following)
     return replace(_elsewhere(best), starts=explored.starts, known=known, rivals=rivals)
-
-
-def _each_once(firsts: Sequence[JointFit], ranked: Sequence[int]) -> list[int]:
-    """Of first looks, best first, one of those that came to the same pilot."""
-    kept: list[int] = []
-    for index in ranked:
-        if not any(firsts[other].is_near(firsts[index].pilot) for other in kept):
-            kept.append(index)
-    return kept
 
 
 def _rivals(tried: Sequence[Maximum], lowest: float) -> list[FloatArray]:

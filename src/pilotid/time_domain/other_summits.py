@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pilotid.estimates.bounds import at_bounds
+from pilotid.estimates.bounds import held
 from pilotid.solve.least_squares import minimise
 from pilotid.solve.walk import Held
 from pilotid.time_domain.maximum_likelihood import Maximum
@@ -47,16 +47,16 @@ def off_bounds(found: Maximum) -> FloatArray:
     """
     joint, optimum = found.joint, found.end.values[0]
     model = joint.prediction.model
-    held = np.flatnonzero(np.logical_or(*at_bounds(model, found.pilot, found.pilot)))
+    at_bound = np.flatnonzero(held(model, found.pilot))
     low, high = np.array([p.usual for p in model.parameters]).T
     middle = np.where(model.positive, np.sqrt(np.abs(low * high)), 0.5 * (low + high))
     bases = [optimum.copy()]
     if found.known is not None:
         # What the lines show rests on no model of the remnant.
         bases.append(np.concatenate([found.known[0], optimum[joint.pilot :]]))
-    bases[0][held] = middle[held]
+    bases[0][at_bound] = middle[at_bound]
     points = []
-    for k in held.tolist():
+    for k in at_bound.tolist():
         for value in (low[k], middle[k], high[k]):
             starts = np.array(bases)
             starts[:, k] = value
