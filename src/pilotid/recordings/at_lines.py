@@ -106,7 +106,12 @@ def _beside(
 ) -> tuple[ComplexArray, ComplexArray]:
     """Transforms at lines, shape (runs, lines), and at the bins beside each, a third axis."""
     spectrum = np.fft.rfft(recording.window(signal))
-    forced = np.concatenate(list(every.values()))
-    between = np.setdiff1d(np.arange(1, spectrum.shape[1]), forced)
-    nearest = np.argsort(np.abs(between - lines[:, None]), axis=1, kind="stable")[:, :BESIDE]
-    return spectrum[:, lines], spectrum[:, between[nearest]]
+    free = np.ones(spectrum.shape[1], dtype=bool)
+    free[np.concatenate([[0], *every.values()])] = False
+    between = np.flatnonzero(free)
+    # The nearest are among so many on either side.
+    first = np.searchsorted(between, lines) - BESIDE
+    first = np.clip(first, 0, max(0, between.size - 2 * BESIDE))
+    around = between[first[:, None] + np.arange(min(2 * BESIDE, between.size))]
+    order = np.argsort(np.abs(around - lines[:, None]), axis=1, kind="stable")[:, :BESIDE]
+    return spectrum[:, lines], spectrum[:, np.take_along_axis(around, order, axis=1)]

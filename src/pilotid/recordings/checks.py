@@ -17,6 +17,7 @@ from pilotid.recordings.at_lines import unanswered
 from pilotid.recordings.identity import exchanged, not_the_error, units_differ
 from pilotid.recordings.plant import element_changes, late, opposed, unrelated
 from pilotid.recordings.recording import ABSENT, Recording
+from pilotid.recordings.remembered import remembered
 from pilotid.recordings.repetition import repeated
 from pilotid.types import BoolArray, FloatArray
 
@@ -47,10 +48,13 @@ def motionless(recording: Recording, name: str) -> bool:
     return bool(np.all(np.std(window, axis=1) <= STILL * size))
 
 
+@remembered
 def _usual(recording: Recording, name: str) -> float:
     """Root mean square of a signal without the largest hundredth of its samples."""
-    square = np.sort(recording.window(getattr(recording, name)) ** 2, axis=None)
-    return float(np.sqrt(np.mean(square[: max(1, round(0.99 * square.size))])))
+    square = recording.window(getattr(recording, name)).ravel() ** 2
+    count = max(1, round(0.99 * square.size))
+    square.partition(count - 1)
+    return float(np.sqrt(np.mean(square[:count])))
 
 
 def _spikes(recording: Recording) -> str | None:

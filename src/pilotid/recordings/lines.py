@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pilotid.recordings.recording import Recording
+from pilotid.recordings.remembered import remembered
 from pilotid.types import FloatArray, IntArray
 
 #: A bin is a line if its amplitude is at least this share of the largest one.
@@ -17,6 +18,7 @@ class NotMultisineError(Exception):
     """A forcing function is no multisine with a whole number of periods; says what it is."""
 
 
+@remembered
 def forcing_lines(recording: Recording) -> dict[str, IntArray]:
     """Lines of the forcing functions, as multiples of 2 pi / T of the measurement window.
 

@@ -7,14 +7,16 @@ the magnitude tells which phase a positive element has (Bode's relation for mini
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
 from pilotid.recordings.at_lines import at_lines, target_lines
 from pilotid.recordings.recording import Recording
+from pilotid.recordings.remembered import remembered
 from pilotid.types import ComplexArray, FloatArray, IntArray
 
 BANDS = 12  # equally wide on a logarithmic scale
@@ -67,6 +69,27 @@ class Plant:
         return float(np.mean(self.coherence))
 
 
+class AtTarget(NamedTuple):
+    """Control and output at the lines of the target.
+
+    Attributes
+    ----------
+    lines
+        Multiples of 2 pi / T, shape (lines,).
+    control, output
+        Transforms there, complex, shape (runs, lines).
+    control_noise, output_noise
+        Power of the noise there, shape (lines,).
+    """
+
+    lines: IntArray
+    control: ComplexArray
+    control_noise: FloatArray
+    output: ComplexArray
+    output_noise: FloatArray
+
+
+@remembered
 def plant_of(recording: Recording, run: int | None = None) -> Plant | None:
     """The controlled element that a recording shows, None where it is too short to show one.
 
@@ -78,13 +101,14 @@ def plant_of(recording: Recording, run: int | None = None) -> Plant | None:
         One of its runs alone; None for all.
     """
     rows = slice(None) if run is None else slice(run, run + 1)
-    control, output = (_spectrum(recording, s[rows]) for s in (recording.u, recording.x))
-    omega, bands = _bands(recording.duration, *control.shape)
+    spectra = {name: spectrum[rows] for name, spectrum in _spectra(recording).items()}
+    output, control = spectra["x"], spectra["u"]
+    omega, bands = _bands(recording.duration, *output.shape)
     if len(bands) < FEWEST_BANDS:
         return None
     found = []
-    disturbance = 0.0 if recording.fd is None else _spectrum(recording, recording.fd[rows])
-    for sign in (1.0, -1.0) if recording.fd is not None else (1.0,):
+    disturbance = spectra.get("fd", 0.0)
+    for sign in (1.0, -1.0) if "fd" in spectra else (1.0,):
         drive = sign * control + disturbance
         cross, power, own = _products(output, drive, bands)
         if not (np.all(power > 0.0) and np.all(own > 0.0)):
@@ -99,14 +123,26 @@ def plant_of(recording: Recording, run: int | None = None) -> Plant | None:
     return max(found, key=lambda plant: plant.mean_coherence - CLEARLY * plant.opposed)
 
 
-def _bands(duration: float, runs: int, count: int) -> tuple[FloatArray, list[IntArray]]:
-    """Middles of the bands [rad/s], and which of a transform's bins they have."""
+@remembered
+def _spectra(recording: Recording) -> dict[str, ComplexArray]:
+    """Transforms of control, output and disturbance, as far as the bands reach."""
+    end = 2 + int(HIGHEST * recording.duration / (2.0 * np.pi))
+    signals = {"u": recording.u, "x": recording.x, "fd": recording.fd}
+    return {
+        name: _spectrum(recording, signal)[:, :end].copy()
+        for name, signal in signals.items()
+        if signal is not None
+    }
+
+
+@lru_cache
+def _bands(duration: float, runs: int, count: int) -> tuple[FloatArray, IntArray]:
+    """Middles of the bands [rad/s], and the first and the end of each one's bins, (bands, 2)."""
     bins = np.arange(count) * 2.0 * np.pi / duration
-    edges = np.geomspace(LOWEST, HIGHEST, BANDS + 1)
-    bands = [np.flatnonzero((bins >= a) & (bins < b)) for a, b in pairwise(edges)]
-    bands = [band for band in bands if band.size * runs >= FEWEST_BINS and band.size > 1]
-    omega = [float(np.exp(np.mean(np.log(bins[band])))) for band in bands]
-    return np.array(omega), bands
+    edges = np.searchsorted(bins, np.geomspace(LOWEST, HIGHEST, BANDS + 1))
+    bands = [(a, b) for a, b in pairwise(edges.tolist()) if b - a >= max(2.0, FEWEST_BINS / runs)]
+    omega = [float(np.exp(np.mean(np.log(bins[a:b])))) for a, b in bands]
+    return np.array(omega), np.array(bands, dtype=int).reshape(-1, 2)
 
 
 def _polarity(omega: FloatArray, response: ComplexArray) -> float:
@@ -118,29 +154,39 @@ def _polarity(omega: FloatArray, response: ComplexArray) -> float:
 
 def _polarity_at_target(recording: Recording, rows: slice) -> float:
     """The same where fd was not recorded: there may be a disturbance, but not at these lines."""
-    every = target_lines(recording)
-    if every is None:
+    told = _at_target(recording)
+    if told is None:
         return 0.0
-    lines = every["ft"]
-    omega = np.asarray(lines * 2.0 * np.pi / recording.duration, dtype=float)
+    omega = np.asarray(told.lines * 2.0 * np.pi / recording.duration, dtype=float)
     good = (omega >= LOWEST) & (omega <= HIGHEST)
-    values = []
-    for signal in (recording.u, recording.x):
-        at, noise = at_lines(recording, signal, lines, every)
-        values.append(at[rows])
-        good &= np.mean(np.abs(at[rows]) ** 2, axis=0) > STANDS_OUT * noise
-    control, output = values
+    control, output = told.control[rows], told.output[rows]
+    for at, noise in ((control, told.control_noise), (output, told.output_noise)):
+        good &= np.mean(np.abs(at) ** 2, axis=0) > STANDS_OUT * noise
     response = np.mean(output * control.conj(), axis=0) / np.mean(np.abs(control) ** 2, axis=0)
     return _polarity(omega[good], response[good])
 
 
+@remembered
+def _at_target(recording: Recording) -> AtTarget | None:
+    """Control and output at the target's lines, None where these are too few."""
+    every = target_lines(recording)
+    if every is None:
+        return None
+    lines = every["ft"]
+    control, output = (at_lines(recording, s, lines, every) for s in (recording.u, recording.x))
+    return AtTarget(lines, *control, *output)
+
+
 def _products(
-    one: ComplexArray, other: ComplexArray, bands: Sequence[IntArray]
+    one: ComplexArray, other: ComplexArray, bands: IntArray
 ) -> tuple[ComplexArray, FloatArray, FloatArray]:
     """By bands: mean of one times the other's conjugate, power of the other, power of the one."""
+    end = bands[-1, 1] + 1  # a sum ends before the bin that is named
+    one, other = one[:, :end], other[:, :end]
 
     def mean(product: ComplexArray) -> ComplexArray:
-        return np.array([np.mean(product[:, band]) for band in bands], dtype=complex)
+        sums = np.add.reduceat(product.sum(axis=0), bands.ravel())[::2]
+        return np.asarray(sums / (len(product) * np.diff(bands, axis=1)[:, 0]))
 
     return mean(one * other.conj()), mean(other * other.conj()).real, mean(one * one.conj()).real
 
@@ -156,16 +202,17 @@ def opposed(recording: Recording) -> str | None:
 
     A pilot's response tells nothing: with a negative element he would turn his own sign round.
     """
-    signs = {run: _signs(recording, run) for run in range(recording.runs)}
+    runs: list[int | None] = list(range(recording.runs)) if recording.runs > 1 else [None]
+    signs = {run: _signs(recording, run) for run in runs}
     told = {run: names for run, names in signs.items() if names is not None}
     wrong = {run: names for run, names in told.items() if names}
     if not wrong and not told:  # what no run tells may show in all of them together
-        wrong = {0: names} if (names := _signs(recording, None)) else {}
+        wrong = {None: names} if (names := _signs(recording, None)) else {}
     if not wrong:
         return None
     first, names = next(iter(wrong.items()))
     some = len(wrong) < len(told)  # others are told to be right
-    where = f" in run {first + 1}" if some else ""
+    where = f" in run {first + 1}" if some and first is not None else ""
     because = {
         ("u",): "x answers to -u" if recording.fd is None else "x answers to fd - u",
         ("fd",): "x answers to u - fd",
@@ -242,19 +289,15 @@ def late(recording: Recording) -> str | None:
     At the target's lines x is the controlled element's answer to u alone.  Of all times the one
     sought makes the phase from line to line the smoothest.
     """
-    every = target_lines(recording)
-    if every is None or recording.duration < SHORT:
+    told = None if recording.duration < SHORT else _at_target(recording)
+    if told is None:
         return None
-    lines = every["ft"]
-    control, output = (
-        at_lines(recording, signal, lines, every)[0] for signal in (recording.u, recording.x)
-    )
-    ratio = np.sum(output * control.conj(), axis=0)
+    ratio = np.sum(told.output * told.control.conj(), axis=0)
     turns = ratio[1:] * ratio[:-1].conj()
     if not np.abs(turns).all():
         return None
     times = np.arange(-LATEST, LATEST, 0.02)
-    apart = 2.0 * np.pi * np.diff(lines) / recording.duration
+    apart = 2.0 * np.pi * np.diff(told.lines) / recording.duration
     smooth = np.real(np.exp(-1j * np.outer(times, apart)) @ (turns / np.abs(turns))) / turns.size
     best = int(np.argmax(smooth))
     if times[best] <= LATE or smooth[best] - np.interp(0.0, times, smooth) < SMOOTHER:

@@ -18,6 +18,9 @@ def repeated(recording: Recording) -> str | None:
     if window.shape[1] <= length:
         return None
     prints = np.concatenate([_fingerprints(row, length) for row in window])
+    ordered = np.sort(prints)
+    if not (ordered[1:] == ordered[:-1]).any():
+        return None
     places = window.shape[1] - length + 1
     changes = np.cumsum(np.diff(window, axis=1, prepend=window[:, :1]) != 0.0, axis=1)
     lively = (changes[:, length - 1 :] - changes[:, :places]).ravel() >= VALUES - 1
