@@ -3,6 +3,7 @@
 Each makes its own environment.  What follows `--` goes to the tool that it runs.
 """
 
+import os
 import shutil
 from pathlib import Path
 
@@ -11,6 +12,10 @@ import nox
 nox.options.default_venv_backend = "uv|virtualenv"
 nox.options.sessions = ["tests", "lint", "types"]
 nox.options.reuse_existing_virtualenvs = True
+
+# Where bytecode may not be written, each of hundreds of processes compiles all that it imports.
+# What is written here goes to the environments of the sessions and to folders that git ignores.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 PROJECT = nox.project.load_toml("pyproject.toml")
 SOURCES = ("src/pilotid", "methods", "datasets", "tests", "examples", "docs", "noxfile.py")
