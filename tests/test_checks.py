@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +13,7 @@ from checks.nonsense import LATE, PLANTED, SOUND, delayed, named, named_by_a_fit
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import Recording
+from pilotid.recordings.remembered import remembered
 
 pytestmark = pytest.mark.numerical
 
@@ -77,3 +80,21 @@ def test_the_first_thing_that_is_wrong_is_told_and_how_to_mend_it() -> None:
     bent = recording.ft + 0.1 * np.abs(recording.ft)
     assert "they differ by" in remarks(replace(recording, ft=bent))[0]
     assert remarks(replace(recording, ft=None, lines={})) == ()
+
+
+def test_what_is_found_out_is_kept_as_long_as_the_recording() -> None:
+    asked: list[tuple[int, int]] = []
+
+    @remembered
+    def found(recording: Recording, power: int) -> float:
+        asked.append((id(recording), power))
+        return float(np.sum(recording.u**power))
+
+    one, other = recording_of("nominal", 0), recording_of("nominal", 1)
+    answers = [found(one, 2), found(other, 2), found(one, 4)]
+    assert [found(one, 2), found(other, 2), found(one, 4)] == answers
+    assert len(asked) == len(set(answers)) == 3
+    gone = weakref.ref(one)
+    del one
+    gc.collect()
+    assert gone() is None

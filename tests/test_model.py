@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,9 @@ from helpers import NOMINAL, SINGLE_LOOP
 
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.pilot.catalogue import GAIN_ONLY, LEAD_LAG, MODELS, MULTI, RATE, SINGLE, model_named
+from pilotid.pilot.delayed import Delayed
 from pilotid.pilot.factors import (
+    AtOnce,
     Canals,
     Delay,
     Differentiator,
@@ -115,6 +118,28 @@ def test_log_derivatives_of_a_factor_equal_complex_steps(factor: Factor) -> None
             np.testing.assert_allclose(
                 np.broadcast_to(derivative, s.shape), np.broadcast_to(step, s.shape), rtol=1e-10
             )
+
+
+@pytest.mark.parametrize("factor", [f for f in FACTORS if isinstance(f, AtOnce)], ids=repr)
+def test_a_factor_evaluated_at_once_is_that_evaluated_in_parts(factor: Any) -> None:
+    s = 1j * OMEGA
+    sets = points(factor.parameters, 5, seed=4)
+    own = [sets[:, index, None] for index in range(sets.shape[1])]
+    response, slopes = factor.response_and_slopes(s, own)
+    np.testing.assert_allclose(response, factor.response(s, own), rtol=1e-12)
+    for slope, expected in zip(slopes, factor.log_derivative(s, own), strict=True):
+        np.testing.assert_allclose(slope, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "omega",
+    [np.arange(401) * 0.07, 3.0 + np.arange(50) * 0.2, np.geomspace(0.1, 40.0, 30), np.ones(1)],
+    ids=["transform", "part of one", "uneven", "one"],
+)
+def test_delays_by_tables_are_exponentials(omega: FloatArray) -> None:
+    seconds, gain = np.array([[0.0], [0.21], [1.7]]), np.array([[1.0], [0.4], [2.0]])
+    expected = gain * np.exp(-1j * omega * seconds)
+    np.testing.assert_allclose(Delayed(omega)(seconds, gain), expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize("factor", FACTORS, ids=repr)

@@ -3,16 +3,27 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TYPE_CHECKING, Literal, get_args
+from functools import cached_property, reduce
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
 from pilotid.pilot.changing import Changing
 from pilotid.pilot.courses import Curve
-from pilotid.pilot.factors import Derivative, Factor, Parameter, Rational, Response
+from pilotid.pilot.delayed import Delayed
+from pilotid.pilot.factors import (
+    AtOnce,
+    Derivative,
+    Evaluated,
+    Factor,
+    Parameter,
+    Rational,
+    Response,
+    TimeDelay,
+    Values,
+)
 from pilotid.types import BoolArray, ComplexArray, FloatArray, InputError
 
 if TYPE_CHECKING:
@@ -85,6 +96,12 @@ class Channel:
 #: Response of a channel without its differentiators and without its sign, and
 #: its log-derivatives by parameter index.
 ChannelTerms = tuple[ComplexArray, list[tuple[int, Response]]]
+
+#: A factor and the indices of its parameters.
+Placed = tuple[Factor, tuple[int, ...]]
+
+#: Evaluates a factor at s, by the values of its parameters; delays by a way of their own.
+Evaluator = Callable[[Any, ComplexArray, Values, Delayed | None], Evaluated]
 
 
 @dataclass(frozen=True)
@@ -188,13 +205,57 @@ class PilotModel:
             )
 
     @cached_property
-    def _layout(self) -> tuple[tuple[tuple[Factor, tuple[int, ...]], ...], ...]:
+    def _layout(self) -> tuple[tuple[Placed, ...], ...]:
         """Per channel, its dynamics, each with the indices of its parameters."""
         index = {key: i for i, key in enumerate(self.keys)}
         return tuple(
             tuple((f, tuple(index[p.key] for p in f.parameters)) for f in c.dynamics)
             for c in self.channels
         )
+
+    @cached_property
+    def moving(self) -> tuple[Placed, ...]:
+        """The dynamics that have parameters, each once, with the indices of these."""
+        every = [placed for layout in self._layout for placed in layout if placed[1]]
+        return tuple(dict.fromkeys(every))
+
+    @cached_property
+    def places(self) -> tuple[tuple[int, ...], ...]:
+        """Per channel, which of `moving` it has."""
+        return tuple(
+            tuple(self.moving.index(placed) for placed in layout if placed[1])
+            for layout in self._layout
+        )
+
+    @cached_property
+    def _evaluators(self) -> tuple[Evaluator, ...]:
+        """What evaluates each of `moving`."""
+        return tuple(_evaluator(factor) for factor, _ in self.moving)
+
+    def fixed_responses(self, s: ComplexArray) -> list[ComplexArray]:
+        """Per channel, the response of its dynamics without parameters, of the shape of `s`."""
+        result = []
+        for layout in self._layout:
+            fixed = [factor.response(s, []) for factor, indices in layout if not indices]
+            result.append(np.asarray(reduce(np.multiply, fixed, np.ones_like(s))))
+        return result
+
+    def evaluated(
+        self, s: ComplexArray, values: FloatArray, delayed: Delayed | None = None
+    ) -> list[Evaluated]:
+        """Responses and log-derivatives of `moving`.
+
+        Parameters
+        ----------
+        s, values
+            As for `terms`.
+        delayed
+            Evaluates delays, at the frequencies of `s` = i omega; None for any `s`.
+        """
+        return [
+            evaluate(factor, s, [values[..., i, None] for i in indices], delayed)
+            for evaluate, (factor, indices) in zip(self._evaluators, self.moving, strict=True)
+        ]
 
     @cached_property
     def changing_indices(self) -> tuple[tuple[int, ...], ...]:
@@ -294,22 +355,16 @@ class PilotModel:
             Parameters in model order, shape (parameters,), or (sets, parameters) for
             several parameter sets at once; what comes back then broadcasts to (sets, n).
         """
-        done: dict[Factor, tuple[Response, tuple[Response, ...]]] = {}
+        found = self.evaluated(s, values)
         result: list[ChannelTerms] = []
-        for layout in self._layout:
-            response: Response = np.ones(1)
-            slopes: list[tuple[int, Response]] = []
-            for factor, indices in layout:
-                if factor not in done:
-                    own = [values[..., i, None] for i in indices]
-                    done[factor] = factor.response(s, own), factor.log_derivative(s, own)
-                factor_response, factor_slopes = done[factor]
-                response = response * factor_response
-                slopes += zip(indices, factor_slopes, strict=True)
-            everywhere = np.asarray(response, dtype=complex)
-            if everywhere.shape[-1] == 1:
-                everywhere = everywhere + np.zeros_like(s)
-            result.append((everywhere, slopes))
+        for places, fixed in zip(self.places, self.fixed_responses(s), strict=True):
+            response = reduce(np.multiply, (found[place][0] for place in places), fixed)
+            slopes = [
+                term
+                for place in places
+                for term in zip(self.moving[place][1], found[place][1], strict=True)
+            ]
+            result.append((np.asarray(response, dtype=complex), slopes))
         return result
 
     def response(self, omega: FloatArray, values: FloatArray) -> ComplexArray:
@@ -444,3 +499,24 @@ class PilotModel:
             for p in self.parameters
         )
         return replace(self, overrides=changed)
+
+
+def _evaluator(factor: Factor) -> Evaluator:
+    """How a factor is evaluated fastest."""
+    if isinstance(factor, TimeDelay):
+        return _delay
+    return _at_once if isinstance(factor, AtOnce) else _one_by_one
+
+
+def _delay(factor: Any, s: ComplexArray, values: Values, delayed: Delayed | None) -> Evaluated:
+    response = factor.response(s, values) if delayed is None else delayed(factor.seconds(values))
+    return response, factor.log_derivative(s, values)
+
+
+def _at_once(factor: Any, s: ComplexArray, values: Values, _: Delayed | None) -> Evaluated:
+    found: Evaluated = factor.response_and_slopes(s, values)
+    return found
+
+
+def _one_by_one(factor: Factor, s: ComplexArray, values: Values, _: Delayed | None) -> Evaluated:
+    return factor.response(s, values), factor.log_derivative(s, values)

@@ -27,7 +27,7 @@ def remembered(
     known: WeakKeyDictionary[Recording, dict[tuple[Any, ...], T]] = WeakKeyDictionary()
 
     @wraps(function)
-    def recalled(recording: Recording, *arguments: P.args, **named: P.kwargs) -> T:
+    def recalled(recording: Recording, /, *arguments: P.args, **named: P.kwargs) -> T:
         own = known.setdefault(recording, {})
         key = (arguments, tuple(named.items()))
         if key not in own:

@@ -24,6 +24,10 @@ LONGEST = 1.0
 #: Damping of the first step, in shares of the diagonal of the Hessian.
 FIRST = 1e-3
 
+#: Pivots of a Hessian with a unit diagonal from which on it is solved as it is: no eigenvalue is
+#: negative, nor so small that rounding decides.
+CLEAR = 1e-6
+
 BLOCK = 4  # parameter sets evaluated at once: more no longer fit the processor's cache
 
 #: Maps parameter sets (sets, p) to Gram matrices (sets, p + 1, p + 1), see `Problem.gram`.
@@ -380,20 +384,36 @@ def _step(
     right = descent / scale
     if blocked.any():
         free = ~blocked
-        matrix = np.where(free[:, :, None] & free[:, None, :], matrix, 0.0)
+        none = np.eye(right.shape[1])
+        matrix = np.where(free[:, :, None] & free[:, None, :], matrix, none)
         right = np.where(free, right, 0.0)
     # A start outside the model's domain has no Hessian; it goes nowhere.
     if not (finite := np.isfinite(matrix)).all():
         matrix = np.where(finite.all(axis=(1, 2), keepdims=True), matrix, 0.0)
-    # Negative curvature is turned round, so that steps descend.
+    step, own = _solved(matrix, right, damping)
+    promise = (right * own).sum(axis=1)
+    stiff = promise / np.maximum((own * own).sum(axis=1), 1e-300)
+    return step / scale, promise, stiff
+
+
+def _solved(
+    matrix: FloatArray, right: FloatArray, damping: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Damped and undamped steps; negative curvature is turned round, so that they descend."""
+    try:
+        pivots = np.diagonal(np.linalg.cholesky(matrix), axis1=1, axis2=2)
+    except np.linalg.LinAlgError:
+        pivots = np.zeros(1)
+    if pivots.min() > CLEAR:
+        damped = matrix + damping[:, None, None] * np.eye(right.shape[1])
+        both = np.linalg.solve(np.stack([damped, matrix]), right[:, :, None])[..., 0]
+        return both[0], both[1]
     eigenvalues, vectors = np.linalg.eigh(matrix)
     eigenvalues = np.maximum(np.abs(eigenvalues), 1e-9)
     along = (right[:, None] @ vectors)[:, 0]
-    step = (vectors @ (along / (eigenvalues + damping[:, None]))[:, :, None])[:, :, 0]
-    own = along / eigenvalues
-    promise = (along * own).sum(axis=1)
-    stiff = promise / np.maximum((own * own).sum(axis=1), 1e-300)
-    return step / scale, promise, stiff
+    each = np.stack([along / (eigenvalues + damping[:, None]), along / eigenvalues])
+    both = (vectors @ each[..., None])[..., 0]
+    return both[0], both[1]
 
 
 def _secant(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from functools import reduce
 from operator import and_
 
 import numpy as np
 
+from pilotid.pilot.delayed import Delayed
 from pilotid.pilot.factors import Factor, OnAxis, Response, TimeDelay
 from pilotid.time_domain.prediction import Prediction
 from pilotid.types import ComplexArray, FloatArray
@@ -45,7 +45,7 @@ class Residuals:
 
     def __init__(self, prediction: Prediction) -> None:
         self.prediction = prediction
-        model, s = prediction.model, prediction.s
+        model = prediction.model
         place = {key: index for index, key in enumerate(model.keys)}
         layouts: list[list[Placed]] = [
             [(f, tuple(place[p.key] for p in f.parameters)) for f in channel.dynamics]
@@ -54,23 +54,16 @@ class Residuals:
         shared = reduce(and_, (Counter(p for p in layout if p[1]) for layout in layouts))
         self._common = _Layout(list(shared.elements())) if shared else None
         self._channels: list[tuple[_Layout, ComplexArray]] = []
-        for layout, spectrum in zip(layouts, prediction.spectra, strict=True):
-            constant = spectrum[None]
-            for factor, indices in layout:
-                if not indices:
-                    constant = constant * factor.response(s, [])
+        for layout, spectrum in zip(layouts, prediction.inputs, strict=True):
             moving = list((Counter(p for p in layout if p[1]) - shared).elements())
-            self._channels.append((_Layout(moving), constant))
+            self._channels.append((_Layout(moving), spectrum[None]))
         #: Per channel, the linear parameters that it depends on: place among those, and index.
         self._scaling = [
             [(i, index) for i, index in enumerate(model.linear) if any(index in p for _, p in own)]
             for own in layouts
         ]
-        self._omega = s.imag
-        # Bins as a table of about as many rows as columns, if they lie evenly.
-        even = np.ptp(np.diff(self._omega)) <= 1e-9 * self._omega[-1]
-        self._width = math.ceil(math.sqrt(s.size)) if even else 0
-        self._rows, self._columns = s[:: max(1, self._width)], s[: self._width]
+        self._omega = prediction.s.imag
+        self._delayed = Delayed(self._omega)
 
     def linear_gram(self, values: FloatArray) -> FloatArray:
         """Inner products of the derivatives by linear parameters, and of the residual.
@@ -159,16 +152,3 @@ class Residuals:
         for response in responses[1:]:
             result = result * response
         return np.asarray(result, dtype=complex)
-
-    def _delayed(self, delay: FloatArray, gain: FloatArray) -> ComplexArray:
-        """A gain and a delay, shape (sets, bins)."""
-        if not self._width:
-            angle = delay * self._omega
-            result = np.empty(angle.shape, dtype=complex)
-            np.multiply(gain, np.cos(angle), out=result.real)
-            np.multiply(-gain, np.sin(angle), out=result.imag)
-            return result
-        rows = gain * np.exp(-delay * self._rows)
-        columns = np.exp(-delay * self._columns)
-        table = rows[:, :, None] * columns[:, None, :]
-        return np.asarray(table.reshape(len(table), -1)[:, : self._omega.size], dtype=complex)

@@ -10,10 +10,12 @@ nuisance term, which is projected out of both.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 
+from pilotid.pilot.delayed import Delayed
+from pilotid.pilot.factors import Response
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import BLOCK
@@ -146,33 +148,68 @@ class Prediction:
         """
         sets, count = values.shape
         rows = count + between + 1
-        spectrum = np.zeros((sets, rows, *self.control_spectrum.shape), dtype=complex)
-        spectrum[:, -1] = self.control_spectrum
+        spectrum = np.empty((sets, rows, *self.control_spectrum.shape), dtype=complex)
         step = self.s.size if any(self.fine) else LONG
         for begin in range(0, self.s.size, step):
-            self._add(spectrum, values, slice(begin, begin + step))
+            self._put(spectrum, values, slice(begin, begin + step))
         if taps is not None:
             response = self.filter_response(taps)
             spectrum *= response[:, None, None] if response.ndim > 1 else response
         return spectrum
 
-    def _add(self, spectrum: ComplexArray, values: FloatArray, bins: slice) -> None:
-        """Add what the model predicts at some bins to `row_spectra`; all, if it varies in time."""
-        terms = self.model.terms(self.s[bins], values)
-        spectrum = spectrum[..., bins]
-        for c, ((response, slopes), input_spectrum) in enumerate(
-            zip(terms, self.spectra, strict=True)
-        ):
-            part = response[:, None, :] * input_spectrum[:, bins]
-            fine, changing = self.fine[c], self.model.channels[c].changing
+    def _put(self, spectrum: ComplexArray, values: FloatArray, bins: slice) -> None:
+        """Put what the model predicts at some bins into `row_spectra`; all, if it varies in time.
+
+        What channels share, as the neuromuscular system, has its slopes by the sum of these.
+        """
+        model, spectrum = self.model, spectrum[..., bins]
+        s = self.s[bins]
+        delayed = self._delayed if s.size == self.s.size else Delayed(s.imag)
+        found = model.evaluated(s, values, delayed)
+        filled: set[int] = set()
+
+        def put(index: int, slope: Response, part: ComplexArray) -> None:
+            slope = slope[:, None] if slope.ndim > 1 else slope
+            if index in filled:
+                spectrum[:, index] += slope * part
+            else:
+                np.multiply(slope, part, out=spectrum[:, index])
+                filled.add(index)
+
+        parts: list[ComplexArray] = []
+        left = self.control_spectrum[:, bins]
+        for c, (places, fixed) in enumerate(zip(model.places, self.inputs, strict=True)):
+            response = reduce(np.multiply, (found[place][0] for place in places), np.ones((1, 1)))
+            part = response[:, None] * fixed[:, bins]
+            fine, changing = self.fine[c], model.channels[c].changing
             if fine and changing:
-                own = list(self.model.changing_indices[c])
-                signal, by_own = fine.modulated_slopes(changing, values[:, own])
-                spectrum[:, own] += part[:, None] * by_own
+                own = model.changing_indices[c]
+                signal, by_own = fine.modulated_slopes(changing, values[:, list(own)])
+                for place, index in enumerate(own):
+                    put(index, by_own[:, place], part)
                 part = part * signal
-            spectrum[:, -1] -= part
-            for index, slope in slopes:
-                spectrum[:, index] += slope[:, None, :] * part if slope.ndim > 1 else slope * part
+            left = np.subtract(left, part, out=spectrum[:, -1])
+            parts.append(part)
+        for place, (_, indices) in enumerate(model.moving):
+            shared = [
+                part
+                for part, own in zip(parts, model.places, strict=True)
+                for each in own
+                if each == place
+            ]
+            total = reduce(np.add, shared)
+            for index, slope in zip(indices, found[place][1], strict=True):
+                put(index, slope, total)
+
+    @cached_property
+    def _delayed(self) -> Delayed:
+        return Delayed(self.s.imag)
+
+    @cached_property
+    def inputs(self) -> list[ComplexArray]:
+        """Per channel, `spectra` behind the dynamics that no parameter moves, of that shape."""
+        fixed = self.model.fixed_responses(self.s)
+        return [one * other for one, other in zip(fixed, self.spectra, strict=True)]
 
     def varying(self, values: FloatArray) -> list[ComplexArray | None]:
         """Per channel, the transform of its input where it varies, (sets, runs, bins), or None.
