@@ -205,8 +205,10 @@ class AtOnce(Protocol):
 
         Parameters
         ----------
-        s, values
-            As for `Factor.response`.
+        s
+            Laplace variable [rad/s], shape (n,).
+        values
+            One array for each parameter, which broadcasts against `s`.
         """
         ...
 

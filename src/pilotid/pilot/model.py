@@ -243,12 +243,14 @@ class PilotModel:
     def evaluated(
         self, s: ComplexArray, values: FloatArray, delayed: Delayed | None = None
     ) -> list[Evaluated]:
-        """Responses and log-derivatives of `moving`.
+        """Responses and log-derivatives of `moving`, of shapes that broadcast to those of `terms`.
 
         Parameters
         ----------
-        s, values
-            As for `terms`.
+        s
+            Laplace variable [rad/s], shape (n,).
+        values
+            Parameters in model order, shape (parameters,) or (sets, parameters).
         delayed
             Evaluates delays, at the frequencies of `s` = i omega; None for any `s`.
         """

@@ -169,7 +169,6 @@ class Prediction:
         filled: set[int] = set()
 
         def put(index: int, slope: Response, part: ComplexArray) -> None:
-            slope = slope[:, None] if slope.ndim > 1 else slope
             if index in filled:
                 spectrum[:, index] += slope * part
             else:
@@ -199,7 +198,7 @@ class Prediction:
             ]
             total = reduce(np.add, shared)
             for index, slope in zip(indices, found[place][1], strict=True):
-                put(index, slope, total)
+                put(index, slope[:, None] if slope.ndim > 1 else slope, total)
 
     @cached_property
     def _delayed(self) -> Delayed:
