@@ -233,11 +233,11 @@ class PilotModel:
         return tuple(_evaluator(factor) for factor, _ in self.moving)
 
     def fixed_responses(self, s: ComplexArray) -> list[ComplexArray]:
-        """Per channel, the response of its dynamics without parameters, of the shape of `s`."""
+        """Per channel, the response of its dynamics without parameters, shape (n,) or (1,)."""
         result = []
         for layout in self._layout:
             fixed = [factor.response(s, []) for factor, indices in layout if not indices]
-            result.append(np.asarray(reduce(np.multiply, fixed, np.ones_like(s))))
+            result.append(np.asarray(reduce(np.multiply, fixed, np.ones(1)), dtype=complex))
         return result
 
     def evaluated(
@@ -360,7 +360,8 @@ class PilotModel:
         found = self.evaluated(s, values)
         result: list[ChannelTerms] = []
         for places, fixed in zip(self.places, self.fixed_responses(s), strict=True):
-            response = reduce(np.multiply, (found[place][0] for place in places), fixed)
+            own = (found[place][0] for place in places)
+            response = reduce(np.multiply, own, np.ones_like(s) * fixed)
             slopes = [
                 term
                 for place in places

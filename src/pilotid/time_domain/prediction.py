@@ -208,7 +208,10 @@ class Prediction:
     def inputs(self) -> list[ComplexArray]:
         """Per channel, `spectra` behind the dynamics that no parameter moves, of that shape."""
         fixed = self.model.fixed_responses(self.s)
-        return [one * other for one, other in zip(fixed, self.spectra, strict=True)]
+        return [
+            spectrum if response.size == 1 and response == 1.0 else response * spectrum
+            for response, spectrum in zip(fixed, self.spectra, strict=True)
+        ]
 
     def varying(self, values: FloatArray) -> list[ComplexArray | None]:
         """Per channel, the transform of its input where it varies, (sets, runs, bins), or None.
