@@ -1,4 +1,4 @@
-"""Responses of delays at many frequencies, which are most of what a prediction takes."""
+"""Responses of delays at many frequencies; exponentials take longer than all else there."""
 
 from __future__ import annotations
 

@@ -205,7 +205,7 @@ class PilotModel:
             )
 
     @cached_property
-    def _layout(self) -> tuple[tuple[Placed, ...], ...]:
+    def layout(self) -> tuple[tuple[Placed, ...], ...]:
         """Per channel, its dynamics, each with the indices of its parameters."""
         index = {key: i for i, key in enumerate(self.keys)}
         return tuple(
@@ -216,7 +216,7 @@ class PilotModel:
     @cached_property
     def moving(self) -> tuple[Placed, ...]:
         """The dynamics that have parameters, each once, with the indices of these."""
-        every = [placed for layout in self._layout for placed in layout if placed[1]]
+        every = [placed for layout in self.layout for placed in layout if placed[1]]
         return tuple(dict.fromkeys(every))
 
     @cached_property
@@ -224,7 +224,7 @@ class PilotModel:
         """Per channel, which of `moving` it has."""
         return tuple(
             tuple(self.moving.index(placed) for placed in layout if placed[1])
-            for layout in self._layout
+            for layout in self.layout
         )
 
     @cached_property
@@ -235,7 +235,7 @@ class PilotModel:
     def fixed_responses(self, s: ComplexArray) -> list[ComplexArray]:
         """Per channel, the response of its dynamics without parameters, shape (n,) or (1,)."""
         result = []
-        for layout in self._layout:
+        for layout in self.layout:
             fixed = [factor.response(s, []) for factor, indices in layout if not indices]
             result.append(np.asarray(reduce(np.multiply, fixed, np.ones(1)), dtype=complex))
         return result
@@ -339,7 +339,7 @@ class PilotModel:
             Parameters in model order, shape (parameters,).
         """
         result = []
-        for layout in self._layout:
+        for layout in self.layout:
             response: ComplexArray = np.ones_like(s)
             for factor, indices in layout:
                 response = response * factor.response(s, [values[i, None] for i in indices])
@@ -456,7 +456,7 @@ class PilotModel:
         """
         self._require_constant()
         result: list[Rational] = []
-        for layout in self._layout:
+        for layout in self.layout:
             top, bottom = np.ones(1), np.ones(1)
             for factor, indices in layout:
                 above, below = factor.rational([float(values[i]) for i in indices], pade_order)

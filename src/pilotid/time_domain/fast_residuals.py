@@ -9,14 +9,12 @@ from operator import and_
 import numpy as np
 
 from pilotid.pilot.delayed import Delayed
-from pilotid.pilot.factors import Factor, OnAxis, Response, TimeDelay
+from pilotid.pilot.factors import OnAxis, Response, TimeDelay
+from pilotid.pilot.model import Placed
 from pilotid.time_domain.prediction import Prediction
 from pilotid.types import ComplexArray, FloatArray
 
 CACHED = 6000  # bins evaluated at once: about what the processor's cache holds
-
-#: Parameters of a factor by their place in the model.
-Placed = tuple[Factor, tuple[int, ...]]
 
 
 class _Layout:
@@ -46,21 +44,16 @@ class Residuals:
     def __init__(self, prediction: Prediction) -> None:
         self.prediction = prediction
         model = prediction.model
-        place = {key: index for index, key in enumerate(model.keys)}
-        layouts: list[list[Placed]] = [
-            [(f, tuple(place[p.key] for p in f.parameters)) for f in channel.dynamics]
-            for channel in model.channels
-        ]
-        shared = reduce(and_, (Counter(p for p in layout if p[1]) for layout in layouts))
+        shared = reduce(and_, (Counter(p for p in layout if p[1]) for layout in model.layout))
         self._common = _Layout(list(shared.elements())) if shared else None
         self._channels: list[tuple[_Layout, ComplexArray]] = []
-        for layout, spectrum in zip(layouts, prediction.inputs, strict=True):
+        for layout, spectrum in zip(model.layout, prediction.inputs, strict=True):
             moving = list((Counter(p for p in layout if p[1]) - shared).elements())
             self._channels.append((_Layout(moving), spectrum[None]))
         #: Per channel, the linear parameters that it depends on: place among those, and index.
         self._scaling = [
             [(i, index) for i, index in enumerate(model.linear) if any(index in p for _, p in own)]
-            for own in layouts
+            for own in model.layout
         ]
         self._omega = prediction.s.imag
         self._delayed = Delayed(self._omega)
