@@ -61,9 +61,7 @@ class MMLE3:
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
         """Why it cannot treat a model: it varies in time."""
-        # Imported here, before the fit is timed, since they take longer than the fit.
-        import control  # noqa: F401
-        import scipy.linalg  # noqa: F401
+        import scipy.linalg  # noqa: F401, before the fit is timed
 
         return varying(model)
 

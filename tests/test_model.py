@@ -367,6 +367,14 @@ def test_polynomials_leave_out_sign_and_differentiators() -> None:
     assert ratio[0].real > 0.0  # the channel's sign is -1
 
 
+@pytest.mark.parametrize("order", range(1, 9))
+def test_pade_approximants_are_those_of_python_control(order: int) -> None:
+    import control
+
+    for own, theirs in zip(pade(0.23, order), control.pade(0.23, order), strict=True):
+        np.testing.assert_allclose(own, theirs, rtol=1e-12)
+
+
 def test_negative_delay_gives_the_reciprocal_pade_approximant() -> None:
     forward, backward = pade(0.3, 5), pade(-0.3, 5)
     assert backward == (forward[1], forward[0])

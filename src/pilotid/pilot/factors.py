@@ -13,6 +13,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import factorial
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -513,14 +514,19 @@ class Neuromuscular:
 
 
 def pade(delay: float, order: int) -> Rational:
-    """Pade approximant of a delay [s], of equal order above and below (python-control).
+    """Pade approximant of a delay [s], of equal order above and below, as python-control's.
 
-    A negative delay gives the reciprocal approximant, which is unstable.
+    A negative delay gives the reciprocal approximant, which is unstable.  Source: Golub & Van
+    Loan, Matrix Computations, 4th ed., sec. 9.3.1; python-control takes longer to import than a
+    fit takes.
     """
     if delay == 0.0:
         return [1.0], [1.0]
-    import control
-
-    numerator, denominator = control.pade(abs(delay), order)
-    above, below = [float(c) for c in numerator], [float(c) for c in denominator]
+    size = abs(delay)
+    falling = range(order, -1, -1)
+    below = [
+        factorial(2 * order - k) / (factorial(k) * factorial(order - k)) * size ** (k - order)
+        for k in falling
+    ]
+    above = [(-1.0) ** k * coefficient for k, coefficient in zip(falling, below, strict=True)]
     return (above, below) if delay > 0.0 else (below, above)
