@@ -291,8 +291,9 @@ class Prediction:
         """Rows (..., scored) less their projection on the nuisance terms."""
         if not self.terms:
             return rows
-        along = (rows @ self.nuisance_basis) @ self.nuisance_basis.T
-        return np.asarray(np.subtract(rows, along, out=along))
+        flat = rows.reshape(-1, rows.shape[-1])  # one product, not one for each parameter
+        along = (flat @ self.nuisance_basis) @ self.nuisance_basis.T
+        return np.asarray(np.subtract(flat, along, out=along).reshape(rows.shape))
 
     def errors_of(self, spectra: ComplexArray) -> FloatArray:
         """The scored samples of transforms, less their projection on the nuisance terms.
