@@ -44,6 +44,7 @@ def test_a_recording_without_remnant_gives_the_truth(name: str, memory: float | 
     assert np.max(np.abs(response.value / truth - 1.0)) < (2e-2 if memory is None else 1e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["single", "nominal"])
 def test_bias_and_coverage(name: str) -> None:
     scenario = scenario_named(name)
@@ -59,6 +60,7 @@ def test_bias_and_coverage(name: str) -> None:
         assert scores.coverage(intervals, truth) >= (0.75 if loose else 0.85), key
 
 
+@pytest.mark.long
 def test_holds_on_pilots_drawn_at_random_or_says_that_it_does_not() -> None:
     fits = population_fits(ARX(), "population-usual", 20)
     covered, errors = population_scores(fits)

@@ -223,6 +223,7 @@ def test_both_samplers_give_the_same_posterior() -> None:
     assert (drawn(slow).effective >= 1500.0).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("sampler", ["importance", "emcee"])
 def test_the_same_generator_gives_the_same_draws(sampler: str) -> None:
     method = Bayes(sampler=sampler, draws=500, wanted=50.0, run=replace(SHORT, effective=200.0))  # type: ignore[arg-type]
@@ -233,6 +234,7 @@ def test_the_same_generator_gives_the_same_draws(sampler: str) -> None:
     assert drawn(other).values.tobytes() != first
 
 
+@pytest.mark.long
 def test_importance_sampling_that_fails_gives_way_to_emcee() -> None:
     method = Bayes(draws=200, wanted=5000.0, run=replace(SHORT, effective=300.0))
     estimate = identify(method, SIMPLE, SINGLE, np.random.default_rng(6))

@@ -18,7 +18,7 @@ from pilotid.recordings.treatment import detrended
 from pilotid.recordings.understood import understood
 from pilotid.types import InputError
 
-pytestmark = pytest.mark.numerical
+pytestmark = [pytest.mark.numerical, pytest.mark.long]
 
 NOMINAL: Recording = simulate(SCENARIOS["nominal"], np.random.default_rng(4))
 

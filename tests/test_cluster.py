@@ -18,6 +18,8 @@ pytest.importorskip("distributed")
 PROGRAM = """
 import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)
+import pilotid.study.cluster
+pilotid.study.cluster.PATIENCE = 0.5  # rather than the seconds that people are left in peace
 from pilotid.cli.main import main
 main()
 """

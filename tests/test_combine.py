@@ -72,6 +72,7 @@ def test_nearly_exact_numbers_scatter_by_their_spread() -> None:
 
 
 @pytest.mark.numerical
+@pytest.mark.long
 @pytest.mark.parametrize("between", [0.0, 0.5, 1.0, 3.0])
 def test_intervals_of_six_subjects_cover(between: float) -> None:
     # 2000 experiments; the binomial error of a coverage of .95 is .005.

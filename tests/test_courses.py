@@ -272,6 +272,7 @@ def test_a_pilot_who_stays_is_a_line_and_costs_no_precision() -> None:
         assert np.ptp(np.diff(np.log(curve))) < 0.1
 
 
+@pytest.mark.long
 def test_remarks_are_few_and_pages_show_both_ends(fit: Estimate) -> None:
     assert len(fit.remarks) <= 4
     for pair in fit.inseparable:

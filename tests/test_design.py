@@ -531,6 +531,7 @@ def test_wrong_pilots_stay_known() -> None:
     assert all(w.errors is None or np.isfinite(w.errors).all() for w in wrong)
 
 
+@pytest.mark.long
 def test_the_command_writes_what_others_read(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -573,6 +574,7 @@ LOOP = replace(scenario_named("single"), name="loop", model=MINE, truth=(0.3, 1.
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("through", ["model", "scenario"])
 def test_a_model_of_ones_own_reads_back(
     through: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -91,6 +91,7 @@ def test_quantities_have_keys_units_and_the_margins_of_the_values() -> None:
         assert q.lower < q.value < q.upper
 
 
+@pytest.mark.long
 def test_claimed_errors_are_the_scatter_over_replications() -> None:
     count = 100
     fits = monte_carlo(MLE(), SINGLE_LOOP, count)
@@ -107,6 +108,7 @@ def test_claimed_errors_are_the_scatter_over_replications() -> None:
         assert covered > 0.95 - 3.5 * np.sqrt(0.95 * 0.05 / count)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scenario", [SINGLE_LOOP, NOMINAL], ids=lambda s: s.name)
 def test_errors_over_draws_are_those_to_first_order(scenario: Scenario) -> None:
     ratios = []

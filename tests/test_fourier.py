@@ -160,6 +160,7 @@ def test_the_residual_in_the_loop_is_the_control_less_its_forced_part() -> None:
     np.testing.assert_allclose(left, expected, rtol=0.03, atol=0.01 * np.abs(expected).max())
 
 
+@pytest.mark.long
 def test_the_remnant_in_the_inputs_no_longer_biases_the_gain() -> None:
     # On `single` it is stronger than the forcing functions at low frequency.
     errors = {}
@@ -217,6 +218,7 @@ def test_several_runs_lower_the_power_and_tell_it_by_their_differences() -> None
     assert np.median(coefficients.power(exact) / powers[1]) > 3.0
 
 
+@pytest.mark.long
 def test_estimates_scatter_as_claimed() -> None:
     runs = 40
     found = [

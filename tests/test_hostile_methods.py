@@ -112,31 +112,38 @@ def run(*arguments: object) -> subprocess.CompletedProcess[str]:
 
 
 def test_a_study_of_hostile_methods_ends_with_its_report(tmp_path: Path) -> None:
-    deadly = ("interrupt", "vanish", "kill", "hang", "eat", "leave", "nan", "good")
+    deadly = ("interrupt", "vanish", "kill", "eat", "leave", "nan", "good")
     methods = ",".join(hostile(how) for how in deadly)
-    options = ("--scenario", "single", "--method", methods, "--replications", "1")
-    limits = ("--time-limit", "25", "--memory", "1.5", "--workers", "2", "--out", tmp_path)
-    done = run("compare", *options, *limits)
+    options = ("--scenario", "single", "--replications", "1")
+    limits = ("--memory", "1.5", "--workers", "2", "--out", tmp_path)
+    done = run("compare", *options, *limits, "--method", methods)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "report.html").exists()
-    assert rows(tmp_path) == {
+    ends = {
         "hostile": ("converged", ""),
         "hostile(how=interrupt)": ("crashed", "KeyboardInterrupt"),
         "hostile(how=vanish)": ("died", "twice, with exit status 3"),
         "hostile(how=kill)": ("died", "twice, with signal SIGKILL"),
-        "hostile(how=hang)": ("timed-out", "25 s"),
         "hostile(how=eat)": ("out-of-memory", ""),
         "hostile(how=leave)": ("crashed", "SystemExit: 3"),
         "hostile(how=nan)": ("invalid", "a value is not finite"),
     }
+    assert rows(tmp_path) == ends
+    # What hangs is waited for in vain: in a study of its own, no others need that long.
+    (tmp_path / "report.html").unlink()
+    few = ",".join(hostile(how) for how in ("hang", "vanish", "nan"))
+    more = ("--method", few, "--time-limit", "8", "--retry-failed")
+    again = run("compare", *options, *limits, *more)
+    assert again.returncode == 0, again.stderr
+    assert "holds 1 of 3 fits already" in again.stdout, again.stdout
+    assert (tmp_path / "report.html").exists()
+    found = rows(tmp_path)
+    assert found.pop("hostile(how=hang)") == ("timed-out", "8 s")
+    assert found == ends
     with (tmp_path / "estimates.csv").open(newline="") as stream:
         told = {(row["method"], row["outcome"]) for row in csv.DictReader(stream)}
     assert ("hostile(how=hang)", "timed-out") in told
     assert not sleepers(), "what a method starts ends with it"
-    few = ("--scenario", "single", "--method", f"{hostile('vanish')},{hostile('nan')}")
-    again = run("compare", *few, "--replications", "1", *limits, "--retry-failed")
-    assert "holds 1 of 2 fits already" in again.stdout, again.stdout
-    assert len(rows(tmp_path)) == 8
 
 
 def rows(folder: Path) -> dict[str, tuple[str, str]]:

@@ -14,8 +14,10 @@ from pilotid.datasets import simulate
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import Method, identify
 from pilotid.methods import METHODS, methods
+from pilotid.methods.bayes import Bayes
 from pilotid.methods.ukf import UKF
 from pilotid.pilot.catalogue import MULTI, SINGLE
+from pilotid.posterior.ensembles import Run
 from pilotid.recordings.recording import SIGNALS, Recording
 from pilotid.testing import DIFFICULT, bare, check_estimate, check_settings, recording_for, tiny
 
@@ -24,10 +26,17 @@ pytestmark = pytest.mark.numerical
 MODELS = {"single": SINGLE, "multi": MULTI}
 SCENARIOS = {"single": SINGLE_LOOP, "multi": NOMINAL}
 
-#: A filter promises the same with few noise levels, and takes seconds with the usual ones.
-QUICK = [
-    replace(m, remnant="lag", rounds=1, candidates=8) if isinstance(m, UKF) else m for m in METHODS
-]
+
+def quick(method: Method) -> Method:
+    """The method with settings that promise the same, where the usual ones take seconds."""
+    if isinstance(method, UKF):
+        return replace(method, remnant="lag", rounds=1, candidates=8)
+    if isinstance(method, Bayes):  # of nonsense both samplers draw as much as they may
+        return replace(method, draws=1000, wanted=100.0, run=Run(first=100, most=200))
+    return method
+
+
+QUICK = [quick(method) for method in METHODS]
 
 every_method = pytest.mark.parametrize("method", QUICK, ids=lambda m: m.name)
 every_model = pytest.mark.parametrize("model", MODELS)

@@ -162,6 +162,7 @@ def test_profile_intervals_end_where_the_profile_likelihood_does() -> None:
             assert deviance == pytest.approx(CHI_SQUARED_95, abs=0.1)
 
 
+@pytest.mark.long
 def test_bias_of_the_white_residual_is_gone() -> None:
     # 40 recordings: the bias of the delays and of the neuromuscular frequency, which is 4 to
     # 20 % with a white residual, is within 3.3 Monte-Carlo standard errors of zero.

@@ -31,6 +31,7 @@ LIMIT = 3.3  # standard errors: one chance in a thousand for each of seven param
 # --------------------------------------------------------------------------------- mle-white
 
 
+@pytest.mark.long
 def test_a_white_remnant_leaves_no_bias() -> None:
     estimates = monte_carlo(MLEWhite(), WHITE, REPLICATIONS)
     assert all(e.outcome.usable for e in estimates)
@@ -100,6 +101,7 @@ def test_the_start_does_not_matter() -> None:
 # ------------------------------------------------------------------------------------- mmle3
 
 
+@pytest.mark.long
 def test_a_coloured_remnant_makes_the_paper_s_estimator_biased_and_overconfident() -> None:
     fits = monte_carlo(MMLE3(), NOMINAL, 12)
     estimates = [e for e in fits if e.outcome.usable]

@@ -151,6 +151,7 @@ def test_aperiodic_recordings_are_judged_by_their_prediction_errors() -> None:
     assert "errors of prediction" in choice.reason
 
 
+@pytest.mark.long
 def test_people_without_motion_are_not_given_a_motion_channel(measured: Path) -> None:
     """The likelihood would: with its simulated response at 0 % (subject 4, C2, is the case)."""
     for condition, expected in (("C1", {"lead-lag"}), ("C2", {"single"}), ("C3", {"single"})):

@@ -155,6 +155,7 @@ def test_an_exact_trajectory_leads_to_the_parameters_that_made_it() -> None:
     assert estimate.trajectory is made
 
 
+@pytest.mark.long
 def test_errors_allow_for_the_memory() -> None:
     recording = simulate(SLOW, np.random.default_rng(1))
     fits = [

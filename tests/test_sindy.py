@@ -152,6 +152,7 @@ def test_a_recording_without_remnant_gives_the_truth(name: str, own_lags: int) -
     assert np.median(np.abs(response.value / truth - 1.0)) < 5e-3
 
 
+@pytest.mark.long
 def test_holds_on_pilots_drawn_at_random_or_says_that_it_does_not() -> None:
     covered, errors = population_scores(population_fits(SINDy(), "population-usual", 20))
     assert len(errors) >= 8 * 5
@@ -189,6 +190,7 @@ def test_a_response_that_says_nothing_is_not_believed(model: PilotModel) -> None
     assert "not finite" in undetermined(endless, model)
 
 
+@pytest.mark.long
 def test_the_claimed_spread_of_the_response_is_its_scatter() -> None:
     method = SINDy(misfit=1e-3)  # the ensemble alone
     responses = [response_of(fit_of(method, SINGLE_LOOP, i)) for i in range(20)]

@@ -130,6 +130,7 @@ def test_a_condition_is_pooled_over_its_subjects() -> None:
 
 
 @pytest.mark.numerical
+@pytest.mark.long
 @pytest.mark.parametrize("between", [0.0, 0.5, 1.0, 3.0])
 def test_intervals_with_the_variation_hold(between: float) -> None:
     # Binomial error of 1000 trials: .007.

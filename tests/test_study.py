@@ -235,9 +235,36 @@ main()
 """
 
 
+#: Each fit lasts while a file lies beside it, so that no machine ends the study too soon.
+UNHURRIED = """
+import time
+from pathlib import Path
+from pilotid.methods.mle_white import MLEWhite
+
+class Unhurried(MLEWhite):
+    "Takes its time while it is told to."
+
+    name = "unhurried"
+
+    def fit(self, recording, model, rng):
+        if Path(__file__).with_name("slowly").exists():
+            time.sleep(1.0)
+        return super().fit(recording, model, rng)
+"""
+
+
 def command(folder: Path, *more: str) -> list[str]:
-    options = ["--scenario", "single", "--method", "mle-white,fourier", "--replications", "40"]
-    return [sys.executable, "-c", PROGRAM, "compare", *options, "--out", str(folder), *more]
+    options = ["--scenario", "single", "--out", str(folder)]
+    return [sys.executable, "-c", PROGRAM, "compare", *options, *more]
+
+
+@pytest.fixture
+def unhurried(tmp_path: Path) -> list[str]:
+    """A study of 24 fits, half of which wait while there is a file `slowly` beside."""
+    code = tmp_path / "unhurried.py"
+    code.write_text(UNHURRIED)
+    (tmp_path / "slowly").touch()
+    return ["--method", f"mle-white,{code}:Unhurried", "--replications", "12"]
 
 
 def fits_in(folder: Path) -> int:
@@ -266,10 +293,12 @@ def children(pid: int) -> list[str]:
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="there is no /proc")
-def test_a_study_that_was_killed_goes_on_and_ends_as_if_nothing_had_been(tmp_path: Path) -> None:
-    whole, killed = tmp_path / "whole", tmp_path / "killed"
+def test_a_study_that_was_killed_goes_on_and_ends_as_if_nothing_had_been(
+    tmp_path: Path, unhurried: list[str]
+) -> None:
+    killed = tmp_path / "killed"
     process = subprocess.Popen(
-        command(killed), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        command(killed, *unhurried), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
     wait_for(killed, 5)
     workers = children(process.pid)
@@ -283,17 +312,20 @@ def test_a_study_that_was_killed_goes_on_and_ends_as_if_nothing_had_been(tmp_pat
     else:
         raise AssertionError("workers outlive the study")
     held = fits_in(killed)
-    assert 5 <= held < 80
-    again = subprocess.run(command(killed), capture_output=True, text=True)
+    assert 5 <= held < 24
+    (tmp_path / "slowly").unlink()
+    again = subprocess.run(command(killed, *unhurried), capture_output=True, text=True)
     assert again.returncode == 0, again.stderr
-    assert f"holds {held} of 80 fits already" in again.stdout
-    assert subprocess.run(command(whole), capture_output=True).returncode == 0
-    assert (killed / "summary.csv").read_bytes() == (whole / "summary.csv").read_bytes()
+    assert f"holds {held} of 24 fits already" in again.stdout
+    methods = unhurried[1].split(",")
+    whole = run(tmp_path / "whole", Study("single", methods, 12))
+    assert (killed / "summary.csv").read_bytes() == whole
 
 
-def test_an_interruption_is_a_sentence(tmp_path: Path) -> None:
+def test_an_interruption_is_a_sentence(tmp_path: Path, unhurried: list[str]) -> None:
+    out = tmp_path / "out"
     process = subprocess.Popen(
-        command(tmp_path),
+        command(out, *unhurried),
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
@@ -301,7 +333,7 @@ def test_an_interruption_is_a_sentence(tmp_path: Path) -> None:
         # In a job in the background interruptions are ignored, and that is passed on.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
-    wait_for(tmp_path, 3)
+    wait_for(out, 3)
     os.killpg(process.pid, signal.SIGINT)  # as Ctrl-C does: the workers get it too
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130
@@ -321,7 +353,8 @@ def cluster() -> Iterator[object]:
 @pytest.mark.filterwarnings("ignore")  # those of Dask are not ours
 def test_dask_with_a_worker_killed_gives_the_same_bytes(cluster: object, tmp_path: Path) -> None:
     here = tmp_path / "here"
-    study = Study(("single",), ("mle-white", "fourier"), 40, 1)
+    # Fits wait for a worker until the end: more are asked for only as answers are taken.
+    study = Study(("single",), ("mle-white", "fourier"), 12, 1)
     run(here, study)
     there = tmp_path / "there"
     there.mkdir()
@@ -336,10 +369,20 @@ def test_dask_with_a_worker_killed_gives_the_same_bytes(cluster: object, tmp_pat
     assert (there / "summary.csv").read_bytes() == (here / "summary.csv").read_bytes()
 
 
+#: A client of Dask that waits for a scheduler as long as a test can.
+IMPATIENT = """
+import distributed
+client = distributed.Client
+distributed.Client = lambda address, timeout, **more: client(address, timeout="1s", **more)
+"""
+
+
 def test_a_scheduler_that_does_not_answer_is_a_sentence(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
+    options = ("--method", "mle-white", "--replications", "1")
+    program, *more = command(tmp_path, *options, "--scheduler", "tcp://127.0.0.1:1")[2:]
     done = subprocess.run(
-        command(tmp_path, "--scheduler", "tcp://127.0.0.1:1"), capture_output=True, text=True
+        [sys.executable, "-c", IMPATIENT + program, *more], capture_output=True, text=True
     )
     assert done.returncode == 2
     assert "no Dask scheduler answers there" in done.stderr

@@ -232,6 +232,7 @@ def test_the_limit_is_stationary_in_recordings_and_its_scores_have_the_covarianc
     )
 
 
+@pytest.mark.long
 def test_estimates_scatter_around_the_limit_as_the_sandwich_says() -> None:
     """A remnant whose limit a recording of 8 periods is close to; see checks for others."""
     replications = 40
@@ -255,6 +256,7 @@ def test_estimates_scatter_around_the_limit_as_the_sandwich_says() -> None:
 # ------------------------------------------------------------------------ sandwich, measured
 
 
+@pytest.mark.long
 def test_standard_errors_from_the_sandwich_agree_with_the_scatter() -> None:
     """Median standard error over scatter, 60 recordings of `nominal`.
 

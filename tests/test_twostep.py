@@ -89,6 +89,7 @@ def test_exact_responses_give_the_exact_parameters() -> None:
     assert estimate.frequency_response is response
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("correlation", [0.0, 0.8])
 def test_scatter_is_the_claimed_covariance(correlation: float) -> None:
     size = np.abs(MULTI.response(OMEGA, TRUTH)).ravel()

@@ -4,6 +4,9 @@
     nox -s portability -- --numerical    what computes, on every processor
     nox -s portability -- --quick        what computes, in parts on two that are not this one
 
+A quick run leaves out what is marked `long`: averages over tens of fits, and commands.  What a
+processor does to one fit is in shorter tests of the same methods.
+
 What follows goes to pytest.
 """
 
@@ -47,12 +50,14 @@ def quick(processors: list[Processor]) -> list[Run]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--numerical", action="store_true", help="leave out what does not compute")
-    parser.add_argument("--quick", action="store_true", help="the numerical part, in two runs")
+    parser.add_argument("--quick", action="store_true", help="its shorter tests, in two runs")
     settings, more = parser.parse_known_args()
     processors, sentences = runnable()
     print("\n".join(sentences), flush=True)
     every = [(*pair, ()) for pair in itertools.product(processors, THREADS)]
-    part = ("-m", "numerical") if settings.quick or settings.numerical else ()
+    part = ("-m", "numerical") if settings.numerical else ()
+    if settings.quick:
+        part = ("-m", "numerical and not long")
     pytest = (sys.executable, "-m", "pytest", "-q", "--ignore=tests/benchmarks")
     results = {}
     for processor, threads, files in quick(processors) if settings.quick else every:
