@@ -91,8 +91,9 @@ def test_a_package_s_method_is_listed_and_a_broken_one_costs_a_line(
 def test_a_package_s_method_goes_through_a_study_to_its_report(
     python: Path, tmp_path: Path
 ) -> None:
-    options = ("--scenario", "single", "--method", "line-fit,line-fit(neighbours=8),mmle3")
-    done = pilotid(python, "compare", *options, "--replications", 2, "--out", "out", cwd=tmp_path)
+    usual = ("compare", "--scenario", "single", "--workers", 1, "--out", "out")
+    chosen = ("--replications", 2, "--method", "line-fit,line-fit(neighbours=8),mmle3")
+    done = pilotid(python, *usual, *chosen, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, LEFT_OUT)
     report = (tmp_path / "out" / "report.md").read_text(encoding="utf-8")
     assert "--method 'mmle3,line-fit,line-fit(neighbours=8)' --replications 2" in report
@@ -101,7 +102,7 @@ def test_a_package_s_method_goes_through_a_study_to_its_report(
     # When the package changes, its results are not mixed with the old ones; those of others are.
     file = next(python.parent.parent.rglob("site-packages/line_fit.py"))
     file.write_text(f"{file.read_text()}\n# another version\n")
-    more = ("compare", "--scenario", "single", "--replications", 3, "--out", "out", "--method")
+    more = (*usual, "--replications", 3, "--method")
     refused = pilotid(python, *more, "line-fit,mmle3", cwd=tmp_path)
     assert refused.returncode == 2
     assert "other code or settings (different: line-fit)" in refused.stderr
