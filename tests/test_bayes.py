@@ -260,6 +260,7 @@ def test_a_posterior_that_no_single_distribution_follows_is_drawn_by_mixtures() 
     assert drawn(estimate).effective.min() >= method.wanted
 
 
+@pytest.mark.long
 def test_without_a_target_a_vague_posterior_does_not_count() -> None:
     scenario = SCENARIOS["disturbance-only"]
     for seed in range(2):

@@ -201,6 +201,7 @@ def integrated(scenario: Scenario, h: float = 0.001) -> tuple[FloatArray, FloatA
     return us[recorded], xs[recorded]
 
 
+@pytest.mark.long
 @both
 def test_simulation_is_exact_enough_and_agrees_with_another_way(scenario: Scenario) -> None:
     u, x = clean(scenario)

@@ -44,6 +44,7 @@ def test_sound_recordings_have_no_remarks(name: str) -> None:
         assert remarks(recording_of(name, seed)) == ()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["adapting-slow", "adapting-fast"])
 def test_of_an_element_that_changes_it_is_said_that_it_does(name: str) -> None:
     for seed in range(3):

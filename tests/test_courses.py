@@ -255,6 +255,7 @@ def test_mle_finds_a_course_that_resembles_the_sigmoid(fit: Estimate) -> None:
     assert fit.vaf > constant.vaf + 1.0
 
 
+@pytest.mark.long
 def test_bayes_agrees_with_mle(fit: Estimate) -> None:
     found = identify(Bayes(), recording_of(SLOW), ADAPTING_FREE, np.random.default_rng(2))
     assert found.outcome.usable
@@ -345,6 +346,7 @@ def stepped(recording: Recording, rate: float, before: FloatArray, after: FloatA
 BEFORE = np.array([0.09, 0.4, 0.20, 12.0, 0.3])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("rate", "after", "off"),
     [

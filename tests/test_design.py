@@ -310,6 +310,7 @@ def test_prices_say_what_a_limit_costs() -> None:
     assert saved == pytest.approx(binding * 0.005 / room, rel=0.05)
 
 
+@pytest.mark.long
 def test_a_design_for_several_pilots() -> None:
     pilots = drawn_pilots(NOMINAL, 4, 1)
     assert pilots == drawn_pilots(NOMINAL, 4, 1)

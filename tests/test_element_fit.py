@@ -57,6 +57,7 @@ def deviation(found: ControlledElement | None, true: ControlledElement) -> float
 # ------------------------------------------------------------------ known truths
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", [n for n in POPULATIONS if n != "population-single"])
 def test_elements_of_populations_are_found(name: str) -> None:
     for draw in range(5):
@@ -176,6 +177,7 @@ def test_windowed_derivatives_are_those_of_the_signal() -> None:
 # ------------------------------------------------------------------ what it says
 
 
+@pytest.mark.long
 def test_missing_disturbance_wrong_sign_and_wrong_signal_are_said() -> None:
     recording = recording_of(NOMINAL)
     assert identified_element(recording).sound
@@ -339,6 +341,7 @@ def test_elements_of_experiments_are_found(measured: Path, file: str, true: str)
     assert len(found.element.denominator) == len(known.denominator)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("condition", ["C3_roll", "C4_pitch", "C6_roll", "C8_pitch"])
 def test_element_that_changes_in_an_experiment_is_said(measured: Path, condition: str) -> None:
     found = identified_element(load_recording(measured / f"adaptation/pilot3_{condition}.mat"))

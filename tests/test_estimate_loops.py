@@ -289,6 +289,7 @@ def test_an_element_that_cannot_be_read_is_refused_before_anything_is_fitted(
 # ------------------------------------------------------------------ human pilots
 
 
+@pytest.mark.long
 def test_margins_of_subject_1_are_those_of_one_crossing(run: Run, measured: Path) -> None:
     """Means over several crossings were 7.5 +- 5.5 rad/s and -21 +- 107 deg."""
     file = measured / "yaw" / "ae2224I_measurement_data_subj1_C2.mat"

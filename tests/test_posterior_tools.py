@@ -65,6 +65,7 @@ def two_summits(points: FloatArray) -> FloatArray:
     return np.asarray(np.logaddexp(*summits) - 0.5 * np.sum(rest**2, axis=1))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("target", "centre", "spread", "mean", "variance"),
     [
@@ -116,6 +117,7 @@ def test_a_mixture_copes_with_draws_of_which_one_has_all_the_weight() -> None:
     np.testing.assert_allclose(np.median(drawn, axis=0), points[7], atol=0.1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("independent", [0.0, 0.5])
 def test_ensembles_give_the_closed_form_posterior(independent: float) -> None:
     _, _, mean, covariance = linear_gaussian()

@@ -99,6 +99,7 @@ def test_sound_recordings_have_no_remarks_but_a_true_one(runs: int) -> None:
         assert [r for r in remarks if "Kvis and tlead cannot be told apart" not in r] == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["threshold", "quantised", "saturated", "lost"])
 def test_a_control_that_rests_is_remarked_on(kind: str) -> None:
     for replication in range(3):

@@ -4,8 +4,8 @@
     nox -s portability -- --numerical    what computes, on every processor
     nox -s portability -- --quick        what computes, in parts on two that are not this one
 
-A quick run leaves out what is marked `long`: averages over tens of fits, and commands.  What a
-processor does to one fit is in shorter tests of the same methods.
+A quick run leaves out what is marked `long`: averages over many fits or draws, remarks on many
+recordings, and commands.  What a processor does to one fit is in shorter tests of the same code.
 
 What follows goes to pytest.
 """
