@@ -13,8 +13,9 @@ nox.options.default_venv_backend = "uv|virtualenv"
 nox.options.sessions = ["tests", "lint", "types"]
 nox.options.reuse_existing_virtualenvs = True
 
-# Where bytecode may not be written, each of hundreds of processes compiles all that it imports.
-# What is written here goes to the environments of the sessions and to folders that git ignores.
+# Sessions start Python hundreds of times; where bytecode is switched off, each process compiles
+# all that it imports, which takes longer than what it is started for.  What is written goes to
+# the environments of the sessions and to folders that git ignores.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 PROJECT = nox.project.load_toml("pyproject.toml")
