@@ -26,20 +26,22 @@ RATIOS = {
 
 
 def summary_of(times: dict[str, tuple[str, float, dict[str, Any]]], unit: float) -> dict[str, Any]:
-    """What is stored: medians in milliseconds and in units, ratios, versions; no names of hosts.
+    """What is stored: times in milliseconds and in units, ratios, versions; no names of hosts.
+
+    Of several rounds the shortest counts: what else a machine does only ever adds to a time.
 
     Parameters
     ----------
     times
-        Group, median [s] and notes of each benchmark.
+        Group, shortest time [s] and notes of each benchmark.
     unit
         Seconds of the unit, see `floor.unit`.
     """
     rows = {}
-    for key, (group, median, notes) in times.items():
-        rows[key] = {"group": group, "ms": _rounded(1e3 * median), "units": _rounded(median / unit)}
+    for key, (group, least, notes) in times.items():
+        rows[key] = {"group": group, "ms": _rounded(1e3 * least), "units": _rounded(least / unit)}
         if "necessary" in notes:
-            rows[key]["floors"] = _rounded(median / unit / notes["necessary"])
+            rows[key]["floors"] = _rounded(least / unit / notes["necessary"])
         rows[key] |= {k: v for k, v in notes.items() if k != "necessary"}
     ratios = {
         what: _rounded(times[slow][1] / times[fast][1])

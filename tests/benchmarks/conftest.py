@@ -52,7 +52,7 @@ def pytest_terminal_summary(
     timed = [b for b in session.benchmarks if b.stats] if session else []
     if not timed:
         return
-    report = summary_of({name(b): (b.group, b.stats.median, b.extra_info) for b in timed}, unit())
+    report = summary_of({name(b): (b.group, b.stats.min, b.extra_info) for b in timed}, unit())
     write = terminalreporter.write_line
     for what, ratio in report["ratios"].items():
         write(f"{what}: {ratio:.3g}")

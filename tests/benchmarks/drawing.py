@@ -41,7 +41,7 @@ def draw(times: Mapping[str, Any], file: Path) -> None:
         panels[0].set_yscale("log")
         panels[0].set_ylim(0.6 * min(every), 1.6 * max(every))
         log_ticks(panels[0], "y")
-        panels[0].set_ylabel("median time of a fit [ms]")
+        panels[0].set_ylabel("time of a fit, shortest of several [ms]")
         handles, labels = panels[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside right upper")
         figure.savefig(file, metadata={"Date": None})
