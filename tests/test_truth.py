@@ -119,7 +119,8 @@ def test_nothing_that_a_method_is_handed_holds_the_truth(name: str) -> None:
     # The other recording of `starts` is the same one, from another start.
     for replication in (0, 1):
         recording, model = handed_by(scenario, replication)
-        _ = model.start, model.lower, model.upper, model._layout  # what is cached on first use
+        # What is cached on first use.
+        _ = model.start, model.lower, model.upper, model.layout, model.places
         assert leaks({"recording": recording, "model": model}, scenario) == []
 
 
