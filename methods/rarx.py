@@ -249,7 +249,7 @@ class _Reduction:
         slopes: ComplexArray,
         covariance: FloatArray,
     ) -> None:
-        self._plain, self._omega, self._response = plain, omega, response
+        self._plain, self._at, self._response = plain, plain.at(omega), response
         self._slopes, self._covariance = slopes, covariance
         spread = np.einsum("tif,tij,tjf->tf", slopes.conj(), covariance, slopes).real
         self._weight = 1.0 / np.sqrt(
@@ -258,11 +258,9 @@ class _Reduction:
 
     def _rows(self, values: FloatArray, which: IntArray) -> FloatArray:
         """Weighted Jacobian and residual, real parts behind imaginary ones."""
-        response, jacobian = self._plain.response_and_jacobian(self._omega, values)
-        rows = np.concatenate(
-            [jacobian[:, 0], (self._response[which] - response[:, 0])[:, None]], 1
-        )
-        rows = rows * self._weight[which][:, None]
+        rows = self._at(values)[:, 0]
+        np.subtract(self._response[which], rows[:, -1], out=rows[:, -1])
+        rows *= self._weight[which][:, None]
         return np.concatenate([rows.real, rows.imag], axis=-1)
 
     def _gram(self, values: FloatArray, which: IntArray) -> FloatArray:

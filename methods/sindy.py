@@ -238,13 +238,16 @@ def prune(rows: FloatArray, threshold: float) -> FloatArray:
     Array of shape (terms,), zero where a term was pruned.
     """
     import pysindy
+    import sklearn
 
     scale = np.linalg.norm(rows, axis=0)
     scale[scale == 0.0] = 1.0
     scaled = rows / scale
     # The default solver squares the condition of the library, which is 1e4 and more.
     optimizer = pysindy.STLSQ(threshold=threshold, alpha=0.0, ridge_kw={"solver": "svd"})
-    with warnings.catch_warnings():
+    # What scikit-learn looks for in its input, hundreds of times in a fit, cannot be there.
+    unchecked = sklearn.config_context(assume_finite=True, skip_parameter_validation=True)
+    with unchecked, warnings.catch_warnings():
         # It warns when nothing survives, which the caller looks at, and of an unsettled set.
         warnings.simplefilter("ignore")
         optimizer.fit(scaled[:, :-1], scaled[:, -1])

@@ -44,32 +44,33 @@ class Equations(Problem):
         removed: float = 0.0,
         fitted: FloatArray | None = None,
     ) -> None:
-        self.model, self.omega = model, coefficients.omega
-        if self.omega.size == coefficients.lines:
+        self._at = model.at(coefficients.omega)
+        alone = coefficients.omega.size == coefficients.lines
+        if alone:
             self.block = MANY
         # Real and imaginary parts have half the power each.
         scale = np.sqrt(2.0 / power)
         lines = coefficients.lines
         self._paths, self._removed = coefficients.paths, removed
         if removed and fitted is not None:
-            responses = model.response(self.omega[:lines], fitted)
+            responses = model.response(coefficients.omega[:lines], fitted)
             around = np.sum(responses * coefficients.paths, axis=0)
             scale = scale * np.abs(1.0 - around) ** removed
 
-        def combined(signal: ComplexArray) -> ComplexArray:
-            """What multiplies responses at lines and bins, shape (n, all)."""
-            count = len(self.omega)
-            matrix = np.zeros((lines, count), dtype=complex)
-            rows = np.arange(lines)
-            matrix[rows, rows] = coefficients.at_lines(signal[:, :lines])
-            beside = np.mean(
-                coefficients.phases[:, :, None] * signal[:, coefficients.beside], axis=0
-            )
-            matrix[rows[:, None], coefficients.beside] = -coefficients.trend * beside
-            return scale[:, None] * matrix
+        def at_lines(signal: ComplexArray) -> ComplexArray:
+            """What multiplies a response at the lines, shape (n,)."""
+            return np.asarray(scale * coefficients.at_lines(signal[:, :lines]))
 
-        self._control = combined(coefficients.control).sum(axis=1)
-        self._inputs = np.array([combined(signal) for signal in coefficients.inputs])
+        def beside(signal: ComplexArray) -> ComplexArray:
+            """What multiplies it at the bins beside them, shape (n, bins)."""
+            matrix = np.zeros((lines, coefficients.omega.size), dtype=complex)
+            near = np.mean(coefficients.phases[:, :, None] * signal[:, coefficients.beside], axis=0)
+            matrix[np.arange(lines)[:, None], coefficients.beside] = -coefficients.trend * near
+            return scale[:, None] * matrix[:, lines:]
+
+        self._control = at_lines(coefficients.control) + beside(coefficients.control).sum(axis=1)
+        self._lines = np.array([at_lines(signal) for signal in coefficients.inputs])
+        self._beside = () if alone else tuple(beside(signal) for signal in coefficients.inputs)
 
     @property
     def residuals(self) -> int:
@@ -78,13 +79,16 @@ class Equations(Problem):
 
     def rows(self, values: FloatArray) -> FloatArray:
         """Standardised Jacobian and residual, shape (sets, parameters + 1, residuals)."""
-        responses, slopes = self.model.response_and_jacobian(self.omega, values)
-        everything = np.concatenate([slopes, responses[:, :, None]], axis=2)
-        rows = sum(everything[:, c] @ inputs.T for c, inputs in enumerate(self._inputs))
-        rows[:, -1] = self._control - rows[:, -1]
+        rows = self._at(values)
+        at_lines = rows[..., : self._control.size]
+        found = (at_lines * self._lines[:, None]).sum(axis=1)
+        for c, inputs in enumerate(self._beside):
+            found += rows[:, c, :, self._control.size :] @ inputs.T
+        np.subtract(self._control, found[:, -1], out=found[:, -1])
         if self._removed:
-            around = np.einsum("scpn,cn->spn", everything[..., : self._control.size], self._paths)
+            around = (at_lines * self._paths[:, None]).sum(axis=1)
             sensitivity = 1.0 / (1.0 - around[:, -1:])
-            rows[:, :-1] -= self._removed * sensitivity * around[:, :-1] * rows[:, -1:]
-            rows *= sensitivity**self._removed
-        return np.concatenate([rows.real, rows.imag], axis=-1)
+            found[:, :-1] -= self._removed * sensitivity * around[:, :-1] * found[:, -1:]
+            found *= sensitivity if self._removed == 1.0 else sensitivity**self._removed
+        # Real and imaginary parts side by side.
+        return np.asarray(found.view(float))

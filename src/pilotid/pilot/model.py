@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -198,7 +198,14 @@ class PilotModel:
         """
         return any(c.changing is not None for c in self.channels)
 
-    def _require_constant(self) -> None:
+    def require_constant(self) -> None:
+        """Refuse a model that varies in time.
+
+        Raises
+        ------
+        ValueError
+            If it does.
+        """
         if self.changes:
             raise ValueError(
                 f"model {self.name} varies in time, so that it has no frequency response"
@@ -225,6 +232,14 @@ class PilotModel:
         return tuple(
             tuple(self.moving.index(placed) for placed in layout if placed[1])
             for layout in self.layout
+        )
+
+    @cached_property
+    def sharing(self) -> tuple[tuple[int, ...], ...]:
+        """For each of `moving`, the channels that have it, as often as they do."""
+        return tuple(
+            tuple(c for c, own in enumerate(self.places) for each in own if each == place)
+            for place in range(len(self.moving))
         )
 
     @cached_property
@@ -385,7 +400,7 @@ class PilotModel:
         ComplexArray
             Shape (channels, n).
         """
-        self._require_constant()
+        self.require_constant()
         s = 1j * np.asarray(omega, dtype=float)
         return np.array(
             [
@@ -430,17 +445,44 @@ class PilotModel:
             Complex, shape (channels, n) and (channels, parameters, n); for parameter sets
             (sets, ...) each.
         """
-        self._require_constant()
+        rows = self.at(omega)(values)
+        return rows[..., -1, :], rows[..., :-1, :]
+
+    def at(self, omega: FloatArray) -> Callable[[FloatArray], ComplexArray]:
+        """What evaluates the model at fixed frequencies, again and again.
+
+        Parameters
+        ----------
+        omega
+            Frequencies [rad/s], shape (n,).
+
+        Returns
+        -------
+        Callable
+            From parameters in model order, shape (parameters,) or (sets, parameters), to the
+            derivatives of `response` by each and, below them, the response: shape (channels,
+            parameters + 1, n), or (sets, ...).
+        """
+        self.require_constant()
         s = 1j * np.asarray(omega, dtype=float)
-        shape = (*values.shape[:-1], len(self.channels))
-        responses = np.zeros((*shape, s.size), dtype=complex)
-        jacobian = np.zeros((*shape, len(self.parameters), s.size), dtype=complex)
-        for c, (response, slopes) in enumerate(self.terms(s, values)):
-            full = response * s ** self.channels[c].derivative
-            responses[..., c, :] = full
-            for index, slope in slopes:
-                jacobian[..., c, index, :] += full * slope
-        return responses, jacobian
+        every = [
+            response * s**channel.derivative
+            for channel, response in zip(self.channels, self.fixed_responses(s), strict=True)
+        ]
+
+        def rows(values: FloatArray) -> ComplexArray:
+            found = self.evaluated(s, values)
+            shape = (len(every), values.shape[-1] + 1, s.size)
+            result = np.zeros((*values.shape[:-1], *shape), dtype=complex)
+            for c, (places, fixed) in enumerate(zip(self.places, every, strict=True)):
+                response = reduce(np.multiply, [found[place][0] for place in places], fixed)
+                result[..., c, -1, :] = response
+                for place in places:
+                    for index, slope in zip(self.moving[place][1], found[place][1], strict=True):
+                        result[..., c, index, :] += slope * response
+            return result
+
+        return rows
 
     def polynomials(self, values: FloatArray, pade_order: int = 5) -> list[Rational]:
         """Each channel's polynomials, delays as Pade approximants.
@@ -454,14 +496,14 @@ class PilotModel:
         pade_order
             Order of numerator and denominator in place of a delay.
         """
-        self._require_constant()
+        self.require_constant()
         result: list[Rational] = []
         for layout in self.layout:
-            top, bottom = np.ones(1), np.ones(1)
+            top, bottom = [1.0], [1.0]
             for factor, indices in layout:
                 above, below = factor.rational([float(values[i]) for i in indices], pade_order)
-                top, bottom = np.convolve(top, above), np.convolve(bottom, below)
-            result.append((top.tolist(), bottom.tolist()))
+                top, bottom = _multiplied(top, above), _multiplied(bottom, below)
+            result.append((top, bottom))
         return result
 
     def rational(self, values: FloatArray, pade_order: int = 5) -> list[control.TransferFunction]:
@@ -502,6 +544,15 @@ class PilotModel:
             for p in self.parameters
         )
         return replace(self, overrides=changed)
+
+
+def _multiplied(first: Sequence[float], second: Sequence[float]) -> list[float]:
+    """The product of two short polynomials: numpy takes longer to be called."""
+    product = [0.0] * (len(first) + len(second) - 1)
+    for i, a in enumerate(first):
+        for j, b in enumerate(second):
+            product[i + j] += a * b
+    return product
 
 
 def _evaluator(factor: Factor) -> Evaluator:

@@ -307,6 +307,7 @@ def _minimise(
     active = np.arange(len(begin.values))
     values, grams = begin.values, begin.gram
     curvature = np.zeros_like(grams[:, :-1, :-1]) if begin.curvature is None else begin.curvature
+    scale = _scale(grams)
     damping = np.full(len(values), FIRST)
     ended = begin.only(np.arange(len(values)))
     learned_of = curvature.copy()
@@ -314,48 +315,59 @@ def _minimise(
 
     def leave(which: BoolArray, converged: BoolArray | bool) -> BoolArray:
         """Keep where some have ended; which of them go on."""
-        nonlocal active, values, grams, curvature, damping
+        nonlocal active, values, grams, curvature, scale, damping
         index, on = active[which], ~which
         ended.values[index], ended.gram[index] = values[which], grams[which]
         ended.cost[index], ended.converged[index] = grams[which, -1, -1], converged
         learned_of[index] = curvature[which]
         active, values, grams = active[on], values[on], grams[on]
-        curvature, damping = curvature[on], damping[on]
+        curvature, scale, damping = curvature[on], scale[on], damping[on]
         return on
 
     while active.size and count < iterations:
         cost = grams[:, -1, -1]
-        step, promised, stiff = _step(grams, curvature, values, damping, lower, upper)
+        scaled, own, promised = _step(grams, curvature, scale, values, damping, lower, upper)
         if (done := promised <= tolerance * cost).any():
             on = leave(done, True)
             if not active.size:
                 break
-            cost, step, promised, stiff = cost[on], step[on], promised[on], stiff[on]
-        step = np.minimum(np.maximum(step, -longest), longest)
+            cost, scaled, own, promised = cost[on], scaled[on], own[on], promised[on]
+        step = np.minimum(np.maximum(scaled / scale, -longest), longest)
         trial = np.minimum(np.maximum(values + step, lower), upper)
         trial_grams = gram(trial, active)
         count += 1
         reached = trial_grams[:, -1, -1]
+        trial_scale = _scale(trial_grams)
         better = reached < cost  # false for NaN
         # Far from the optimum a secant says little about the curvature there.
-        near = better & (reached > 0.99 * cost)
-        if near.any():
-            new = trial_grams if near.all() else np.where(near[:, None, None], trial_grams, grams)
-            secant = _secant(curvature, grams, new, trial - values)
-            learned = np.where(near[:, None, None], secant, 0.0)
-        else:
-            learned = np.zeros_like(curvature)
+        near = reached > 0.99 * cost
+        near &= better
         eased = np.maximum(damping / 10.0, 1e-9)
         if better.all():
-            values, grams, curvature, damping = trial, trial_grams, learned, eased
+            if near.any():
+                learned = _secant(curvature, grams, trial_grams, trial - values, trial_scale)
+                curvature = learned if near.all() else np.where(near[:, None, None], learned, 0.0)
+            else:
+                curvature = np.zeros_like(curvature)
+            values, grams, scale, damping = trial, trial_grams, trial_scale, eased
             continue
-        # A parabola through what was promised and what came tells how much too long the step was.
+        if near.any():
+            # Of the others nothing is kept, and what their numbers are does not matter.
+            new = np.where(near[:, None, None], trial_grams, grams)
+            learned = _secant(curvature, grams, new, trial - values, _scale(new))
+            learned = np.where(near[:, None, None], learned, 0.0)
+        else:
+            learned = np.zeros_like(curvature)
+        # A parabola through what was promised and what came tells how much too long the step was,
+        # and the Hessian along it, in shares of its diagonal, how much damping that takes.
+        stiff = promised / np.maximum(np.vecdot(own, own), 1e-300)
         rise = (reached - cost) / np.maximum(promised, 1e-200)
         longer = np.where(
             np.isfinite(rise), np.minimum(np.maximum(1.0 + 2.0 * rise, 1.0), 100.0), 100.0
         )
         damping = np.where(better, eased, np.maximum(8.0 * damping, longer * stiff))
         values = np.where(better[:, None], trial, values)
+        scale = np.where(better[:, None], trial_scale, scale)
         grams = np.where(better[:, None, None], trial_grams, grams)
         curvature = np.where(better[:, None, None], learned, curvature)
         # Rounding, not the model, is then what keeps a step from lowering the cost.
@@ -368,32 +380,26 @@ def _minimise(
 def _step(
     grams: FloatArray,
     curvature: FloatArray,
+    scale: FloatArray,
     values: FloatArray,
     damping: FloatArray,
     lower: FloatArray,
     upper: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Damped steps, the decrease that undamped ones promise, and the Hessian along those.
-
-    The last in shares of its diagonal, as the damping is.
-    """
-    descent = grams[:, :-1, -1]
-    blocked = ((values <= lower) & (descent < 0.0)) | ((values >= upper) & (descent > 0.0))
-    scale = _scale(grams)
-    matrix = (grams[:, :-1, :-1] + curvature) / (scale[:, :, None] * scale[:, None, :])
-    right = descent / scale
-    if blocked.any():
-        free = ~blocked
+    """Damped and undamped steps, both times `scale`, and the decrease that the latter promise."""
+    right = grams[:, :-1, -1] / scale
+    matrix = grams[:, :-1, :-1] + curvature
+    matrix /= scale[:, :, None] * scale[:, None, :]
+    low, high = values <= lower, values >= upper
+    if (low | high).any():
+        low &= right < 0.0
+        high &= right > 0.0
+        free = ~(low | high)
         none = np.eye(right.shape[1])
         matrix = np.where(free[:, :, None] & free[:, None, :], matrix, none)
         right = np.where(free, right, 0.0)
-    # A start outside the model's domain has no Hessian; it goes nowhere.
-    if not (finite := np.isfinite(matrix)).all():
-        matrix = np.where(finite.all(axis=(1, 2), keepdims=True), matrix, 0.0)
-    step, own = _solved(matrix, right, damping)
-    promise = (right * own).sum(axis=1)
-    stiff = promise / np.maximum((own * own).sum(axis=1), 1e-300)
-    return step / scale, promise, stiff
+    damped, own = _solved(matrix, right, damping)
+    return damped, own, np.vecdot(right, own)
 
 
 def _solved(
@@ -405,10 +411,14 @@ def _solved(
     except np.linalg.LinAlgError:
         pivots = np.zeros(1)
     if pivots.min() > CLEAR:
-        damped = matrix + damping[:, None, None] * np.eye(right.shape[1])
-        both = np.linalg.solve(np.stack([damped, matrix]), right[:, :, None])[..., 0]
-        return both[0], both[1]
-    eigenvalues, vectors = np.linalg.eigh(matrix)
+        both = np.empty((2, *matrix.shape))
+        both[1] = matrix
+        np.add(matrix, damping[:, None, None] * np.eye(right.shape[1]), out=both[0])
+        damped, own = np.linalg.solve(both, right[:, :, None])[..., 0]
+        return damped, own
+    # A start outside the model's domain has no Hessian; it goes nowhere.
+    finite = np.isfinite(matrix).all(axis=(1, 2), keepdims=True)
+    eigenvalues, vectors = np.linalg.eigh(np.where(finite, matrix, 0.0))
     eigenvalues = np.maximum(np.abs(eigenvalues), 1e-9)
     along = (right[:, None] @ vectors)[:, 0]
     each = np.stack([along / (eigenvalues + damping[:, None]), along / eigenvalues])
@@ -417,7 +427,7 @@ def _solved(
 
 
 def _secant(
-    curvature: FloatArray, old: FloatArray, new: FloatArray, step: FloatArray
+    curvature: FloatArray, old: FloatArray, new: FloatArray, step: FloatArray, scale: FloatArray
 ) -> FloatArray:
     """Symmetric rank-one update of what Gauss-Newton leaves out of the Hessian.
 
@@ -425,23 +435,21 @@ def _secant(
     then overshoots and creeps from side to side.  The change of the gradient along
     each step shows that curvature (Dennis, Gay & Welsch, NL2SOL, 1981).
     """
-    scale = _scale(new)
     change = old[:, :-1, -1] - new[:, :-1, -1]  # of the gradient
-    told = ((new[:, :-1, :-1] + curvature) @ step[:, :, None])[:, :, 0]
-    missing = (change - told) / scale
-    scaled = step * scale
-    product = (missing * scaled).sum(axis=1)
-    size = np.sqrt((missing * missing).sum(axis=1) * (scaled * scaled).sum(axis=1))
-    trusted = np.abs(product) > 1e-3 * size
-    factor = np.where(trusted, 1.0 / np.where(trusted, product, 1.0), 0.0)
-    unscaled = missing * scale
-    update = factor[:, None, None] * unscaled[:, :, None] * unscaled[:, None, :]
+    told = np.vecdot(new[:, :-1, :-1] + curvature, step[:, None])
+    missing = change - told
+    scaled_missing, scaled = missing / scale, step * scale
+    product = np.vecdot(missing, step)
+    square = np.vecdot(scaled_missing, scaled_missing) * np.vecdot(scaled, scaled)
+    trusted = product * product > 1e-6 * square
+    factor = np.divide(1.0, product, out=np.zeros_like(product), where=trusted)
+    update = (factor[:, None] * missing)[:, :, None] * missing[:, None]
     return np.asarray(curvature + update)
 
 
 def _scale(grams: FloatArray) -> FloatArray:
     scale = np.sqrt(np.diagonal(grams, axis1=1, axis2=2)[:, :-1])
-    return np.asarray(np.where(scale > 0.0, scale, 1.0))
+    return np.where(scale > 0.0, scale, 1.0)
 
 
 def solve_linear(

@@ -176,9 +176,10 @@ class Prediction:
                 filled.add(index)
 
         parts: list[ComplexArray] = []
+        one = np.ones((1, 1))
         left = self.control_spectrum[:, bins]
         for c, (places, fixed) in enumerate(zip(model.places, self.inputs, strict=True)):
-            response = reduce(np.multiply, (found[place][0] for place in places), np.ones((1, 1)))
+            response = reduce(np.multiply, [found[place][0] for place in places], one)
             part = response[:, None] * fixed[:, bins]
             fine, changing = self.fine[c], model.channels[c].changing
             if fine and changing:
@@ -189,15 +190,11 @@ class Prediction:
                 part = part * signal
             left = np.subtract(left, part, out=spectrum[:, -1])
             parts.append(part)
-        for place, (_, indices) in enumerate(model.moving):
-            shared = [
-                part
-                for part, own in zip(parts, model.places, strict=True)
-                for each in own
-                if each == place
-            ]
-            total = reduce(np.add, shared)
-            for index, slope in zip(indices, found[place][1], strict=True):
+        for (_, slopes), (_, indices), channels in zip(
+            found, model.moving, model.sharing, strict=True
+        ):
+            total = reduce(np.add, [parts[c] for c in channels])
+            for index, slope in zip(indices, slopes, strict=True):
                 put(index, slope[:, None] if slope.ndim > 1 else slope, total)
 
     @cached_property
