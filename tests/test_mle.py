@@ -21,8 +21,9 @@ from pilotid.solve.least_squares import minimise
 from pilotid.solve.walk import walk
 from pilotid.time_domain.band import Band
 from pilotid.time_domain.output_error import OutputErrors
-from pilotid.time_domain.prediction import predict
+from pilotid.time_domain.prediction import predict, predict_circular
 from pilotid.time_domain.prediction_errors import PredictionErrors
+from pilotid.time_domain.reduced import reduced
 from pilotid.time_domain.remnant_models import Autoregressive, LowPass, NoiseModel
 from pilotid.types import FloatArray
 
@@ -56,6 +57,54 @@ def test_rows_by_pilot_and_remnant_agree_with_finite_differences(
         expected = -change / (2.0 * step[index])
         scale = np.abs(expected).max()
         np.testing.assert_allclose(rows[index], expected, atol=1e-5 * scale)
+
+
+AR6 = (-1.2, 0.4, -0.1, 0.05, 0.02, -0.03)
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.5, 1e6], ids=["none", "usual", "huge"])
+@pytest.mark.parametrize(
+    ("noise", "values"),
+    [(LowPass(2), (4.0, 0.6)), (Autoregressive(6), AR6)],
+    ids=["low-pass", "AR"],
+)
+def test_gram_holds_the_inner_products_of_the_rows(
+    noise: NoiseModel, values: tuple[float, ...], offset: float
+) -> None:
+    recording = simulate(replace(NOMINAL, runs=2), np.random.default_rng(3))
+    # What is projected out of the Jacobian as well as of the residual.
+    shifted = replace(recording, e=recording.e + offset, u=recording.u + offset)
+    joint = PredictionErrors(predict(shifted, MULTI, 50.0), noise, BAND)
+    assert joint.prediction.terms
+    sets = np.array([[*(0.9 * TRUTH), *values], [*(1.1 * TRUTH), *values]])
+    gram, rows = joint.gram(sets), joint.rows(sets)
+    size = np.sqrt(np.einsum("spp->sp", gram))
+    difference = gram - np.einsum("sprt,sqrt->spq", rows, rows)
+    assert np.all(np.abs(difference) < 1e-8 * size[:, :, None] * size[:, None])
+
+
+@pytest.mark.parametrize("way", ["long", "reduced", "circular"])
+def test_the_past_of_a_residual_is_what_its_filters_say(
+    way: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recording = simulate(NOMINAL, np.random.default_rng(3))
+    prediction = predict(recording, MULTI, 50.0)
+    if way == "circular":  # whose first sample has no samples before it
+        prediction = predict_circular(recording, MULTI)
+    if way == "reduced":
+        prediction = reduced(prediction)
+    joint = PredictionErrors(prediction, Autoregressive(6), BAND)
+    values = np.array([[*TRUTH, *AR6]])
+    found, residual = joint.rows(values), prediction.row_spectra(TRUTH[None])[:, -1:]
+    delays = prediction.filter_response(np.eye(7)[1:])
+    expected = prediction.without_nuisance(prediction.samples_of(-residual * delays[:, None]))
+    assert found[:, 7:13] == pytest.approx(expected, abs=1e-12 * np.abs(expected).max())
+    if way == "long":
+        monkeypatch.setattr("pilotid.time_domain.prediction.LONG", 100)
+        long = PredictionErrors(prediction, Autoregressive(6), BAND)
+        assert long.block == 1
+        assert long.rows(values) == pytest.approx(found, abs=1e-12 * np.abs(found).max())
+        assert long.gram(values) == pytest.approx(joint.gram(values), rel=1e-9)
 
 
 def test_noise_free_recording_gives_the_truth() -> None:

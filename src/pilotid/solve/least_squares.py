@@ -83,13 +83,18 @@ class Problem(Protocol):
         values
             Parameter sets, shape (sets, parameters).
         """
-        grams = []
-        for begin in range(0, len(values), self.block):
-            block = self.rows(values[begin : begin + self.block])
-            flat = block.reshape(*block.shape[:2], -1)
-            grams.append(flat @ flat.transpose(0, 2, 1))
+        grams = [
+            self.products(values[begin : begin + self.block])
+            for begin in range(0, len(values), self.block)
+        ]
         found = np.concatenate(grams)
         return found if self.penalty is None else found + self.penalty.gram(values)
+
+    def products(self, values: FloatArray) -> FloatArray:
+        """`gram` of no more than `block` sets, without the penalty."""
+        rows = self.rows(values)
+        flat = rows.reshape(*rows.shape[:2], -1)
+        return np.asarray(flat @ flat.transpose(0, 2, 1))
 
 
 class Space(Protocol):

@@ -19,7 +19,7 @@ from pilotid.solve.smoothing import Penalty
 from pilotid.time_domain.band import Band
 from pilotid.time_domain.prediction import Prediction
 from pilotid.time_domain.remnant_models import NoiseModel
-from pilotid.types import BoolArray, FloatArray
+from pilotid.types import BoolArray, ComplexArray, FloatArray
 
 
 class PredictionErrors(Problem):
@@ -82,6 +82,18 @@ class PredictionErrors(Problem):
         -------
         Array of shape (sets, parameters + 1, runs, scored).
         """
+        if self.block > 1:
+            return self.prediction.without_nuisance(self._samples(values))
+        return self.prediction.errors_of(self._spectra(values))
+
+    def products(self, values: FloatArray) -> FloatArray:
+        """Inner products of `rows`, see `Problem.products`."""
+        if self.block > 1:
+            return self.prediction.products_of(self._samples(values))
+        return super().products(values)
+
+    def _spectra(self, values: FloatArray) -> ComplexArray:
+        """The transforms of `rows` before nuisance terms are projected out."""
         prediction = self.prediction
         pilot, remnant = values[:, : self.pilot], values[:, self.pilot :]
         taps, slopes = self.noise.taps(remnant, self.band)
@@ -91,4 +103,22 @@ class PredictionErrors(Problem):
         np.multiply(filters[:, :-1, None], -residual, out=spectra[:, self.pilot : -1])
         spectra[:, : self.pilot] *= filters[:, -1:, None]
         residual *= filters[:, -1:, None]
-        return prediction.errors_of(spectra)
+        return spectra
+
+    def _samples(self, values: FloatArray) -> FloatArray:
+        """`rows` before nuisance terms are projected out."""
+        prediction = self.prediction
+        if not self.noise.regressive:
+            return prediction.samples_of(self._spectra(values))
+        # The prediction error's derivatives by coefficients are the residual's own past, which
+        # takes one transform for all of them.
+        pilot, remnant = values[:, : self.pilot], values[:, self.pilot :]
+        spectra = prediction.row_spectra(pilot)
+        past = prediction.delayed_samples(spectra[:, -1], remnant.shape[1])
+        taps, _ = self.noise.taps(remnant, self.band)
+        spectra *= prediction.filter_response(taps)[:, None, None]
+        own = prediction.samples_of(spectra)
+        rows = np.empty((len(own), values.shape[1] + 1, *own.shape[2:]))
+        rows[:, : self.pilot], rows[:, -1] = own[:, :-1], own[:, -1]
+        np.negative(past, out=rows[:, self.pilot : -1])
+        return rows

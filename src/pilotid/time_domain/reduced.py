@@ -53,6 +53,10 @@ class Reduced(Prediction):
         weighted = np.ascontiguousarray(spectrum * self.weights)
         return weighted.view(float)
 
+    def delayed_samples(self, spectrum: ComplexArray, most: int) -> FloatArray:
+        delays = self._far_shifts[1 : most + 1]
+        return self.samples_of(spectrum[:, None] * delays[:, None])
+
     def below(self, band: float) -> Reduced:
         """The same with what lies above a frequency [rad/s] left out."""
         return self._with(self.s.imag < band)
