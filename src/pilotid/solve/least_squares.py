@@ -91,7 +91,18 @@ class Problem(Protocol):
         return found if self.penalty is None else found + self.penalty.gram(values)
 
     def products(self, values: FloatArray) -> FloatArray:
-        """`gram` of no more than `block` sets, without the penalty."""
+        """Inner products of the rows of no more than `block` sets, without the penalty.
+
+        Parameters
+        ----------
+        values
+            Parameter sets, shape (sets, parameters).
+
+        Returns
+        -------
+        FloatArray
+            Shape (sets, parameters + 1, parameters + 1).
+        """
         rows = self.rows(values)
         flat = rows.reshape(*rows.shape[:2], -1)
         return np.asarray(flat @ flat.transpose(0, 2, 1))
