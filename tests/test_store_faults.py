@@ -11,7 +11,7 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -382,37 +382,41 @@ for line in sys.stdin:
 def test_two_can_make_or_mend_one_store(finished: Path, tmp_path: Path) -> None:
     damaged = bytearray((finished / STORE).read_bytes())
     damaged[-3000:] = bytes(3000)
-    pair = [
-        subprocess.Popen(
-            [sys.executable, "-c", OPENING, str(1000 + number)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            bufsize=1,
-        )
-        for number in range(2)
-    ]
+    with ExitStack() as closing:  # of the pipes, whatever fails
+        pair = [
+            closing.enter_context(
+                subprocess.Popen(
+                    [sys.executable, "-c", OPENING, str(1000 + number)],
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    text=True,
+                    bufsize=1,
+                )
+            )
+            for number in range(2)
+        ]
 
-    def heard(word: str) -> None:
-        for process in pair:
-            assert process.stdout is not None
-            assert process.stdout.readline().strip() == word, process.communicate()[1]
+        def heard(word: str) -> None:
+            for process in pair:
+                assert process.stdout is not None
+                assert process.stdout.readline().strip() == word
 
-    heard("ready")
-    for number in range(65):
-        folder = tmp_path / str(number)
-        folder.mkdir()
-        if number >= 50:
-            (folder / STORE).write_bytes(damaged)
-        for process in pair:
-            assert process.stdin is not None
-            process.stdin.write(f"{folder}\n")
-        heard("done")
-        with Store(folder) as store:
-            done = {unit.replication for unit in store.done() if unit.replication >= 1000}
-            assert done == {1000, 1001}
-        if number >= 50:  # once only, and nothing else is left
-            assert {path.name for path in folder.iterdir()} == {STORE, f"{STORE}.damaged"}
-    for process in pair:
-        process.communicate()
+        heard("ready")
+        for number in range(65):
+            folder = tmp_path / str(number)
+            folder.mkdir()
+            if number >= 50:
+                (folder / STORE).write_bytes(damaged)
+            for process in pair:
+                assert process.stdin is not None
+                process.stdin.write(f"{folder}\n")
+            heard("done")
+            # Both close in one moment, and all is in the file: a log that stays holds nothing.
+            log = folder / f"{STORE}-wal"
+            assert not log.exists() or not log.stat().st_size
+            with Store(folder) as store:
+                done = {unit.replication for unit in store.done() if unit.replication >= 1000}
+                assert done == {1000, 1001}
+            # Damage is mended once only, and nothing else is left.
+            left = {STORE, f"{STORE}.damaged"} if number >= 50 else {STORE}
+            assert {path.name for path in folder.iterdir()} == left

@@ -81,6 +81,17 @@ def in_memory() -> sqlite3.Connection:
     return memory
 
 
+def merge(base: sqlite3.Connection) -> None:
+    """Bring the write-ahead log into the file, which is then the whole store.
+
+    SQLite does so when the last connection closes.  Of two that close in one moment each takes
+    the other for the last, and the log would stay with results in it.
+    """
+    with suppress(sqlite3.Error):  # nothing is lost: whoever opens the file next reads the log
+        base.execute("PRAGMA busy_timeout = 1000")
+        base.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+
+
 def _patiently(action: Callable[[], T]) -> T:
     """Do what another process may be in the way of.
 

@@ -27,7 +27,7 @@ from pilotid.study.entries import (
     Unit,
 )
 from pilotid.study.kept import KEPT, packed, unpack
-from pilotid.study.opening import in_memory, in_words, open_to_read, open_to_write
+from pilotid.study.opening import in_memory, in_words, merge, open_to_read, open_to_write
 from pilotid.study.tables import FORMAT, Held, Row, real
 from pilotid.types import InputError
 
@@ -61,6 +61,7 @@ class Store:
     def __init__(self, folder: Path, *, create: bool = False, small: bool = False) -> None:
         self.path = folder / STORE
         self.warning = ""
+        self._writes = False
         try:
             missing = not create and not self.path.exists()
             kept = (folder / KEPT).exists()
@@ -77,6 +78,7 @@ class Store:
             return
         with in_words(self.path):
             self._base, told = (open_to_write if create else open_to_read)(self.path)
+        self._writes = create
         self.warning = str(InputError(told)) if told else ""  # printable, as refusals are
         if create and kept:
             with self._transaction():
@@ -85,6 +87,8 @@ class Store:
 
     def close(self) -> None:
         """Close the file; the write-ahead log is merged into it."""
+        if self._writes:
+            merge(self._base)
         self._base.close()
 
     def __enter__(self) -> Store:
