@@ -61,12 +61,15 @@ class Explored:
         How many starts ended in the best optimum.
     following
         Which parameters follow the control as a pilot does.
+    coarse
+        The prediction, reduced.
     """
 
     candidates: FloatArray
     terms: tuple[float, ...]
     starts: Starts
     following: Following
+    coarse: Prediction
 
 
 def explore(
@@ -141,7 +144,7 @@ def explore(
     terms = OutputErrors(prediction, taps).noticeable_terms(candidates[0])
     given_up = np.delete(first.cost, [start for group in met for start in group])
     cost = np.sort(np.concatenate([np.repeat(swept.cost, sizes), given_up]))
-    return Explored(candidates, terms, Starts(cost / cost[0], agreeing), following)
+    return Explored(candidates, terms, Starts(cost / cost[0], agreeing), following, coarse)
 
 
 def terms_at(

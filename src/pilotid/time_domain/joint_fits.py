@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pilotid.solve.least_squares import Minima, minimise, resume
+from pilotid.time_domain.adjoint import for_search
 from pilotid.time_domain.band import Band
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction
@@ -85,10 +86,15 @@ class JointFit(NamedTuple):
 
     def refined(self, tolerance: float) -> JointFit:
         """The same to another tolerance, or to `ENOUGH` as in `optimum`."""
-        end = resume(self.joint.gram, self.end, self.joint, tolerance=tolerance)
+        joint, end = self.joint, self.end
+        if tolerance < ENOUGH and joint.exact is not joint:
+            joint = joint.exact
+            end = minimise(joint.gram, end.values[:1], joint, tolerance=tolerance)
+        else:
+            end = resume(joint.gram, end, joint, tolerance=tolerance)
         if tolerance < ENOUGH and not end.converged[0]:
-            end = resume(self.joint.gram, end, self.joint, tolerance=ENOUGH)
-        return JointFit(self.joint, end)
+            end = resume(joint.gram, end, joint, tolerance=ENOUGH)
+        return JointFit(joint, end)
 
 
 class JointFits:
@@ -108,12 +114,20 @@ class JointFits:
         Where to begin, shape (parameters,).
     noise
         The remnant's model if it is not to be chosen.
+    coarse
+        The prediction, reduced, if that is there already.
     """
 
     def __init__(
-        self, prediction: Prediction, band: Band, pilot: FloatArray, noise: NoiseModel | None
+        self,
+        prediction: Prediction,
+        band: Band,
+        pilot: FloatArray,
+        noise: NoiseModel | None,
+        coarse: Prediction | None = None,
     ) -> None:
         self.prediction, self.band, self.noise = prediction, band, noise
+        self.coarse = coarse
         self.pilot = self._first = pilot
         self.iterations = 0
         self._fits: dict[NoiseModel, tuple[JointFit, float]] = {}
@@ -176,7 +190,7 @@ class JointFits:
         model, values = guess
         if model in self._fits:
             return self._to(self._fits[model][0], tolerance)
-        joint = PredictionErrors(self.prediction, model, self.band)
+        joint = for_search(PredictionErrors(self.prediction, model, self.band), self.coarse)
         pilots = [self.pilot] if self.pilot is self._first else [self.pilot, self._first]
         starts = np.array([np.concatenate([pilot, values]) for pilot in pilots])
         return self._kept(JointFit(joint, optimum(joint, starts, tolerance)), tolerance)

@@ -161,8 +161,8 @@ class Maximum:
 
     def refined(self) -> Maximum:
         """The same optimum to the tolerance of what is reported."""
-        end = JointFit(self.joint, self.end).refined(FINE).end
-        return replace(self, end=end, iterations=self.iterations + end.iterations)
+        joint, end = JointFit(self.joint, self.end).refined(FINE)
+        return replace(self, joint=joint, end=end, iterations=self.iterations + end.iterations)
 
     def moved(self, start: FloatArray) -> Maximum:
         """The optimum that a better point leads to, pilot and remnant, shape (parameters,)."""
@@ -333,7 +333,10 @@ def _maximised(
     band = analysis_band(recording.dt, rate)
     explored = explore(prediction, band, rng, settings, known, beside)
     narrowed, following = replace(prediction, terms=explored.terms), explored.following
-    candidates = [JointFits(narrowed, band, pilot, settings.noise) for pilot in explored.candidates]
+    candidates = [
+        JointFits(narrowed, band, pilot, settings.noise, explored.coarse)
+        for pilot in explored.candidates
+    ]
     if len(candidates) > 1:
         firsts = [fits.look() for fits in candidates]
         reached = np.array([first.criterion for first in firsts])

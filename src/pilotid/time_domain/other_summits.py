@@ -14,6 +14,7 @@ import numpy as np
 from pilotid.estimates.bounds import held
 from pilotid.solve.least_squares import minimise
 from pilotid.solve.walk import Held
+from pilotid.time_domain.adjoint import for_search
 from pilotid.time_domain.maximum_likelihood import Maximum
 from pilotid.types import FloatArray
 
@@ -28,7 +29,7 @@ def rivals(found: Maximum) -> FloatArray:
     found
         The optimum, with the pilots of other summits.
     """
-    joint, optimum = found.joint, found.end.values[0]
+    joint, optimum = for_search(found.joint), found.end.values[0]
     starts = [np.concatenate([pilot, optimum[joint.pilot :]]) for pilot in found.rivals]
     if not starts:
         return np.zeros((0, len(optimum)))
@@ -45,7 +46,7 @@ def off_bounds(found: Maximum) -> FloatArray:
     found
         The optimum; without a parameter at a bound there are none.
     """
-    joint, optimum = found.joint, found.end.values[0]
+    joint, optimum = for_search(found.joint), found.end.values[0]
     model = joint.prediction.model
     at_bound = np.flatnonzero(held(model, found.pilot))
     low, high = np.array([p.usual for p in model.parameters]).T

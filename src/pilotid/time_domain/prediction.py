@@ -167,7 +167,7 @@ class Prediction:
         """
         model, spectrum = self.model, spectrum[..., bins]
         s = self.s[bins]
-        delayed = self._delayed if s.size == self.s.size else Delayed(s.imag)
+        delayed = self.delayed if s.size == self.s.size else Delayed(s.imag)
         found = model.evaluated(s, values, delayed)
         filled: set[int] = set()
 
@@ -201,7 +201,8 @@ class Prediction:
                 put(index, slope[:, None] if slope.ndim > 1 else slope, total)
 
     @cached_property
-    def _delayed(self) -> Delayed:
+    def delayed(self) -> Delayed:
+        """Responses of delays at the bins."""
         return Delayed(self.s.imag)
 
     @cached_property
@@ -246,10 +247,13 @@ class Prediction:
     def filter_response(self, taps: FloatArray) -> ComplexArray:
         """Response of moving-average filters at the bins, shape (..., bins)."""
         count = taps.shape[-1]
-        shifts = self._shifts if count <= REACH + 1 else self._far_shifts
         # Taps are real: so are the products, of real and imaginary parts side by side.
-        flat = taps.reshape(-1, count) @ shifts.view(float)[:count]
+        flat = taps.reshape(-1, count) @ self.shifts(count).view(float)
         return np.asarray(flat.view(complex).reshape(*taps.shape[:-1], self.s.size))
+
+    def shifts(self, count: int) -> ComplexArray:
+        """Responses of delays by 0 to `count` - 1 samples at the bins, shape (count, bins)."""
+        return (self._shifts if count <= REACH + 1 else self._far_shifts)[:count]
 
     @cached_property
     def _shifts(self) -> ComplexArray:

@@ -62,6 +62,11 @@ class PredictionErrors(Problem):
         """Number of prediction errors, see `Prediction.residuals`."""
         return self.prediction.residuals
 
+    @property
+    def exact(self) -> PredictionErrors:
+        """The problem whose Gram matrices are exact: this one."""
+        return self
+
     def penalised(self, penalty: Penalty | None) -> PredictionErrors:
         """The same with a penalty, or without."""
         return PredictionErrors(replace(self.prediction, penalty=penalty), self.noise, self.band)

@@ -13,6 +13,7 @@ report it.
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -109,9 +110,10 @@ def reduced(prediction: Prediction) -> Prediction:
 
 def _groups(omega: FloatArray) -> list[int]:
     """First bins of the groups, and the end of the last."""
+    listed = omega.tolist()
     starts = [2]
-    while starts[-1] < omega.size:
-        first = omega[starts[-1]]
-        end = int(np.searchsorted(omega, first + min(SHARE * first, WIDEST), side="right"))
-        starts.append(min(max(end, starts[-1] + 1), omega.size))
+    while starts[-1] < len(listed):
+        first = listed[starts[-1]]
+        end = bisect_right(listed, first + min(SHARE * first, WIDEST))
+        starts.append(max(end, starts[-1] + 1))
     return starts

@@ -1,0 +1,151 @@
+"""The problem that large searches solve: exact sum of squares and slopes, a Hessian nearby."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import NOMINAL
+
+from pilotid.datasets import SCENARIOS, simulate
+from pilotid.methods.mle import MLE
+from pilotid.pilot.catalogue import MODELS
+from pilotid.pilot.model import PilotModel
+from pilotid.solve.least_squares import minimise, resume
+from pilotid.time_domain.adjoint import AdjointErrors, for_search
+from pilotid.time_domain.band import analysis_band
+from pilotid.time_domain.joint_fits import ENOUGH, FINE, JointFit
+from pilotid.time_domain.output_error import OutputErrors
+from pilotid.time_domain.prediction import Prediction, predict
+from pilotid.time_domain.prediction_errors import PredictionErrors
+from pilotid.time_domain.reduced import Reduced, reduced
+from pilotid.time_domain.remnant_choice import guessed
+from pilotid.time_domain.remnant_models import Autoregressive, BandPass, LowPass, NoiseModel
+from pilotid.types import FloatArray
+
+pytestmark = pytest.mark.numerical
+
+RUNS = 12
+RATE = 50.0
+BAND = analysis_band(NOMINAL.dt, RATE)
+STEADY = [name for name, model in MODELS.items() if not model.changes]
+REMNANTS: list[NoiseModel] = [LowPass(0), LowPass(2), BandPass(1), Autoregressive(20)]
+
+
+def prediction_of(model: PilotModel, runs: int, terms: tuple[float, ...] = (0.0,)) -> Prediction:
+    recording = simulate(replace(NOMINAL, runs=runs), np.random.default_rng(4))
+    return replace(predict(recording, model, RATE), terms=terms)
+
+
+def problem_of(
+    prediction: Prediction, noise: NoiseModel
+) -> tuple[PredictionErrors, AdjointErrors, FloatArray]:
+    """Exact problem, that of a search, and two points: a pilot with the remnant it leaves."""
+    exact = PredictionErrors(prediction, noise, BAND)
+    coarse = reduced(prediction)
+    assert isinstance(coarse, Reduced)
+    pilots = prediction.model.start * np.array([[1.0], [0.9]])
+    residual = OutputErrors(prediction).residual(pilots[0])
+    remnant = np.tile(guessed(noise, residual, BAND), (2, 1))
+    return exact, AdjointErrors(exact, coarse), np.hstack([pilots, remnant])
+
+
+def assert_last_rows_equal(exact: FloatArray, found: FloatArray) -> None:
+    size = np.sqrt(np.diagonal(exact, axis1=1, axis2=2))
+    expected = exact[:, -1] / (size * size[:, -1:])
+    np.testing.assert_allclose(found[:, -1] / (size * size[:, -1:]), expected, atol=1e-11)
+    np.testing.assert_array_equal(found, found.transpose(0, 2, 1))
+
+
+@pytest.mark.parametrize("name", STEADY)
+def test_slopes_are_exact_of_every_pilot(name: str) -> None:
+    exact, adjoint, points = problem_of(prediction_of(MODELS[name], 2), LowPass(2))
+    assert_last_rows_equal(exact.gram(points), adjoint.gram(points))
+
+
+@pytest.mark.parametrize("runs", [1, 3])
+@pytest.mark.parametrize("terms", [(), (0.0,), (0.0, -0.3)], ids=["none", "offset", "decay"])
+@pytest.mark.parametrize("noise", REMNANTS, ids=[noise.name for noise in REMNANTS])
+def test_slopes_are_exact_with_every_remnant(
+    noise: NoiseModel, terms: tuple[float, ...], runs: int
+) -> None:
+    exact, adjoint, points = problem_of(prediction_of(NOMINAL.model, runs, terms), noise)
+    assert_last_rows_equal(exact.gram(points), adjoint.gram(points))
+
+
+def test_slopes_are_exact_of_transforms_of_odd_length() -> None:
+    prediction = prediction_of(NOMINAL.model, 2)
+    length = prediction.length - 1
+    signals = [
+        np.fft.irfft(each, n=prediction.length)[:, :length]
+        for each in (*prediction.spectra, prediction.control_spectrum)
+    ]
+    *inputs, control = (np.fft.rfft(each) for each in signals)
+    odd = replace(
+        prediction,
+        s=2j * np.pi * np.fft.rfftfreq(length, prediction.dt),
+        spectra=tuple(inputs),
+        control_spectrum=control,
+        length=length,
+    )
+    exact, adjoint, points = problem_of(odd, LowPass(1))
+    assert_last_rows_equal(exact.gram(points), adjoint.gram(points))
+
+
+@pytest.mark.parametrize("noise", REMNANTS, ids=[noise.name for noise in REMNANTS])
+def test_the_hessian_is_that_of_the_exact_problem_but_for_the_edges(noise: NoiseModel) -> None:
+    exact, adjoint, points = problem_of(prediction_of(NOMINAL.model, RUNS), noise)
+    for right, near in zip(exact.gram(points), adjoint.gram(points), strict=True):
+        ratios = np.linalg.eigvals(np.linalg.solve(right[:-1, :-1], near[:-1, :-1])).real
+        assert 0.4 < ratios.min() < ratios.max() < 1.5
+
+
+def test_a_search_ends_where_that_with_exact_products_does() -> None:
+    exact, adjoint, points = problem_of(prediction_of(NOMINAL.model, RUNS), Autoregressive(6))
+    expected = minimise(exact.gram, points[:1], exact, tolerance=FINE)
+    end = minimise(adjoint.gram, points[:1], adjoint, tolerance=FINE)
+    assert expected.converged[0]
+    assert end.converged[0]
+    assert expected.apart(end.values[0], exact.residuals) < 1e-4
+    # What is reported rests on exact products.
+    rough = JointFit(adjoint, minimise(adjoint.gram, points[:1], adjoint, tolerance=ENOUGH))
+    fine = rough.refined(FINE)
+    assert fine.joint is exact
+    np.testing.assert_allclose(fine.end.gram, exact.gram(fine.end.values), rtol=1e-9)
+    assert expected.apart(fine.end.values[0], exact.residuals) < 1e-4
+    np.testing.assert_array_equal(resume(exact.gram, fine.end, exact).values, fine.end.values)
+
+
+def test_only_several_runs_are_searched_by_the_adjoint() -> None:
+    noise = LowPass(2)
+    for runs, kind in ((1, PredictionErrors), (2, PredictionErrors), (RUNS, AdjointErrors)):
+        joint = PredictionErrors(prediction_of(NOMINAL.model, runs), noise, BAND)
+        assert type(for_search(joint)) is kind
+    searched = for_search(joint)
+    assert searched.exact is joint
+    assert for_search(searched) is searched
+    changing = SCENARIOS["adapting-slow"]  # has no reduced form
+    recording = simulate(replace(changing, runs=RUNS), np.random.default_rng(1))
+    joint = PredictionErrors(predict(recording, changing.model, RATE), noise, BAND)
+    assert joint.prediction.model.changes
+    assert for_search(joint) is joint
+
+
+@pytest.mark.parametrize("name", ["nominal", "remnant-0.5"])
+def test_what_is_reported_is_that_of_a_search_with_exact_products(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scenario = replace(SCENARIOS[name], runs=RUNS)
+    recording = simulate(scenario, np.random.default_rng(2))
+    found = MLE().fit(recording, scenario.model, np.random.default_rng(3))
+    for place in ("time_domain.joint_fits", "time_domain.other_summits", "methods.mle"):
+        monkeypatch.setattr(f"pilotid.{place}.for_search", lambda joint, *_: joint)
+    expected = MLE().fit(recording, scenario.model, np.random.default_rng(3))
+    errors = np.sqrt(np.diag(expected.covariance))
+    np.testing.assert_allclose((found.values - expected.values) / errors, 0.0, atol=1e-3)
+    # An end of an interval is sought to a tenth of its deviance.
+    np.testing.assert_allclose(
+        (found.intervals - expected.intervals) / errors[:, None], 0.0, atol=0.1
+    )
+    np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-3)
