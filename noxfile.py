@@ -107,7 +107,7 @@ def docs(session: nox.Session) -> None:
         options += ["-D", "nb_execution_mode=off", "-D", "plot_gallery=0"]
         options += ["-D", "suppress_warnings=myst-nb.lexer"]  # which only executed pages have
     session.run(
-        *("sphinx-build", "-W", "--keep-going", "-n", "-j", "4", "-b", builder),
+        *("sphinx-build", "-W", "--keep-going", "-n", "-j", "8", "-b", builder),
         *("docs", f"docs/_build/{builder}", *options),
     )
 
