@@ -32,7 +32,7 @@ def tests(session: nox.Session) -> None:
     session.install("-e", ".", *groups("tests"))
     session.run(
         "pytest",
-        *("-n", "2", "--ignore=tests/benchmarks"),
+        *("-n", "2", "--dist", "worksteal", "--ignore=tests/benchmarks"),
         *session.posargs,
         env={"OMP_NUM_THREADS": "1"},
     )

@@ -64,7 +64,7 @@ def main() -> None:
         title = f"{processor.name}, {threads} thread{'s' if threads > 1 else ''}"
         print(f"\n--- {title}", flush=True)
         # Threads that wait for one another's processor take longer than one after the other.
-        workers = ("-n", str(max(1, (os.cpu_count() or 1) // threads)))
+        workers = ("-n", str(max(1, (os.cpu_count() or 1) // threads)), "--dist", "worksteal")
         environment = processor.environment(threads)
         done = subprocess.run((*pytest, *workers, *part, *more, *files), env=environment)
         results[title] = "passed" if done.returncode == 0 else f"failed ({done.returncode})"
