@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 from helpers import NOMINAL
 
-from pilotid.datasets import scenario_named, simulate
+from pilotid.datasets import Scenario, scenario_named, simulate
 from pilotid.pilot.catalogue import MULTI
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
@@ -17,6 +17,14 @@ from pilotid.recordings.recording import Recording
 def recorded(scenario: str, seed: int = 1) -> Recording:
     """A recording of a scenario, named with its settings."""
     return simulate(scenario_named(scenario), np.random.default_rng(seed))
+
+
+@cache
+def position_control() -> tuple[Scenario, Recording]:
+    """A pilot of a position control loop, drawn from a population, and six runs of him."""
+    pilots = scenario_named("population-exotic(runs=(6,), models=(lead-lag,), intervals=(0.01,))")
+    scenario = pilots.drawn(np.random.default_rng(2001))
+    return scenario, simulate(scenario, np.random.default_rng(2001))
 
 
 @cache

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from cases import far_model, recorded
+from cases import far_model, position_control, recorded
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from pilotid.datasets import scenario_named, simulate
@@ -46,6 +46,19 @@ def test_fit(
     if name in ("mle", "mle-white") and (model, runs) == ("multi", 1):
         # One descent from one start is what no likelihood can be maximised without.
         necessary(float(estimate.iterations))
+
+
+@pytest.mark.parametrize("name", ["mle-white", "mle", "bayes"])
+def test_position_control(benchmark: BenchmarkFixture, name: str) -> None:
+    """Where a fit takes longest: the band grows to 300 rad/s, with runs whose remnant is an AR(16).
+
+    Position control answers at once, and the remnant of this draw is in no family.
+    """
+    benchmark.group = "fit: position control, 6 runs of 60 s at 100 Hz"
+    scenario, recording = position_control()
+    fit = (method_named(name), recording, scenario.model, np.random.default_rng(1))
+    estimate = benchmark.pedantic(identify, fit, rounds=5, warmup_rounds=1)
+    assert estimate.outcome.usable
 
 
 @pytest.mark.parametrize("name", ["mle-windowed", "rarx", "ukf"])

@@ -122,7 +122,7 @@ class Likelihood:
             lost = signal[..., -1 : -order - 1 : -1]
             change = np.einsum("sri,srj->sij", gained, gained)
             change -= np.einsum("sri,srj->sij", lost, lost)
-            first = np.stack([np.einsum("srt,srt->s", lags[0], lag) for lag in lags], axis=1)
+            first = np.stack([np.vecdot(lags[0], lag).sum(axis=-1) for lag in lags], axis=1)
             own = shifted_products(first, change)
             if prediction.terms:
                 along = np.stack([lag @ prediction.nuisance_basis for lag in lags], axis=1)
