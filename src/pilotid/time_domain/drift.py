@@ -36,18 +36,21 @@ def drift_left(joint: PredictionErrors, values: FloatArray) -> tuple[float, Floa
     prediction = replace(joint.prediction, terms=terms)
     line = prediction.without_nuisance(np.linspace(-0.5, 0.5, prediction.scored))
     residual = prediction.without_nuisance(prediction.residual(pilot))
-    rest = residual - np.outer(residual @ line, line) / (line @ line)
-    taps = suiting(rest, band).whitener(band)
+    level = residual - np.outer(residual @ line, line) / (line @ line)
+    taps = suiting(level, band).whitener(band)
     rows = prediction.without_nuisance(prediction.rows(pilot[None], taps))[0]
     *jacobian, errors = rows.reshape(len(rows), -1)
-    own = [column / (np.linalg.norm(column) or 1.0) for column in jacobian]
+    own = np.array([column / (np.linalg.norm(column) or 1.0) for column in jacobian])
+    # What the pilot explains comes first; a line in each run then explains of the rest what it
+    # may.  Lines of two runs share no sample, and meet only in what the pilot takes of both.
+    basis = np.linalg.qr(own.T).Q
+    rest = errors - basis @ (basis.T @ errors)
+    across = line @ basis.reshape(prediction.runs, prediction.scored, -1)
+    seen = (line @ line) * np.eye(prediction.runs) - across @ across.T
+    along = rest.reshape(prediction.runs, prediction.scored) @ line
+    found = np.linalg.solve(seen, along)
+    explained = along @ found
+    freedom = errors.size - len(own) - prediction.runs
     # Whitening makes a line of a line: it multiplies the slope by the sum of the taps.
-    lines = np.kron(np.eye(prediction.runs), line)
-    table = np.column_stack([*own, *lines, errors])
-    # The triangle of a regression: its last column tells what each column explains in turn.
-    triangle: FloatArray = np.asarray(np.linalg.qr(table, mode="r"))
-    explained, left = triangle[len(own) : -1, -1], triangle[-1, -1] ** 2
-    freedom = errors.size - len(own) - len(lines)
-    found = np.linalg.solve(triangle[len(own) : -1, len(own) : -1], explained)
     drifts = np.asarray(found / np.sum(taps))
-    return float(explained @ explained * freedom / left), drifts
+    return float(explained * freedom / (rest @ rest - explained)), drifts
