@@ -36,8 +36,8 @@ def drift_left(joint: PredictionErrors, values: FloatArray) -> tuple[float, Floa
     prediction = replace(joint.prediction, terms=terms)
     line = prediction.without_nuisance(np.linspace(-0.5, 0.5, prediction.scored))
     residual = prediction.without_nuisance(prediction.residual(pilot))
-    level = residual - np.outer(residual @ line, line) / (line @ line)
-    taps = suiting(level, band).whitener(band)
+    flat = residual - np.outer(residual @ line, line) / (line @ line)
+    taps = suiting(flat, band).whitener(band)
     rows = prediction.without_nuisance(prediction.rows(pilot[None], taps))[0]
     *jacobian, errors = rows.reshape(len(rows), -1)
     own = np.array([column / (np.linalg.norm(column) or 1.0) for column in jacobian])
