@@ -27,7 +27,6 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_at_bounds, covariance_of
 from pilotid.solve.intervals import Profile, profile_intervals
-from pilotid.time_domain.adjoint import for_search
 from pilotid.time_domain.change_profile import deviances, over_changes
 from pilotid.time_domain.conclusion import concluded
 from pilotid.time_domain.maximum_likelihood import (
@@ -160,7 +159,7 @@ def profile_of(found: Maximum) -> Profile | None:
         return None
     freedom = joint.residuals - int(end.values.shape[1])
     return profile_intervals(
-        for_search(joint).gram,
+        found.search.gram,
         joint,
         end,
         found.variance,

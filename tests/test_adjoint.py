@@ -139,8 +139,8 @@ def test_what_is_reported_is_that_of_a_search_with_exact_products(
     scenario = replace(SCENARIOS[name], runs=RUNS)
     recording = simulate(scenario, np.random.default_rng(2))
     found = MLE().fit(recording, scenario.model, np.random.default_rng(3))
-    for place in ("time_domain.joint_fits", "time_domain.other_summits", "methods.mle"):
-        monkeypatch.setattr(f"pilotid.{place}.for_search", lambda joint, *_: joint)
+    for place in ("joint_fits", "maximum_likelihood"):
+        monkeypatch.setattr(f"pilotid.time_domain.{place}.for_search", lambda joint, *_: joint)
     expected = MLE().fit(recording, scenario.model, np.random.default_rng(3))
     errors = np.sqrt(np.diag(expected.covariance))
     np.testing.assert_allclose((found.values - expected.values) / errors, 0.0, atol=1e-3)

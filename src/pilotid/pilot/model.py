@@ -274,6 +274,20 @@ class PilotModel:
             for evaluate, (factor, indices) in zip(self._evaluators, self.moving, strict=True)
         ]
 
+    def responses_of(self, found: Sequence[Evaluated]) -> list[Response]:
+        """Per channel, the response of all its dynamics that have parameters.
+
+        Parameters
+        ----------
+        found
+            What `evaluated` gave; each response has the shape of those there.
+        """
+        one = np.ones((1, 1))
+        return [
+            reduce(np.multiply, [found[place][0] for place in places], one)
+            for places in self.places
+        ]
+
     @cached_property
     def changing_indices(self) -> tuple[tuple[int, ...], ...]:
         """Per channel, the indices of the parameters of what varies in time; empty for nothing."""

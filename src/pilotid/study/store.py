@@ -61,7 +61,7 @@ class Store:
     def __init__(self, folder: Path, *, create: bool = False, small: bool = False) -> None:
         self.path = folder / STORE
         self.warning = ""
-        self._writes = False
+        self._writes = create
         try:
             missing = not create and not self.path.exists()
             kept = (folder / KEPT).exists()
@@ -78,7 +78,6 @@ class Store:
             return
         with in_words(self.path):
             self._base, told = (open_to_write if create else open_to_read)(self.path)
-        self._writes = create
         self.warning = str(InputError(told)) if told else ""  # printable, as refusals are
         if create and kept:
             with self._transaction():

@@ -22,6 +22,11 @@ from pilotid.types import ComplexArray, FloatArray
 LARGE = 8000
 
 
+def is_large(prediction: Prediction) -> bool:
+    """Whether a search is faster by the adjoint."""
+    return (prediction.runs - 1) * prediction.s.size >= LARGE
+
+
 def for_search(joint: PredictionErrors, coarse: Prediction | None = None) -> PredictionErrors:
     """The problem for a search: as it is, or by its adjoint if it is large.
 
@@ -32,10 +37,9 @@ def for_search(joint: PredictionErrors, coarse: Prediction | None = None) -> Pre
     coarse
         Its prediction, reduced, if that is there already.
     """
-    prediction = joint.prediction
-    if (prediction.runs - 1) * prediction.s.size < LARGE or joint is not joint.exact:
+    if not is_large(joint.prediction) or joint is not joint.exact:
         return joint
-    coarse = reduced(prediction) if coarse is None else coarse
+    coarse = reduced(joint.prediction) if coarse is None else coarse
     return AdjointErrors(joint, coarse) if isinstance(coarse, Reduced) else joint
 
 
@@ -84,10 +88,7 @@ class AdjointErrors(PredictionErrors):
         prediction, model = self.prediction, self.prediction.model
         pilot, remnant = values[None, : self.pilot], values[None, self.pilot :]
         found = model.evaluated(prediction.s, pilot, prediction.delayed)
-        responses = [
-            reduce(np.multiply, [found[place][0][0] for place in places], np.ones(1))
-            for places in model.places
-        ]
+        responses = [response[0] for response in model.responses_of(found)]
         taps, slopes = (each[0] for each in self.noise.taps(remnant, self.band))
         filters = prediction.filter_response(taps)
         residual = reduce(

@@ -8,11 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from pilotid.solve.least_squares import Minima, minimise, resume
-from pilotid.time_domain.adjoint import for_search
+from pilotid.time_domain.adjoint import for_search, is_large
 from pilotid.time_domain.band import Band
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction
 from pilotid.time_domain.prediction_errors import PredictionErrors
+from pilotid.time_domain.reduced import reduced
 from pilotid.time_domain.remnant_choice import (
     Guess,
     contenders,
@@ -127,6 +128,9 @@ class JointFits:
         coarse: Prediction | None = None,
     ) -> None:
         self.prediction, self.band, self.noise = prediction, band, noise
+        # For all models once, and only where a search wants it.
+        if coarse is None and is_large(prediction):
+            coarse = reduced(prediction)
         self.coarse = coarse
         self.pilot = self._first = pilot
         self.iterations = 0

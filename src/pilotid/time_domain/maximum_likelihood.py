@@ -21,6 +21,7 @@ from pilotid.pilot.frozen import frozen, unfrozen
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Minima, minimise
+from pilotid.time_domain.adjoint import for_search
 from pilotid.time_domain.band import Band, analysis_band
 from pilotid.time_domain.exploration import FIRST, explore, grouped, terms_at
 from pilotid.time_domain.following import Following
@@ -135,6 +136,11 @@ class Maximum:
             self.variance,
             float(np.mean(np.var(joint.prediction.control, axis=1))),
         )
+
+    @cached_property
+    def search(self) -> PredictionErrors:
+        """The same problem for searches from here, see `pilotid.time_domain.adjoint`."""
+        return for_search(self.joint)
 
     @cached_property
     def at_edge(self) -> float:

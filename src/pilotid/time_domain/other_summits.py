@@ -14,7 +14,6 @@ import numpy as np
 from pilotid.estimates.bounds import held
 from pilotid.solve.least_squares import minimise
 from pilotid.solve.walk import Held
-from pilotid.time_domain.adjoint import for_search
 from pilotid.time_domain.maximum_likelihood import Maximum
 from pilotid.types import FloatArray
 
@@ -29,12 +28,12 @@ def rivals(found: Maximum) -> FloatArray:
     found
         The optimum, with the pilots of other summits.
     """
-    joint, optimum = for_search(found.joint), found.end.values[0]
+    joint, optimum = found.joint, found.end.values[0]
     starts = [np.concatenate([pilot, optimum[joint.pilot :]]) for pilot in found.rivals]
     if not starts:
         return np.zeros((0, len(optimum)))
     return minimise(
-        joint.gram, np.array(starts), joint, tolerance=TOLERANCE, iterations=ITERATIONS
+        found.search.gram, np.array(starts), joint, tolerance=TOLERANCE, iterations=ITERATIONS
     ).values
 
 
@@ -46,7 +45,7 @@ def off_bounds(found: Maximum) -> FloatArray:
     found
         The optimum; without a parameter at a bound there are none.
     """
-    joint, optimum = for_search(found.joint), found.end.values[0]
+    joint, optimum = found.joint, found.end.values[0]
     model = joint.prediction.model
     at_bound = np.flatnonzero(held(model, found.pilot))
     low, high = np.array([p.usual for p in model.parameters]).T
@@ -62,6 +61,8 @@ def off_bounds(found: Maximum) -> FloatArray:
             starts = np.array(bases)
             starts[:, k] = value
             space = Held.at(joint, k, value)
-            ends = minimise(joint.gram, starts, space, tolerance=TOLERANCE, iterations=ITERATIONS)
+            ends = minimise(
+                found.search.gram, starts, space, tolerance=TOLERANCE, iterations=ITERATIONS
+            )
             points.append(ends.values)
     return np.concatenate([np.zeros((0, len(optimum))), *points])

@@ -179,10 +179,9 @@ class Prediction:
                 filled.add(index)
 
         parts: list[ComplexArray] = []
-        one = np.ones((1, 1))
         left = self.control_spectrum[:, bins]
-        for c, (places, fixed) in enumerate(zip(model.places, self.inputs, strict=True)):
-            response = reduce(np.multiply, [found[place][0] for place in places], one)
+        responses = model.responses_of(found)
+        for c, (response, fixed) in enumerate(zip(responses, self.inputs, strict=True)):
             part = response[:, None] * fixed[:, bins]
             fine, changing = self.fine[c], model.channels[c].changing
             if fine and changing:

@@ -120,7 +120,7 @@ class PredictionErrors(Problem):
         pilot, remnant = values[:, : self.pilot], values[:, self.pilot :]
         spectra = prediction.row_spectra(pilot)
         past = prediction.delayed_samples(spectra[:, -1], remnant.shape[1])
-        taps, _ = self.noise.taps(remnant, self.band)
+        taps = self.noise.filters(remnant, self.band)
         spectra *= prediction.filter_response(taps)[:, None, None]
         own = prediction.samples_of(spectra)
         rows = np.empty((len(own), values.shape[1] + 1, *own.shape[2:]))
