@@ -11,11 +11,11 @@ import pytest
 from helpers import NOMINAL, SINGLE_LOOP, recording_of
 
 from pilotid.datasets import POPULATIONS, simulate
-from pilotid.frequency.element_choice import chosen_element, differs
-from pilotid.frequency.element_fit import OMEGA, identified_element, rounded
-from pilotid.frequency.element_forms import FORMS, Form
-from pilotid.frequency.element_search import Bands, fitted_form
-from pilotid.frequency.element_spectra import HIGHEST, spectra_of
+from pilotid.element.choice import chosen_element, differs
+from pilotid.element.fit import OMEGA, identified_element, rounded
+from pilotid.element.forms import FORMS, Form
+from pilotid.element.search import Bands, fitted_form
+from pilotid.element.spectra import HIGHEST, spectra_of
 from pilotid.pilot.element import ControlledElement, double_integrator, element_named
 from pilotid.recordings.files import load_recording
 from pilotid.recordings.recording import Recording

@@ -12,7 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import pilotid
-from pilotid.frequency.element_fit import identified_element
+from pilotid.element.fit import identified_element
 from pilotid.pilot.element import ControlledElement
 from pilotid.show.style import colour_of, journal_style, log_ticks
 

@@ -20,10 +20,10 @@ from pathlib import Path
 import numpy as np
 
 from pilotid.datasets import POPULATIONS, simulate
+from pilotid.element.choice import chosen_element
+from pilotid.element.fit import identified_element
 from pilotid.estimates.loops import loops_of
 from pilotid.estimates.method import identify
-from pilotid.frequency.element_choice import chosen_element
-from pilotid.frequency.element_fit import identified_element
 from pilotid.methods.mle import MLE
 from pilotid.recordings.files import load_recording
 from pilotid.seeds import draw_rng, fit_rng, recording_rng

@@ -17,12 +17,12 @@ from pilotid.analysis.candidates import Candidate, compared, sensible
 from pilotid.analysis.left_out import failed_rows, predicted
 from pilotid.analysis.source import Source
 from pilotid.disk import make_folder, write_file
+from pilotid.element.choice import chosen_element
 from pilotid.estimates.estimate import Outcome, failed
 from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.method import Method
 from pilotid.estimates.quantities import Quantity
 from pilotid.estimates.sound import one_line
-from pilotid.frequency.element_choice import chosen_element
 from pilotid.methods.fourier import first_step_of
 from pilotid.naming.code import packed, reason, unpacked
 from pilotid.naming.settings import plain

@@ -21,8 +21,8 @@ from pilotid.cli.reading import (
     MapOption,
 )
 from pilotid.disk import strict_json, write_file
+from pilotid.element.choice import ElementChoice, chosen_element
 from pilotid.estimates.method import Method, motionless_input
-from pilotid.frequency.element_choice import ElementChoice, chosen_element
 from pilotid.lines.objection import objection
 from pilotid.methods import methods
 from pilotid.naming.text import split_list

@@ -255,7 +255,7 @@ def _fitted(
     plant: ControlledElement | None,
 ) -> Fitted:
     """All fits of a recording, and their loops with the controlled element, if it is known."""
-    from pilotid.frequency.element_choice import chosen_element
+    from pilotid.element.choice import chosen_element
 
     model, why, candidates = _selected(recording, named, seed)
     choice = chosen_element(recording, plant)

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from pilotid.element.choice import chosen_element
 from pilotid.estimates.estimate import Outcome, failed
 from pilotid.estimates.fitted import Fitted
 from pilotid.estimates.method import all_remarks, motionless_input
-from pilotid.frequency.element_choice import chosen_element
 from pilotid.methods.bayes import Bayes
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel

@@ -147,7 +147,7 @@ def fit_all(
         What is fitted to what.
     loop_element
         The controlled element that loops are drawn with, see
-        `pilotid.frequency.element_choice.chosen_element`; None for no loops.
+        `pilotid.element.choice.chosen_element`; None for no loops.
     """
     estimates = (
         replace(identify(method, recording, model, fit_rng(seed, label)), method=label)

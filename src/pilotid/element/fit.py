@@ -1,7 +1,7 @@
 """The controlled element that a recording shows: identified from u, fd and x.
 
 x = Hc (u + fd) holds in the recording almost without noise, so that a few forms of low order are
-fitted to windowed spectra (`pilotid.frequency.element_spectra`) of all runs at once.  The
+fitted to windowed spectra (`pilotid.element.spectra`) of all runs at once.  The
 simplest that describes the recording is taken: one that leaves less of x than anyone would
 notice, or else the one of the smallest Bayesian information criterion.
 """
@@ -16,10 +16,10 @@ from itertools import groupby
 import numpy as np
 
 from pilotid.chance import Z95
+from pilotid.element.forms import FORMS, Form
+from pilotid.element.search import UNNOTICED, Bands, FormFit, fitted_form
+from pilotid.element.spectra import Spectra, spectra_of
 from pilotid.estimates.quantities import Quantity
-from pilotid.frequency.element_forms import FORMS, Form
-from pilotid.frequency.element_search import UNNOTICED, Bands, FormFit, fitted_form
-from pilotid.frequency.element_spectra import Spectra, spectra_of
 from pilotid.pilot.element import ControlledElement
 from pilotid.recordings.recording import Recording
 from pilotid.types import FloatArray

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pilotid.frequency.element_forms import Form
-from pilotid.frequency.element_spectra import INDEPENDENT, Spectra
+from pilotid.element.forms import Form
+from pilotid.element.spectra import INDEPENDENT, Spectra
 from pilotid.types import ComplexArray, FloatArray, IntArray
 
 #: Relative error below which two responses count as one: nobody misses it, and few recordings
