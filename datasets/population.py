@@ -24,7 +24,8 @@ from typing import TypeVar
 import numpy as np
 
 from pilotid.datasets.forcing import Multisine
-from pilotid.datasets.remnant import Remnant
+from pilotid.datasets.recorder import drawn_recorder
+from pilotid.datasets.remnant import Place, Remnant
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.simulation import white_level
 from pilotid.pilot.catalogue import LEAD_LAG, MULTI, RATE, SINGLE
@@ -83,6 +84,10 @@ class Population:
         twice is drawn twice as often.
     exotic
         Whether remnants are outside the families of low-pass filters.
+    enters
+        Where low-pass remnants may enter, see `Remnant`.
+    recorded
+        Whether a recorder drawn at random stands between loop and file.
     aperiodic
         Whether forcing functions have no whole period in the recording.
     intervals
@@ -97,6 +102,8 @@ class Population:
     description: str
     models: tuple[str, ...] = ("multi", "multi", "multi", "rate", "lead-lag")
     exotic: bool = False
+    enters: tuple[Place, ...] = ("control",)
+    recorded: bool = False
     aperiodic: bool = False
     intervals: tuple[float, ...] = (0.01, 0.02)
     durations: tuple[float, float] = (60.0, 120.0)
@@ -106,7 +113,7 @@ class Population:
         if unknown := set(self.models) - set(MODELS):
             there = ", ".join(MODELS)
             raise ValueError(f"models must be of {there}, not {', '.join(sorted(unknown))}")
-        for name in ("models", "intervals", "runs"):
+        for name in ("models", "intervals", "runs", "enters"):
             if not getattr(self, name):
                 raise ValueError(f"{name} must not be empty")
         if not all(x > 0.0 for x in (*self.intervals, *self.durations, *self.runs)):
@@ -148,12 +155,19 @@ class Population:
             element=element,
             target=None if left_out == 1 else target,
             disturbance=None if left_out == 2 else disturbance,
-            remnant=drawn_remnant(rng, exotic=self.exotic),
+            remnant=self._remnant(rng),
             duration=duration,
             run_in=round(_one((0.0, 3.0, 8.0), rng) / dt) * dt,
             dt=dt,
             runs=_one(self.runs, rng),
+            recorder=drawn_recorder(rng) if self.recorded else None,
         )
+
+    def _remnant(self, rng: np.random.Generator) -> Remnant:
+        remnant = drawn_remnant(rng, exotic=self.exotic)
+        # The one place of most populations takes no random number.
+        place = self.enters[0] if len(self.enters) == 1 else _one(self.enters, rng)
+        return remnant if place == "control" else replace(remnant, enters=place)
 
 
 def drawn_element(kind: str, rng: np.random.Generator) -> ControlledElement:
@@ -325,6 +339,17 @@ POPULATIONS: dict[str, Population] = {
             "population-rates",
             "sampling rates from 25 to 200 Hz",
             intervals=(0.04, 0.02, 0.01, 0.005),
+        ),
+        Population(
+            "population-recorded",
+            "recorders: rates from 25 to 200 Hz, anti-alias filters, noise, converters, text files",
+            recorded=True,
+            intervals=(0.04, 0.02, 0.01, 0.005),
+        ),
+        Population(
+            "population-inner",
+            "remnants that enter at the perceived error or before the neuromuscular system",
+            enters=("error", "neuromuscular"),
         ),
         Population("population-short", "recordings of 30 s", durations=(30.0, 30.0), runs=(1,)),
     )

@@ -15,6 +15,7 @@ from pilotid.types import ComplexArray, FloatArray
 #: var(n)/var(u) = 3 %, gain 0.8 about 32 %.
 UNIT_LEVEL = 1.75
 
+Place = Literal["control", "error", "neuromuscular"]
 Shape = Literal["low-pass", "band-pass", "notch", "two processes", "fractional"]
 
 
@@ -57,7 +58,7 @@ class Remnant:
     damping: float = 0.7
     level: float = 0.4
     level_is: Literal["gain", "ratio"] = "gain"
-    enters: Literal["control", "error", "neuromuscular"] = "control"
+    enters: Place = "control"
     shape: Shape = "low-pass"
     second: float = 1.0
     slope: float = 1.5

@@ -20,6 +20,7 @@ from pilotid.datasets.forcing import (
     paper_disturbance,
     paper_target,
 )
+from pilotid.datasets.recorder import Recorder
 from pilotid.datasets.remnant import Remnant, white
 from pilotid.datasets.violations import Kind, Violation
 from pilotid.pilot.catalogue import ADAPTING, LEAD2_LAG_MOTION, MULTI, SINGLE
@@ -74,6 +75,8 @@ class Scenario:
         What in the loop or in the recorder is not as the truth says, None for nothing.
     change
         What the controlled element becomes, and when; None for a constant one.
+    recorder
+        What stands between the loop and its file; None for nothing.
     family, varied
         Scenarios of one family differ in one number alone, such as ``duration`` or
         ``remnant.level``; reports draw errors over it.  Those of the family ``violation``
@@ -97,6 +100,7 @@ class Scenario:
     one_recording: bool = False
     violation: Violation | None = None
     change: ElementChange | None = None
+    recorder: Recorder | None = None
     family: str = ""
     varied: str = ""
 

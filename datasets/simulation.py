@@ -9,12 +9,13 @@ Only what is not linear, or not constant, is stepped through time, see
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
 from pilotid.datasets.forcing import Forcing, Multisine, Response
+from pilotid.datasets.recorder import FASTER
 from pilotid.datasets.remnant import UNIT_LEVEL
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.stepping import stepped
@@ -291,6 +292,9 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> Recording:
     InputError
         If the closed loop is unstable or the remnant level cannot be reached.
     """
+    if scenario.recorder is not None:
+        faster = replace(scenario, dt=scenario.dt / FASTER, recorder=None)
+        return scenario.recorder.recorded(simulate(faster, rng), rng)
     shared = _prepared(scenario)
     samples = shared.time.size
     noise = shared.level * scenario.remnant.white_noise(rng, (scenario.runs, shared.grid))

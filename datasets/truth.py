@@ -18,6 +18,7 @@ def truth(scenario: Scenario) -> dict[str, object]:
     change = (
         {} if scenario.change is None else {"controlled_element_change": asdict(scenario.change)}
     )
+    recorder = {} if scenario.recorder is None else {"recorder": asdict(scenario.recorder)}
     after = {"loops_after_the_change": loops[1]} if len(loops) > 1 else {}
     return {
         "scenario": scenario.name,
@@ -31,6 +32,7 @@ def truth(scenario: Scenario) -> dict[str, object]:
         "remnant": {**asdict(scenario.remnant), "expected_power_ratio": remnant_ratio(scenario)},
         "controlled_element": asdict(scenario.element),
         **change,
+        **recorder,
         "loops": loops[0],
         **after,
     }

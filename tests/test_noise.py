@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pilotid.time_domain.band import Band
-from pilotid.time_domain.prediction import FAR
+from pilotid.time_domain.whitening import FAR
 from pilotid.time_domain.prepare import lowpass
 from pilotid.time_domain.remnant_choice import (
     NOISE_MODELS,

@@ -67,10 +67,13 @@ class AdjointErrors(PredictionErrors):
 
     def products(self, values: FloatArray) -> FloatArray:
         """Inner products of the rows, see `Problem.products`; of the Jacobian's approximately."""
-        found = self.coarse.products(values)
-        for products, each in zip(found, values, strict=True):
-            products[-1] = products[:, -1] = self.last(each)
-        return found
+        banded = self.prediction.band_terms is not None
+        found = self.coarse.in_band(values) if banded else self.coarse.products(values)
+        lasts = np.array([self.last(each) for each in values])
+        if banded:
+            lasts += self.outside(values)[:, -1]
+        found[:, -1] = found[:, :, -1] = lasts
+        return self.closed(found, values) if banded else found
 
     def last(self, values: FloatArray) -> FloatArray:
         """Inner products of the prediction error with all rows, its own last.
@@ -97,6 +100,9 @@ class AdjointErrors(PredictionErrors):
             prediction.control_spectrum,
         )
         errors = prediction.without_nuisance(prediction.samples_of(filters * residual))
+        plain, terms = errors, prediction.band_terms
+        if terms is not None:
+            errors = prediction.without_nuisance(terms.filtered(errors))
         adjoint = self._adjoint(errors)
         by_channel = [
             filters * response * (adjoint * signal).sum(axis=0)
@@ -109,7 +115,7 @@ class AdjointErrors(PredictionErrors):
                 last[index] = np.sum(slope * total).real
         by_lag = (prediction.shifts(slopes.shape[-1]) @ (adjoint * residual).sum(axis=0)).real
         last[self.pilot : -1] = -(slopes @ by_lag)
-        last[-1] = np.vdot(errors, errors)
+        last[-1] = np.vdot(plain, errors)
         return last
 
     def _adjoint(self, errors: FloatArray) -> ComplexArray:

@@ -7,8 +7,8 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from pilotid.time_domain.prediction import FAR
 from pilotid.time_domain.prepare import decimation, lowpass
+from pilotid.time_domain.whitening import FAR
 from pilotid.types import FloatArray
 
 GRID = 256  # frequencies on which spectra of noise models are integrated

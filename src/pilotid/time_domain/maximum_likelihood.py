@@ -23,6 +23,7 @@ from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Minima, minimise
 from pilotid.time_domain.adjoint import for_search
 from pilotid.time_domain.band import Band, analysis_band
+from pilotid.time_domain.band_likelihood import weighting_of
 from pilotid.time_domain.exploration import FIRST, explore, grouped, terms_at
 from pilotid.time_domain.following import Following
 from pilotid.time_domain.joint_fits import FINE, JointFit, JointFits, optimum
@@ -133,7 +134,7 @@ class Maximum:
             joint.noise,
             self.end.values[0, joint.pilot :],
             joint.band,
-            self.variance,
+            self.variance / joint.scaling(self.end.values[0]),
             float(np.mean(np.var(joint.prediction.control, axis=1))),
         )
 
@@ -162,6 +163,8 @@ class Maximum:
         when = [i for indices in prediction.model.whens for i in indices]
         rows = np.delete(rows, when, axis=0)
         power = np.sum(np.abs(rows) ** 2, axis=1)
+        if prediction.weighting is not None:  # a recorder's noise tells nothing
+            power = power * prediction.weighting.weights(prediction.s.imag)
         upper = prediction.s.imag > UPPER * np.pi / prediction.dt
         return float(np.max(np.sum(power[:, upper], axis=1) / np.sum(power, axis=1)))
 
@@ -281,6 +284,17 @@ def maximum_from(
     return _maximum(narrowed, band, pilot, settings)
 
 
+def _predicted(
+    recording: Recording, model: PilotModel, settings: LikelihoodSettings, rate: float | None
+) -> Prediction:
+    """The prediction in a band, weighted for the likelihood of that band where it is to be had."""
+    prediction = predict(recording, model, rate)
+    if not settings.loop:
+        return prediction
+    weighting = weighting_of(recording, prediction.model, prediction.control, prediction.dt)
+    return replace(prediction, weighting=weighting)
+
+
 def _narrowed(
     recording: Recording,
     model: PilotModel,
@@ -289,7 +303,8 @@ def _narrowed(
     rate: float | None,
 ) -> tuple[Prediction, Band]:
     """The prediction in a band, with the nuisance terms that suit a pilot."""
-    prediction, band = predict(recording, model, rate), analysis_band(recording.dt, rate)
+    prediction = _predicted(recording, model, settings, rate)
+    band = analysis_band(recording.dt, rate)
     return replace(prediction, terms=terms_at(prediction, band, pilot, settings)), band
 
 
@@ -331,17 +346,17 @@ def _maximised(
         plain = frozen(model)
         lines = _lines_pilot(recording, plain, rng)
         first = _maximised(recording, plain, rng, settings, rate, lines)
-        free = predict(recording, model, rate)
+        free = _predicted(recording, model, settings, rate)
         free = replace(free, terms=first.joint.prediction.terms)
         found = _maximum(free, first.joint.band, unfrozen(free.model, first.pilot), settings)
         return replace(_elsewhere(found), starts=first.starts)
-    prediction = predict(recording, model, rate)
+    prediction = _predicted(recording, model, settings, rate)
     band = analysis_band(recording.dt, rate)
     explored = explore(prediction, band, rng, settings, known, beside)
     narrowed, following = replace(prediction, terms=explored.terms), explored.following
     candidates = [
         JointFits(narrowed, band, pilot, settings.noise, explored.coarse)
-        for pilot in explored.candidates
+        for pilot in _with_lines(explored.candidates, known)
     ]
     if len(candidates) > 1:
         firsts = [fits.look() for fits in candidates]
@@ -368,6 +383,11 @@ def _maximised(
     if terms != explored.terms:
         best = _maximum(replace(prediction, terms=terms), band, pilot, settings, following)
     return replace(_elsewhere(best), starts=explored.starts, known=known, rivals=rivals)
+
+
+def _with_lines(candidates: FloatArray, known: FloatArray | None) -> FloatArray:
+    """The candidates of a search and the lines' pilot, who rests on no model of the remnant."""
+    return candidates if known is None else np.concatenate([candidates, known])
 
 
 def _rivals(tried: Sequence[Maximum], lowest: float) -> list[FloatArray]:

@@ -20,17 +20,19 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import BLOCK
 from pilotid.solve.smoothing import Penalty
+from pilotid.time_domain.band_likelihood import BandTerms, Weighting
 from pilotid.time_domain.extension import _extended, fast_length
 from pilotid.time_domain.modulated import FineInput, fine_input
 from pilotid.time_domain.prepare import Prepared, prepare
+from pilotid.time_domain.whitening import FAR, REACH
 from pilotid.types import ComplexArray, FloatArray
 
-#: Samples that a whitening filter may reach back, and that one may to whom low frequencies matter.
-REACH, FAR = 20, 60
 LONG = 1 << 16  # bins of all runs from which one parameter set is evaluated after the other
 #: Share of a row's sum of squares that the nuisance terms must leave of it, so that products may
 #: be projected in its place.
 LITTLE = 1e-6
+#: What a unit of the element's output is in each input of a channel.
+CLOSED = {"error": -1.0, "output": 1.0, "target": 0.0}
 EXTENSION = 4.0  # seconds over which signals fade out beyond both ends of the recording
 
 
@@ -62,6 +64,8 @@ class Prediction:
         `spectra` is then one.
     penalty
         What is known of the parameters beside the recording: roughness; None for nothing.
+    weighting
+        How frequencies count in the likelihood of the band; None for direct prediction errors.
     """
 
     model: PilotModel
@@ -75,6 +79,7 @@ class Prediction:
     terms: tuple[float, ...]
     fine: tuple[FineInput | None, ...]
     penalty: Penalty | None
+    weighting: Weighting | None
 
     @property
     def runs(self) -> int:
@@ -95,6 +100,44 @@ class Prediction:
     def residuals(self) -> int:
         """`samples`, and what the penalty counts for."""
         return self.samples + (self.penalty.rank if self.penalty else 0)
+
+    @cached_property
+    def band_terms(self) -> BandTerms | None:
+        """What the likelihood of the band has beside squares; None for direct prediction errors."""
+        if self.weighting is None:
+            return None
+        return self.weighting.terms(self.dt, self.scored, self.runs, self.terms)
+
+    @cached_property
+    def loop(self) -> Prediction:
+        """The control predicted from itself through the controlled element: what is left is 1 + L.
+
+        It is that in the groups of bins of `band_terms` that count, of one run.
+        """
+        assert self.weighting is not None
+        assert self.band_terms is not None
+        omega = self.band_terms.omega[: self.band_terms.counting]
+        s = 1j * omega
+        plant = self.weighting.element.response(omega)
+        spectra = tuple(
+            (channel.sign * CLOSED[channel.input] * plant * s**channel.derivative)[None]
+            for channel in self.model.channels
+        )
+        one = np.ones((1, omega.size), dtype=complex)
+        return Prediction(
+            model=self.model,
+            dt=self.dt,
+            s=s,
+            spectra=spectra,
+            control_spectrum=one,
+            length=self.length,
+            first=0,
+            scored=omega.size,
+            terms=(),
+            fine=self.fine,
+            penalty=None,
+            weighting=None,
+        )
 
     @property
     def control(self) -> FloatArray:
@@ -229,6 +272,11 @@ class Prediction:
                 self.fine, self.model.channels, self.model.changing_indices, strict=True
             )
         ]
+
+    def weighed(self, rows: FloatArray) -> FloatArray:
+        """Rows of samples as real numbers whose products are those of the band's likelihood."""
+        assert self.band_terms is not None
+        return self.band_terms.weighted(rows)
 
     def of_runs(self, runs: list[int]) -> Prediction:
         """The prediction of some runs alone."""
@@ -429,6 +477,7 @@ def predict(recording: Recording, model: PilotModel, band: float | None = None) 
         terms=(0.0, *model.fixed_poles),
         fine=fine,
         penalty=None,
+        weighting=None,
     )
 
 
@@ -457,6 +506,7 @@ def predict_circular(recording: Recording, model: PilotModel) -> Prediction:
         terms=(),
         fine=(None,) * len(model.channels),
         penalty=None,
+        weighting=None,
     )
 
 

@@ -9,6 +9,7 @@ once this is consistent, and efficient, without any knowledge of the loop.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import cached_property
 
@@ -20,6 +21,10 @@ from pilotid.time_domain.band import Band
 from pilotid.time_domain.prediction import Prediction
 from pilotid.time_domain.remnant_models import NoiseModel
 from pilotid.types import BoolArray, ComplexArray, FloatArray
+
+
+#: Share of its own information on a parameter that the squares must keep beside the loop's.
+KEPT = 0.02
 
 
 class PredictionErrors(Problem):
@@ -59,8 +64,9 @@ class PredictionErrors(Problem):
 
     @property
     def residuals(self) -> int:
-        """Number of prediction errors, see `Prediction.residuals`."""
-        return self.prediction.residuals
+        """Number of prediction errors, see `Prediction.residuals`; in a band that of its bins."""
+        terms = self.prediction.band_terms
+        return self.prediction.residuals if terms is None else terms.residuals
 
     @property
     def exact(self) -> PredictionErrors:
@@ -92,10 +98,73 @@ class PredictionErrors(Problem):
         return self.prediction.errors_of(self._spectra(values))
 
     def products(self, values: FloatArray) -> FloatArray:
-        """Inner products of `rows`, see `Problem.products`."""
+        """Inner products of `rows`, see `Problem.products`; in a band those of its likelihood."""
+        if self.prediction.band_terms is not None:
+            return self.closed(self.in_band(values), values)
         if self.block > 1:
             return self.prediction.products_of(self._samples(values))
         return super().products(values)
+
+    def in_band(self, values: FloatArray) -> FloatArray:
+        """Weighted inner products of `rows` in the band, and of the remnant's model outside it."""
+        rows = self.prediction.weighed(self.rows(values))
+        flat = rows.reshape(*rows.shape[:2], -1)
+        return np.asarray(flat @ flat.transpose(0, 2, 1)) + self.outside(values)
+
+    def outside(self, values: FloatArray) -> FloatArray:
+        """Inner products of what the whitening filter and its slopes make of what does not count.
+
+        The shape is (sets, parameters + 1, parameters + 1), as that of `products`.
+        """
+        terms = self.prediction.band_terms
+        assert terms is not None
+        taps, slopes = self.noise.taps(values[:, self.pilot :], self.band)
+        rows = np.concatenate([-slopes, taps[:, None]], axis=1)
+        count = rows.shape[-1]
+        found = np.zeros((len(values), values.shape[1] + 1, values.shape[1] + 1))
+        found[:, self.pilot :, self.pilot :] = (
+            rows @ terms.outside[:count, :count] @ rows.transpose(0, 2, 1)
+        )
+        return found
+
+    def log_determinant(
+        self, values: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """What the likelihood of the band adds, see `BandTerms.log_determinant`."""
+        prediction = self.prediction
+        assert prediction.band_terms is not None
+        loop = prediction.loop.row_spectra(values[:, : self.pilot])[:, :, 0]
+        taps, slopes = self.noise.taps(values[:, self.pilot :], self.band)
+        return prediction.band_terms.log_determinant(loop, taps, slopes)
+
+    def closed(self, products: FloatArray, values: FloatArray) -> FloatArray:
+        """Inner products whose last one, Q, has the likelihood of the band by n log Q.
+
+        With squares Q0 and the log-determinant D that is Q = Q0 exp(2 D / n): what minimises sums
+        of squares, and compares them by n log Q, needs to know nothing of D.
+        """
+        term, slope, information = self.log_determinant(values)
+        size = float(self.residuals)
+        variance = products[:, -1, -1] / size
+        information -= (2.0 / size) * slope[:, :, None] * slope[:, None, :]
+        information *= variance[:, None, None]
+        # Far from the optimum it may take more than the squares have: then it is left out.
+        own = np.diagonal(products, axis1=1, axis2=2)[:, :-1]
+        unsound = (np.diagonal(information, axis1=1, axis2=2) < (KEPT - 1.0) * own).any(axis=1)
+        information[unsound] = 0.0
+        found = products.copy()
+        found[:, :-1, :-1] += information
+        slope *= variance[:, None]
+        found[:, -1, :-1] -= slope
+        found[:, :-1, -1] -= slope
+        return np.asarray(found * np.exp(2.0 * term / size)[:, None, None])
+
+    def scaling(self, values: FloatArray) -> float:
+        """The factor of `closed` on squares of prediction errors at one set; 1 without a band."""
+        if self.prediction.band_terms is None:
+            return 1.0
+        term = float(self.log_determinant(values[None])[0][0])
+        return math.exp(2.0 * term / self.residuals)
 
     def _spectra(self, values: FloatArray) -> ComplexArray:
         """The transforms of `rows` before nuisance terms are projected out."""

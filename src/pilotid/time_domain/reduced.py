@@ -58,6 +58,10 @@ class Reduced(Prediction):
         delays = self._far_shifts[1 : most + 1]
         return self.samples_of(spectrum[:, None] * delays[:, None])
 
+    def weighed(self, rows: FloatArray) -> FloatArray:
+        """The rows: `weights` are those of the band already."""
+        return rows
+
     def below(self, band: float) -> Reduced:
         """The same with what lies above a frequency [rad/s] left out."""
         return self._with(self.s.imag < band)
@@ -105,7 +109,11 @@ def reduced(prediction: Prediction) -> Prediction:
     }
     # Parseval: bins stand for two, but for the one at half the sampling rate.
     weights = np.full(len(counts), np.sqrt(2.0 / scored))
-    return Reduced(**held, counted=prediction.runs * scored, weights=weights)
+    if prediction.weighting is None or prediction.band_terms is None:
+        return Reduced(**held, counted=prediction.runs * scored, weights=weights)
+    weights = weights * np.sqrt(prediction.weighting.weights(middle))
+    counted = prediction.band_terms.residuals
+    return Reduced(**held, counted=counted, weights=weights)._with(weights > 0.0)
 
 
 def _groups(omega: FloatArray) -> list[int]:

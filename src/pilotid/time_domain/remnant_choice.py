@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pilotid.time_domain.band import Band
-from pilotid.time_domain.prediction import FAR
 from pilotid.time_domain.remnant_models import Autoregressive, BandPass, LowPass, NoiseModel
-from pilotid.time_domain.whitening import shifted_products
+from pilotid.time_domain.whitening import FAR, shifted_products
 from pilotid.types import FloatArray
 
 #: The families to choose from.

@@ -17,8 +17,12 @@ import numpy as np
 
 from pilotid.estimates.remnant import RemnantEstimate
 from pilotid.time_domain.band import Band
-from pilotid.time_domain.prediction import FAR, REACH
-from pilotid.time_domain.whitening import filters_and_slopes, prediction_error_filters
+from pilotid.time_domain.whitening import (
+    FAR,
+    REACH,
+    filters_and_slopes,
+    prediction_error_filters,
+)
 from pilotid.types import BoolArray, FloatArray
 
 SPECTRA = 64  # spectra evaluated at once: about what the processor's cache holds

@@ -41,9 +41,13 @@ class LikelihoodSettings(SearchSettings):
         How often the remnant's model is chosen anew at most.
     noise
         The remnant's model, where it is not to be chosen.
+    loop
+        Whether the likelihood is that of the band, which needs the controlled element, or that of
+        direct prediction errors; see `pilotid.time_domain.band_likelihood`.
     """
 
     band: float | None = 50.0
     wide: tuple[float, ...] = (120.0, 300.0)
     rounds: int = 3
     noise: NoiseModel | None = None
+    loop: bool = True

@@ -6,6 +6,9 @@ import numpy as np
 
 from pilotid.types import FloatArray
 
+#: Samples that a whitening filter may reach back, and that one may to whom low frequencies matter.
+REACH, FAR = 20, 60
+
 
 def filters_and_slopes(
     autocovariance: FloatArray, slopes: FloatArray

@@ -1,0 +1,118 @@
+"""Recorders: what stands between a loop and the file of it.
+
+All signals pass one anti-alias filter; noise is added to each, a converter rounds it, and a text
+file rounds it again.  A laboratory records the error or makes it of target and output.  All of
+it leaves the timing of signals with one another as it is.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pilotid.recordings.recording import Recording
+from pilotid.types import FloatArray
+
+#: A loop is simulated so many times as fast as it is recorded, so that the filter is that of
+#: continuous signals.
+FASTER = 4
+
+
+@dataclass(frozen=True)
+class Recorder:
+    """A chain from signals to numbers in a file.
+
+    Attributes
+    ----------
+    order, corner
+        Butterworth anti-alias filter of all signals: its order, 0 for none, and its corner as a
+        share of half the sampling rate.
+    noise
+        Standard deviation of white noise on e, u and x, as a share of the signal's root mean
+        square.
+    bits, headroom
+        Bits of the converter of e, u and x, 0 for none, and its range over the signal's peak.
+    decimals
+        Digits behind the point of a text file, of a signal whose peak is 1; 0 for a binary file.
+    makes_error
+        Whether the error is made of the target and the recorded output, or recorded.
+    """
+
+    order: int = 0
+    corner: float = 0.6
+    noise: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    bits: int = 0
+    headroom: float = 2.0
+    decimals: int = 0
+    makes_error: bool = False
+
+    def __post_init__(self) -> None:
+        if self.order < 0 or not 0.0 < self.corner < FASTER:
+            raise ValueError("the filter needs an order of 0 or more and a corner below the rate")
+        if min(self.noise) < 0.0 or self.bits < 0 or self.decimals < 0 or self.headroom < 1.0:
+            raise ValueError(
+                "noise, bits and decimals must be 0 or more, and the headroom 1 or more"
+            )
+
+    def recorded(self, loop: Recording, rng: np.random.Generator) -> Recording:
+        """What a file holds of a loop that was simulated `FASTER` times as fast.
+
+        Parameters
+        ----------
+        loop
+            The signals.
+        rng
+            Draws the noise.
+        """
+        signals = {name: getattr(loop, name) for name in ("e", "u", "x", "ft", "fd")}
+        signals = {name: self._sampled(loop, signal) for name, signal in signals.items()}
+        for name, noise in zip(("e", "u", "x"), self.noise, strict=True):
+            drawn = noise * _rms(signals[name]) * rng.standard_normal(signals[name].shape)
+            signals[name] = self._converted(signals[name] + drawn)
+        if self.makes_error:
+            signals["e"] = signals["ft"] - signals["x"]
+        signals = {name: self._written(signal) for name, signal in signals.items()}
+        return replace(loop, dt=FASTER * loop.dt, run_in=loop.run_in // FASTER, **signals)
+
+    def _sampled(self, loop: Recording, signal: FloatArray) -> FloatArray:
+        if self.order:
+            from scipy.signal import butter, sosfilt, sosfilt_zi
+
+            sections = butter(self.order, self.corner / FASTER, output="sos")
+            start = sosfilt_zi(sections)[:, None] * signal[None, :, :1]
+            signal = np.asarray(sosfilt(sections, signal, axis=1, zi=start)[0])
+        return signal[:, loop.run_in % FASTER :: FASTER]
+
+    def _converted(self, signal: FloatArray) -> FloatArray:
+        peak = float(np.abs(signal).max())
+        if not self.bits or peak == 0.0:
+            return signal
+        step = 2.0 * self.headroom * peak / 2**self.bits
+        return np.asarray(step * np.round(signal / step))
+
+    def _written(self, signal: FloatArray) -> FloatArray:
+        peak = float(np.abs(signal).max())
+        if not self.decimals or peak == 0.0:
+            return signal
+        step = 10.0 ** (math.floor(math.log10(peak)) - self.decimals)
+        return np.asarray(step * np.round(signal / step))
+
+
+def drawn_recorder(rng: np.random.Generator) -> Recorder:
+    """A recorder at random, of those that laboratories have."""
+    noise = 10.0 ** rng.uniform(-5.0, -3.0, 3) * (rng.random(3) < 0.5)
+    return Recorder(
+        order=int(rng.choice([0, 2, 4])),
+        corner=float(rng.uniform(0.4, 0.9)),
+        noise=(float(noise[0]), float(noise[1]), float(noise[2])),
+        bits=int(rng.choice([0, 0, 12, 14, 16])),
+        headroom=float(rng.uniform(1.2, 5.0)),
+        decimals=int(rng.choice([0, 3, 4, 5])),
+        makes_error=bool(rng.random() < 0.5),
+    )
+
+
+def _rms(signal: FloatArray) -> float:
+    return float(np.sqrt(np.mean(signal**2)))

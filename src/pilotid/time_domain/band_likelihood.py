@@ -1,0 +1,255 @@
+"""The likelihood of a band: which frequencies count, and the loop that closes over them.
+
+Over some of the bins of a transform the likelihood of the control, given the forcing functions, is
+
+    F = sum W { |N|^2 / S + log S - log |1 + L|^2 },   N = u less its prediction,
+
+with S the remnant's spectrum, L the loop from control to prediction, and W the weight of a bin.
+Prediction errors, which leave the last term out, are the likelihood over all frequencies only:
+there, and there alone, the integral of log |1 + L|^2 is nil (Bode), since a loop with a delay
+answers nothing at once.  Over a band, leaving it out biases the delays of motion channels by
+two standard errors and more.
+
+A bin counts as far as the model's inputs are no noise of the recorder.  What does not count is
+not lost to the remnant's model, which an autoregression in a part of the frequencies leaves
+undetermined: there it describes the control itself, with a small weight.  Nothing of that depends
+on the pilot.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from pilotid.element.choice import chosen_element
+from pilotid.pilot.element import ControlledElement
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.floors import Floors, floors_of, periodogram, running_median
+from pilotid.recordings.recording import INPUTS, Recording
+from pilotid.recordings.remembered import remembered
+from pilotid.time_domain.whitening import FAR
+from pilotid.types import ComplexArray, FloatArray
+
+#: Share of half the analysis band's sampling rate up to which bins count: above, the filter that
+#: all signals pass falls off.
+TOP = 0.8
+#: Weight of what does not count in the remnant's model.
+OUTSIDE = 0.1
+#: Bins that count in all must weigh so much; else all up to the top count in full.
+FEWEST = 20.0
+#: Weights below this are none.
+LEAST = 1e-3
+#: A group of bins, over which loop and remnant change little, is this share of its frequency
+#: wide, and at most so many rad/s.
+GROUP_SHARE, GROUP_WIDEST = 1.0 / 30.0, 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class Weighting:
+    """What a recording says of its frequencies, in an analysis band.
+
+    Attributes
+    ----------
+    omega, share
+        Frequencies [rad/s], and the weight of a bin there, shape (n,).
+    control
+        Mean power of the control's bins there, shape (n,): that of a sample, if it were white.
+    element
+        The controlled element, which closes the loop.
+    """
+
+    omega: FloatArray
+    share: FloatArray
+    control: FloatArray
+    element: ControlledElement
+
+    def weights(self, omega: FloatArray) -> FloatArray:
+        """Weights of bins at other frequencies, shape (n,)."""
+        return np.asarray(np.interp(omega, self.omega, self.share, right=0.0))
+
+    def terms(self, dt: float, scored: int, runs: int, poles: tuple[float, ...]) -> BandTerms:
+        """The weights of the bins of a window.
+
+        Parameters
+        ----------
+        dt
+            Sampling interval [s].
+        scored, runs
+            Samples of the window, and number of runs.
+        poles
+            Poles of the nuisance terms that are projected out [rad/s]; 0 is an offset.
+        """
+        omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(scored, dt)[1:], dtype=float)
+        weights = self.weights(omega)
+        weights[weights < LEAST] = 0.0
+        if weights.sum() < FEWEST:
+            weights = np.where(omega <= TOP * omega[-1], 1.0, 0.0)
+        outside = OUTSIDE * (1.0 - weights)
+        control = np.interp(omega, self.omega, self.control)
+        begins = group_begins(omega)
+        middle = np.add.reduceat(omega, begins) / np.diff([*begins, omega.size])
+        left = 2.0 * runs * np.add.reduceat(outside * control, begins)
+        lags = np.arange(FAR + 1)
+        by_lag = np.cos(np.outer(lags, middle * dt)) @ left
+        # The mean is half a bin, unless it is projected out.
+        mean = 0.0 if 0.0 in poles else 0.5
+        counting = int(np.flatnonzero(weights)[-1]) + 1
+        inside = runs * np.add.reduceat(weights, begins)
+        whitened = inside + runs * np.add.reduceat(outside, begins)
+        return BandTerms(
+            weights=np.concatenate([[mean], weights[:counting]]),
+            omega=np.concatenate([[0.25 * omega[0]], middle]),
+            inside=np.concatenate([[mean * runs], inside]),
+            whitened=np.concatenate([[mean * runs], whitened]),
+            outside=by_lag[np.abs(np.subtract.outer(lags, lags))],
+            dt=dt,
+            taken=runs * len(set(poles) - {0.0}),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class BandTerms:
+    """What the likelihood of a window has beside the squares of its prediction errors.
+
+    Attributes
+    ----------
+    weights
+        Weights of the bins of the scored samples from rest on, as far as they count.
+    omega
+        Frequencies of groups of bins [rad/s], shape (groups,).
+    inside, whitened
+        Sums of the weights of all runs in each group, and of those of the remnant's model.
+    outside
+        Products at all pairs of lags of what does not count, shape (FAR + 1, FAR + 1).
+    dt
+        Sampling interval [s].
+    taken
+        Residuals that nuisance terms take.
+    """
+
+    weights: FloatArray
+    omega: FloatArray
+    inside: FloatArray
+    whitened: FloatArray
+    outside: FloatArray
+    dt: float
+    taken: int
+
+    @property
+    def residuals(self) -> int:
+        """Number of real residuals."""
+        return max(1, round(2.0 * float(self.whitened.sum())) - self.taken)
+
+    @cached_property
+    def counting(self) -> int:
+        """Number of groups that count for the pilot."""
+        return int(np.flatnonzero(self.inside)[-1]) + 1
+
+    @cached_property
+    def shifts(self) -> ComplexArray:
+        """Responses of delays by 0 to FAR samples, shape (FAR + 1, groups)."""
+        return np.asarray(np.exp(-1j * np.outer(np.arange(FAR + 1), self.omega * self.dt)))
+
+    def weighted(self, rows: FloatArray) -> FloatArray:
+        """Rows (..., samples) as real numbers whose products are those in the band."""
+        spectra = np.fft.rfft(rows)[..., : self.weights.size]
+        spectra *= np.sqrt(2.0 * self.weights / rows.shape[-1])
+        return np.ascontiguousarray(spectra).view(float)
+
+    def filtered(self, rows: FloatArray) -> FloatArray:
+        """Rows (..., samples) filtered by the weights, whose products with rows are weighted."""
+        spectra = np.fft.rfft(rows)
+        spectra[..., 0] *= 2.0 * self.weights[0]
+        spectra[..., 1 : self.weights.size] *= self.weights[1:]
+        spectra[..., self.weights.size :] = 0.0
+        return np.asarray(np.fft.irfft(spectra, n=rows.shape[-1]))
+
+    def log_determinant(
+        self, loop: ComplexArray, taps: FloatArray, slopes: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """-sum W log |1 + L|^2 - sum V log |A|^2, and what it says of the parameters.
+
+        V is the weight of the remnant's model and A its whitening filter.
+
+        Parameters
+        ----------
+        loop
+            Less the derivatives of 1 + L by the pilot's p parameters, and 1 + L itself, in the
+            groups that count, shape (sets, p + 1, counting).
+        taps, slopes
+            Whitening filters, shape (sets, taps), and their derivatives, shape (sets, r, taps).
+
+        Returns
+        -------
+        The term, shape (sets,), its slopes, shape (sets, p + r), and the information in it at
+        unit variance, shape (sets, p + r, p + r).
+        """
+        shifts, inside = self.shifts[: taps.shape[-1]], self.inside[: self.counting]
+        whitener = taps @ shifts
+        by_remnant = (slopes @ shifts) / whitener[:, None]
+        by_pilot = loop[:, :-1] / -loop[:, -1:]
+        term = -np.log(np.abs(whitener) ** 2) @ self.whitened
+        term -= np.log(np.abs(loop[:, -1]) ** 2) @ inside
+        slope = np.concatenate([by_pilot.real @ inside, by_remnant.real @ self.whitened], axis=1)
+        # Not conjugated: with the products of the rows this makes the squares of real parts.
+        weighted = by_pilot * inside
+        own = (weighted @ by_pilot.transpose(0, 2, 1)).real
+        across = (weighted @ by_remnant[..., : self.counting].transpose(0, 2, 1)).real
+        remnant = ((by_remnant * self.whitened) @ by_remnant.transpose(0, 2, 1)).real
+        upper = np.concatenate([own, across], axis=2)
+        lower = np.concatenate([across.transpose(0, 2, 1), remnant], axis=2)
+        return term, -2.0 * slope, 2.0 * np.concatenate([upper, lower], axis=1)
+
+
+def group_begins(omega: FloatArray) -> list[int]:
+    """First bins of the groups of bins at `omega` [rad/s]."""
+    listed = omega.tolist()
+    begins = [0]
+    while begins[-1] < len(listed):
+        first = listed[begins[-1]]
+        end = bisect_right(listed, first + min(GROUP_SHARE * first, GROUP_WIDEST))
+        begins.append(max(end, begins[-1] + 1))
+    return begins[:-1]
+
+
+@remembered
+def closing_element(recording: Recording) -> ControlledElement | None:
+    """The controlled element that closes the loop of a recording; None if none is known.
+
+    The one that the recording names, unless its signals show another one.
+    """
+    choice = chosen_element(recording)
+    return choice.identified.element if choice.remarks else choice.element
+
+
+def weighting_of(
+    recording: Recording, model: PilotModel, control: FloatArray, dt: float
+) -> Weighting | None:
+    """How the frequencies of a recording count.
+
+    Parameters
+    ----------
+    recording, model
+        The recording, and the model that is fitted to it.
+    control, dt
+        The control in the analysis band, shape (runs, samples), and its sampling interval [s].
+
+    Returns
+    -------
+    Weighting or None
+        None where the likelihood of a band is not to be had: no controlled element is known, or
+        the pilot varies in time, so that the loop has no frequency response.
+    """
+    if model.changes or (element := closing_element(recording)) is None:
+        return None
+    floors, nyquist = floors_of(recording), math.pi / dt
+    inside = floors.omega <= nyquist
+    omega = floors.omega[inside]
+    share = floors.share(tuple(INPUTS[channel.input] for channel in model.channels))[inside]
+    density, step = periodogram(control, dt)
+    power = running_median(density, step, omega) * nyquist
+    return Weighting(omega, np.where(omega <= TOP * nyquist, share, 0.0), power, element)

@@ -1,0 +1,196 @@
+"""The likelihood of a band: against Whittle's, its gradients, and what it is worth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pilotid.datasets import scenario_named, simulate
+from pilotid.datasets.population import POPULATIONS
+from pilotid.datasets.scenarios import Scenario
+from pilotid.methods import MLE
+from pilotid.pilot.element import double_integrator
+from pilotid.pilot.loops import pilot_on
+from pilotid.recordings.floors import floors_of
+from pilotid.recordings.recording import Recording
+from pilotid.seeds import recording_rng
+from pilotid.time_domain.adjoint import AdjointErrors
+from pilotid.time_domain.band import analysis_band
+from pilotid.time_domain.band_likelihood import OUTSIDE, closing_element, weighting_of
+from pilotid.time_domain.prediction import Prediction, predict, predict_circular
+from pilotid.time_domain.prediction_errors import PredictionErrors
+from pilotid.time_domain.reduced import Reduced, reduced
+from pilotid.time_domain.remnant_choice import guessed
+from pilotid.time_domain.remnant_models import Autoregressive, BandPass, LowPass, NoiseModel
+from pilotid.types import FloatArray
+
+pytestmark = pytest.mark.numerical
+
+NOISES = (LowPass(2), BandPass(1), Autoregressive(6))
+
+
+def recorded(name: str, seed: int = 1, noise: float = 0.0) -> tuple[Scenario, Recording]:
+    """A scenario and a recording of it, with noise of the recorder on e and x."""
+    rng = np.random.default_rng(seed)
+    scenario = POPULATIONS[name].drawn(rng) if name in POPULATIONS else scenario_named(name)
+    assert isinstance(scenario, Scenario)
+    recording = simulate(scenario, rng)
+    signals = {
+        key: signal + noise * signal.std() * rng.standard_normal(signal.shape)
+        for key, signal in (("e", recording.e), ("x", recording.x))
+    }
+    return scenario, replace(recording, **signals)
+
+
+def weighted(recording: Recording, scenario: Scenario, terms: tuple[float, ...]) -> Prediction:
+    prediction = replace(predict(recording, scenario.model, 50.0), terms=terms)
+    weighting = weighting_of(recording, scenario.model, prediction.control, prediction.dt)
+    assert weighting is not None
+    return replace(prediction, weighting=weighting)
+
+
+def near_truth(joint: PredictionErrors, scenario: Scenario) -> FloatArray:
+    residual = joint.prediction.residual(scenario.values)
+    remnant = guessed(joint.noise, residual, joint.band)
+    return np.concatenate([1.07 * scenario.values, remnant])
+
+
+@pytest.mark.parametrize("noise", NOISES, ids=lambda noise: noise.name)
+@pytest.mark.parametrize("terms", [(), (0.0,)])
+@pytest.mark.parametrize("runs", ["nominal", "nominal(runs=3)"])
+def test_gradients_are_those_of_differences(
+    noise: NoiseModel, terms: tuple[float, ...], runs: str
+) -> None:
+    scenario, recording = recorded(runs, noise=1e-3)
+    prediction = weighted(recording, scenario, terms)
+    band = analysis_band(recording.dt, 50.0)
+    joint = PredictionErrors(prediction, noise, band)
+    values = near_truth(joint, scenario)
+    coarse = reduced(prediction)
+    assert isinstance(coarse, Reduced)
+    for each in (joint, AdjointErrors(joint, coarse), PredictionErrors(coarse, noise, band)):
+        gram = each.gram(values[None])[0]
+        steps = 1e-5 * np.maximum(np.abs(values), 1e-3)
+        slopes = []
+        for index, step in enumerate(steps):
+            ends = np.array([values, values])
+            ends[:, index] += (-step, step)
+            low, high = each.gram(ends)[:, -1, -1]
+            slopes.append((high - low) / (2.0 * step))
+        # The last column is J'r, half the negative slope.
+        size = np.sqrt(np.diag(gram)[:-1] * gram[-1, -1])
+        np.testing.assert_allclose(np.array(slopes) / size, -2.0 * gram[:-1, -1] / size, atol=2e-6)
+
+
+@pytest.mark.parametrize("noise", NOISES, ids=lambda noise: noise.name)
+def test_the_adjoint_has_the_sum_and_the_slopes_of_the_rows(noise: NoiseModel) -> None:
+    scenario, recording = recorded("nominal(runs=2)", noise=1e-3)
+    prediction = weighted(recording, scenario, (0.0,))
+    joint = PredictionErrors(prediction, noise, analysis_band(recording.dt, 50.0))
+    coarse = reduced(prediction)
+    assert isinstance(coarse, Reduced)
+    values = near_truth(joint, scenario)[None]
+    exact, adjoint = joint.gram(values)[0], AdjointErrors(joint, coarse).gram(values)[0]
+    np.testing.assert_allclose(adjoint[-1], exact[-1], rtol=1e-9, atol=1e-9 * exact[-1, -1])
+
+
+def test_differences_are_those_of_whittles_likelihood_of_the_closed_loop() -> None:
+    """One whole period without edges, where the likelihood can be written down bin by bin."""
+    scenario = replace(
+        scenario_named("nominal"), run_in=0.0, element=double_integrator(4.0), dt=0.06, runs=1
+    )
+    recording = simulate(scenario, np.random.default_rng(3))
+    model, truth = scenario.model, scenario.values
+    prediction = predict_circular(recording, model)
+    omega = prediction.s.imag
+    weighting = weighting_of(recording, model, prediction.control, prediction.dt)
+    assert weighting is not None
+    # Half the band counts, in steps, and the remnant's model nowhere else.
+    share = np.where(weighting.omega < 24.0, 1.0, 0.0)
+    prediction = replace(prediction, weighting=replace(weighting, share=share, control=0.0 * share))
+    joint = PredictionErrors(prediction, LowPass(2), analysis_band(recording.dt, None))
+    terms = prediction.band_terms
+    assert terms is not None
+    weights = np.zeros(omega.size)
+    weights[: terms.weights.size] = terms.weights
+    outside = terms.whitened.sum() - terms.inside.sum()
+    assert outside > 0.0
+    signals = (recording.u, recording.e, recording.x)
+    control, error, output = (np.fft.rfft(recording.window(each)[0])[1:] for each in signals)
+    omega, weights = omega[1:], weights[1:]
+    described = weights + OUTSIDE * (1.0 - weights)
+    element = scenario.element.response(omega)
+
+    def whittle(values: FloatArray) -> float:
+        """-log of the likelihood by its definition, at the variance that is most likely."""
+        on_error, on_output = pilot_on(model, omega, values[:7])
+        lags = np.exp(-1j * np.outer(omega * recording.dt, np.arange(21)))
+        shape = 1.0 / np.abs(lags @ joint.whitener(values)) ** 2
+        left = np.abs(control - on_error * error + on_output * output) ** 2 / recording.samples
+        variance = float(weights @ (left / shape)) / float(described.sum())
+        spectrum = variance * shape
+        loop = np.abs(1.0 + element * (on_error + on_output)) ** 2
+        return float(weights @ (left / spectrum - np.log(loop)) + described @ np.log(spectrum))
+
+    first = np.concatenate([truth, guessed(LowPass(2), prediction.residual(truth), joint.band)])
+    sets = [first]
+    for index in range(first.size):
+        for factor in (0.8, 1.25):
+            sets.append(first.copy())
+            sets[-1][index] *= factor
+    criteria = 0.5 * joint.residuals * np.log(joint.gram(np.array(sets))[:, -1, -1])
+    expected = np.array([whittle(values) for values in sets])
+    # Groups of bins stand for bins in the log-determinant.
+    assert np.ptp(expected) > 500.0
+    np.testing.assert_allclose(criteria - criteria[0], expected - expected[0], atol=0.5)
+
+
+def test_what_the_recorder_adds_does_not_count() -> None:
+    _, clean = recorded("nominal")
+    _, noisy = recorded("nominal", noise=1e-3)
+    at = np.searchsorted(floors_of(clean).omega, [5.0, 15.0, 30.0])
+    np.testing.assert_allclose(floors_of(clean).share(("e", "x"))[at], 1.0, atol=0.05)
+    share = floors_of(noisy).share(("x",))[at]
+    assert share[0] > 0.98
+    assert share[2] < 0.1
+    # The floor is that of the noise: white, of this variance, from rest to half the rate.
+    expected = (1e-3 * clean.x.std()) ** 2 * clean.dt / np.pi
+    assert floors_of(noisy).floor["x"] == pytest.approx(expected, rel=0.1)
+
+
+def test_the_element_that_closes_the_loop_is_what_signals_show() -> None:
+    _, recording = recorded("nominal")
+    wrong = replace(recording, controlled_element="9/s^2")
+    unnamed = replace(recording, controlled_element="")
+    for each in (recording, wrong, unnamed):
+        element = closing_element(each)
+        assert element is not None
+        np.testing.assert_allclose(
+            element.response(np.array([3.0])),
+            double_integrator(4.0).response(np.array([3.0])),
+            rtol=0.02,
+        )
+
+
+def test_without_an_element_prediction_errors_are_direct() -> None:
+    scenario, recording = recorded("nominal")
+    blind = replace(recording, x=np.roll(recording.x, 700, axis=1), controlled_element="")
+    assert closing_element(blind) is None
+    prediction = predict(blind, scenario.model, 50.0)
+    assert weighting_of(blind, scenario.model, prediction.control, prediction.dt) is None
+
+
+@pytest.mark.long
+def test_noise_of_the_recorder_moves_no_estimate_by_much() -> None:
+    errors = []
+    for seed in range(6):
+        scenario, noisy = recorded("nominal", seed, noise=1e-3)
+        _, clean = recorded("nominal", seed)
+        fits = [
+            MLE().fit(each, scenario.model, recording_rng(seed, "starts", 0))
+            for each in (clean, noisy)
+        ]
+        errors.append((fits[1].values - fits[0].values) / fits[0].std_error)
+    # Paired: what the noise does, not the remnant, which direct prediction errors get wrong by 60.
+    assert np.abs(errors).max() < 1.0
