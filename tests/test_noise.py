@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from pilotid.time_domain.band import Band
-from pilotid.time_domain.whitening import FAR
 from pilotid.time_domain.prepare import lowpass
 from pilotid.time_domain.remnant_choice import (
     NOISE_MODELS,
@@ -16,6 +15,7 @@ from pilotid.time_domain.remnant_choice import (
     suiting,
 )
 from pilotid.time_domain.remnant_models import Autoregressive, BandPass, LowPass, remnant_estimate
+from pilotid.time_domain.whitening import FAR
 from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical

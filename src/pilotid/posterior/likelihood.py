@@ -12,7 +12,10 @@ prior: with A the products of that past, and the sum of squares at its minimum,
 
     log p = -((N - p)/2) log(sum of squares) - (1/2) log det A + constant
 
-(Zellner, An Introduction to Bayesian Inference in Econometrics, 1971, ch. 3 and 7).
+(Zellner, An Introduction to Bayesian Inference in Econometrics, 1971, ch. 3 and 7).  In a band
+(`pilotid.time_domain.band_likelihood`) the log-determinant D is subtracted from all of it; that of
+an autoregression is no square, and its coefficients are integrated out about those that are most
+likely (Laplace).
 """
 
 from __future__ import annotations
@@ -20,6 +23,7 @@ from __future__ import annotations
 import numpy as np
 
 from pilotid.posterior.nearby import BLOCK, Nearby, blocks, sums_of_squares
+from pilotid.time_domain.band_likelihood import BandTerms, most_likely_regression
 from pilotid.time_domain.fast_residuals import Residuals
 from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.whitening import shifted_products
@@ -42,6 +46,8 @@ class Likelihood:
     def __init__(self, joint: PredictionErrors, widened: float = 1.0) -> None:
         self.joint, self.widened = joint, widened
         self.residuals = Residuals(joint.prediction)
+        self._terms = joint.prediction.band_terms
+        self._loop = None if self._terms is None else Residuals(joint.prediction.loop)
         self._nearby = Nearby(joint, self.residuals) if Nearby.suits(joint.prediction) else None
         #: Number of the remnant's parameters that are integrated out.
         self.integrated = len(joint.noise.keys) if joint.noise.regressive else 0
@@ -82,10 +88,22 @@ class Likelihood:
         with np.errstate(all="ignore"):
             penalty = self.joint.penalty
             rough = penalty.of(values) if penalty else np.zeros(len(values))
+            closed = np.zeros(len(values))
+            if self._terms is not None and self._loop is not None:
+                spectra = self._loop.spectra(values[:, : self.joint.pilot])
+                closed = 2.0 * self._terms.of_loop(spectra[:, 0])
             if not self.integrated:
                 deviance = samples * np.log(self.sums_of_squares(values) + rough)
-                return np.asarray(-0.5 / self.widened * deviance)
-            left, log_determinant = self._regressed(self.lagged_products(values))
+                if self._terms is not None:
+                    closed += 2.0 * self._terms.of_whitener(self._taps(values))
+                return np.asarray(-0.5 / self.widened * (deviance + closed))
+            products = self.lagged_products(values)
+            if self._terms is not None:
+                taps, log_determinant = most_likely_regression(products, self._terms)
+                left = np.einsum("si,sij,sj->s", taps, products, taps)
+                deviance = samples * np.log(left) + 2.0 * self._terms.of_whitener(taps)
+                return np.asarray(-0.5 / self.widened * (deviance + closed + log_determinant))
+            left, log_determinant = self._regressed(products)
             left = left + rough
             freedom = samples - self.integrated
             return np.asarray(-0.5 / self.widened * (freedom * np.log(left) + log_determinant))
@@ -98,15 +116,25 @@ class Likelihood:
         values
             Sets of pilot and, in any case, remnant parameters.
         """
-        taps = self.joint.noise.filters(values[:, self.joint.pilot :], self.joint.band)
+        taps = self._taps(values)
         if self._nearby is not None:
-            return self._nearby.sums_of_squares(values, taps)
-        return sums_of_squares(self.joint, self.residuals, values, taps)
+            found = self._nearby.sums_of_squares(values, taps)
+        else:
+            found = sums_of_squares(self.joint, self.residuals, values, taps)
+        if self._terms is not None:
+            count = taps.shape[1]
+            found += np.vecdot(taps @ self._terms.outside[:count, :count], taps)
+        return found
+
+    def _taps(self, values: FloatArray) -> FloatArray:
+        """Whitening filters of sets of pilot and remnant parameters."""
+        return self.joint.noise.filters(values[:, self.joint.pilot :], self.joint.band)
 
     def lagged_products(self, values: FloatArray) -> FloatArray:
         """Inner products of the residual with itself at all pairs of lags 0 to the order.
 
-        Nuisance terms are projected out, and all runs count together.
+        Nuisance terms are projected out, and all runs count together; in a band products are
+        weighted, and those of what lies outside are added.
 
         Returns
         -------
@@ -117,6 +145,9 @@ class Likelihood:
         result = np.empty((len(values), order + 1, order + 1))
         for block in blocks(len(values), BLOCK):
             signal = self._long_residual(values[block])
+            if self._terms is not None:
+                result[block] = self._weighted_products(signal, self._terms)
+                continue
             lags = [signal[..., order - j : order - j + scored] for j in range(order + 1)]
             gained = signal[..., order - 1 :: -1][..., :order]
             lost = signal[..., -1 : -order - 1 : -1]
@@ -130,6 +161,14 @@ class Likelihood:
                 own -= along @ along.transpose(0, 2, 1)
             result[block] = own
         return result
+
+    def _weighted_products(self, signal: FloatArray, terms: BandTerms) -> FloatArray:
+        """The products of `lagged_products` in a band, from residuals with `order` before them."""
+        order = len(self.joint.noise.keys)
+        lags = np.moveaxis(terms.lagged(signal, order), 0, 1)
+        flat = lags.reshape(len(signal), order + 1, -1)
+        inside = flat @ flat.transpose(0, 2, 1)
+        return np.asarray(inside + terms.outside[: order + 1, : order + 1])
 
     def _long_residual(self, values: FloatArray) -> FloatArray:
         """Residuals from `order` samples before the first scored one, (sets, runs, samples).
@@ -159,5 +198,7 @@ class Likelihood:
     def coefficients(self, values: FloatArray) -> FloatArray:
         """Autoregressive coefficients that suit each parameter set best, (sets, order)."""
         products = self.lagged_products(values)
+        if self._terms is not None:
+            return most_likely_regression(products, self._terms)[0][:, 1:]
         solved = np.linalg.solve(products[:, 1:, 1:], products[:, 1:, :1])
         return np.asarray(-solved[..., 0])

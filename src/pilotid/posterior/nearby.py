@@ -49,7 +49,9 @@ class Nearby:
         self._joint, self._residuals = joint, residuals
         self._some = _at(joint.prediction, _telling(joint.prediction))
         self._places = Residuals(self._some)
-        self._errors = np.zeros((0, joint.prediction.runs * joint.prediction.scored))
+        terms = joint.prediction.band_terms
+        width = joint.prediction.scored if terms is None else 2 * terms.weights.size
+        self._errors = np.zeros((0, joint.prediction.runs * width))
         self._placed = np.zeros((0, 2 * self._some.control_spectrum.size))
         self._products = np.zeros((0, 0))
         self._basis = self._placed
@@ -93,8 +95,7 @@ class Nearby:
         """Sums of squares in full, of parameter sets that others will be combined from."""
         errors = np.empty((len(values), self._errors.shape[1]))
         for own in blocks(len(values), BLOCK):
-            found = prediction_errors(self._joint, self._residuals, values[own], taps[own])
-            errors[own] = found.reshape(len(found), -1)
+            errors[own] = prediction_errors(self._joint, self._residuals, values[own], taps[own])
         sums = np.asarray(np.einsum("st,st->s", errors, errors))
         placed = self._spectra(values, taps)
         proving = np.arange(len(values)) % PROVED == PROVED // 2
@@ -156,16 +157,20 @@ def sums_of_squares(
     sums = np.empty(len(values))
     for block in blocks(len(values), BLOCK):
         errors = prediction_errors(joint, residuals, values[block], taps[block])
-        sums[block] = np.einsum("srt,srt->s", errors, errors)
+        sums[block] = np.vecdot(errors, errors)
     return sums
 
 
 def prediction_errors(
     joint: PredictionErrors, residuals: Residuals, values: FloatArray, taps: FloatArray
 ) -> FloatArray:
-    """Prediction errors of parameter sets, shape (sets, runs, scored)."""
+    """Prediction errors of parameter sets, weighted in a band, shape (sets, n)."""
     spectra = _whitened(residuals, values[:, : joint.pilot], taps)
-    return joint.prediction.without_nuisance(joint.prediction.samples_of(spectra))
+    prediction = joint.prediction
+    errors = prediction.without_nuisance(prediction.samples_of(spectra))
+    if prediction.band_terms is not None:
+        errors = prediction.weighed(errors)
+    return errors.reshape(len(values), -1)
 
 
 def _whitened(residuals: Residuals, pilots: FloatArray, taps: FloatArray) -> ComplexArray:

@@ -62,16 +62,12 @@ class Floors:
 @remembered
 def floors_of(recording: Recording) -> Floors:
     """Spectra and floors of the signals that pilots act on, and of the control."""
-    omega = np.arange(0.0, math.pi / recording.dt, HALF_WIDTH)
+    nyquist = math.pi / recording.dt
+    signals = {INPUTS[name]: recording.input(name) for name in INPUTS} | {"u": recording.u}
     power, floor = {}, {}
-    for name in dict.fromkeys((*INPUTS.values(), "u")):
-        own = next((key for key, signal in INPUTS.items() if signal == name), None)
-        if own == "target" and recording.ft is None:
-            continue
-        signal = recording.u if own is None else recording.input(own)
+    for name, signal in signals.items():
         density, step = periodogram(signal, recording.dt)
-        power[name] = running_median(density, step, omega)
-        nyquist = math.pi / recording.dt
+        omega, power[name] = running_median(density, step)
         top = slice(int(FLOOR_FROM * nyquist / step) + 1, int(FLOOR_TO * nyquist / step) + 1)
         floor[name] = float(density[:, top].mean())
     return Floors(omega, power, floor)
@@ -94,8 +90,8 @@ def periodogram(signals: FloatArray, dt: float) -> tuple[FloatArray, float]:
     return np.abs(spectra) ** 2, 2.0 * math.pi / (samples * dt)
 
 
-def running_median(density: FloatArray, step: float, omega: FloatArray) -> FloatArray:
-    """Smoothed density of all runs at some frequencies, shape (n,).
+def running_median(density: FloatArray, step: float) -> tuple[FloatArray, FloatArray]:
+    """Smoothed densities of all runs.
 
     The median of a periodogram of noise is ln 2 of its mean.
 
@@ -105,10 +101,15 @@ def running_median(density: FloatArray, step: float, omega: FloatArray) -> Float
         Periodograms, shape (runs, bins).
     step
         Distance of bins [rad/s].
-    omega
-        Frequencies [rad/s], shape (n,).
+
+    Returns
+    -------
+    Frequencies [rad/s] and densities there, shape (n,).
     """
     reach = max(2, int(HALF_WIDTH / step))
-    at = np.minimum(np.round(omega / step).astype(int), density.shape[1] - 1)
-    medians = [np.median(density[:, max(0, i - reach) : i + reach + 1]) for i in at.tolist()]
-    return np.asarray(medians) / math.log(2.0)
+    count = density.shape[1] // reach
+    blocks = density[:, : count * reach].reshape(len(density), count, reach)
+    pairs = np.concatenate([blocks[:, :-1], blocks[:, 1:]], axis=2)
+    medians = np.median(pairs.transpose(1, 0, 2).reshape(count - 1, -1), axis=1)
+    omega = (np.arange(1, count) * reach - 0.5) * step
+    return omega, medians / math.log(2.0)

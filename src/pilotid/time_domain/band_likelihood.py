@@ -28,7 +28,7 @@ import numpy as np
 from pilotid.element.choice import chosen_element
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.floors import Floors, floors_of, periodogram, running_median
+from pilotid.recordings.floors import floors_of, periodogram, running_median
 from pilotid.recordings.recording import INPUTS, Recording
 from pilotid.recordings.remembered import remembered
 from pilotid.time_domain.whitening import FAR
@@ -43,9 +43,16 @@ OUTSIDE = 0.1
 FEWEST = 20.0
 #: Weights below this are none.
 LEAST = 1e-3
+#: Newton steps to an autoregression, from the one of least squares.
+NEWTON = 4
 #: A group of bins, over which loop and remnant change little, is this share of its frequency
 #: wide, and at most so many rad/s.
 GROUP_SHARE, GROUP_WIDEST = 1.0 / 30.0, 0.25
+
+
+#: An element answers at once whose gain an octave above the band is at least this share of that at
+#: its edge.
+AT_ONCE = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +77,13 @@ class Weighting:
     def weights(self, omega: FloatArray) -> FloatArray:
         """Weights of bins at other frequencies, shape (n,)."""
         return np.asarray(np.interp(omega, self.omega, self.share, right=0.0))
+
+    @property
+    def answers_at_once(self) -> bool:
+        """Whether the loop does not fall off above the band, so that it tells of the pilot there."""
+        edge = TOP * float(self.omega[-1])
+        gain = np.abs(self.element.response(np.array([edge, 2.0 * edge])))
+        return bool(gain[1] >= AT_ONCE * gain[0])
 
     def terms(self, dt: float, scored: int, runs: int, poles: tuple[float, ...]) -> BandTerms:
         """The weights of the bins of a window.
@@ -160,6 +174,33 @@ class BandTerms:
         spectra *= np.sqrt(2.0 * self.weights / rows.shape[-1])
         return np.ascontiguousarray(spectra).view(float)
 
+    def lagged(self, signal: FloatArray, order: int) -> FloatArray:
+        """As `weighted` of a signal delayed by 0, 1, ..., `order` samples.
+
+        Parameters
+        ----------
+        signal
+            The signal from `order` samples before the window on, shape (..., order + samples).
+        order
+            The longest delay.
+
+        Returns
+        -------
+        FloatArray
+            Shape (order + 1, ..., n).
+        """
+        samples = signal.shape[-1] - order
+        bins = np.arange(self.weights.size)
+        delay = np.exp(-2j * np.pi / samples * bins)
+        found = np.empty((order + 1, *signal.shape[:-1], bins.size), dtype=complex)
+        found[0] = np.fft.rfft(signal[..., order:])[..., : bins.size]
+        for lag in range(order):  # a window that slides by a sample gains one and loses one
+            change = signal[..., order - 1 - lag] - signal[..., -1 - lag]
+            np.multiply(found[lag], delay, out=found[lag + 1])
+            found[lag + 1] += change[..., None]
+        found *= np.sqrt(2.0 * self.weights / samples)
+        return found.view(float)
+
     def filtered(self, rows: FloatArray) -> FloatArray:
         """Rows (..., samples) filtered by the weights, whose products with rows are weighted."""
         spectra = np.fft.rfft(rows)
@@ -167,6 +208,15 @@ class BandTerms:
         spectra[..., 1 : self.weights.size] *= self.weights[1:]
         spectra[..., self.weights.size :] = 0.0
         return np.asarray(np.fft.irfft(spectra, n=rows.shape[-1]))
+
+    def of_loop(self, closed: ComplexArray) -> FloatArray:
+        """-sum W log |1 + L|^2 of 1 + L in the groups that count, shape (sets, counting)."""
+        return np.asarray(-np.log(np.abs(closed) ** 2) @ self.inside[: self.counting])
+
+    def of_whitener(self, taps: FloatArray) -> FloatArray:
+        """-sum V log |A|^2 of whitening filters, shape (sets, taps)."""
+        whitener = taps @ self.shifts[: taps.shape[-1]]
+        return np.asarray(-np.log(np.abs(whitener) ** 2) @ self.whitened)
 
     def log_determinant(
         self, loop: ComplexArray, taps: FloatArray, slopes: FloatArray
@@ -189,11 +239,9 @@ class BandTerms:
         unit variance, shape (sets, p + r, p + r).
         """
         shifts, inside = self.shifts[: taps.shape[-1]], self.inside[: self.counting]
-        whitener = taps @ shifts
-        by_remnant = (slopes @ shifts) / whitener[:, None]
+        by_remnant = (slopes @ shifts) / (taps @ shifts)[:, None]
         by_pilot = loop[:, :-1] / -loop[:, -1:]
-        term = -np.log(np.abs(whitener) ** 2) @ self.whitened
-        term -= np.log(np.abs(loop[:, -1]) ** 2) @ inside
+        term = self.of_loop(loop[:, -1]) + self.of_whitener(taps)
         slope = np.concatenate([by_pilot.real @ inside, by_remnant.real @ self.whitened], axis=1)
         # Not conjugated: with the products of the rows this makes the squares of real parts.
         weighted = by_pilot * inside
@@ -203,6 +251,42 @@ class BandTerms:
         upper = np.concatenate([own, across], axis=2)
         lower = np.concatenate([across.transpose(0, 2, 1), remnant], axis=2)
         return term, -2.0 * slope, 2.0 * np.concatenate([upper, lower], axis=1)
+
+
+def most_likely_regression(products: FloatArray, terms: BandTerms) -> tuple[FloatArray, FloatArray]:
+    """Autoregressions that are most likely in a band, each given its pilot.
+
+    Parameters
+    ----------
+    products
+        Products of the residual at all pairs of lags, those outside the band included, shape
+        (sets, order + 1, order + 1).
+    terms
+        The band.
+
+    Returns
+    -------
+    Whitening filters, shape (sets, order + 1), and log-determinants of the Hessians of
+    (n / 2) log(sum of squares) - sum V log |A|^2 there, shape (sets,).
+    """
+    order, size = products.shape[1] - 1, float(terms.residuals)
+    taps = np.ones(products.shape[:2])
+    taps[:, 1:] = -np.linalg.solve(products[:, 1:, 1:], products[:, 1:, :1])[..., 0]
+    shifts = terms.shifts[: 2 * order + 1]
+    sums = np.add.outer(np.arange(1, order + 1), np.arange(1, order + 1))
+    for _ in range(NEWTON):
+        along = (products @ taps[..., None])[..., 0]
+        squares = np.vecdot(along, taps)
+        inverse = 1.0 / (taps @ shifts[: order + 1])
+        slope = size * along[:, 1:] / squares[:, None]
+        slope -= 2.0 * ((inverse * terms.whitened) @ shifts[1 : order + 1].T).real
+        hessian = size * products[:, 1:, 1:] / squares[:, None, None]
+        across = along[:, 1:] / squares[:, None]
+        hessian -= 2.0 * size * across[:, :, None] * across[:, None, :]
+        hessian += 2.0 * ((inverse**2 * terms.whitened) @ shifts.T).real[:, sums]
+        taps[:, 1:] -= np.linalg.solve(hessian, slope[..., None])[..., 0]
+    sign, log_determinant = np.linalg.slogdet(hessian)
+    return taps, np.where(sign > 0.0, log_determinant, np.nan)
 
 
 def group_begins(omega: FloatArray) -> list[int]:
@@ -227,7 +311,11 @@ def closing_element(recording: Recording) -> ControlledElement | None:
 
 
 def weighting_of(
-    recording: Recording, model: PilotModel, control: FloatArray, dt: float
+    recording: Recording,
+    model: PilotModel,
+    control: FloatArray,
+    dt: float,
+    others: tuple[str, ...] = (),
 ) -> Weighting | None:
     """How the frequencies of a recording count.
 
@@ -237,6 +325,8 @@ def weighting_of(
         The recording, and the model that is fitted to it.
     control, dt
         The control in the analysis band, shape (runs, samples), and its sampling interval [s].
+    others
+        Signals whose floors count besides those of the model's inputs.
 
     Returns
     -------
@@ -249,7 +339,7 @@ def weighting_of(
     floors, nyquist = floors_of(recording), math.pi / dt
     inside = floors.omega <= nyquist
     omega = floors.omega[inside]
-    share = floors.share(tuple(INPUTS[channel.input] for channel in model.channels))[inside]
-    density, step = periodogram(control, dt)
-    power = running_median(density, step, omega) * nyquist
+    inputs = (INPUTS[channel.input] for channel in model.channels)
+    share = floors.share(tuple(dict.fromkeys((*inputs, *others))))[inside]
+    power = np.interp(omega, *running_median(*periodogram(control, dt))) * nyquist
     return Weighting(omega, np.where(omega <= TOP * nyquist, share, 0.0), power, element)

@@ -18,7 +18,7 @@ import numpy as np
 
 from pilotid.estimates.bounds import bounds_reached
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
+from pilotid.recordings.recording import INPUTS, Recording
 from pilotid.seeds import fit_rng
 from pilotid.solve.least_squares import minimise
 from pilotid.time_domain.constancy import Constancy, constancy
@@ -110,7 +110,9 @@ def evidence(
         For each model the pilot that its optimum is sought from, shape (parameters,); where
         there is none, it is searched everywhere.
     """
-    settings = SETTINGS
+    # All are weighted alike: a frequency counts if no model's input is noise there.
+    signals = (INPUTS[channel.input] for model in models for channel in model.channels)
+    settings = replace(SETTINGS, weighed=tuple(dict.fromkeys(signals)))
     maxima: list[Maximum] = []
     for model, start in zip(models, starts or [None] * len(models), strict=True):
         if start is None:
@@ -136,21 +138,19 @@ def _with_terms(found: Maximum, terms: tuple[float, ...]) -> Maximum:
 
 
 def _evidence(recording: Recording, found: Maximum, scored: int, seed: int) -> Evidence:
-    joint, values = found.joint, found.end.values[0]
-    prediction, model = joint.prediction, joint.prediction.model
-    pilot = values[: joint.pilot]
-    errors = _errors(joint, values)[:, :scored]
-    samples = prediction.runs * (scored - len(prediction.terms))
-    variance = float(np.sum(errors**2)) / samples
-    left = [_left_out(joint, values, run, scored) for run in range(prediction.runs)]
+    values = found.end.values[0]
+    prediction = replace(found.joint.prediction, scored=scored)
+    joint = PredictionErrors(prediction, found.joint.noise, found.joint.band)
+    model, pilot = prediction.model, values[: joint.pilot]
+    left = [_left_out(joint, values, run) for run in range(prediction.runs)]
     alone = prediction.runs == 1
     return Evidence(
         model=model,
         values=pilot,
         remnant=joint.noise.name,
         parameters=len(values) + 1,
-        samples=samples,
-        log_likelihood=-0.5 * samples * (math.log(2.0 * math.pi * variance) + 1.0),
+        samples=joint.residuals,
+        log_likelihood=joint.log_likelihood(values),
         vaf=simulated_vaf(recording, model, pilot),
         left_out=np.array([] if alone else [likelihood for likelihood, _ in left]),
         left_out_vaf=math.nan if alone else float(np.mean([vaf for _, vaf in left])),
@@ -159,15 +159,7 @@ def _evidence(recording: Recording, found: Maximum, scored: int, seed: int) -> E
     )
 
 
-def _errors(joint: PredictionErrors, values: FloatArray) -> FloatArray:
-    """Prediction errors at one parameter set, shape (runs, scored)."""
-    prediction, pilot = joint.prediction, values[: joint.pilot]
-    return prediction.without_nuisance(prediction.residual(pilot, joint.whitener(values)))
-
-
-def _left_out(
-    joint: PredictionErrors, values: FloatArray, run: int, scored: int
-) -> tuple[float, float]:
+def _left_out(joint: PredictionErrors, values: FloatArray, run: int) -> tuple[float, float]:
     """Log-likelihood and VAF [%] of a run under what the others say."""
     prediction = joint.prediction
     if prediction.runs == 1:
@@ -178,12 +170,10 @@ def _left_out(
         joint.band,
     )
     end = minimise(others.gram, values[None], others, tolerance=TOLERANCE, iterations=STEPS)
-    variance = float(end.cost[0]) / (others.residuals - len(values))
+    variance = float(end.cost[0]) / others.scaling(end.values[0])
+    variance /= others.residuals - len(values)
     alone = PredictionErrors(prediction.of_runs([run]), joint.noise, joint.band)
-    errors = _errors(alone, end.values[0])[:, :scored]
-    count = scored - len(prediction.terms)
-    squares = float(np.sum(errors**2)) / variance
-    likelihood = -0.5 * (count * math.log(2.0 * math.pi * variance) + squares)
+    likelihood = alone.log_likelihood(end.values[0], variance)
     residual = OutputErrors(alone.prediction).residual(end.values[0, : joint.pilot])
     share = float(np.var(residual)) / float(np.var(alone.prediction.control))
     return likelihood, 100.0 * max(0.0, 1.0 - share)

@@ -36,7 +36,7 @@ ENOUGH = 1e-6
 AHEAD = 10.0
 
 #: Two first looks are at one optimum where their pilots are so close, in squared standard errors.
-SAME = 1.0
+SAME = 4.0
 
 
 def optimum(joint: PredictionErrors, starts: FloatArray, tolerance: float = FINE) -> Minima:

@@ -291,7 +291,9 @@ def _predicted(
     prediction = predict(recording, model, rate)
     if not settings.loop:
         return prediction
-    weighting = weighting_of(recording, prediction.model, prediction.control, prediction.dt)
+    weighting = weighting_of(
+        recording, prediction.model, prediction.control, prediction.dt, settings.weighed
+    )
     return replace(prediction, weighting=weighting)
 
 
@@ -311,7 +313,10 @@ def _narrowed(
 def _is_wider(
     recording: Recording, settings: LikelihoodSettings, rate: float, found: Maximum
 ) -> bool:
-    """Whether a band is wider than that of an optimum."""
+    """Whether a band is wider than that of an optimum, and the loop tells of the pilot there."""
+    weighting = found.joint.prediction.weighting
+    if weighting is not None and not weighting.answers_at_once:
+        return False
     if settings.band is None or rate <= settings.band:
         return False
     return decimation(recording.dt, rate) < found.joint.band.factor

@@ -418,12 +418,16 @@ class Prediction:
         FloatArray
             Shape (sets, most, runs, scored).
         """
+        reached = self.samples_before(spectrum, most)[..., :-1]
+        windows = np.lib.stride_tricks.sliding_window_view(reached, self.scored, axis=-1)
+        return np.moveaxis(windows[..., ::-1, :], -2, 1)
+
+    def samples_before(self, spectrum: ComplexArray, most: int) -> FloatArray:
+        """The scored samples of transforms and `most` samples before, (..., most + scored)."""
         signal, first = np.fft.irfft(spectrum, n=self.length), self.first
         if first < most:  # a transform has no beginning: what is before it is its end
             signal, first = np.concatenate([signal[..., -most:], signal], axis=-1), first + most
-        reached = signal[..., first - most : first + self.scored - 1]
-        windows = np.lib.stride_tricks.sliding_window_view(reached, self.scored, axis=-1)
-        return np.moveaxis(windows[..., ::-1, :], -2, 1)
+        return signal[..., first - most : first + self.scored]
 
     def samples_of(self, spectrum: ComplexArray) -> FloatArray:
         """The scored samples of transforms, shape (..., scored)."""

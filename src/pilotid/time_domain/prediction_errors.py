@@ -22,7 +22,6 @@ from pilotid.time_domain.prediction import Prediction
 from pilotid.time_domain.remnant_models import NoiseModel
 from pilotid.types import BoolArray, ComplexArray, FloatArray
 
-
 #: Share of its own information on a parameter that the squares must keep beside the loop's.
 KEPT = 0.02
 
@@ -107,9 +106,31 @@ class PredictionErrors(Problem):
 
     def in_band(self, values: FloatArray) -> FloatArray:
         """Weighted inner products of `rows` in the band, and of the remnant's model outside it."""
-        rows = self.prediction.weighed(self.rows(values))
+        prediction = self.prediction
+        regressed = self.noise.regressive and prediction.block > 1 and not any(prediction.terms)
+        if regressed and prediction.s.size == prediction.length // 2 + 1:
+            rows = self._regressed_in_band(values)
+        else:
+            rows = prediction.weighed(self.rows(values))
         flat = rows.reshape(*rows.shape[:2], -1)
         return np.asarray(flat @ flat.transpose(0, 2, 1)) + self.outside(values)
+
+    def _regressed_in_band(self, values: FloatArray) -> FloatArray:
+        """Weighted `rows` with an autoregression: the residual's past takes one transform."""
+        prediction, terms = self.prediction, self.prediction.band_terms
+        assert terms is not None
+        coefficients = values[:, self.pilot :]
+        spectra = prediction.row_spectra(values[:, : self.pilot])
+        signal = prediction.samples_before(spectra[:, -1], coefficients.shape[1])
+        lags = np.moveaxis(terms.lagged(signal, coefficients.shape[1]), 0, 1)
+        taps = self.noise.filters(coefficients, self.band)
+        pilot = spectra[:, :-1] * prediction.filter_response(taps)[:, None, None]
+        rows = np.empty((len(values), values.shape[1] + 1, *lags.shape[2:]))
+        rows[:, : self.pilot] = terms.weighted(prediction.samples_of(pilot))
+        np.negative(lags[:, 1:], out=rows[:, self.pilot : -1])
+        flat = lags.reshape(*lags.shape[:2], -1)
+        rows[:, -1] = (taps[:, None] @ flat).reshape(rows[:, -1].shape)
+        return rows
 
     def outside(self, values: FloatArray) -> FloatArray:
         """Inner products of what the whitening filter and its slopes make of what does not count.
@@ -127,9 +148,7 @@ class PredictionErrors(Problem):
         )
         return found
 
-    def log_determinant(
-        self, values: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def log_determinant(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """What the likelihood of the band adds, see `BandTerms.log_determinant`."""
         prediction = self.prediction
         assert prediction.band_terms is not None
@@ -158,6 +177,31 @@ class PredictionErrors(Problem):
         found[:, -1, :-1] -= slope
         found[:, :-1, -1] -= slope
         return np.asarray(found * np.exp(2.0 * term / size)[:, None, None])
+
+    def log_likelihood(self, values: FloatArray, variance: float | None = None) -> float:
+        """Log-likelihood at one parameter set, shape (parameters,).
+
+        `variance` is that of the prediction errors; None for the most likely one.
+        """
+        count, sets = self.residuals, values[None]
+        if self.prediction.band_terms is None:
+            squares, closed = float(self.products(sets)[0, -1, -1]), 0.0
+        else:
+            squares = float(self.in_band(sets)[0, -1, -1])
+            closed = float(self.log_determinant(sets)[0][0])
+        if variance is None:
+            variance = squares / count
+        return -0.5 * (count * math.log(2.0 * math.pi * variance) + squares / variance) - closed
+
+    def tested_rows(self, values: FloatArray) -> FloatArray:
+        """`rows` at one parameter set, whose products with the errors are those of the fit.
+
+        In a band the Jacobian by the pilot is filtered by the weights, and the errors are not.
+        """
+        rows, terms = self.rows(values[None])[0], self.prediction.band_terms
+        if terms is not None:
+            rows = np.concatenate([terms.filtered(rows[: self.pilot]), rows[self.pilot :]])
+        return rows
 
     def scaling(self, values: FloatArray) -> float:
         """The factor of `closed` on squares of prediction errors at one set; 1 without a band."""

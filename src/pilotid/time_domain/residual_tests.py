@@ -16,6 +16,7 @@ from pilotid.chance import SELDOM, chi_squared_limit
 from pilotid.recordings.plant import COHERENT, FEWEST_BANDS, plant_of
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_of
+from pilotid.time_domain.band_likelihood import BandTerms
 from pilotid.time_domain.constancy import (
     LARGE,
     PLACES,
@@ -33,18 +34,20 @@ LAGS = 40  # samples of the analysis band over which prediction errors must not 
 #: Share of the samples at which the control keeps its value, or one value, from which on that
 #: is no accident.  A recording to 16 bits of the stick's range keeps it in 1 of 1000.
 HELD = 0.02
+#: Least share of the largest variance of a direction of autocovariances in a band.
+INDEPENDENT = 0.01
 FLAT = 0.15  # relative, by which the response of an element that is a gain differs over frequency
 
 
 def tested(found: Maximum, recording: Recording) -> tuple[str, ...]:
     """What speaks against the fit of pilot and remnant, a sentence each; empty for nothing."""
-    rows = found.joint.rows(found.end.values[:1])[0]
+    rows = found.joint.tested_rows(found.end.values[0])
     remarks = [
         _held(recording),
         _changed(rows, found.joint) or _varying(found, rows),
         _uneven(rows[-1]),
         _drifting(found),
-        _coloured(rows[-1]),
+        _coloured(rows[-1], found.joint.prediction.band_terms),
         _answered_at_once(recording),
     ]
     return tuple(remark for remark in remarks if remark)
@@ -132,13 +135,16 @@ def _drifting(found: Maximum) -> str | None:
     )
 
 
-def _coloured(errors: FloatArray) -> str | None:
-    statistic = portmanteau(errors, LAGS)
-    if statistic <= chi_squared_limit(LAGS, SELDOM):
+def _coloured(errors: FloatArray, terms: BandTerms | None) -> str | None:
+    if terms is None:
+        statistic, freedom = portmanteau(errors, LAGS), LAGS
+    else:
+        statistic, freedom = portmanteau_in_band(errors, terms.weights, LAGS)
+    if statistic <= chi_squared_limit(freedom, SELDOM):
         return None
     return (
-        f"the prediction errors are not white (Ljung-Box over {LAGS} lags: {statistic:.0f}, where "
-        f"chance gives {LAGS}): neither pilot nor remnant explains all of the control, so errors "
+        f"the prediction errors are not white (portmanteau over {LAGS} lags: {statistic:.0f}, "
+        f"where chance gives {freedom}): neither pilot nor remnant explains all of the control, so errors "
         "may be larger than claimed; try another model"
     )
 
@@ -170,6 +176,35 @@ def portmanteau(errors: FloatArray, lags: int) -> float:
     return float(runs * samples * (samples + 2.0) * total)
 
 
+def portmanteau_in_band(errors: FloatArray, weights: FloatArray, lags: int) -> tuple[float, int]:
+    """A statistic of prediction errors that is chi-squared if they are white in a band.
+
+    Parameters
+    ----------
+    errors
+        Prediction errors, shape (runs, samples).
+    weights
+        Weights of the bins of their transform from rest on, shape (bins,).
+    lags
+        Number of lags of the weighted autocovariance, from 1 on.
+
+    Returns
+    -------
+    The statistic and its degrees of freedom: of fewer frequencies fewer lags are independent.
+    """
+    runs, samples = errors.shape
+    power = np.sum(np.abs(np.fft.rfft(errors)[:, : weights.size]) ** 2, axis=0)
+    excess = power / float(weights @ power) * float(weights.sum()) * runs - runs
+    turn = 2.0 * np.pi / samples * np.arange(weights.size)
+    cosines = np.cos(np.outer(np.arange(1, lags + 1), turn))
+    cosines -= (cosines @ weights / weights.sum())[:, None]  # the power was estimated
+    cosines *= weights
+    size, directions = np.linalg.eigh(runs * (cosines @ cosines.T))
+    kept = size > INDEPENDENT * size[-1]
+    along = directions[:, kept].T @ (cosines @ excess)
+    return float(np.sum(along**2 / size[kept])), int(np.count_nonzero(kept))
+
+
 def score_of_halves(rows: FloatArray, pilot: int) -> float:
     """Whether the first half of a recording asks for other pilot parameters than the whole.
 
@@ -199,7 +234,8 @@ def score_of_halves(rows: FloatArray, pilot: int) -> float:
     jacobian = jacobian / size[:, None, None]
     variance = float(np.sum(errors**2)) / (errors.size - len(jacobian))
     early, flat = jacobian[..., :half].reshape(len(size), -1), jacobian.reshape(len(size), -1)
-    score = early @ errors[:, :half].ravel()
+    # The score of the whole is zero but for what a band's log-determinant adds to it, evenly.
+    score = early @ errors[:, :half].ravel() - (flat @ errors.ravel()) * (half / errors.shape[1])
     first, whole = early @ early.T, flat @ flat.T
     inverse = covariance_of(whole, 1.0)
     if inverse is None:

@@ -44,6 +44,8 @@ class LikelihoodSettings(SearchSettings):
     loop
         Whether the likelihood is that of the band, which needs the controlled element, or that of
         direct prediction errors; see `pilotid.time_domain.band_likelihood`.
+    weighed
+        Signals whose floors weigh the frequencies besides those of the model's own inputs.
     """
 
     band: float | None = 50.0
@@ -51,3 +53,4 @@ class LikelihoodSettings(SearchSettings):
     rounds: int = 3
     noise: NoiseModel | None = None
     loop: bool = True
+    weighed: tuple[str, ...] = ()
