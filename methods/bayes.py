@@ -175,6 +175,7 @@ class Bayes(LikelihoodSettings):
             message="; ".join(part for part in words if part),
             iterations=found.iterations,
             starts=found.starts,
+            band=found.band_of(recording),
             remnant=found.remnant,
             draws=draws,
             remarks=(AGAINST_WHITE,) if white and model.curves else (),

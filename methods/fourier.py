@@ -35,6 +35,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from pilotid.estimates.band import AnalysedBand
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import motionless_input
 from pilotid.estimates.response import FrequencyResponse
@@ -134,6 +135,7 @@ class Fourier:
                 outcome=Outcome.NOT_CONVERGED,
                 message=f"power and leakage of the remnant did not settle in {self.rounds} rounds",
             )
+        estimate = replace(estimate, band=AnalysedBand(float(response.omega[-1])))
         return _with_interpolation_error(estimate, coefficients, response)
 
 

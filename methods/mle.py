@@ -40,6 +40,11 @@ from pilotid.time_domain.residual_tests import tested
 from pilotid.time_domain.settings import LikelihoodSettings
 from pilotid.types import FloatArray
 
+#: Said where direct prediction errors take the place of the likelihood of a band.
+NOT_CLOSED = (
+    "the controlled element is not known, so that noise of the recorder on e and x counts as "
+    "signal and delays may be biased: name the element, for example --element 4/s^2"
+)
 #: How often a profile that comes upon a better optimum moves the estimate there.
 MOVES = 3
 
@@ -121,8 +126,9 @@ class MLE(LikelihoodSettings):
             starts=found.starts,
             remnant=found.remnant,
             criterion=found.criterion,
+            band=found.band_of(recording),
             message="; ".join(part for part in (estimate.message, found.curves) if part),
-            remarks=(*_not_followed(found), *tested(found, recording)),
+            remarks=(*_not_closed(found), *_not_followed(found), *tested(found, recording)),
         )
 
     def criteria_from(
@@ -130,6 +136,14 @@ class MLE(LikelihoodSettings):
     ) -> FloatArray:
         """Criteria of the optima reached from pilots alone, see `Searching`."""
         return criteria_from(recording, model, self, sets)
+
+
+def _not_closed(found: Maximum) -> list[str]:
+    """What to say where no controlled element is known to close the loop."""
+    prediction = found.joint.prediction
+    if prediction.weighting is not None or prediction.model.changes:
+        return []
+    return [NOT_CLOSED]
 
 
 def _not_followed(found: Maximum) -> list[str]:

@@ -33,7 +33,7 @@ from pilotid.solve.search import search
 from pilotid.time_domain.band import analysis_band
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.over_time import estimated_over_time, no_reduction
-from pilotid.time_domain.prediction import Prediction, predict
+from pilotid.time_domain.prediction import Prediction, predict, weighted
 from pilotid.time_domain.prepare import prepare
 from pilotid.time_domain.remnant_choice import suiting
 from pilotid.types import BoolArray, FloatArray, IntArray
@@ -89,7 +89,7 @@ class MLEWindowed:
             Draws starts of the search over all of the recording.
         """
         plain = frozen(model)
-        prediction = predict(recording, plain, self.band)
+        prediction = weighted(predict(recording, plain, self.band), recording)
         begin = float((prepared := prepare(recording, plain, self.band)).time[prepared.first])
         time = begin + np.arange(prediction.scored) * prediction.dt
         length = min(self.window, time[-1] - time[0])
@@ -165,13 +165,26 @@ class Windows:
 
     def gram(self, values: FloatArray, which: IntArray) -> FloatArray:
         """Gram matrices of parameter sets, each in its window; see `Problem.gram`."""
-        parts = []
+        parts, terms = [], self.prediction.band_terms
         for begin in range(0, len(values), AT_ONCE):
             some = slice(begin, begin + AT_ONCE)
             rows = self.prediction.rows(values[some], self.taps)
-            rows = self.prediction.without_nuisance(rows) * self._inside[which[some], None, None]
+            rows = self.prediction.without_nuisance(rows)
+            if terms is not None:
+                rows = terms.filtered(rows, 0.5)
+            rows *= self._inside[which[some], None, None]
             flat = rows.reshape(*rows.shape[:2], -1)
-            parts.append(flat @ flat.transpose(0, 2, 1))
+            products = flat @ flat.transpose(0, 2, 1)
+            if terms is not None:
+                loop = self.prediction.loop.row_spectra(values[some])[:, :, 0]
+                taps = np.broadcast_to(
+                    np.ones(1) if self.taps is None else self.taps,
+                    (len(rows), 1 if self.taps is None else self.taps.size),
+                )
+                none = np.zeros((len(rows), 0, taps.shape[1]))
+                share = self._inside[which[some]].mean(axis=1)
+                products = terms.closed(products, loop, taps, none, share)
+            parts.append(products)
         return np.concatenate(parts)
 
     def left(self, values: FloatArray, nearest: IntArray) -> FloatArray:

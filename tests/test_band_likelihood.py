@@ -44,7 +44,7 @@ def recorded(name: str, seed: int = 1, noise: float = 0.0) -> tuple[Scenario, Re
     return scenario, replace(recording, **signals)
 
 
-def weighted(recording: Recording, scenario: Scenario, terms: tuple[float, ...]) -> Prediction:
+def banded(recording: Recording, scenario: Scenario, terms: tuple[float, ...]) -> Prediction:
     prediction = replace(predict(recording, scenario.model, 50.0), terms=terms)
     weighting = weighting_of(recording, scenario.model, prediction.control, prediction.dt)
     assert weighting is not None
@@ -64,7 +64,7 @@ def test_gradients_are_those_of_differences(
     noise: NoiseModel, terms: tuple[float, ...], runs: str
 ) -> None:
     scenario, recording = recorded(runs, noise=1e-3)
-    prediction = weighted(recording, scenario, terms)
+    prediction = banded(recording, scenario, terms)
     band = analysis_band(recording.dt, 50.0)
     joint = PredictionErrors(prediction, noise, band)
     values = near_truth(joint, scenario)
@@ -87,7 +87,7 @@ def test_gradients_are_those_of_differences(
 @pytest.mark.parametrize("noise", NOISES, ids=lambda noise: noise.name)
 def test_the_adjoint_has_the_sum_and_the_slopes_of_the_rows(noise: NoiseModel) -> None:
     scenario, recording = recorded("nominal(runs=2)", noise=1e-3)
-    prediction = weighted(recording, scenario, (0.0,))
+    prediction = banded(recording, scenario, (0.0,))
     joint = PredictionErrors(prediction, noise, analysis_band(recording.dt, 50.0))
     coarse = reduced(prediction)
     assert isinstance(coarse, Reduced)

@@ -189,7 +189,7 @@ def _look(task: Task) -> Content:
     recording = task.source.recording()
     choice = chosen_element(recording, element)
     models = {model.name: model for model in (*(sensible(recording) if auto else ()), *named)}
-    candidates = compared(recording, list(models.values()), task.seed)
+    candidates = compared(choice.named_in(recording), list(models.values()), task.seed)
     return {
         "recording": recording.to_dict(),
         "remarks": [*remarks(recording), *choice.remarks],

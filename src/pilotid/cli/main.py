@@ -257,8 +257,8 @@ def _fitted(
     """All fits of a recording, and their loops with the controlled element, if it is known."""
     from pilotid.element.choice import chosen_element
 
-    model, why, candidates = _selected(recording, named, seed)
     choice = chosen_element(recording, plant)
+    model, why, candidates = _selected(choice.named_in(recording), named, seed)
     if named is None:
         model = started(model, start)
     fits = fit_all(recording, model, methods, seed, choice)

@@ -81,9 +81,10 @@ def infer(
         print_posterior(Fitted(recording, model, (nothing,), told), [], [], None)
         return
     method.objection(recording, model)  # imports emcee before the run is timed
+    choice = chosen_element(recording, element)
     begin = time.perf_counter()
     with sampling_bar() as watch:
-        estimate, likelihood = method.infer(recording, model, rng, watch)
+        estimate, likelihood = method.infer(choice.named_in(recording), model, rng, watch)
     seconds = time.perf_counter() - begin
     estimate = replace(estimate, seconds=seconds, remarks=all_remarks(estimate, recording))
     fit = Fitted(recording, model, (estimate,), told)
@@ -91,7 +92,6 @@ def infer(
     if draws is None:
         print_posterior(fit, [], [], None)
         return
-    choice = chosen_element(recording, element)
     fit = replace(fit, remarks=(*fit.remarks, *choice.remarks))
     plant = choice.element
     spreads = parameter_spreads(draws, model)

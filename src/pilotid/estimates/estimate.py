@@ -1,4 +1,4 @@
-"""What a method is and what it returns."""
+"""What a method returns: an outcome, values, their uncertainty, and how it came to them."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pilotid.chance import Z95
+from pilotid.estimates.band import AnalysedBand
 from pilotid.estimates.bounds import bounds_reached
 from pilotid.estimates.draws import Draws
 from pilotid.estimates.inseparable import Pair, inseparable
@@ -120,6 +121,8 @@ class Estimate:
         What a user must know before believing it, a sentence each; empty if all is well.
     seconds
         Wall-clock time of the fit.
+    band
+        The frequencies that it rests on; None if nothing was fitted.
     """
 
     method: str
@@ -140,6 +143,7 @@ class Estimate:
     remarks: tuple[str, ...] = ()
     criterion: float = float("nan")
     seconds: float = float("nan")
+    band: AnalysedBand | None = None
 
     @property
     def std_error(self) -> FloatArray:
@@ -218,6 +222,8 @@ class Estimate:
             parts.append(f"{self.starts.agreeing} of {len(self.starts.cost)} starts agree")
         if self.remnant:
             parts.append(self.remnant.words)
+        if self.band:
+            parts.append(self.band.words)
         if self.frequency_response is not None and self.frequency_response.note:
             parts.append(self.frequency_response.note)
         if timed and math.isfinite(self.seconds):
@@ -261,6 +267,7 @@ class Estimate:
             "iterations": self.iterations,
             "starts": starts and {"total": len(starts.cost), "agreeing": starts.agreeing},
             "seconds": self.seconds,
+            "band": self.band and self.band.to_dict(),
             "remarks": list(self.remarks),
         }
         if self.remnant is not None:

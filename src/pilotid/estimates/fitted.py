@@ -149,8 +149,9 @@ def fit_all(
         The controlled element that loops are drawn with, see
         `pilotid.element.choice.chosen_element`; None for no loops.
     """
+    closed = recording if loop_element is None else loop_element.named_in(recording)
     estimates = (
-        replace(identify(method, recording, model, fit_rng(seed, label)), method=label)
+        replace(identify(method, closed, model, fit_rng(seed, label)), method=label)
         for label, method in methods.items()
     )
     found = (*remarks(recording), *(loop_element.remarks if loop_element else ()))

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pilotid.estimates.quantities import Quantity
 from pilotid.pilot.element import ControlledElement
+from pilotid.recordings.recording import Recording
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +29,12 @@ class LoopElement:
     origin: str = ""
     why: str = ""
     remarks: tuple[str, ...] = ()
+
+    def named_in(self, recording: Recording) -> Recording:
+        """The recording, naming the element that was given, for methods that need the loop."""
+        if self.origin != "given" or self.element is None:
+            return recording
+        return replace(recording, controlled_element=self.element.name)
 
     @property
     def words(self) -> str:

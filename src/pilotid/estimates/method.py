@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import time
@@ -11,6 +12,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from pilotid.estimates.band import AnalysedBand
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.remarks import remarks_on, vague
 from pilotid.estimates.sound import fault_of, one_line
@@ -135,12 +137,20 @@ def identify(
             traceback.print_exc()
         estimate = failed(name, model, *_outcome_of(error))
     seconds = float("nan") if begin is None else time.perf_counter() - begin
+    if estimate.band is None and estimate.outcome.usable:
+        estimate = replace(estimate, band=_band_of(method, recording))
     return replace(
         estimate,
         message=one_line(estimate.message),
         remarks=tuple(one_line(remark) for remark in all_remarks(estimate, recording)),
         seconds=seconds,
     )
+
+
+def _band_of(method: Method, recording: Recording) -> AnalysedBand:
+    """The band that a method says it analyses; all frequencies if it says none."""
+    highest, nyquist = getattr(method, "band", None), math.pi / recording.dt
+    return AnalysedBand(min(float(highest), nyquist) if highest else nyquist)
 
 
 def _over_time(estimate: Estimate, recording: Recording, rng: np.random.Generator) -> Estimate:

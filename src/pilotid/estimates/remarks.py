@@ -31,7 +31,9 @@ def remarks_on(estimate: Estimate) -> tuple[str, ...]:
     found = list(estimate.remarks)
     if not estimate.outcome.usable:
         return tuple(found)
-    if estimate.vaf < NOTHING:
+    # A slow remnant that the loop suppresses is larger than the control that it is a part of.
+    suppressed = estimate.remnant is not None and estimate.remnant.power_ratio > 1.0
+    if estimate.vaf < NOTHING and not suppressed:
         found.append(
             f"the model explains {estimate.vaf:.1f} % of the control, so the values mean nothing: "
             "see whether u, e and x belong together (one shifted in time, a wrong name, a wrong "

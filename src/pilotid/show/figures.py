@@ -17,6 +17,7 @@ from pilotid.pilot.element import ControlledElement, parsed_element
 from pilotid.recordings.recording import INPUTS, Recording
 from pilotid.show.named import leading
 from pilotid.show.panels import (
+    band_figure,
     correlation_figure,
     open_loop_figure,
     remnant_figure,
@@ -162,6 +163,8 @@ def _figures(
         yield Shown("open-loop", caption, open_loop_figure(chosen, plant))
     modelled = [e for e in shown if e.remnant is not None] or [chosen]
     yield Shown("remnant", _remnant_words(modelled), remnant_figure(recording, modelled))
+    if chosen.band is not None:
+        yield Shown("band", _band_words(chosen), band_figure(recording, chosen))
     yield Shown("residual-tests", _test_words(chosen), whiteness_figure(recording, chosen))
     known = [e for e in shown if np.isfinite(e.covariance).all() and len(e.values) > 1]
     for begin in range(0, len(known), MATRICES):
@@ -227,6 +230,17 @@ def _remnant_words(drawn: Sequence[Estimate]) -> str:
         f"Power density of the remnant as modelled (lines), and of what {whose} of the control "
         "(points; smoothed periodogram)."
     )
+
+
+def _band_words(chosen: Estimate) -> str:
+    caption = (
+        "Spectra of what the pilot acts on and of the control (running medians over the variance; "
+        "thin lines: the recorder's floors), and the weight of each frequency in the fit of "
+        f"{chosen.method}; marks: lines of the forcing functions."
+    )
+    if chosen.band is None or not chosen.band.element:
+        return caption
+    return f"{caption} The loop of the likelihood is closed by {chosen.band.element}."
 
 
 def _test_words(chosen: Estimate) -> str:

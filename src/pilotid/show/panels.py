@@ -12,6 +12,7 @@ from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.response import FrequencyResponse
 from pilotid.pilot.element import ControlledElement
 from pilotid.recordings.recording import INPUTS, Recording
+from pilotid.show.bands import band
 from pilotid.show.correlations import correlation
 from pilotid.show.named import with_unit
 from pilotid.show.residuals import autocorrelation, cross_correlation, normal_plot
@@ -153,6 +154,18 @@ def remnant_figure(recording: Recording, estimates: Sequence[Estimate]) -> Figur
     with journal_style():
         figure = Figure(figsize=(WIDTH, 2.9), layout="constrained")
         remnant(*estimates, recording=recording, axes=figure.subplots())
+        _legend_above(figure)
+    return figure
+
+
+def band_figure(recording: Recording, estimate: Estimate) -> Figure:
+    """What the recording tells at each frequency, and what an estimate makes of that."""
+    from matplotlib.figure import Figure
+
+    with journal_style():
+        figure = Figure(figsize=(WIDTH, 3.4), layout="constrained")
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=(5, 2))
+        band(recording, estimate, axes=(above, below))
         _legend_above(figure)
     return figure
 

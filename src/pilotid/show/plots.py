@@ -10,6 +10,7 @@ Functions of several estimates draw what there is of those that failed.
 
 from __future__ import annotations
 
+from pilotid.show.bands import band
 from pilotid.show.correlations import correlation
 from pilotid.show.residuals import autocorrelation, cross_correlation, normal_plot
 from pilotid.show.responses import describing_function, open_loop
@@ -19,6 +20,7 @@ from pilotid.show.trajectories import trajectory
 
 __all__ = [
     "autocorrelation",
+    "band",
     "correlation",
     "cross_correlation",
     "describing_function",

@@ -64,7 +64,7 @@ def bounds(experiment: Experiment, band: float | None = None, order: int = 8) ->
     circulation = view.circulation
     gradient = view.gradient(view.omega, circulation.error, circulation.output, experiment.values)
     forcing = _forcing_information(view)
-    full = forcing + view.samples * view.products(gradient, gradient)
+    full = forcing + view.samples * view.information(gradient, gradient)
 
     factor, _ = monic(0.5 * np.log(circulation.density), 2 * GRID)
     delays = np.exp(-1j * np.pi / view.band * np.outer(np.arange(1, order + 1), view.omega))
@@ -93,8 +93,8 @@ def nuisance_share(view: View, gradient: ComplexArray) -> FloatArray:
 
 
 def _taken(view: View, gradient: ComplexArray, nuisance: ComplexArray) -> FloatArray:
-    cross = view.products(gradient, nuisance)
-    return np.asarray(cross @ np.linalg.solve(view.products(nuisance, nuisance), cross.T))
+    cross = view.information(gradient, nuisance)
+    return np.asarray(cross @ np.linalg.solve(view.information(nuisance, nuisance), cross.T))
 
 
 @dataclass(frozen=True, eq=False)

@@ -110,6 +110,16 @@ class View:
         """Means over the band of all products of two sets of spectra."""
         return np.asarray(np.real(first * self.weights @ second.conj().T))
 
+    def information(self, first: ComplexArray, second: ComplexArray) -> FloatArray:
+        """Information per sample in what the remnant circulates, of two sets of its spectra.
+
+        In a part of the frequencies the likelihood has the loop's term as well, see
+        `pilotid.time_domain.band_likelihood`; what both tell is the product of real parts.
+        """
+        if self.share == 1.0:  # over all frequencies the term is nil
+            return self.products(first, second)
+        return np.asarray(2.0 * (first.real * self.weights) @ second.real.T)
+
     def gradient(
         self, omega: FloatArray, error: ComplexArray, output: ComplexArray, values: FloatArray
     ) -> ComplexArray:

@@ -136,7 +136,7 @@ def line_information(
     view = View(experiment, band)
     circulation = view.circulation
     free = view.gradient(view.omega, circulation.error, circulation.output, experiment.values)
-    base = view.samples * (view.products(free, free) - nuisance_share(view, free))
+    base = view.samples * (view.information(free, free) - nuisance_share(view, free))
     phasors = view.gradient(omega, error, output, experiment.values)
     phasors = phasors / np.sqrt(experiment.circulation(omega).density / experiment.samples)
     phasors = np.where(omega < view.band, phasors, 0.0)

@@ -45,6 +45,8 @@ FEWEST = 20.0
 LEAST = 1e-3
 #: Newton steps to an autoregression, from the one of least squares.
 NEWTON = 4
+#: Share of its own information on a parameter that the squares must keep beside the loop's.
+KEPT = 0.02
 #: A group of bins, over which loop and remnant change little, is this share of its frequency
 #: wide, and at most so many rad/s.
 GROUP_SHARE, GROUP_WIDEST = 1.0 / 30.0, 0.25
@@ -80,7 +82,7 @@ class Weighting:
 
     @property
     def answers_at_once(self) -> bool:
-        """Whether the loop does not fall off above the band, so that it tells of the pilot there."""
+        """Whether the loop does not fall off above the band, and tells of the pilot there."""
         edge = TOP * float(self.omega[-1])
         gain = np.abs(self.element.response(np.array([edge, 2.0 * edge])))
         return bool(gain[1] >= AT_ONCE * gain[0])
@@ -201,11 +203,14 @@ class BandTerms:
         found *= np.sqrt(2.0 * self.weights / samples)
         return found.view(float)
 
-    def filtered(self, rows: FloatArray) -> FloatArray:
-        """Rows (..., samples) filtered by the weights, whose products with rows are weighted."""
+    def filtered(self, rows: FloatArray, power: float = 1.0) -> FloatArray:
+        """Rows (..., samples) filtered by the weights to a power.
+
+        With 1 their products with rows are weighted, with 1/2 those with one another.
+        """
         spectra = np.fft.rfft(rows)
-        spectra[..., 0] *= 2.0 * self.weights[0]
-        spectra[..., 1 : self.weights.size] *= self.weights[1:]
+        spectra[..., 0] *= (2.0 * self.weights[0]) ** power
+        spectra[..., 1 : self.weights.size] *= self.weights[1:] ** power
         spectra[..., self.weights.size :] = 0.0
         return np.asarray(np.fft.irfft(spectra, n=rows.shape[-1]))
 
@@ -251,6 +256,44 @@ class BandTerms:
         upper = np.concatenate([own, across], axis=2)
         lower = np.concatenate([across.transpose(0, 2, 1), remnant], axis=2)
         return term, -2.0 * slope, 2.0 * np.concatenate([upper, lower], axis=1)
+
+    def closed(
+        self,
+        products: FloatArray,
+        loop: ComplexArray,
+        taps: FloatArray,
+        slopes: FloatArray,
+        share: FloatArray | float = 1.0,
+    ) -> FloatArray:
+        """Inner products whose last one, Q, has the likelihood of the band by n log Q.
+
+        With squares Q0, n residuals and the log-determinant D that is Q = Q0 exp(2 D / n): what
+        minimises sums of squares, and compares them by n log Q, needs to know nothing of D.
+
+        Parameters
+        ----------
+        products
+            Weighted inner products of Jacobian and errors, (sets, p + r + 1, p + r + 1).
+        loop, taps, slopes
+            See `log_determinant`.
+        share
+            Share of the residuals that the products have, one or of each set, shape (sets,).
+        """
+        term, slope, information = self.log_determinant(loop, taps, slopes)
+        size = float(self.residuals)
+        variance = products[:, -1, -1] / (size * share)
+        information -= (2.0 / size) * slope[:, :, None] * slope[:, None, :]
+        information *= (share * variance)[:, None, None]
+        # Far from the optimum it may take more than the squares have: then it is left out.
+        own = np.diagonal(products, axis1=1, axis2=2)[:, :-1]
+        unsound = (np.diagonal(information, axis1=1, axis2=2) < (KEPT - 1.0) * own).any(axis=1)
+        information[unsound] = 0.0
+        found = products.copy()
+        found[:, :-1, :-1] += information
+        slope *= (share * variance)[:, None]
+        found[:, -1, :-1] -= slope
+        found[:, :-1, -1] -= slope
+        return np.asarray(found * np.exp(2.0 * term / size)[:, None, None])
 
 
 def most_likely_regression(products: FloatArray, terms: BandTerms) -> tuple[FloatArray, FloatArray]:

@@ -6,12 +6,14 @@ chosen, and estimated along with the pilot, in the analysis band.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from pilotid.estimates.band import AnalysedBand
 from pilotid.estimates.bounds import held
 from pilotid.estimates.estimate import Starts
 from pilotid.estimates.remnant import RemnantEstimate
@@ -19,16 +21,16 @@ from pilotid.lines.fit import fit_lines
 from pilotid.lines.objection import objection
 from pilotid.pilot.frozen import frozen, unfrozen
 from pilotid.pilot.model import PilotModel
+from pilotid.recordings.floors import floors_of
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Minima, minimise
 from pilotid.time_domain.adjoint import for_search
 from pilotid.time_domain.band import Band, analysis_band
-from pilotid.time_domain.band_likelihood import weighting_of
 from pilotid.time_domain.exploration import FIRST, explore, grouped, terms_at
 from pilotid.time_domain.following import Following
 from pilotid.time_domain.joint_fits import FINE, JointFit, JointFits, optimum
 from pilotid.time_domain.output_error import OutputErrors
-from pilotid.time_domain.prediction import Prediction, predict
+from pilotid.time_domain.prediction import Prediction, predict, weighted
 from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.prepare import decimation
 from pilotid.time_domain.remnant_choice import guessed
@@ -136,6 +138,22 @@ class Maximum:
             joint.band,
             self.variance / joint.scaling(self.end.values[0]),
             float(np.mean(np.var(joint.prediction.control, axis=1))),
+        )
+
+    def band_of(self, recording: Recording) -> AnalysedBand:
+        """The frequencies that it rests on."""
+        prediction = self.joint.prediction
+        weighting, nyquist = prediction.weighting, math.pi / prediction.dt
+        if weighting is None:
+            return AnalysedBand(nyquist, "direct")
+        counting = weighting.omega[weighting.share > 0.0]
+        return AnalysedBand(
+            float(counting[-1]),
+            "band",
+            weighting.omega,
+            weighting.share,
+            floors_of(recording).floor,
+            weighting.element.name,
         )
 
     @cached_property
@@ -289,12 +307,7 @@ def _predicted(
 ) -> Prediction:
     """The prediction in a band, weighted for the likelihood of that band where it is to be had."""
     prediction = predict(recording, model, rate)
-    if not settings.loop:
-        return prediction
-    weighting = weighting_of(
-        recording, prediction.model, prediction.control, prediction.dt, settings.weighed
-    )
-    return replace(prediction, weighting=weighting)
+    return weighted(prediction, recording, settings.weighed) if settings.loop else prediction
 
 
 def _narrowed(

@@ -20,7 +20,7 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import BLOCK
 from pilotid.solve.smoothing import Penalty
-from pilotid.time_domain.band_likelihood import BandTerms, Weighting
+from pilotid.time_domain.band_likelihood import BandTerms, Weighting, weighting_of
 from pilotid.time_domain.extension import _extended, fast_length
 from pilotid.time_domain.modulated import FineInput, fine_input
 from pilotid.time_domain.prepare import Prepared, prepare
@@ -483,6 +483,23 @@ def predict(recording: Recording, model: PilotModel, band: float | None = None) 
         penalty=None,
         weighting=None,
     )
+
+
+def weighted(
+    prediction: Prediction, recording: Recording, others: tuple[str, ...] = ()
+) -> Prediction:
+    """A prediction of a recording for the likelihood of its band, where that is to be had.
+
+    Parameters
+    ----------
+    prediction, recording
+        The prediction, and what it was prepared of.
+    others
+        Signals whose floors weigh the frequencies besides those of the model's own inputs.
+    """
+    control, dt = prediction.control, prediction.dt
+    weighting = weighting_of(recording, prediction.model, control, dt, others)
+    return replace(prediction, weighting=weighting)
 
 
 def predict_circular(recording: Recording, model: PilotModel) -> Prediction:

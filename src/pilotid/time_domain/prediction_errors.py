@@ -22,9 +22,6 @@ from pilotid.time_domain.prediction import Prediction
 from pilotid.time_domain.remnant_models import NoiseModel
 from pilotid.types import BoolArray, ComplexArray, FloatArray
 
-#: Share of its own information on a parameter that the squares must keep beside the loop's.
-KEPT = 0.02
-
 
 class PredictionErrors(Problem):
     """Prediction errors by pilot and remnant parameters, in this order.
@@ -148,35 +145,23 @@ class PredictionErrors(Problem):
         )
         return found
 
-    def log_determinant(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """What the likelihood of the band adds, see `BandTerms.log_determinant`."""
-        prediction = self.prediction
-        assert prediction.band_terms is not None
-        loop = prediction.loop.row_spectra(values[:, : self.pilot])[:, :, 0]
-        taps, slopes = self.noise.taps(values[:, self.pilot :], self.band)
-        return prediction.band_terms.log_determinant(loop, taps, slopes)
+    def _determined(self, values: FloatArray) -> tuple[ComplexArray, FloatArray, FloatArray]:
+        """What `BandTerms.log_determinant` needs of parameter sets."""
+        loop = self.prediction.loop.row_spectra(values[:, : self.pilot])[:, :, 0]
+        return loop, *self.noise.taps(values[:, self.pilot :], self.band)
+
+    def log_determinant(self, values: FloatArray) -> float:
+        """What the likelihood of the band has beside squares, at one set, (parameters,)."""
+        terms = self.prediction.band_terms
+        if terms is None:
+            return 0.0
+        return float(terms.log_determinant(*self._determined(values[None]))[0][0])
 
     def closed(self, products: FloatArray, values: FloatArray) -> FloatArray:
-        """Inner products whose last one, Q, has the likelihood of the band by n log Q.
-
-        With squares Q0 and the log-determinant D that is Q = Q0 exp(2 D / n): what minimises sums
-        of squares, and compares them by n log Q, needs to know nothing of D.
-        """
-        term, slope, information = self.log_determinant(values)
-        size = float(self.residuals)
-        variance = products[:, -1, -1] / size
-        information -= (2.0 / size) * slope[:, :, None] * slope[:, None, :]
-        information *= variance[:, None, None]
-        # Far from the optimum it may take more than the squares have: then it is left out.
-        own = np.diagonal(products, axis1=1, axis2=2)[:, :-1]
-        unsound = (np.diagonal(information, axis1=1, axis2=2) < (KEPT - 1.0) * own).any(axis=1)
-        information[unsound] = 0.0
-        found = products.copy()
-        found[:, :-1, :-1] += information
-        slope *= variance[:, None]
-        found[:, -1, :-1] -= slope
-        found[:, :-1, -1] -= slope
-        return np.asarray(found * np.exp(2.0 * term / size)[:, None, None])
+        """Inner products with the log-determinant of the band, see `BandTerms.closed`."""
+        prediction = self.prediction
+        assert prediction.band_terms is not None
+        return prediction.band_terms.closed(products, *self._determined(values))
 
     def log_likelihood(self, values: FloatArray, variance: float | None = None) -> float:
         """Log-likelihood at one parameter set, shape (parameters,).
@@ -184,14 +169,14 @@ class PredictionErrors(Problem):
         `variance` is that of the prediction errors; None for the most likely one.
         """
         count, sets = self.residuals, values[None]
-        if self.prediction.band_terms is None:
-            squares, closed = float(self.products(sets)[0, -1, -1]), 0.0
-        else:
-            squares = float(self.in_band(sets)[0, -1, -1])
-            closed = float(self.log_determinant(sets)[0][0])
+        banded = self.prediction.band_terms is not None
+        products = self.in_band(sets) if banded else self.products(sets)
+        squares = float(products[0, -1, -1])
         if variance is None:
             variance = squares / count
-        return -0.5 * (count * math.log(2.0 * math.pi * variance) + squares / variance) - closed
+        return -0.5 * (count * math.log(2.0 * math.pi * variance) + squares / variance) - (
+            self.log_determinant(values)
+        )
 
     def tested_rows(self, values: FloatArray) -> FloatArray:
         """`rows` at one parameter set, whose products with the errors are those of the fit.
@@ -205,10 +190,7 @@ class PredictionErrors(Problem):
 
     def scaling(self, values: FloatArray) -> float:
         """The factor of `closed` on squares of prediction errors at one set; 1 without a band."""
-        if self.prediction.band_terms is None:
-            return 1.0
-        term = float(self.log_determinant(values[None])[0][0])
-        return math.exp(2.0 * term / self.residuals)
+        return math.exp(2.0 * self.log_determinant(values) / self.residuals)
 
     def _spectra(self, values: FloatArray) -> ComplexArray:
         """The transforms of `rows` before nuisance terms are projected out."""

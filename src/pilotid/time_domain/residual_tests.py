@@ -144,8 +144,8 @@ def _coloured(errors: FloatArray, terms: BandTerms | None) -> str | None:
         return None
     return (
         f"the prediction errors are not white (portmanteau over {LAGS} lags: {statistic:.0f}, "
-        f"where chance gives {freedom}): neither pilot nor remnant explains all of the control, so errors "
-        "may be larger than claimed; try another model"
+        f"where chance gives {freedom}): neither pilot nor remnant explains all of the control, so "
+        "errors may be larger than claimed; try another model"
     )
 
 
