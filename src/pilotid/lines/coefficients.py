@@ -14,6 +14,7 @@ from pilotid.types import BoolArray, ComplexArray, FloatArray, IntArray
 
 #: Least power of the remnant at a line as a share of the control's there: far below what
 #: any recording resolves, it keeps weights finite without a remnant.
+LARGEST = 50.0  # of the logarithm of a response
 QUIETEST = 1e-12
 #: Bins beside each line that tell leakage and power, and the order of the polynomial that leakage
 #: follows there.
@@ -163,7 +164,9 @@ class Coefficients:
         for _ in range(3):
             control = self.at_lines(self.control[:, : self.lines] - leakage)
             ratio = control / self.at_lines(reference[:, : self.lines])
-            everywhere = np.exp(interpolation(omega, self.omega) @ _logarithm(ratio[known]))
+            logarithm = interpolation(omega, self.omega) @ _logarithm(ratio[known])
+            # Where the error is next to nothing at a line the ratio says nothing, however large.
+            everywhere = np.exp(np.minimum(logarithm.real, LARGEST) + 1j * logarithm.imag)
             residuals = self.control - everywhere * reference
             leakage = self.leakage(residuals)
         return np.asarray(residuals)
