@@ -22,8 +22,11 @@ from pilotid.datasets.forcing import (
     paper_disturbance,
     paper_target,
 )
+from pilotid.datasets.population import POPULATIONS
+from pilotid.datasets.recorder import Recorder
 from pilotid.datasets.remnant import UNIT_LEVEL, Remnant, white
 from pilotid.datasets.simulation import remnant_ratio, white_level
+from pilotid.element.fit import identified_element
 from pilotid.pilot.element import double_integrator, position_control, single_integrator
 from pilotid.pilot.loops import pilot_on
 from pilotid.recordings.recording import Recording
@@ -660,3 +663,47 @@ def test_rate_control_loop_is_simulated_with_its_own_controlled_element() -> Non
     into = np.fft.rfft(recording.window(recording.u + recording.fd))[0, lines]
     x = np.fft.rfft(recording.window(recording.x))[0, lines]
     np.testing.assert_allclose(x, into / (1j * omega), atol=1e-9 * np.abs(x).max())
+
+
+def test_a_recorder_rounds_filters_and_adds_noise() -> None:
+    scenario = replace(scenario_named("nominal"), duration=40.96, run_in=0.0)
+    plain = simulate(scenario, np.random.default_rng(3))
+    through = simulate(replace(scenario, recorder=Recorder()), np.random.default_rng(3))
+    assert through.e.shape == plain.e.shape
+    assert through.dt == plain.dt
+    # Another grid of the same remnant, but the forcing functions are where they were.
+    assert through.ft is not None
+    assert plain.ft is not None
+    np.testing.assert_allclose(through.ft, plain.ft, atol=1e-9)
+    rounded = simulate(replace(scenario, recorder=Recorder(bits=10)), np.random.default_rng(3))
+    step = 2.0 * 2.0 * np.abs(through.x).max() / 2**10
+    np.testing.assert_allclose(rounded.x / step, np.round(rounded.x / step), atol=1e-6)
+    assert np.abs(rounded.x - through.x).max() <= 0.5 * step * (1.0 + 1e-9)
+    noisy = simulate(
+        replace(scenario, recorder=Recorder(noise=(0.0, 0.0, 1e-2), makes_error=True)),
+        np.random.default_rng(3),
+    )
+    added = noisy.x - through.x
+    assert added.std() == pytest.approx(1e-2 * np.sqrt(np.mean(through.x**2)), rel=0.1)
+    np.testing.assert_allclose(noisy.e, noisy.ft - noisy.x, atol=1e-12)
+    # A filter of all signals alike leaves the element between u + fd and x as it is.
+    filtered = simulate(
+        replace(scenario, recorder=Recorder(order=4, corner=0.5)), np.random.default_rng(3)
+    )
+    found = identified_element(filtered).element
+    assert found is not None
+    expected = scenario.element.response(np.array([3.0]))
+    np.testing.assert_allclose(found.response(np.array([3.0])), expected, rtol=0.01)
+    with pytest.raises(ValueError, match="headroom"):
+        Recorder(headroom=0.5)
+
+
+@pytest.mark.parametrize("name", ["population-recorded", "population-inner"])
+def test_populations_of_recorders_and_inner_remnants_are_what_they_say(name: str) -> None:
+    drawn = [POPULATIONS[name].drawn(np.random.default_rng(seed)) for seed in range(12)]
+    if name == "population-recorded":
+        assert all(scenario.recorder is not None for scenario in drawn)
+        assert {scenario.dt for scenario in drawn} > {0.04, 0.01}
+    else:
+        assert {scenario.remnant.enters for scenario in drawn} == {"error", "neuromuscular"}
+    assert len({scenario.truth for scenario in drawn}) == 12
