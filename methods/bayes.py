@@ -136,7 +136,7 @@ class Bayes(LikelihoodSettings):
             Is told the share of an emcee run that is done.
         """
         white = self.likelihood == "white"
-        settings = replace(self, noise=LowPass(0)) if white else self
+        settings = replace(self, noise=LowPass(0), loop=False) if white else self
         found = maximise_likelihood(recording, model, rng, settings)
         joint = found.joint
         likelihood = Likelihood(joint, 1.0 if white else found.widened)

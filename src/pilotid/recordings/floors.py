@@ -70,6 +70,9 @@ def floors_of(recording: Recording) -> Floors:
         omega, power[name] = running_median(density, step)
         top = slice(int(FLOOR_FROM * nyquist / step) + 1, int(FLOOR_TO * nyquist / step) + 1)
         floor[name] = float(density[:, top].mean())
+    if recording.ft is not None:  # a target that steps has all frequencies, and is no noise
+        own = periodogram(recording.e - recording.ft, recording.dt)[0][:, top]
+        floor["e"] = min(floor["e"], float(own.mean()))
     return Floors(omega, power, floor)
 
 
