@@ -274,7 +274,7 @@ def test_the_sampling_interval_must_agree_with_the_time(tmp_path: Path) -> None:
 
 
 def test_a_code_is_told_from_a_large_signal() -> None:
-    from pilotid.recordings.codes import refuse_codes
+    from pilotid.recordings.contents import refuse_codes
 
     counts = np.linspace(-9999.0, 9999.0, 401)[None]
     refuse_codes(counts, "u", "F")
