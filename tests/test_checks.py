@@ -12,8 +12,8 @@ from checks.nonsense import LATE, PLANTED, SOUND, delayed, named, named_by_a_fit
 
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.recordings.checks import remarks
+from pilotid.recordings.lines import remembered
 from pilotid.recordings.recording import Recording
-from pilotid.recordings.remembered import remembered
 
 pytestmark = pytest.mark.numerical
 

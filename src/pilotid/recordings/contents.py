@@ -175,7 +175,8 @@ class Contents:
     t
         Time [s], shape (samples,); None if the file has none.
     signals
-        By our names, each of shape (runs, samples), or (1, samples) for one that all runs share.
+        By our names, each of shape (runs, samples), or (1, samples) for one that all runs share;
+        in the precision of the file.
     where
         Puts the place of a sample of the time, by its index, into words.
     notes
@@ -219,7 +220,7 @@ def assembled(contents: Contents, source: str, dt: float | None = None) -> Recor
     for name, other in (("x", "e"), ("e", "x")):
         if name not in signals and {"ft", other} <= signals.keys():
             _require_shape(signals["ft"], signals[other], other, source)
-            signals[name] = signals["ft"] - signals[other]
+            signals[name] = np.subtract(signals["ft"], signals[other], dtype=float)
             origin[name] = f"ft - {other}"
     if "x" not in signals:
         signals["x"] = np.zeros_like(signals["u"])

@@ -9,17 +9,12 @@ from pathlib import Path
 
 from pilotid.disk import path_shown, write_file
 from pilotid.recordings.contents import assembled
-from pilotid.recordings.matlab import mat_bytes
-from pilotid.recordings.matlab_process import read_mat
 from pilotid.recordings.names import shown, signal_places
 from pilotid.recordings.recording import LEAD_IN, Recording, joined
 from pilotid.recordings.text import csv_bytes, read_text, sidecar_path
 from pilotid.types import InputError
 
-READERS = {
-    **dict.fromkeys((".csv", ".txt", ".tsv", ".dat"), read_text),
-    ".mat": read_mat,
-}
+READ = (".csv", ".txt", ".tsv", ".dat", ".mat")
 WRITTEN = (".csv", ".mat")
 
 
@@ -76,10 +71,14 @@ def load_recording(
     """
     source = path_shown(path)
     file = Path(path)
-    reader = READERS[_suffix(file, source, READERS)]
-    places = signal_places(mapping)
+    suffix, places = _suffix(file, source, READ), signal_places(mapping)
     try:
-        contents = reader(file, source, places, timed=dt is not None)
+        if suffix == ".mat":
+            from pilotid.recordings.matlab_process import read_mat
+
+            contents = read_mat(file, source, places, timed=dt is not None)
+        else:
+            contents = read_text(file, source, places, timed=dt is not None)
     except OSError as error:
         raise InputError(
             f"{path_shown(error.filename or source)}: cannot be read ({error.strerror or error}); "
@@ -110,6 +109,8 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     if _suffix(file, source, WRITTEN) == ".csv":
         files[file], files[sidecar_path(file)] = csv_bytes(recording, source)
     else:
+        from pilotid.recordings.matlab import mat_bytes
+
         files[file] = mat_bytes(recording, source)
     for target, content in files.items():
         write_file(target, content)

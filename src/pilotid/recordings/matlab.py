@@ -190,7 +190,8 @@ def _contents(
     t = None
     samples = max(arrays["u"][0].shape)  # recordings have more samples than runs
     if "t" in arrays:
-        t = _common_time(arrays.pop("t"), members["t"], source)
+        times = [array.astype(np.float64) for array in arrays.pop("t")]
+        t = _common_time(times, members["t"], source)
         samples = t.size
     signals = {
         signal: places[signal].signed(_as_runs(pieces, members[signal], samples, source))
@@ -331,7 +332,7 @@ def _array(value: Any, name: str, source: str) -> FloatArray:
             f"{source}: variable {name} does not hold real numbers; save it as a full numeric "
             "matrix"
         )
-    numbers = np.atleast_1d(array.astype(np.float64))
+    numbers = np.atleast_1d(array if array.dtype.kind == "f" else array.astype(np.float64))
     bad = ~np.isfinite(numbers)
     if bad.any():
         sample, *run = (int(i) + 1 for i in np.argwhere(bad)[0])

@@ -117,7 +117,7 @@ def _serve() -> None:
             except (InputError, OSError) as error:
                 answer = error
             _alarm(0)
-            pickle.dump(answer, sys.stdout.buffer)
+            pickle.dump(answer, sys.stdout.buffer, protocol=5)
             sys.stdout.buffer.flush()
 
 
