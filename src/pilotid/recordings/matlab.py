@@ -129,10 +129,13 @@ def _in_group(group: Any, prefix: str) -> Iterator[tuple[str, Any]]:
     import h5py
 
     for key in group:
-        if not prefix and key.startswith("#"):
+        name = prefix + _decoded(key)
+        if name.startswith("#"):
             continue  # what cells and objects refer to
-        is_link = not isinstance(group.get(key, getlink=True), h5py.HardLink)
-        yield from [(prefix + key, None)] if is_link else _in_entry(group[key], prefix + key)
+        if isinstance(group.get(key, getlink=True), h5py.HardLink):
+            yield from _in_entry(group[key], name)
+        else:
+            yield name, None
 
 
 def _in_entry(entry: Any, name: str) -> Iterator[tuple[str, Any]]:
