@@ -131,7 +131,7 @@ def types(session: nox.Session) -> None:
 @nox.session
 def fuzz(session: nox.Session) -> None:
     """Read changed recordings, 100,000 of each kind; `-- --files N` for fewer (Linux)."""
-    session.install("-e", ".[matlab]")
+    session.install("-e", ".")
     session.run(
         "python", "tests/checks/fuzz_files.py", *session.posargs, env={"OMP_NUM_THREADS": "1"}
     )
