@@ -7,12 +7,12 @@ end the process: `pilotid.recordings.matlab_process` does so in a process of its
 from __future__ import annotations
 
 import io
-import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from itertools import product, repeat
 from pathlib import Path
 from typing import Any
 
@@ -164,11 +164,12 @@ def _value(entry: Any, kind: str) -> Any:
     if kind in ("cell", "function_handle"):
         return None
     if entry.chunks:
-        there = entry.id.get_num_chunks()
-        wanted = math.prod(-(-n // m) for n, m in zip(entry.shape, entry.chunks, strict=True))
+        places = product(*map(range, repeat(0), entry.shape, entry.chunks))
+        found = map(entry.id.get_chunk_info_by_coord, places)
+        missing = any(chunk.byte_offset is None for chunk in found)
     else:
-        there, wanted = entry.id.get_storage_size(), entry.nbytes
-    if there < wanted:  # HDF5 would make zeros of it
+        missing = entry.id.get_storage_size() < entry.nbytes
+    if missing:  # HDF5 would make zeros of them
         raise ValueError(f"parts of {entry.name} are missing")
     values = entry[()].T
     if kind != "char":

@@ -24,7 +24,7 @@ from pilotid.recordings.names import Place
 from pilotid.types import InputError
 
 LARGEST_FILE = 2**32  # bytes
-MEMORY = 2**32  # bytes of address space, that of libraries included
+MEMORY = 2**31  # bytes of address space, that of libraries included
 SECONDS = 60  # for one file
 
 
