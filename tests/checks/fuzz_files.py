@@ -329,6 +329,8 @@ def explanation(
     if differing and kind == "mat":
         return "numbers are of another kind"
     if differing:
+        if any(not getattr(loaded, name).any() for name in loaded.signals):
+            return "a part that is not found is zero"
         return "the file says that a signal lies elsewhere" if elsewhere() else ""
     return "a signal has another name" if absent else "notes or times changed"
 
