@@ -29,7 +29,7 @@ from pilotid.designing.optimum import (
     Kind,
     Limit,
     Over,
-    minimised,
+    minimise_within,
 )
 from pilotid.designing.output import forcing_table
 from pilotid.designing.pilots import drawn_pilots, studied, with_truth
@@ -154,7 +154,9 @@ def test_criteria_are_what_their_names_say(kind: Kind) -> None:
 @pytest.mark.parametrize("over", OVERS)
 def test_the_optimum_is_that_of_another_search(kind: Kind, over: Over) -> None:
     goal = Goal(criteria(kind), over)
-    found = minimised(goal, [Limit("all", np.ones(6), 1.0), Limit("first", np.eye(6)[0], 0.1)])
+    found = minimise_within(
+        goal, [Limit("all", np.ones(6), 1.0), Limit("first", np.eye(6)[0], 0.1)]
+    )
     assert found.powers.min() >= 0.0
     assert found.powers.sum() <= 1.0 + 1e-12
     assert found.value == goal.value(found.powers)
@@ -310,7 +312,7 @@ def test_limits_that_exclude_one_another_are_named() -> None:
         Limit("else", np.array([1.0, 0.0]), 9.0),
     ]
     with pytest.raises(InfeasibleError, match=r"(low and high)|(high and low)"):
-        minimised(Goal([replace(criteria("A")[0], factors=np.ones((2, 4, 2)))]), rows)
+        minimise_within(Goal([replace(criteria("A")[0], factors=np.ones((2, 4, 2)))]), rows)
 
 
 # ------------------------------------------------------------------------------- lines, phases

@@ -1,6 +1,6 @@
 """Forcing functions and recording time that give the precision wanted.
 
-The powers of the lines are the optimum of a convex problem, see `pilotid.designing.solver`;
+The powers of the lines are the optimum of a convex problem, see `pilotid.designing.optimum`;
 phases are chosen after them, for bounds on errors do not depend on phases, and peaks do.
 """
 
@@ -26,7 +26,7 @@ from pilotid.designing.loop import (
     with_shared_remnant,
 )
 from pilotid.designing.objectives import gains_of, goal_of
-from pilotid.designing.optimum import Optimum, Over, minimised
+from pilotid.designing.optimum import Optimum, Over, minimise_within
 from pilotid.designing.signals import with_signals
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.types import FloatArray, InputError
@@ -197,7 +197,7 @@ def design(
     rows = linear(limits, loops, references, usual, over=over)
     rows = [replace(row, gradient=row.gradient * unit) for row in rows]
     forced = loops[0].gains["u"] * unit if remnant == "share" else None
-    optimum = minimised(goal, rows, forced, control)
+    optimum = minimise_within(goal, rows, forced, control)
     powers = np.asarray(optimum.powers * unit)
 
     unrounded = _window(scenario, optimum.value) if wanted else scenario.duration

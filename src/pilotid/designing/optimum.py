@@ -133,7 +133,7 @@ class InfeasibleError(InputError):
     """No powers keep the limits; the message names those that exclude one another."""
 
 
-def minimised(
+def minimise_within(
     goal: Goal, limits: Sequence[Limit], control: FloatArray | None = None, level: float = 1.0
 ) -> Optimum:
     """The powers that minimise a goal within limits; powers are never below zero.
@@ -171,8 +171,8 @@ def minimised(
     program.require("NonnegativeConeT", 0.0, (powers, np.eye(powers.size)))
     fixed = (unit, np.eye(1)) if control is None else (powers, control[None] / level)
     program.require("ZeroConeT", -1.0, fixed)
-    _minimise(program, goal, powers)
-    answer = program.solved()
+    _set_cost(program, goal, powers)
+    answer = program.solve()
     if "Solved" not in str(answer.status):
         raise InputError(f"no optimum is found ({answer.status}); widen the limits")
 
@@ -223,11 +223,11 @@ def _require_room(
     raise InfeasibleError(f"no powers of the lines keep {what} at once; widen one of them")
 
 
-def _minimise(program: _Program, goal: Goal, powers: IntArray) -> None:
+def _set_cost(program: _Program, goal: Goal, powers: IntArray) -> None:
     """Make a goal the cost of a program."""
     worst = program.variables(1) if goal.over == "worst" else None
     for criterion in goal.criteria:
-        constant, columns, row = _bounded(program, criterion, powers)
+        constant, columns, row = _bound(program, criterion, powers)
         if worst is None:
             program.offset += constant / len(goal.criteria)
             program.cost[columns] += row / len(goal.criteria)
@@ -239,7 +239,7 @@ def _minimise(program: _Program, goal: Goal, powers: IntArray) -> None:
         program.cost[worst] = 1.0
 
 
-def _bounded(
+def _bound(
     program: _Program, criterion: Criterion, powers: IntArray
 ) -> tuple[float, IntArray, FloatArray]:
     """What a criterion is not above: a constant, and a linear function of some variables."""
@@ -324,7 +324,7 @@ class _Program:
         pairs = [(columns, triangle(matrices).T) for columns, matrices in terms]
         self.require("PSDTriangleConeT", triangle(constant), *pairs)
 
-    def solved(self) -> Any:
+    def solve(self) -> Any:
         """Clarabel's answer."""
         import clarabel
         from scipy import sparse

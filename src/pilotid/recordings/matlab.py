@@ -57,12 +57,12 @@ class MatlabObject:
 Variables = Mapping[str, Any]
 
 
-def contents_of(path: Path, source: str, places: Mapping[str, Place], *, timed: bool) -> Contents:
+def read_contents(path: Path, source: str, places: Mapping[str, Place], *, timed: bool) -> Contents:
     """What a MATLAB file holds; a damaged one may end the process."""
     with path.open("rb") as stream:
         head = stream.read(520)
     try:
-        with _opened(path, is_hdf5=HDF5 in (head[:8], head[512:])) as variables:
+        with _open(path, is_hdf5=HDF5 in (head[:8], head[512:])) as variables:
             return _contents(variables, source, places, timed=timed)
     except InputError:
         raise
@@ -71,10 +71,10 @@ def contents_of(path: Path, source: str, places: Mapping[str, Place], *, timed: 
             f"{source}: takes too much memory; save t, e, u, x in a file of their own"
         ) from None
     except Exception as error:  # what is damaged fails in any way whatsoever
-        raise damaged(source, f"{type(error).__name__}: {error}") from None
+        raise damage_error(source, f"{type(error).__name__}: {error}") from None
 
 
-def damaged(source: str, what: str) -> InputError:
+def damage_error(source: str, what: str) -> InputError:
     """The refusal of a file that is not what its format wants."""
     return InputError(
         f"{source}: is no MATLAB file, damaged or cut short ({shown(what)[1:-1]}); save it again "
@@ -83,7 +83,7 @@ def damaged(source: str, what: str) -> InputError:
 
 
 @contextmanager
-def _opened(path: Path, *, is_hdf5: bool) -> Iterator[Variables]:
+def _open(path: Path, *, is_hdf5: bool) -> Iterator[Variables]:
     """The variables of a file."""
     if is_hdf5:
         import h5py

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from pilotid.disk import require_file
 from pilotid.recordings.contents import Contents
-from pilotid.recordings.matlab import contents_of, damaged
+from pilotid.recordings.matlab import damage_error, read_contents
 from pilotid.recordings.names import Place
 from pilotid.types import InputError
 
@@ -51,7 +51,10 @@ class _Reader:
 
     def _asked(self, request: bytes) -> object:
         if self.process is None:
-            same_path = {"PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"}
+            same_path = {
+                "PYTHONPATH": os.pathsep.join(map(str, sys.path)),
+                "OPENBLAS_NUM_THREADS": "1",
+            }
             self.process = subprocess.Popen(
                 [sys.executable, "-P", "-m", __name__],
                 stdin=subprocess.PIPE,
@@ -94,7 +97,7 @@ def read_mat(path: Path, source: str, places: Mapping[str, Place], *, timed: boo
     if isinstance(answer, Exception):
         raise answer
     if not isinstance(answer, Contents):
-        raise damaged(source, "reading it failed")
+        raise damage_error(source, "reading it failed")
     return answer
 
 
@@ -113,7 +116,7 @@ def _serve() -> None:
             path, source, places, timed = pickle.load(sys.stdin.buffer)
             _alarm(SECONDS)
             try:
-                answer: object = contents_of(path, source, places, timed=timed)
+                answer: object = read_contents(path, source, places, timed=timed)
             except (InputError, OSError) as error:
                 answer = error
             _alarm(0)
