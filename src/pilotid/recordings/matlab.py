@@ -411,7 +411,7 @@ def _as_runs(
                 f"{source}: variable {name} is {size} but the time has {samples} samples; store "
                 "one column a run, one row a sample"
             )
-    return np.concatenate(rows)
+    return np.concatenate(rows) if len(rows) > 1 else rows[0]
 
 
 def mat_bytes(recording: Recording, source: str) -> bytes:
