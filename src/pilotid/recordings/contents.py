@@ -314,10 +314,10 @@ def refuse_codes(values: FloatArray, name: str, source: str) -> None:
     InputError
         If its largest magnitude is such a code, far from all else in the signal.
     """
-    size = np.abs(values)
-    largest = float(size.max(initial=0.0))
+    largest = max(float(values.max(initial=0.0)), -float(values.min(initial=0.0)))
     if largest < HUGE and not np.isclose(CODES, largest, rtol=1e-6, atol=0.0).any():
         return
+    size = np.abs(values)
     there = size == largest
     if APART * float(size[~there].max(initial=0.0)) >= largest or there.all():
         return
