@@ -679,14 +679,14 @@ def test_notes_in_v73(tmp_path: Path) -> None:
 def test_one_process_reads_all_files_and_is_started_anew_when_it_dies(tmp_path: Path) -> None:
     path = saved(ONE)(tmp_path)
     good = load_recording(path)
-    process = matlab_process._READER.process
+    process = matlab_process._READERS[-1].process
     load_recording(path)
     assert process is not None
-    assert matlab_process._READER.process is process
+    assert matlab_process._READERS[-1].process is process
     process.kill()
     process.wait()
     assert_equal(load_recording(path), good)
-    assert matlab_process._READER.process is not process
+    assert matlab_process._READERS[-1].process is not process
 
 
 def test_changed_bytes_end_no_more_than_that_process(tmp_path: Path) -> None:
@@ -730,6 +730,22 @@ def test_a_script_needs_no_main_guard(tmp_path: Path) -> None:
     script.write_text(f"import pilotid\nprint(pilotid.load_recording({str(path)!r}).runs)\n")
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=60)
     assert (done.stdout, done.stderr) == ("1\n", "")
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
+def test_forks_have_a_process_of_their_own(tmp_path: Path) -> None:
+    path = saved(ONE)(tmp_path)
+    script = (
+        "import multiprocessing as mp, sys, pilotid\n"
+        "def read(path): return pilotid.load_recording(path).u.sum()\n"
+        "first = read(sys.argv[1])\n"
+        "with mp.get_context('fork').Pool(3) as pool:\n"
+        "    print(pool.map(read, sys.argv[1:] * 9) == [first] * 9)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script, path], capture_output=True, text=True, timeout=60
+    )
+    assert done.stdout == "True\n", done.stderr
 
 
 # ------------------------------------------------------------------ what is written comes back

@@ -76,10 +76,11 @@ class _Reader:
             self.process = None
 
 
-_READER = _Reader()
-atexit.register(_READER.stop)
-if hasattr(os, "register_at_fork"):  # a fork has a process of its own
-    os.register_at_fork(after_in_child=lambda: _READER.__dict__.update(vars(_Reader())))
+#: The last one is this process's own; those before it belong to processes it was forked from.
+_READERS = [_Reader()]
+atexit.register(lambda: _READERS[-1].stop())
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=lambda: _READERS.append(_Reader()))
 
 
 def read_mat(path: Path, source: str, places: Mapping[str, Place], *, timed: bool) -> Contents:
@@ -93,7 +94,7 @@ def read_mat(path: Path, source: str, places: Mapping[str, Place], *, timed: boo
         If the file cannot be read.
     """
     require_file(path, LARGEST_FILE)
-    answer = _READER.answer(pickle.dumps((path.absolute(), source, dict(places), timed)))
+    answer = _READERS[-1].answer(pickle.dumps((path.absolute(), source, dict(places), timed)))
     if isinstance(answer, Exception):
         raise answer
     if not isinstance(answer, Contents):
