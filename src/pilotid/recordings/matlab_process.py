@@ -25,7 +25,7 @@ from pilotid.types import InputError
 
 LARGEST_FILE = 2**32  # bytes
 MEMORY = 2**31  # bytes of address space, that of libraries included
-SECONDS = 60  # for one file
+SECONDS = 30  # for one file
 
 
 class _Reader:
