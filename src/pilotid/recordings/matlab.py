@@ -154,7 +154,11 @@ def _in_entry(entry: Any, name: str) -> Iterator[tuple[str, Any]]:
             own = f"{name}{{{number}}}" if kind else f"{struct}({number}).{field}"
             yield from _in_entry(entry.file[place], own)
     else:
-        yield name, partial(_value, entry, kind) if entry.dtype.kind in "fiub" else None
+        is_usual = h5py.h5t.py_create(entry.dtype).equal(entry.id.get_type())
+        yield (
+            name,
+            partial(_value, entry, kind) if entry.dtype.kind in "fiub" and is_usual else None,
+        )
 
 
 def _value(entry: Any, kind: str) -> Any:
