@@ -91,7 +91,7 @@ def check(session: nox.Session) -> None:
     names = [name for name in session.posargs[:1] if name in scripts]
     if not names:
         session.error(f"name one of {', '.join(scripts)}, then its options")
-    session.install("-e", ".[statistics]", "threadpoolctl>=3")
+    session.install("-e", ".", "threadpoolctl>=3")
     script = f"tests/checks/{scripts[names[0]]}"
     session.run("python", script, *session.posargs[1:], env={"OMP_NUM_THREADS": "1"})
 
@@ -131,7 +131,7 @@ def types(session: nox.Session) -> None:
 @nox.session
 def fuzz(session: nox.Session) -> None:
     """Read changed recordings, 100,000 of each kind; `-- --files N` for fewer (Linux)."""
-    session.install("-e", ".[matlab]")
+    session.install("-e", ".")
     session.run(
         "python", "tests/checks/fuzz_files.py", *session.posargs, env={"OMP_NUM_THREADS": "1"}
     )

@@ -9,12 +9,12 @@ from typing import Any
 from pilotid.datasets.forcing import Forcing, Multisine
 from pilotid.datasets.remnant import Remnant
 from pilotid.datasets.scenarios import Scenario
+from pilotid.disk import require_file
 from pilotid.naming.code import is_place, taken
 from pilotid.naming.settings import plain
 from pilotid.pilot.catalogue import MODELS, model_named
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.paths import file_size
 from pilotid.types import InputError
 
 LARGEST = 2**24  # bytes of a design
@@ -82,7 +82,7 @@ def designed_scenario(path: Path) -> Scenario:
     InputError
         If the file cannot be read or holds none.
     """
-    file_size(path, LARGEST)
+    require_file(path, LARGEST)
     try:
         held = dict(json.loads(path.read_text(encoding="utf-8"))["scenario"])
         model = _model(str(held.pop("model")))

@@ -66,7 +66,7 @@ class Bayes(LikelihoodSettings):
 
     Attributes
     ----------
-    search_band, candidates, refined, band, wide, rounds, noise
+    search_band, candidates, refined, band, wide, rounds, noise, loop, weighed
         See `pilotid.time_domain.settings.LikelihoodSettings`.
     likelihood
         ``remnant`` whitens by the remnant's spectrum, ``white`` takes the residual for white.

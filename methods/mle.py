@@ -55,7 +55,7 @@ class MLE(LikelihoodSettings):
 
     Attributes
     ----------
-    search_band, candidates, refined, band, wide, rounds, noise
+    search_band, candidates, refined, band, wide, rounds, noise, loop, weighed
         See `pilotid.time_domain.settings.LikelihoodSettings`.
     """
 

@@ -12,9 +12,8 @@ from helpers import Run, strict
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.methods import methods
 from pilotid.recordings.checks import remarks
-from pilotid.recordings.files import load_recording, save_recording
+from pilotid.recordings.files import detrended, load_recording, save_recording
 from pilotid.recordings.recording import Recording, joined
-from pilotid.recordings.treatment import detrended
 from pilotid.recordings.understood import understood
 from pilotid.types import InputError
 

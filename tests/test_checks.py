@@ -12,8 +12,7 @@ from checks.nonsense import LATE, PLANTED, SOUND, delayed, named, named_by_a_fit
 
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.recordings.checks import remarks
-from pilotid.recordings.recording import Recording
-from pilotid.recordings.remembered import remembered
+from pilotid.recordings.recording import Recording, remembered
 
 pytestmark = pytest.mark.numerical
 

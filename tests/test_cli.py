@@ -324,7 +324,7 @@ def test_bad_files(run: Run, tmp_path: Path) -> None:
     refused(run("fit", tmp_path), "must be a .csv or a .mat")
     text = tmp_path / "text.mat"
     text.write_text("not a MATLAB file")
-    refused(run("fit", text), "text.mat", "not a MATLAB v5 file")
+    refused(run("fit", text), "text.mat", "is no MATLAB file")
     good = tmp_path / "good.csv"
     good.write_text("\n".join(good_lines()) + "\n")
     good.with_suffix(".json").write_text('{"runs": 2}')

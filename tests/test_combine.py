@@ -96,14 +96,6 @@ def test_holm_by_hand() -> None:
     assert math.isnan(corrected[1])
 
 
-def test_holm_is_that_of_statsmodels() -> None:
-    from statsmodels.stats.multitest import multipletests
-
-    chances = np.random.default_rng(2).uniform(0.0, 0.2, 9)
-    known = multipletests(chances, method="holm")[1]
-    assert holm(chances.tolist()) == pytest.approx(known)
-
-
 def test_effect_size_by_hand() -> None:
     # Hedges' J(2) = gamma(1) / (1 * gamma(.5)); approximately 1 - 3/(4 m - 1) for larger m.
     assert effect_size(2.0, 4.0, 3) == pytest.approx(0.5 / math.sqrt(math.pi))

@@ -148,6 +148,31 @@ def test_sample_that_is_no_number_is_refused_with_its_place(name: str, value: fl
     refused(words, **{name: spoilt(name, (1, 11), value)})
 
 
+@pytest.mark.parametrize("value", [1e160, -1e308, 1.1e100])
+@pytest.mark.parametrize("name", SIGNALS)
+def test_absurdly_large_sample_is_refused_with_its_place(name: str, value: float) -> None:
+    refused(f"signal {name} is .* at sample 12 of run 2", **{name: spoilt(name, (1, 11), value)})
+
+
+@pytest.mark.parametrize("scale", [1e-310, 1e-150, 1e-102])
+def test_absurdly_small_signal_is_refused(scale: float) -> None:
+    refused("signal u is never larger than .* of run 1", u=signals()["u"] * scale)
+
+
+@pytest.mark.parametrize("scale", [1e-99, 1e-9, 1e9, 1e99])
+def test_other_scales_are_taken(scale: float) -> None:
+    content = {name: scale * value for name, value in signals().items()}
+    assert make(content).u.tobytes() == content["u"].tobytes()
+    assert make(u=spoilt("u", (0, 5), 1e-310)).u[0, 5] == 1e-310  # a decaying signal passes there
+
+
+@pytest.mark.parametrize("unit", ["$$", "\x1b[31m", "m" * 41, 3])
+def test_units_that_no_axis_can_bear(unit: object) -> None:
+    refused("the unit of u must be", units={"u": unit})
+    refused("the controlled element must be", controlled_element="\x1b[2J")
+    assert make(source="a\x1b[2Jb").source == r"a\x1b[2Jb"
+
+
 def test_constant_control_is_refused_with_its_run() -> None:
     u = signals()["u"]
     u[1] = 0.3

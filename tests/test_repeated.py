@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 import warnings
 from typing import Any
 
@@ -15,7 +14,7 @@ from tidy_rows import row, table
 from pilotid.analysis.columns import REPEATED_COLUMNS, repeated_table
 from pilotid.analysis.mixed import random_intercept
 from pilotid.analysis.repeated import Repeated, repeated, sphericity
-from pilotid.types import FloatArray, InputError
+from pilotid.types import FloatArray
 
 #: Six subjects under three conditions, with sums of squares worked out below.
 SCORES = {
@@ -158,14 +157,6 @@ def test_what_statsmodels_warns_of_becomes_a_note(monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(AnovaRM, "fit", fit)
     assert only(repeated(table(SCORES))).notes == ("statsmodels: something is odd",)
-
-
-def test_without_statsmodels_one_sentence_says_what_to_install(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setitem(sys.modules, "statsmodels.stats.anova", None)
-    with pytest.raises(InputError, match=r"pip install 'pilotid\[statistics\]'"):
-        repeated(table(SCORES))
 
 
 def test_its_table() -> None:

@@ -1,4 +1,4 @@
-"""Files and folders that are written: complete or not there; JSON and tables."""
+"""Files and folders: what can be read, what is written complete or not at all; JSON, tables."""
 
 from __future__ import annotations
 
@@ -7,10 +7,50 @@ import io
 import json
 import math
 import os
+import stat
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from pilotid.types import InputError
+from pilotid.types import InputError, printable
+
+LONGEST_PATH = 300  # characters in messages
+
+
+def path_shown(path: str | os.PathLike[str]) -> str:
+    """A path for messages and reports: printable, and cut in the middle where it is very long."""
+    text = printable(str(path))
+    return text if len(text) <= LONGEST_PATH else f"{text[:100]}...{text[-100:]}"
+
+
+def require_file(path: Path, most: int) -> None:
+    """Refuse what cannot be read before it is opened: pipes and devices may wait for ever.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, it is none, or it has more than `most` bytes.
+    """
+    source = path_shown(path)
+    try:
+        info = path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError(
+            f"{source}: there is no such file; check the name and the folder"
+        ) from None
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"{source}: cannot be read ({getattr(error, 'strerror', None) or error}); check the "
+            "name and the rights"
+        ) from None
+    if not stat.S_ISREG(info.st_mode):
+        raise InputError(
+            f"{source}: cannot be read (it is a folder, a pipe or a device); name a file"
+        )
+    if info.st_size > most:
+        raise InputError(
+            f"{source}: is {info.st_size / 1e6:.4g} MB large but at most {most / 1e6:.4g} MB are "
+            "read; leave out what is no recording, or thin it out in time"
+        )
 
 
 def write_file(path: Path, content: bytes) -> None:

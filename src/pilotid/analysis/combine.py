@@ -145,12 +145,13 @@ def _falls_to(scatter: Callable[[float], float], level: float, values: FloatArra
 
 def holm(chances: Sequence[float]) -> list[float]:
     """Holm's (1979) correction of p-values for their number; NaN are no tests and do not count."""
-    tested = sorted((p, i) for i, p in enumerate(chances) if not math.isnan(p))
-    result, largest = [NAN] * len(chances), 0.0
-    for rank, (p, i) in enumerate(tested):
-        largest = max(largest, min(1.0, p * (len(tested) - rank)))
-        result[i] = largest
-    return result
+    from statsmodels.stats.multitest import multipletests
+
+    corrected = np.array(chances, dtype=float)
+    is_tested = np.isfinite(corrected)
+    if is_tested.any():
+        corrected[is_tested] = multipletests(corrected[is_tested], method="holm")[1]
+    return [float(p) for p in corrected]
 
 
 def effect_size(mean: float, deviation: float, count: int) -> float:

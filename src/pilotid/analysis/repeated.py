@@ -1,6 +1,6 @@
 """All conditions at once: repeated-measures analysis of variance, and a linear mixed model.
 
-The analysis of variance, by statsmodels (the extra `statistics`), takes the subjects with a usable
+The analysis of variance, by statsmodels, takes the subjects with a usable
 estimate in every condition; p is corrected for unequal variances of the differences by Greenhouse
 and Geisser (1959).  The mixed model takes all usable estimates.  Its likelihood-ratio test trusts
 large numbers: with few subjects its p is too small, and the corrected p is the one to report.
@@ -18,7 +18,7 @@ from pilotid.analysis.cells import Chosen, Layout, Stratum, layouts
 from pilotid.analysis.combine import NAN, ROUNDING
 from pilotid.analysis.mixed import random_intercept
 from pilotid.analysis.rows import Row
-from pilotid.types import FloatArray, InputError
+from pilotid.types import FloatArray
 
 
 @dataclass(frozen=True)
@@ -81,19 +81,7 @@ def repeated(rows: Sequence[Row], chosen: Chosen | None = None) -> list[Repeated
     Returns
     -------
     One for each quantity with two conditions or more.
-
-    Raises
-    ------
-    InputError
-        Without statsmodels.
     """
-    try:
-        import statsmodels.stats.anova  # noqa: F401 - whether it is there
-    except ImportError:
-        raise InputError(
-            "repeated-measures analysis and mixed models need statsmodels: "
-            "pip install 'pilotid[statistics]'"
-        ) from None
     return [_repeated(layout) for layout in layouts(rows, chosen) if len(layout.conditions) > 1]
 
 

@@ -108,10 +108,7 @@ def results_of(analysis: Analysis, pairs: Sequence[tuple[str, str]] = ()) -> Res
         if between or not within:
             differences = contrasts(both, between, chosen)
         differences += within_fits(both, within, chosen)
-        try:
-            together = repeated(both, chosen)
-        except InputError as error:
-            notes.append(f"{error}.")
+        together = repeated(both, chosen)
     return Results(
         analysis=analysis,
         chosen=chosen,

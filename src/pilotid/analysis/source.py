@@ -6,9 +6,9 @@ import hashlib
 from dataclasses import dataclass, replace
 
 from pilotid.analysis.pattern import Part
-from pilotid.recordings.csv import sidecar_path
-from pilotid.recordings.reading import Reading
+from pilotid.recordings.files import Reading
 from pilotid.recordings.recording import Recording
+from pilotid.recordings.text import sidecar_path
 from pilotid.types import InputError
 
 

@@ -19,7 +19,7 @@ from pilotid.cli.arguments import (
 )
 from pilotid.cli.reading import DetrendOption, IntervalOption, LeadInOption, MapOption
 from pilotid.cli.stopping import StoppedError
-from pilotid.recordings.reading import Reading
+from pilotid.recordings.files import Reading
 from pilotid.recordings.recording import LEAD_IN
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.terminal import make_console, make_table, print_table, with_bar

@@ -9,12 +9,12 @@ from typing import Annotated
 
 import typer
 
+from pilotid.disk import require_file
 from pilotid.estimates.method import Method
 from pilotid.methods import label_of, method_named, methods
 from pilotid.naming.text import split_list
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.csv import sidecar_path
-from pilotid.recordings.paths import file_size
+from pilotid.recordings.text import sidecar_path
 from pilotid.types import FloatArray, InputError
 
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of all random numbers.")]
@@ -96,7 +96,7 @@ def read_truth(path: Path, model: PilotModel) -> FloatArray:
     InputError
         If the file cannot be read or lacks a parameter of the model.
     """
-    file_size(path, LARGEST_TRUTH)
+    require_file(path, LARGEST_TRUTH)
     try:
         held = json.loads(path.read_text(encoding="utf-8"))["parameters"]
         return model.vector({key: float(entry["value"]) for key, entry in held.items()})

@@ -30,7 +30,7 @@ from pilotid.pilot.catalogue import model_named
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
-from pilotid.recordings.reading import Reading
+from pilotid.recordings.files import Reading
 from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.recordings.understood import Forcing, Understood, understood
 from pilotid.seeds import DEFAULT_SEED, fit_rng

@@ -114,7 +114,7 @@ def design(
     from pilotid.designing.output import write_files
     from pilotid.designing.planning import plan, read_effect
     from pilotid.designing.report import write_report
-    from pilotid.designing.terminal import show
+    from pilotid.designing.summary import print_design
     from pilotid.disk import make_folder
     from pilotid.naming.settings import made as configured
     from pilotid.pilot.catalogue import model_named
@@ -175,7 +175,7 @@ def design(
     }
     write_files(out, made, about, rate, fade, model or model_place(scenario))
     page = write_report(out, made, command, version("pilotid"), plans, subjects)
-    show(made, plans, subjects)
+    print_design(made, plans, subjects)
     console = make_console()
     console.print(f"design: {out / 'design.json'}, signals: {out / 'forcing.csv'}", soft_wrap=True)
     console.print(f"report: {page}", soft_wrap=True)

@@ -48,8 +48,7 @@ from pilotid.naming.settings import labelled
 from pilotid.pilot.catalogue import AUTO, MODELS, model_named
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.files import save_recording
-from pilotid.recordings.reading import Reading
+from pilotid.recordings.files import Reading, save_recording
 from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.seeds import DEFAULT_SEED, draw_rng, recording_rng
 from pilotid.terminal import make_console, with_bar

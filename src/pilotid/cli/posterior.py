@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from pilotid.disk import path_shown
 from pilotid.element.choice import chosen_element
 from pilotid.estimates.estimate import Outcome, failed
 from pilotid.estimates.fitted import Fitted
@@ -17,7 +18,6 @@ from pilotid.pilot.model import PilotModel
 from pilotid.posterior.derived import derived_spreads, loop_notes, parameter_spreads
 from pilotid.posterior.predictive import predictive_band
 from pilotid.recordings.checks import remarks
-from pilotid.recordings.paths import path_shown
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import fit_rng
 from pilotid.show.posterior import print_posterior, sampling_bar, write_posterior

@@ -1,15 +1,15 @@
 """Forcing functions and recording time that give the precision wanted.
 
-The powers of the lines are the optimum of a convex problem, see `pilotid.designing.solver`;
+The powers of the lines are the optimum of a convex problem, see `pilotid.designing.optimum`;
 phases are chosen after them, for bounds on errors do not depend on phases, and peaks do.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -25,15 +25,15 @@ from pilotid.designing.loop import (
     with_held_remnant,
     with_shared_remnant,
 )
-from pilotid.designing.objectives import Over, gains_of, goal_of
-from pilotid.designing.sharing import minimised_sharing
+from pilotid.designing.objectives import gains_of, goal_of
+from pilotid.designing.optimum import Optimum, Over, minimise_within
 from pilotid.designing.signals import with_signals
-from pilotid.designing.solver import Optimum, minimised
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.types import FloatArray, InputError
 
 #: Line of a table: relative standard errors by parameter.
 Errors = dict[str, float]
+OFF = 0.25  # share by which one parameter of `wrong_pilots` is another
 #: What the remnant's power does when forcing functions change: nothing, or it keeps its share of
 #: the control's.
 RemnantPower = Literal["held", "share"]
@@ -196,10 +196,8 @@ def design(
     goal = goal_of(minimise, wanted or {}, loops, references, usual, unit, over)
     rows = linear(limits, loops, references, usual, over=over)
     rows = [replace(row, gradient=row.gradient * unit) for row in rows]
-    if remnant == "share":
-        optimum = minimised_sharing(goal, rows, loops[0].gains["u"] * unit, control)
-    else:
-        optimum = minimised(goal, rows)
+    forced = loops[0].gains["u"] * unit if remnant == "share" else None
+    optimum = minimise_within(goal, rows, forced, control)
     powers = np.asarray(optimum.powers * unit)
 
     unrounded = _window(scenario, optimum.value) if wanted else scenario.duration
@@ -285,3 +283,48 @@ def _require_time(
     what = f"the limit that binds most is {binding[0]}" if binding else "no limit binds"
     runs = f" in each of {scenario.runs} runs" if scenario.runs > 1 else ""
     raise InputError(f"{wish} takes {needed:.0f} s{runs}, more than {at_most:g} s; {what}")
+
+
+class Wrong(NamedTuple):
+    """A pilot with one other parameter.
+
+    Attributes
+    ----------
+    key, share
+        The parameter, and by what share it differs.
+    errors
+        Standard errors over those with the reference's forcing functions, (parameters,);
+        None where the loop is unstable.
+    error_cost, control_cost
+        Variances of e and u over those with the reference's forcing functions.
+    """
+
+    key: str
+    share: float
+    errors: FloatArray | None
+    error_cost: float
+    control_cost: float
+
+
+def wrong_pilots(made: Design) -> Iterator[Wrong]:
+    """Each parameter lower and higher, the remnant as the design takes it."""
+    reference = with_held_remnant(made.reference)
+    keys = reference.model.keys
+    usual = powers_of(reference)
+    known = made.references[0].lines
+    for i, key in enumerate(keys):
+        for share in (-OFF, OFF):
+            truth = np.array(reference.truth)
+            truth[i] *= 1.0 + share
+            pilot = replace(reference, truth=tuple(truth.tolist()))
+            try:
+                before, after = loop_of(pilot, known), loop_of(pilot, made.lines)
+            except InputError:
+                yield Wrong(key, share, None, np.nan, np.nan)
+                continue
+            if made.remnant == "share":
+                control = before.variance("u", usual)
+                before, after = before.sharing(control), after.sharing(control)
+            costs = (after.variance(s, made.powers) / before.variance(s, usual) for s in "eu")
+            ratio = after.errors(made.powers) / before.errors(usual)
+            yield Wrong(key, share, ratio, *costs)

@@ -15,7 +15,7 @@ import numpy as np
 
 from pilotid.designing.lines import Lines, shares_like
 from pilotid.designing.loop import SIGNALS, Loop
-from pilotid.designing.solver import Limit
+from pilotid.designing.optimum import Limit
 from pilotid.types import FloatArray, InputError
 
 #: Crest factor that a limit on the peak of ft and fd allows for, and standard deviations that

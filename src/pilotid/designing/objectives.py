@@ -4,23 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
-from pilotid.designing.goals import AnyGoal, Criterion, LongestAxis, Mean, Worst
 from pilotid.designing.loop import Loop
+from pilotid.designing.optimum import Criterion, Goal, Kind, Over
 from pilotid.types import FloatArray, InputError
 
-Over = Literal["mean", "worst"]
 
-
-def _weights(minimise: str, keys: Sequence[str]) -> FloatArray | None:
-    """Weights of the variances, None for criterion D."""
-    if minimise == "D":
-        return None
-    if minimise in ("A", "E"):
+def _weights(minimise: str, keys: Sequence[str]) -> FloatArray:
+    """Weights of the variances."""
+    if minimise in ("A", "D", "E"):
         return np.full(len(keys), 1.0 / len(keys))
     named = [key.strip() for key in minimise.split(",")]
     _require_keys(named, keys)
@@ -36,13 +30,16 @@ def _require_keys(named: Sequence[str], keys: Sequence[str]) -> None:
         )
 
 
-def _criterion(loop: Loop, unit: FloatArray, weights: FloatArray | None) -> Criterion:
+def _criterion(
+    loop: Loop, unit: FloatArray, weights: FloatArray, kind: Kind = "A", scale: float = 1.0
+) -> Criterion:
     information = loop.information
     return Criterion(
+        kind,
         information.runs * information.base,
         math.sqrt(information.runs) * information.factors * np.sqrt(unit)[:, None, None],
         weights,
-        1.0 if weights is not None else 0.0,
+        scale,
     )
 
 
@@ -55,14 +52,11 @@ def _criteria(
 ) -> list[Criterion]:
     """The criterion of each pilot, in units of its value with the reference."""
     weights = _weights(minimise, loops[0].scenario.model.keys)
+    kind: Kind = "D" if minimise == "D" else "E" if minimise == "E" else "A"
     found = []
     for loop, reference in zip(loops, references, strict=True):
-        before = _criterion(reference, np.ones(usual.size), weights)
-        if minimise == "E":
-            scale = 1.0 / float(np.linalg.eigvalsh(before.information(usual))[0])  # a variance
-        else:
-            scale = before.value(usual)
-        found.append(replace(_criterion(loop, unit, weights), scale=scale))
+        before = _criterion(reference, np.ones(usual.size), weights, kind, float(kind != "D"))
+        found.append(_criterion(loop, unit, weights, kind, before.value(usual)))
     return found
 
 
@@ -74,7 +68,7 @@ def goal_of(
     usual: FloatArray,
     unit: FloatArray,
     over: Over,
-) -> AnyGoal:
+) -> Goal:
     """The goal of a design.
 
     Parameters
@@ -89,11 +83,8 @@ def goal_of(
         Power of each line that counts as 1, shape (lines,).
     """
     if wanted:
-        return Worst(_wishes(wanted, loops, unit))
-    criteria = _criteria(minimise, loops, references, usual, unit)
-    if minimise == "E":
-        return LongestAxis(criteria, over if len(loops) > 1 else "worst")
-    return Worst(criteria) if over == "worst" and len(loops) > 1 else Mean(criteria)
+        return Goal(_wishes(wanted, loops, unit), "worst")
+    return Goal(_criteria(minimise, loops, references, usual, unit), over)
 
 
 def _wishes(
@@ -103,7 +94,7 @@ def _wishes(
     keys = loops[0].scenario.model.keys
     _require_keys(list(wanted), keys)
     return [
-        replace(_criterion(loop, unit, np.eye(len(keys))[keys.index(key)]), scale=share**2)
+        _criterion(loop, unit, np.eye(len(keys))[keys.index(key)], scale=share**2)
         for loop in loops
         for key, share in wanted.items()
     ]
@@ -130,6 +121,5 @@ def gains_of(
         ]
         return tuple(math.sqrt(a / b) for a, b in pairs)
     criteria = _criteria(minimise, loops, references, usual, np.ones(powers.size))
-    each = [LongestAxis([c]) if minimise == "E" else c for c in criteria]
-    values = [c.value(loop.told(powers)) for c, loop in zip(each, loops, strict=True)]
+    values = [c.value(loop.told(powers)) for c, loop in zip(criteria, loops, strict=True)]
     return tuple(math.exp(0.5 * v) if minimise == "D" else math.sqrt(v) for v in values)

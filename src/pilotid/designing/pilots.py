@@ -19,10 +19,10 @@ from pilotid.datasets.population import (
 from pilotid.datasets.remnant import Remnant
 from pilotid.datasets.scenarios import Scenario
 from pilotid.designing.loop import with_held_remnant
+from pilotid.disk import require_file
 from pilotid.pilot.catalogue import model_named
 from pilotid.pilot.element import element_named
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.paths import file_size
 from pilotid.seeds import draw_rng
 from pilotid.types import InputError
 
@@ -77,7 +77,7 @@ def studied(scenario: Scenario, path: Path, model: PilotModel | None = None) -> 
     InputError
         If the file holds no usable estimate, or they are of several models.
     """
-    file_size(path, LARGEST)
+    require_file(path, LARGEST)
     try:
         held = json.loads(path.read_text(encoding="utf-8"))
         entries = held if isinstance(held, list) else [held]

@@ -83,17 +83,12 @@ class Plan:
         times
             Length of a run in multiples of `window`.
         """
-        from scipy.stats import nct
-        from scipy.stats import t as student
+        from statsmodels.stats.power import TTestPower
 
         if subjects < 2:
             return 0.0
-        freedom = subjects - 1
-        critical = float(student.ppf(1.0 - 0.5 * LEVEL, freedom))
-        shift = abs(self.effect) / self.deviation(runs, times) * math.sqrt(subjects)
-        if shift > 30.0:  # certain, and beyond what the distribution's series takes
-            return 1.0
-        return float(nct.sf(critical, freedom, shift) + nct.cdf(-critical, freedom, shift))
+        effect = abs(self.effect) / self.deviation(runs, times)
+        return float(TTestPower().power(effect, subjects, LEVEL))
 
     def subjects(self, runs: int, times: float = 1.0, wanted: float = WANTED) -> int | None:
         """Fewest subjects with whom the chance is as wanted; None for more than `MOST`.

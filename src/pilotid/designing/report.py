@@ -8,11 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from pilotid.designing.design import Design
+from pilotid.designing.design import OFF, Design, wrong_pilots
 from pilotid.designing.figures import signals_figure, spectra_figure
 from pilotid.designing.planning import Plan
-from pilotid.designing.sensitivity import OFF, wrong_pilots
-from pilotid.designing.words import chance_sentence, limits_kept, pilots_sentence, sentences
+from pilotid.designing.summary import chance_sentence, limits_kept, pilots_sentence, sentences
 from pilotid.disk import write_file
 from pilotid.numbers import MINUS, NONE, number
 from pilotid.report.content import (

@@ -14,14 +14,15 @@ import numpy as np
 
 from pilotid.estimates.band import AnalysedBand
 from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.estimates.remarks import remarks_on, vague
+from pilotid.estimates.remarks import NOTHING, remarks_on, vague
 from pilotid.estimates.sound import fault_of, one_line
 from pilotid.estimates.trajectory import DRAWS, times_of, trajectory_of
 from pilotid.naming.code import reason
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
+from pilotid.recordings.lines import NotMultisineError, forcing_lines
 from pilotid.recordings.recording import INPUTS, Recording
-from pilotid.types import FloatArray, InputError
+from pilotid.types import ComplexArray, FloatArray, InputError
 
 #: Standard deviation of a forcing function over that of another signal below which there is none.
 SAME = 0.01
@@ -188,13 +189,40 @@ def motionless_input(recording: Recording, model: PilotModel) -> str | None:
 
 def all_remarks(estimate: Estimate, recording: Recording) -> tuple[str, ...]:
     """What a user must know of an estimate, also for what the recording lacks."""
-    found = remarks_on(estimate)
+    low = estimate.outcome.usable and estimate.vaf < NOTHING
+    found = remarks_on(estimate, explained_at_lines(recording, estimate) if low else None)
     if estimate.outcome is Outcome.NOT_APPLICABLE:
         return found
     # Without a target the likelihood can have two summits, which no claimed error shows.
     why = shared_signals if vague(estimate) else one_signal
     shared = why(recording, estimate.model)
     return (*found, shared) if shared else found
+
+
+def explained_at_lines(recording: Recording, estimate: Estimate) -> float | None:
+    """Share of the control at the lines of the forcing functions that a model explains [%].
+
+    None without lines, and for pilots who vary in time.
+    """
+    try:
+        every = forcing_lines(recording)
+    except NotMultisineError:
+        return None
+    if not every or estimate.model.changes:
+        return None
+    lines = np.unique(np.concatenate(list(every.values())))
+    omega = 2.0 * np.pi / recording.duration * lines
+
+    def at_lines(signal: FloatArray) -> ComplexArray:
+        return np.asarray(np.fft.rfft(recording.window(signal))[:, lines])
+
+    control = at_lines(recording.u)
+    responses = estimate.model.response(omega, estimate.values)
+    left = control.copy()
+    for channel, response in zip(estimate.model.channels, responses, strict=True):
+        left -= channel.sign * response * at_lines(recording.input(channel.input))
+    power = float(np.sum(np.abs(control) ** 2))
+    return 100.0 * max(0.0, 1.0 - float(np.sum(np.abs(left) ** 2)) / power)
 
 
 def shared_signals(recording: Recording, model: PilotModel) -> str | None:

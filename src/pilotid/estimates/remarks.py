@@ -26,16 +26,24 @@ def vague(estimate: Estimate) -> bool:
     return bool(np.any(estimate.std_error > UNKNOWN * np.abs(estimate.values)))
 
 
-def remarks_on(estimate: Estimate) -> tuple[str, ...]:
-    """The method's own remarks, and those that its numbers call for."""
+def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[str, ...]:
+    """The method's own remarks, and those that its numbers call for.
+
+    Parameters
+    ----------
+    estimate
+        The estimate.
+    explained
+        Share of the control that the model explains [%] where that is known better than by the
+        VAF: a slow remnant that the loop suppresses is larger than the control that it is in.
+    """
     found = list(estimate.remarks)
     if not estimate.outcome.usable:
         return tuple(found)
-    # A slow remnant that the loop suppresses is larger than the control that it is a part of.
-    suppressed = estimate.remnant is not None and estimate.remnant.power_ratio > 1.0
-    if estimate.vaf < NOTHING and not suppressed:
+    explained = estimate.vaf if explained is None else explained
+    if explained < NOTHING:
         found.append(
-            f"the model explains {estimate.vaf:.1f} % of the control, so the values mean nothing: "
+            f"the model explains {explained:.1f} % of the control, so the values mean nothing: "
             "see whether u, e and x belong together (one shifted in time, a wrong name, a wrong "
             "sign), or choose another model"
         )

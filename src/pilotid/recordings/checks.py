@@ -12,13 +12,11 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from pilotid.recordings.alike import unlike
-from pilotid.recordings.at_lines import unanswered
 from pilotid.recordings.identity import exchanged, not_the_error, units_differ
+from pilotid.recordings.lines import remembered, unanswered
 from pilotid.recordings.plant import element_changes, late, opposed, unrelated
 from pilotid.recordings.recording import ABSENT, Recording
-from pilotid.recordings.remembered import remembered
-from pilotid.recordings.repetition import repeated
+from pilotid.recordings.runs import repeated, unlike
 from pilotid.types import BoolArray, FloatArray
 
 STILL = 1e-9  # standard deviation over the size of the signal: it does not move

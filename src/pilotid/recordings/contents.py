@@ -12,7 +12,6 @@ from typing import TypeVar
 
 import numpy as np
 
-from pilotid.recordings.codes import refuse_codes
 from pilotid.recordings.names import SNAP, UNEVENNESS, TimeBase, shown, time_base
 from pilotid.recordings.recording import (
     ABSENT,
@@ -28,6 +27,13 @@ from pilotid.types import FloatArray, InputError
 T = TypeVar("T")
 
 LARGEST = 1e15  # up to which a float holds every whole number
+#: Magnitudes that instruments and programs write where they have no value; in single precision
+#: they are a little off.
+CODES = np.array(
+    [999.0, 9999.0, 99999.0, 999999.0, 9999999.0, 32768.0, *(10.0**n for n in range(20, 38))]
+)
+HUGE = 1e38  # nothing that is measured is so large, but the largest numbers are so: 1e308
+APART = 5.0  # times as large as anything else in the signal
 
 
 @dataclass(frozen=True)
@@ -169,7 +175,8 @@ class Contents:
     t
         Time [s], shape (samples,); None if the file has none.
     signals
-        By our names, each of shape (runs, samples), or (1, samples) for one that all runs share.
+        By our names, each of shape (runs, samples), or (1, samples) for one that all runs share;
+        in the precision of the file.
     where
         Puts the place of a sample of the time, by its index, into words.
     notes
@@ -213,7 +220,7 @@ def assembled(contents: Contents, source: str, dt: float | None = None) -> Recor
     for name, other in (("x", "e"), ("e", "x")):
         if name not in signals and {"ft", other} <= signals.keys():
             _require_shape(signals["ft"], signals[other], other, source)
-            signals[name] = signals["ft"] - signals[other]
+            signals[name] = np.subtract(signals["ft"], signals[other], dtype=float)
             origin[name] = f"ft - {other}"
     if "x" not in signals:
         signals["x"] = np.zeros_like(signals["u"])
@@ -290,3 +297,34 @@ def common_run(signal: FloatArray) -> FloatArray:
     """A forcing function to write: its first run alone if all runs are equal to the bit."""
     first = signal[:1]
     return first if all(run.tobytes() == first.tobytes() for run in signal) else signal
+
+
+def refuse_codes(values: FloatArray, name: str, source: str) -> None:
+    """Refuse a signal in which a number stands for missing values.
+
+    Parameters
+    ----------
+    values
+        A signal, shape (runs, samples).
+    name, source
+        What it is, for messages.
+
+    Raises
+    ------
+    InputError
+        If its largest magnitude is such a code, far from all else in the signal.
+    """
+    largest = max(float(values.max(initial=0.0)), -float(values.min(initial=0.0)))
+    if largest < HUGE and not np.isclose(CODES, largest, rtol=1e-6, atol=0.0).any():
+        return
+    size = np.abs(values)
+    there = size == largest
+    if APART * float(size[~there].max(initial=0.0)) >= largest or there.all():
+        return
+    run, sample = (int(i) for i in np.argwhere(there)[0])
+    count = int(np.count_nonzero(there))
+    raise InputError(
+        f"{source}: signal {name} is {values[run, sample]:g} at {count} "
+        f"sample{'s' if count > 1 else ''}, the first of them sample {sample + 1} of run "
+        f"{run + 1}: a code for missing values; repair or cut the recording there"
+    )

@@ -1,24 +1,20 @@
-"""Recordings on disk: CSV with an optional sidecar, and MATLAB files."""
+"""Recordings on disk: how files are read, whatever their format, and written."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pilotid.disk import write_file
+from pilotid.disk import path_shown, write_file
 from pilotid.recordings.contents import assembled
-from pilotid.recordings.csv import csv_bytes, read_csv, sidecar_path
-from pilotid.recordings.mat import mat_bytes, read_mat
 from pilotid.recordings.names import shown, signal_places
-from pilotid.recordings.paths import path_shown
-from pilotid.recordings.recording import Recording
+from pilotid.recordings.recording import LEAD_IN, Recording, joined
+from pilotid.recordings.text import csv_bytes, read_text, sidecar_path
 from pilotid.types import InputError
 
-READERS = {
-    **dict.fromkeys((".csv", ".txt", ".tsv", ".dat"), read_csv),
-    ".mat": read_mat,
-}
+READ = (".csv", ".txt", ".tsv", ".dat", ".mat")
 WRITTEN = (".csv", ".mat")
 
 
@@ -75,10 +71,14 @@ def load_recording(
     """
     source = path_shown(path)
     file = Path(path)
-    reader = READERS[_suffix(file, source, READERS)]
-    places = signal_places(mapping)
+    suffix, places = _suffix(file, source, READ), signal_places(mapping)
     try:
-        contents = reader(file, source, places, timed=dt is not None)
+        if suffix == ".mat":
+            from pilotid.recordings.matlab_process import read_mat
+
+            contents = read_mat(file, source, places, timed=dt is not None)
+        else:
+            contents = read_text(file, source, places, timed=dt is not None)
     except OSError as error:
         raise InputError(
             f"{path_shown(error.filename or source)}: cannot be read ({error.strerror or error}); "
@@ -109,6 +109,8 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     if _suffix(file, source, WRITTEN) == ".csv":
         files[file], files[sidecar_path(file)] = csv_bytes(recording, source)
     else:
+        from pilotid.recordings.matlab import mat_bytes
+
         files[file] = mat_bytes(recording, source)
     for target, content in files.items():
         write_file(target, content)
@@ -119,3 +121,73 @@ def _suffix(file: Path, source: str, known: Collection[str]) -> str:
     if suffix not in known:
         raise InputError(f"{source}: a recording must be a .csv or a .mat file; convert it to one")
     return suffix
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How files are read.
+
+    Attributes
+    ----------
+    mapping
+        Texts such as ``u=stick,e=err``.
+    dt
+        Sampling interval of files without times [s].
+    detrend
+        Whether a straight line is taken out of the control.
+    lead_in
+        See `Recording.lead_in`.
+    """
+
+    mapping: tuple[str, ...] = ()
+    dt: float | None = None
+    detrend: bool = False
+    lead_in: float = LEAD_IN
+
+    def one(self, file: Path) -> Recording:
+        """The recording in a file."""
+        names = parse_mapping(",".join(self.mapping)) if self.mapping else None
+        if self.dt is not None and not 0.0 < self.dt < 1.0:
+            raise InputError(f"--dt {self.dt:g}: give seconds between samples, as in --dt 0.01")
+        recording = replace(load_recording(file, names, self.dt), lead_in=self.lead_in)
+        return detrended(recording) if self.detrend else recording
+
+    def all(self, files: Sequence[Path], *, joint: bool) -> tuple[list[Recording], list[str]]:
+        """The recordings in files, as one if they are runs of one, and why others are refused.
+
+        One bad file of several does not cost the others; where none is good, or all are runs of
+        one recording, there is nothing to go on with.
+        """
+        recordings, refused = [], []
+        for file in files:
+            try:
+                recordings.append(self.one(file))
+            except InputError as error:
+                if joint or len(files) == 1:
+                    raise
+                refused.append(str(error))
+        if not recordings:
+            raise InputError("; ".join(refused))
+        return ([joined(recordings)] if joint and len(files) > 1 else recordings), refused
+
+
+def detrended(recording: Recording) -> Recording:
+    """The recording with a straight line taken out of the control of each run.
+
+    The line is that of least squares over the measurement window.  It takes with it what the
+    pilot himself did so slowly; `Recording.treatment` tells what was taken.
+    """
+    time = recording.time
+    inside = time[recording.run_in :]
+    window = recording.window(recording.u)
+    centred = inside - inside.mean()
+    slope = (window @ centred) / float(centred @ centred)
+    mean = window.mean(axis=1)
+    line = mean[:, None] + slope[:, None] * (time - inside.mean())
+    gained = ", ".join(f"{s * recording.duration:.3g}" for s in slope)
+    where = "run" if recording.runs == 1 else "runs"
+    words = (
+        f"a straight line was taken out of u, which gained {gained} over the {where} and was "
+        f"{', '.join(f'{m:.3g}' for m in mean)} in the mean"
+    )
+    return replace(recording, u=recording.u - line, treatment=(*recording.treatment, words))

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pilotid.recordings.recording import INPUTS, Recording
-from pilotid.recordings.remembered import remembered
+from pilotid.recordings.recording import INPUTS, Recording, remembered
 from pilotid.types import ComplexArray, FloatArray
 
 #: Shares of half the sampling rate between which the floor is measured.

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pilotid.recordings.at_lines import at_lines, target_lines
-from pilotid.recordings.lines import NotMultisineError, forcing_lines
+from pilotid.recordings.lines import NotMultisineError, at_lines, forcing_lines, target_lines
 from pilotid.recordings.recording import Recording
 from pilotid.types import FloatArray
 

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import wraps
 from types import MappingProxyType
+from typing import Any, Concatenate, ParamSpec, TypeVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pilotid.types import FloatArray, InputError, printable
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 #: Signals of a recording: name, and what it is.
 SIGNALS = {
@@ -335,3 +341,27 @@ def _require_different_runs(recordings: Sequence[Recording]) -> None:
                     "a copy would count as new information"
                 )
             seen[content] = place
+
+
+def remembered(
+    function: Callable[Concatenate[Recording, P], T],
+) -> Callable[Concatenate[Recording, P], T]:
+    """Work a function of a recording out once for each recording, which never changes.
+
+    Parameters
+    ----------
+    function
+        Its further arguments must be hashable; what it returns must be small, and nobody may
+        change it.
+    """
+    known: WeakKeyDictionary[Recording, dict[tuple[Any, ...], T]] = WeakKeyDictionary()
+
+    @wraps(function)
+    def recalled(recording: Recording, /, *arguments: P.args, **named: P.kwargs) -> T:
+        own = known.setdefault(recording, {})
+        key = (arguments, tuple(named.items()))
+        if key not in own:
+            own[key] = function(recording, *arguments, **named)
+        return own[key]
+
+    return recalled

@@ -6,8 +6,7 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from pilotid.recordings.at_lines import answers
-from pilotid.recordings.lines import NotMultisineError, forcing_lines
+from pilotid.recordings.lines import NotMultisineError, answers, forcing_lines
 from pilotid.recordings.plant import plant_of
 from pilotid.recordings.recording import SIGNALS, Recording
 

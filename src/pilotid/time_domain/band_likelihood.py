@@ -29,8 +29,7 @@ from pilotid.element.choice import chosen_element
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.floors import floors_of, periodogram, running_median
-from pilotid.recordings.recording import INPUTS, Recording
-from pilotid.recordings.remembered import remembered
+from pilotid.recordings.recording import INPUTS, Recording, remembered
 from pilotid.time_domain.whitening import FAR
 from pilotid.types import ComplexArray, FloatArray
 

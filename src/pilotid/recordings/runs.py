@@ -1,4 +1,4 @@
-"""Runs that are said to be of one condition."""
+"""Runs that are not of one condition, and stretches that come twice."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ SIZE, SCATTERS = 2.5, 5.0  # of one run against the rest, and in scatters of the
 USUAL = 0.1  # scatter of the size between runs, at least
 FEWEST_BANDS = 4
 BY_SIZE = 3  # runs from which a scatter can be told
+REPEATED = 0.5  # seconds of a signal that recur to the last digit
+VALUES = 20  # different values that such a stretch must have: rest and saturation do recur
 
 
 def unlike(recording: Recording) -> str | None:
@@ -72,4 +74,33 @@ def _other_size(recording: Recording) -> str | None:
                     "runs, which differ far less among themselves: it is not of their condition, "
                     "or was not flown through; leave it out"
                 )
+    return None
+
+
+def repeated(recording: Recording) -> str | None:
+    """Noise does not come twice: a stretch that does was copied."""
+    length = round(REPEATED / recording.dt)
+    window = np.ascontiguousarray(recording.window(recording.u) + 0.0)  # no negative zero
+    if window.shape[1] <= length:
+        return None
+    places = window.shape[1] - length + 1
+    changes = np.cumsum(np.diff(window, axis=1, prepend=window[:, :1]) != 0.0, axis=1)
+    is_lively = changes[:, length - 1 :] - changes[:, :places] >= VALUES - 1
+    # Equal stretches have equal sums of products with any numbers, modulo 2^64.
+    weights = np.random.default_rng(0).integers(2**63, size=length, dtype=np.uint64)
+    prints = np.array([np.correlate(row, weights, "valid") for row in window.view(np.uint64)])
+    candidates = np.flatnonzero(is_lively)
+    candidates = candidates[np.argsort(prints.ravel()[candidates], kind="stable")]
+    same = np.flatnonzero(np.diff(prints.ravel()[candidates]) == 0)
+    for first, second in sorted(zip(candidates[same], candidates[same + 1], strict=True)):
+        (run, a), (again, b) = divmod(first, places), divmod(second, places)
+        stretch = window[run, a : a + length]
+        if np.unique(stretch).size >= VALUES and np.array_equal(
+            stretch, window[again, b : b + length]
+        ):
+            return (
+                f"u from t = {a * recording.dt:.4g} s on in run {run + 1} comes again, to "
+                f"the last digit, from t = {b * recording.dt:.4g} s on in run {again + 1}: "
+                "a part was recorded or copied twice; leave it out"
+            )
     return None

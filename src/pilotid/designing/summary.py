@@ -1,12 +1,14 @@
-"""What a design is, in sentences."""
+"""What a design is, in sentences and on the terminal."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import fields
 
 from pilotid.designing.design import Design
 from pilotid.designing.limits import Limits
 from pilotid.designing.planning import Plan
+from pilotid.terminal import make_console, make_table, print_table
 
 
 def objective(made: Design) -> str:
@@ -57,7 +59,7 @@ def gap_sentence(made: Design) -> str:
     """How near the optimum the design is."""
     return (
         f"No design within the limits has more than {100.0 * max(made.gap, 1e-5):.1g} % less of "
-        f"that variance (optimality gap, {made.optimum.steps} Newton steps)."
+        f"that variance (optimality gap)."
     )
 
 
@@ -97,3 +99,36 @@ def chance_sentence(name: str, plan: Plan, subjects: int, runs: int) -> str:
         f"see {plan.key} {100.0 * plan.effect:+g} % with a chance of "
         f"{100.0 * plan.chance(subjects, runs):.0f} %"
     )
+
+
+def print_design(made: Design, plans: Sequence[tuple[str, Plan]], subjects: int) -> None:
+    """Print what a design gives, and the plans by the name of their forcing functions."""
+    console, runs = make_console(), made.scenario.runs
+
+    def print_rows(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+        table = make_table()
+        table.title, table.title_justify, table.title_style = title, "left", ""
+        for place, column in enumerate(columns):
+            table.add_column(column, justify="right" if place else "left")
+        for row in rows:
+            table.add_row(*row)
+        print_table(console, table)
+
+    errors = [
+        (key, error, made.reference_errors[key], error / made.reference_errors[key])
+        for key, error in made.errors.items()
+    ]
+    print_rows(
+        f"predicted standard errors, {runs} x {made.scenario.duration:.2f} s",
+        ("parameter", "design %", "reference %", "ratio"),
+        [(k, f"{100 * own:.2f}", f"{100 * other:.2f}", f"{r:.2f}") for k, own, other, r in errors],
+    )
+    costs = ", ".join(f"{name} {cost:.2f}" for name, cost in made.costs.items())
+    crests = ", ".join(f"{name} {crest:.2f}" for name, (crest, _) in made.crest.items())
+    told = [f"Variances over the reference's: {costs}. Crest factors: {crests}.", *sentences(made)]
+    for sentence in told + ([pilots_sentence(made)] if len(made.gains) > 1 else []):
+        console.print(sentence, soft_wrap=True)
+    for name, found in plans:
+        console.print(chance_sentence(name, found, subjects, runs), soft_wrap=True)
+        columns = [f"{n} run{'s' if n > 1 else ''}" for n in found.choices]
+        print_rows(f"subjects for 80 %, {name}", ("window", *columns), found.rows("-"))

@@ -1,0 +1,444 @@
+"""Recordings as text: a table with a header row, and a sidecar F.json with notes."""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import json
+import os
+import re
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import chain, islice
+from pathlib import Path
+
+import numpy as np
+
+from pilotid.disk import path_shown, require_file
+from pilotid.recordings.contents import Contents, Notes, common_run
+from pilotid.recordings.names import (
+    MOST_VALUES,
+    UNEVENNESS,
+    Place,
+    bare,
+    lacking,
+    listed,
+    matching,
+    required,
+    seconds_in,
+    shown,
+    time_base,
+)
+from pilotid.recordings.recording import Recording, is_unit
+from pilotid.types import FloatArray, InputError
+
+LARGEST_FILE = 2**30  # bytes
+LARGEST_SIDECAR = 2**22
+RUN = "run"  # the column that numbers the runs of a file in long format
+BLOCK = 2**16  # cells that are turned into numbers at once
+SWAPPED = str.maketrans(",.", ".,")  # where decimals have commas
+#: What is no UTF-8 and free of these bytes is taken for Latin-1.
+CONTROLS = bytes(b for b in range(32) if b not in b"\t\n\v\f\r") + b"\x7f"
+
+
+def sidecar_path(path: Path) -> Path:
+    """The notes beside a text file: F.json for F.csv."""
+    return path.with_suffix(".json")
+
+
+def read_text(path: Path, source: str, places: Mapping[str, Place], *, timed: bool) -> Contents:
+    """Read a text file and its sidecar.
+
+    Parameters
+    ----------
+    path, source
+        The file, and its name in messages.
+    places
+        Where it keeps each signal.
+    timed
+        Whether the sampling interval is known, so that no column of times is needed.
+
+    Raises
+    ------
+    InputError
+        With the line and column of the first thing that is wrong.
+    OSError
+        If the file cannot be read.
+    """
+    require_file(path, LARGEST_FILE)
+    sidecar = sidecar_path(path)
+    notes = _read_sidecar(sidecar) if os.path.exists(sidecar) else Notes()
+    with path.open(encoding=_encoding(path, source), newline="") as stream:
+        table = _Table(stream, source)
+        columns = {signal: _columns(table, signal, place) for signal, place in places.items()}
+        found = {signal: names for signal, names in columns.items() if names}
+        _require(table, places, found, timed=timed or notes.dt is not None)
+        needed = list(dict.fromkeys(chain.from_iterable(found.values())))
+        values = dict(zip(needed, table.read(needed).T, strict=True))
+    signals = {
+        signal: places[signal].signed(np.array([values[name] for name in names]))
+        for signal, names in found.items()
+    }
+    time = None
+    if "t" in found:
+        time = signals.pop("t")[0] * seconds_in(table.unit(found["t"][0]), source)
+    units = {s: unit for s, names in found.items() if s != "t" and (unit := table.unit(names[0]))}
+    notes = replace(notes, units={**units, **(notes.units or {})} or None)
+    origin = {signal: places[signal].shown(names) for signal, names in found.items()}
+    if RUN in table.header:
+        return _split_runs(table, time, signals, notes, origin)
+    return Contents(time, signals, table.where, notes, origin)
+
+
+def _encoding(path: Path, source: str) -> str:
+    """How the characters of a file are written: UTF-8, UTF-16 or Latin-1."""
+    data = path.read_bytes()
+    encoding = "utf-8-sig"
+    if data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        encoding = "utf-16"
+    elif len(data) > 3 and data[0] and data[2] and not (data[1] or data[3]):
+        encoding = "utf-16-le"
+    elif len(data) > 3 and data[1] and data[3] and not (data[0] or data[2]):
+        encoding = "utf-16-be"
+    try:
+        data.decode(encoding)
+    except UnicodeDecodeError as error:
+        if encoding == "utf-8-sig" and len(data.translate(None, CONTROLS)) == len(data):
+            return "latin-1"
+        kind = "UTF-8" if encoding == "utf-8-sig" else "UTF-16"
+        line = data.count(b"\n", 0, error.start) + 1
+        raise InputError(
+            f"{source}: line {line} is not {kind} text; save the file as CSV in UTF-8"
+        ) from None
+    return encoding
+
+
+class _Table:
+    """A table: what is needed of it becomes numbers, a block of rows at a time."""
+
+    def __init__(self, stream: Iterable[str], source: str) -> None:
+        self.source = source
+        separator, self.line, lines = _layout(iter(stream), source)
+        if separator == " ":  # any number of them, but none at the ends
+            lines = (f"{line.strip()}\n" for line in lines)
+        self._rows = csv.reader(lines, delimiter=separator, skipinitialspace=True, strict=True)
+        self._is_comma_separated = separator == ","
+        (row,), _ = next(self._blocks(1), ([[]], []))
+        self.header = [name.strip() for name in row]
+        if not any(self.header):
+            raise InputError(
+                f"{source}: line {self.line} must be a header row with the columns t, e, u, x"
+            )
+        self._units: dict[str, str] = {}  # those in a row under the header
+        self._has_commas: bool | None = None  # in decimals; unknown until a cell has a sign
+        self.lines: list[int] = []  # on which rows start: a quoted cell may hold line breaks
+        self.labels: list[str] = []  # of the runs, by rows
+
+    def unit(self, column: str) -> str | None:
+        """The unit of a column, in its name or in the row below the header; None if unsaid."""
+        return bare(column)[1] or self._units.get(column)
+
+    def where(self, row: int) -> str:
+        """The place of a row in words."""
+        return f"line {self.lines[row]}"
+
+    def _blocks(self, size: int) -> Iterator[tuple[list[list[str]], list[int]]]:
+        """Some rows at once, and the lines on which they start."""
+        start = self._rows.line_num + self.line
+        while True:
+            rows, starts = [], []
+            try:
+                for row in islice(self._rows, size):
+                    rows.append(row)
+                    starts.append(start)
+                    start = self._rows.line_num + self.line
+            except csv.Error as error:
+                raise InputError(
+                    f"{self.source}: line {start} cannot be read as comma-separated values "
+                    f"({error}); correct it"
+                ) from None
+            if not rows:
+                return
+            yield rows, starts
+
+    def read(self, names: Sequence[str]) -> FloatArray:
+        """Some columns as finite numbers, shape (rows, columns)."""
+        count = Counter(self.header)
+        for name in [*names, RUN]:
+            if count[name] > 1:
+                raise InputError(
+                    f"{self.source}: line {self.line} has more than one column {shown(name)}; "
+                    "rename all but one"
+                )
+        index = {name: i for i, name in enumerate(self.header)}
+        places = [index[name] for name in names]
+        pieces = [np.zeros((0, len(names)))]
+        blank = 0  # the line of the first row without content: such are allowed at the end only
+        for number, (rows, starts) in enumerate(self._blocks(max(1, BLOCK // len(self.header)))):
+            if not number and self._holds_units(rows[0], names, places):
+                del rows[0], starts[0]
+            while rows and not any(map(str.strip, rows[-1])):
+                blank, _ = starts.pop(), rows.pop()
+            if not rows:
+                continue
+            if blank and blank < starts[-1]:
+                raise self._not_a_number("", blank, names[0])
+            self._require_width(rows, starts)
+            self.lines += starts
+            if len(self.lines) * len(names) > MOST_VALUES:
+                raise InputError(
+                    f"{self.source}: holds more than {MOST_VALUES} values, too many for a "
+                    "recording; thin it out in time or leave runs out"
+                )
+            pieces.append(self._numbers(rows, starts, names, places))
+            if RUN in index:
+                self.labels += [row[index[RUN]].strip() for row in rows]
+        return np.concatenate(pieces)
+
+    def _holds_units(self, row: list[str], names: Sequence[str], places: Sequence[int]) -> bool:
+        """Whether a row under the header holds the units, which are noted then."""
+        if len(row) != len(self.header):
+            return False
+        units = [_unit_in(row[i]) for i in places]
+        if None in units or not any(units):
+            return False
+        self._units = {name: unit for name, unit in zip(names, units, strict=True) if unit}
+        return True
+
+    def _require_width(self, rows: list[list[str]], starts: list[int]) -> None:
+        width = len(self.header)
+        if {*map(len, rows)} == {width}:
+            return
+        cells, line = next(
+            (len(r), s) for r, s in zip(rows, starts, strict=True) if len(r) != width
+        )
+        remedy = "complete or remove that line"
+        if self._is_comma_separated and cells > width + 1:
+            remedy += ", or separate cells by semicolons if decimals have commas"
+        raise InputError(
+            f"{self.source}: line {line} has {cells} cells but the header has {width}; {remedy}"
+        )
+
+    def _numbers(
+        self, rows: list[list[str]], starts: list[int], names: Sequence[str], places: Sequence[int]
+    ) -> FloatArray:
+        """Some cells of rows as finite numbers."""
+        cells = [row[i] for row in rows for i in places]
+        signs = "".join(cells)
+        if self._has_commas is None and ("," in signs or "." in signs):
+            self._has_commas = signs.count(",") > signs.count(".")
+        given = cells
+        if self._has_commas:
+            cells = [cell.translate(SWAPPED) for cell in cells]
+        try:
+            values = np.array(list(map(float, cells)))
+            are_numbers = "_" not in signs  # Python's 1_000 is none
+        except ValueError:
+            are_numbers = False
+        if not are_numbers:
+            values = np.array([_number_or_nan(cell) for cell in cells])
+        bad = ~np.isfinite(values)
+        if bad.any():
+            first = int(np.argmax(bad))
+            row, column = divmod(first, len(names))
+            raise self._not_a_number(given[first].strip(), starts[row], names[column])
+        return values.reshape(len(rows), len(names))
+
+    def _not_a_number(self, text: str, line: int, name: str) -> InputError:
+        what = f"{shown(text)} is not a finite number" if text else "the cell is empty"
+        remedy = "repair or cut the recording there"
+        if ("." if self._has_commas else ",") in text:
+            remedy = f"write a decimal {'comma' if self._has_commas else 'point'}"
+        return InputError(f"{self.source}: line {line}, column {listed([name])}: {what}; {remedy}")
+
+
+def _layout(lines: Iterator[str], source: str) -> tuple[str, int, Iterator[str]]:
+    """The separator, the number of the header's line, and the lines from there on.
+
+    Before the header there may be a line ``sep=;`` and lines that begin with # or %; the last of
+    these is the header itself if numbers follow at once.
+    """
+    separator, number, comment = "", 1, ""
+    first = next(lines, "")
+    if match := re.fullmatch(r'"?sep=([,;\t ])"?\s*', first, re.IGNORECASE):
+        separator, first, number = match[1], next(lines, ""), 2
+    while first.lstrip().startswith(("#", "%")):
+        comment, first, number = first, next(lines, ""), number + 1
+    begin = [first]
+    if comment and re.match(r"\s*[-+]?[.,]?[0-9]", first):
+        begin, number = [comment.lstrip("#% \t"), first], number - 1
+    if not separator:
+        # Spreadsheets in countries with a decimal comma separate the cells by semicolons.
+        separator = max((",", ";", "\t"), key=begin[0].count)
+        if separator not in begin[0] and " " in begin[0].strip():
+            separator = " "
+    return separator, number, chain(begin, lines)
+
+
+def _unit_in(cell: str) -> str | None:
+    """The unit in a cell of a row of units, without its brackets; None if it is none."""
+    text = cell.strip()
+    if text[:1] + text[-1:] in ("[]", "()"):
+        text = text[1:-1].strip()
+    if not is_unit(text) or not re.match(r"$|1$|-$|[^\W\d_]|[°%]", text):
+        return None
+    return None if text != "1" and np.isfinite(_number_or_nan(text)) else text
+
+
+def _number_or_nan(cell: str) -> float:
+    """A cell as a number, NaN if it is none."""
+    try:
+        return np.nan if "_" in cell else float(cell)
+    except ValueError:
+        return np.nan
+
+
+def _columns(table: _Table, signal: str, place: Place) -> list[str]:
+    """The columns of a signal: one, or one a run; none for one that is absent."""
+    own = matching(place.name, table.header)
+    numbered = dict[int, list[str]]()
+    pattern = re.compile(re.escape(place.name) + r"_([0-9]{1,6})", re.IGNORECASE)
+    for column in table.header if signal != "t" else ():
+        if match := pattern.fullmatch(bare(column)[0]):
+            numbered.setdefault(int(match[1]), []).append(column)
+    several = [column for _, columns in sorted(numbered.items()) for column in columns]
+    place_of_header = f"{table.source}: line {table.line}"
+    if own and several:
+        raise InputError(
+            f"{place_of_header} has the column {shown(own[0])} and also {listed(several)} for "
+            f"{signal}; rename what is not meant"
+        )
+    if len(set(own)) > 1 or len(several) > len(numbered):
+        raise InputError(
+            f"{place_of_header} has the columns {listed(own or several)}, any of which may be "
+            f"{signal}; pick one, as in --map {signal}={listed((own or several)[:1])}"
+        )
+    if sorted(numbered) != list(range(1, len(numbered) + 1)):
+        raise InputError(
+            f"{place_of_header} has the columns {listed(several)} for {signal}; number the runs "
+            "from 1 without a gap"
+        )
+    if RUN in table.header and len(several) > 1:
+        raise InputError(
+            f"{place_of_header} has a {RUN} column and also columns {several[0]}, {several[1]} for "
+            f"{signal}; number the runs in one way only"
+        )
+    return own[:1] or several
+
+
+def _require(
+    table: _Table, places: Mapping[str, Place], found: Collection[str], *, timed: bool
+) -> None:
+    """Refuse a file that lacks what it must have."""
+    absent = required(places, found, timed=timed)
+    if not absent:
+        return
+    if all(np.isfinite(_number_or_nan(cell.replace(",", "."))) for cell in table.header):
+        raise InputError(
+            f"{table.source}: line {table.line} holds numbers but must be a header row that names "
+            "the columns t, e, u, x"
+        )
+    raise InputError(
+        f"{table.source}: line {table.line} has " + lacking(absent, places, table.header, "column")
+    )
+
+
+def _split_runs(
+    table: _Table,
+    t: FloatArray | None,
+    signals: Mapping[str, FloatArray],
+    notes: Notes,
+    origin: Mapping[str, str],
+) -> Contents:
+    """The contents of a file in long format: rows with the same run number are one run."""
+    runs: dict[str, list[int]] = {}
+    for row, label in enumerate(table.labels):
+        runs.setdefault(label, []).append(row)
+    if not runs:
+        return Contents(t, signals, table.where, notes, origin)
+    if "" in runs:
+        line = table.lines[runs[""][0]]
+        raise InputError(
+            f"{table.source}: line {line}, column {RUN}: the cell is empty; write the number of "
+            "the run"
+        )
+    name, first = next(iter(runs.items()))
+    for label, own in runs.items():
+        if len(own) != len(first):
+            raise InputError(
+                f"{table.source}: run {shown(label)}, which starts on line {table.lines[own[0]]}, "
+                f"has {len(own)} rows but run {shown(name)} has {len(first)}; cut all runs to the "
+                "same length"
+            )
+        if t is None:
+            continue
+        base = time_base(t[own], table.source, _places_of(table, own))
+        apart = np.abs(t[own] - t[first]) > UNEVENNESS * base.dt
+        if apart.any():
+            line = table.lines[own[int(np.argmax(apart))]]
+            raise InputError(
+                f"{table.source}: the time on line {line} differs from that of run {shown(name)}; "
+                "give every run the same times"
+            )
+    index = np.array(list(runs.values()))
+    split = {signal: values[0][index] for signal, values in signals.items()}
+    return Contents(None if t is None else t[first], split, _places_of(table, first), notes, origin)
+
+
+def _places_of(table: _Table, rows: Sequence[int]) -> Callable[[int], str]:
+    """What puts the place of the i-th of some rows into words."""
+    return lambda i: table.where(rows[i])
+
+
+def _read_sidecar(path: Path) -> Notes:
+    source = path_shown(path)
+    require_file(path, LARGEST_SIDECAR)
+    try:
+        raw = json.loads(path.read_bytes().decode("utf-8-sig"), object_pairs_hook=_object)
+    except UnicodeDecodeError as error:
+        line = error.object.count(b"\n", 0, error.start) + 1
+        raise InputError(f"{source}: line {line} is not UTF-8 text; save it in UTF-8") from None
+    except json.JSONDecodeError as error:
+        raise InputError(
+            f"{source}: line {error.lineno} is not valid JSON ({error.msg}); correct it or remove "
+            "the file"
+        ) from None
+    except KeyError as error:
+        raise InputError(f"{source}: gives {shown(error.args[0])} twice; give it once") from None
+    except (ValueError, RecursionError):  # a number of thousands of digits; brackets without end
+        raise InputError(
+            f"{source}: cannot be read as JSON; correct it or remove the file"
+        ) from None
+    return Notes.parsed(raw, source)
+
+
+def _object(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    """An object of JSON; a `KeyError` for a key that is there twice."""
+    if len(found := dict(pairs)) < len(pairs):
+        raise KeyError(Counter(key for key, _ in pairs).most_common(1)[0][0])
+    return found
+
+
+def csv_bytes(recording: Recording, source: str) -> tuple[bytes, bytes]:
+    """The CSV file of a recording, and its sidecar.
+
+    Signals are written with as many digits as restore them to the bit.
+
+    Raises
+    ------
+    InputError
+        If the recording's lines or units cannot be written.
+    """
+    times = [f"{t:.12g}" for t in recording.time.tolist()]
+    notes = Notes.of(recording, np.array([float(t) for t in times]), source)
+    columns: list[tuple[str, ...]] = [("t", *times)]
+    for signal in recording.signals:
+        values: FloatArray = getattr(recording, signal)
+        runs = common_run(values) if signal in ("ft", "fd") else values
+        for run, samples in enumerate(runs.tolist(), start=1):
+            name = f"{signal}_{run}" if len(runs) > 1 else signal
+            columns.append((name, *map(repr, samples)))
+    text = "".join(",".join(row) + "\n" for row in zip(*columns, strict=True))
+    sidecar = json.dumps(notes.plain(), indent=2, ensure_ascii=False) + "\n"
+    return text.encode(), sidecar.encode()
