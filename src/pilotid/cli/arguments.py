@@ -11,7 +11,7 @@ import typer
 
 from pilotid.estimates.method import Method
 from pilotid.methods import label_of, method_named, methods
-from pilotid.naming.text import split_list
+from pilotid.naming.settings import split_list
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.csv import sidecar_path
 from pilotid.recordings.paths import file_size

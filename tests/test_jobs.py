@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from pilotid.study.process import Limits, Loss
-from pilotid.study.workers import run_tasks
+from pilotid.jobs import Limits, Loss, run_tasks
+from pilotid.types import InputError
 
 
 def doubled(task: int) -> int:
@@ -127,3 +127,17 @@ def test_tasks_are_taken_as_they_are_needed() -> None:
     next(answers)
     answers.close()  # type: ignore[attr-defined]
     assert len(taken) < 20
+
+
+def test_no_task_starts_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pebble.ProcessPool", None)
+    assert list(run_tasks(doubled, [], never, 2)) == []
+
+
+def test_processes_that_end_as_they_start_are_a_sentence(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "sitecustomize.py").write_text("import os; os._exit(3)")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    with pytest.raises(InputError, match="end as they start"):
+        list(run_tasks(doubled, range(4), never, 2))
