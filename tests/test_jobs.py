@@ -57,7 +57,7 @@ def nested(task: int) -> tuple[list[int], str]:
 
 
 def given_up(task: int, loss: Loss, why: str) -> int:
-    assert (loss, why) == (Loss.DIED, "twice, with signal SIGKILL")
+    assert (loss, why) == (Loss.DIED, "twice, with signal 9")
     return -task
 
 

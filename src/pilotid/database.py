@@ -47,57 +47,49 @@ def in_words(path: Path) -> Iterator[None]:
         if code in DAMAGED or isinstance(error, UnicodeError):  # in what SQLite says of it
             raise damaged(path, error) from error
         if code == FULL:
-            words = (
-                f"cannot be written ({error}); make room, and give the same command again: what "
-                "is done is kept"
-            )
-        else:
-            words = (
-                f"is no store of results or cannot be written ({error}); check the folder, its "
-                "rights and the room on its disk, or name another one with --out"
-            )
-        raise InputError(f"{path}: {words}") from error
+            raise InputError(
+                f"{path}: cannot be written ({error}); make room, and run the same command again: "
+                "what is done is kept"
+            ) from error
+        raise InputError(
+            f"{path}: is no store of results or cannot be written ({error}); check the folder, "
+            "its rights and the room on its disk, or name another one with --out"
+        ) from error
 
 
 def open_to_write(path: Path) -> sqlite3.Connection:
     """A file that can be written, and is made if there is none."""
 
     def opened() -> sqlite3.Connection:
-        base = connected(path, "rwc")
-        try:
-            _require_sound(path, base)
-            base.execute("PRAGMA journal_mode=WAL")
-            base.execute("PRAGMA synchronous=NORMAL")
-        except BaseException:
-            base.close()
-            raise
+        base = _sound(path, connected(path, "rwc"))
+        base.execute("PRAGMA journal_mode=WAL")
+        base.execute("PRAGMA synchronous=NORMAL")
         return base
 
-    with in_words(path):
-        return _patiently(opened)
+    return _patiently(path, opened)
 
 
 def open_to_read(path: Path) -> sqlite3.Connection:
     """A file that is only read, and may lie where nothing can be written."""
 
     def opened() -> sqlite3.Connection:
-        base = connected(path, "rw")
         try:
-            try:
-                _require_sound(path, base)
-            except sqlite3.OperationalError as error:
-                if _code(error) not in READ_ONLY:
-                    raise
-                base.close()
-                base = _in_memory(path)
-                _require_sound(path, base)
-        except BaseException:
-            base.close()
-            raise
-        return base
+            return _sound(path, connected(path, "rw"))
+        except sqlite3.OperationalError as error:
+            if _code(error) not in READ_ONLY:
+                raise
+        # SQLite can read a file with a log only where it can write.
+        with TemporaryDirectory() as folder:
+            copy = Path(folder) / path.name
+            shutil.copyfile(path, copy)
+            with suppress(FileNotFoundError):
+                shutil.copyfile(beside(path, "-wal"), beside(copy, "-wal"))
+            memory = sqlite3.connect(":memory:", isolation_level=None)
+            with closing(_sound(path, connected(copy, "rw"))) as base:
+                base.backup(memory)
+        return memory
 
-    with in_words(path):
-        return _patiently(opened)
+    return _patiently(path, opened)
 
 
 def close(base: sqlite3.Connection) -> None:
@@ -132,39 +124,31 @@ def beside(path: Path, ending: str) -> Path:
     return path.with_name(path.name + ending)
 
 
-def _in_memory(path: Path) -> sqlite3.Connection:
-    """A copy of a file with its log, which SQLite can read only where it can write."""
-    memory = sqlite3.connect(":memory:", isolation_level=None)
-    with TemporaryDirectory() as folder:
-        copy = Path(folder) / path.name
-        shutil.copyfile(path, copy)
-        with suppress(FileNotFoundError):
-            shutil.copyfile(beside(path, "-wal"), beside(copy, "-wal"))
-        with closing(connected(copy, "rw")) as base:
-            base.backup(memory)
-    memory.text_factory = base.text_factory
-    return memory
+def _sound(path: Path, base: sqlite3.Connection) -> sqlite3.Connection:
+    """A connection to a file that is not damaged."""
+    try:
+        if base.execute("PRAGMA quick_check(1)").fetchone() != ("ok",):
+            raise damaged(path, "SQLite's check fails")
+    except BaseException:
+        base.close()
+        raise
+    return base
 
 
-def _require_sound(path: Path, base: sqlite3.Connection) -> None:
-    (answer,) = base.execute("PRAGMA quick_check(1)").fetchone()
-    if answer != "ok":
-        raise damaged(path, "SQLite's check fails")
-
-
-def _patiently(opened: Callable[[], sqlite3.Connection]) -> sqlite3.Connection:
+def _patiently(path: Path, opened: Callable[[], sqlite3.Connection]) -> sqlite3.Connection:
     """Open a file that another process may be opening.
 
     SQLite waits by itself, but not where two processes change the journal at once.
     """
     end = time.monotonic() + PATIENCE
-    while True:
-        try:
-            return opened()
-        except sqlite3.Error as error:
-            if _code(error) not in (BUSY, LOCKED) or time.monotonic() > end:
-                raise
-        time.sleep(0.02)
+    with in_words(path):
+        while True:
+            try:
+                return opened()
+            except sqlite3.Error as error:
+                if _code(error) not in (BUSY, LOCKED) or time.monotonic() > end:
+                    raise
+            time.sleep(0.02)
 
 
 def _code(error: Exception) -> int:

@@ -36,7 +36,6 @@ TASKS_PER_WORKER = 4  # submitted at a time: enough to keep each busy
 POLL_INTERVAL = 0.5  # s
 WARN_WITHOUT_WORKERS = 5.0  # s
 SCHEDULER_TIMEOUT = 10.0  # s
-DASK_LOGGERS = ("distributed", "tornado", "asyncio")
 
 
 class Loss(enum.Enum):
@@ -163,7 +162,9 @@ def _locally(
             yield given_up(task, Loss.TIMED_OUT, f"{limits.seconds:g} s")
         except ProcessExpired as error:
             if any(task is each for each in died):
-                yield given_up(task, Loss.DIED, f"twice, with {_ended(error.exitcode or 0)}")
+                code = error.exitcode or 0
+                how = f"exit status {code}" if code >= 0 else f"signal {-code}"
+                yield given_up(task, Loss.DIED, f"twice, with {how}")
             died.append(task)
         except BrokenProcessPool:
             raise _cannot_start() from None
@@ -182,29 +183,20 @@ def _cannot_start() -> InputError:
     )
 
 
-def _ended(code: int) -> str:
-    """How a process ended, in words."""
-    try:
-        return f"exit status {code}" if code >= 0 else f"signal {signal.Signals(-code).name}"
-    except ValueError:
-        return f"signal {-code}"
+_STARTING = Lock()
 
 
 class _Process(SpawnProcess):
-    """A process of one thread in linear algebra, which never imports the user's script.
-
-    Numpy reads the numbers of threads as it is imported, before any code of ours runs.
-    """
+    """A process of one thread in linear algebra, which never imports the user's script."""
 
     def start(self) -> None:
-        with _STARTING, _one_thread_each(), _without_main(), _interruptions_blocked():
+        with _STARTING, _as_it_starts():
             super().start()
 
     def terminate(self) -> None:
         """End it at once, with all processes that it started."""
-        if hasattr(os, "killpg") and self.pid is not None:
-            with suppress(OSError):
-                os.killpg(self.pid, signal.SIGKILL)  # it leads a group, see `_set_up`
+        with suppress(OSError, AttributeError):
+            os.killpg(self.pid or 0, signal.SIGKILL)  # it leads a group, see `_set_up`
         self.kill()
 
 
@@ -212,75 +204,51 @@ class _Context(SpawnContext):
     Process = _Process
 
 
-_STARTING = Lock()  # what follows is the whole process's
-
-
 @contextmanager
-def _one_thread_each() -> Iterator[None]:
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            os.environ.pop(name)
-            if value is not None:
-                os.environ[name] = value
+def _as_it_starts() -> Iterator[None]:
+    """What a new process takes from this one before any code of ours runs in it.
 
-
-@contextmanager
-def _without_main() -> Iterator[None]:
-    """A process that starts in here is not told of the script that runs.
-
-    One without a main guard would start itself again.  Nor is it told how processes start by
-    default, which in a process of joblib's is a way that Python does not know by itself.
+    Numpy reads the numbers of threads as it is imported.  A script without a main guard would
+    start itself again, and joblib's way to start processes is one that Python does not know by
+    itself.  Ctrl-C reaches all processes of a terminal, and those would print where they were.
     """
-    prepare = spawn.get_preparation_data
-
-    def prepared(name: str) -> dict[str, object]:
-        left_out = ("init_main_from_name", "init_main_from_path", "start_method")
-        return {key: value for key, value in prepare(name).items() if key not in left_out}
-
-    spawn.get_preparation_data = prepared
+    environment, prepare = dict(os.environ), spawn.get_preparation_data
+    left_out = ("init_main_from_name", "init_main_from_path", "start_method")
+    blocked = None
+    if hasattr(signal, "pthread_sigmask"):
+        resource_tracker.ensure_running()  # when it has to start, it lets interruptions through
+        blocked = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    spawn.get_preparation_data = lambda name: {
+        key: value for key, value in prepare(name).items() if key not in left_out
+    }
     try:
         yield
     finally:
         spawn.get_preparation_data = prepare
-
-
-@contextmanager
-def _interruptions_blocked() -> Iterator[None]:
-    """A process that starts in here never gets Ctrl-C, which reaches all of a terminal.
-
-    One that is interrupted before any code of ours runs would print what it was doing.
-    """
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    resource_tracker.ensure_running()  # when it has to start, it lets interruptions through
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        for name in THREADS:
+            os.environ.pop(name)
+        os.environ.update({name: environment[name] for name in THREADS if name in environment})
+        if blocked is not None:
+            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
 
 
 def _set_up() -> None:
     """Make a process the leader of a group which ends when the one that started it does."""
     with suppress(OSError):
         os.dup2(2, 1)  # what a method prints is no part of a command's output
-    if hasattr(os, "setpgrp"):
+    with suppress(AttributeError):
         os.setpgrp()
+    Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
     parent = parent_process()
-    assert parent is not None
-
-    def watch() -> None:
+    if parent is not None:
         parent.join()
-        if hasattr(os, "killpg"):
-            os.killpg(0, signal.SIGKILL)
-        os._exit(1)
-
-    Thread(target=watch, daemon=True).start()
+    with suppress(AttributeError):
+        os.killpg(0, signal.SIGKILL)
+    os._exit(1)
 
 
 def _within(gigabytes: float | None, function: Callable[[Task], Answer], task: Task) -> Answer:
@@ -289,16 +257,15 @@ def _within(gigabytes: float | None, function: Callable[[Task], Answer], task: T
         import resource
     except ImportError:
         return function(task)
-    before = resource.getrlimit(resource.RLIMIT_AS)
-    if gigabytes:
-        wanted, most = int(gigabytes * GIGABYTE), before[1]
-        soft = wanted if most == resource.RLIM_INFINITY else min(wanted, most)
-        with suppress(ValueError, OSError):
-            resource.setrlimit(resource.RLIMIT_AS, (soft, most))
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    most = sys.maxsize if hard == resource.RLIM_INFINITY else hard
     try:
+        with suppress(ValueError, OSError):
+            wanted = min(int(gigabytes * GIGABYTE), most) if gigabytes else soft
+            resource.setrlimit(resource.RLIMIT_AS, (wanted, hard))
         return function(task)
     finally:
-        resource.setrlimit(resource.RLIMIT_AS, before)
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
 
 
 # ------------------------------------------------------------------------------------ Dask
@@ -372,15 +339,10 @@ def _dask_client(scheduler: str) -> Iterator[Any]:
     """A connection to a scheduler, which is left at once whatever happens."""
     from distributed import Client
 
-    # What is wrong is said in a sentence; Dask would tell it in a hundred lines besides.
-    # Its loggers have levels of their own each.
-    names = [n for n in logging.root.manager.loggerDict if n.split(".")[0] in DASK_LOGGERS]
-    loggers = [logging.getLogger(name) for name in names]
-    levels = [logger.level for logger in loggers]
     make: Callable[..., Any] = Client
+    before = logging.root.manager.disable
+    logging.disable()  # what is wrong is said in a sentence; Dask would tell it in a hundred lines
     try:
-        for logger in loggers:
-            logger.setLevel(logging.CRITICAL + 1)
         try:
             client = make(scheduler, timeout="10s", set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
@@ -394,8 +356,7 @@ def _dask_client(scheduler: str) -> Iterator[Any]:
             with suppress(Exception):  # there may be nobody to take leave of
                 client.close(timeout=2.0)
     finally:
-        for logger, level in zip(loggers, levels, strict=True):
-            logger.setLevel(level)
+        logging.disable(before)
 
 
 def _count_workers(client: Any, scheduler: str) -> int:

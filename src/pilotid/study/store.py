@@ -11,7 +11,7 @@ import json
 import shutil
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import astuple
 from pathlib import Path
 from typing import Any
@@ -201,11 +201,7 @@ class Store:
     def forget(self, units: Iterable[Unit]) -> None:
         """Drop fits, which are then fitted again."""
         with self._transaction():
-            for unit in map(astuple, units):
-                which = "WHERE scenario = ? AND method = ? AND replication = ?"
-                self._base.execute(f"DELETE FROM estimates {which}", unit)
-                gone = self._base.execute(f"DELETE FROM fits {which}", unit)
-                _count(self._base, "fits", -gone.rowcount)
+            _drop(self._base, map(astuple, units))
 
     def add(self, result: Result) -> None:
         """Keep a fit and what was drawn for it; one that is known already stays as it is.
@@ -339,26 +335,21 @@ def salvage(folder: Path) -> str:
     path = folder / STORE
     try:
         with Store(folder) as store:
-            for _ in store.results():
-                pass
-            store.about()
+            list(store.results())
         return f"{store.path}: is whole, and was left as it is"
     except DamagedError:
         pass
-    aside = next(
-        name
-        for name in (beside(path, f".damaged{number}") for number in ("", *range(2, 10**6)))
-        if not name.exists()
-    )
+    numbers = ("", *range(2, 10**6))
+    aside = next(p for n in numbers if not (p := beside(path, f".damaged{n}")).exists())
     new = beside(path, ".new")
     with in_words(path):
-        shutil.copyfile(path, aside)
-        if beside(path, "-wal").exists():
-            shutil.copyfile(beside(path, "-wal"), beside(aside, "-wal"))
         new.unlink(missing_ok=True)
-        with closing(connected(new, "rwc")) as copy:
+        shutil.copyfile(path, aside)
+        with suppress(FileNotFoundError):
+            shutil.copyfile(beside(path, "-wal"), beside(aside, "-wal"))
+        with closing(connected(new, "rwc")) as copy, closing(connected(aside, "rw")) as base:
             copy.execute("BEGIN IMMEDIATE")
-            with copy, closing(connected(aside, "rw")) as base:
+            with copy:
                 _create(copy)
                 kept, lost = _copy_whole(base, copy)
         if not kept:
@@ -375,37 +366,32 @@ def salvage(folder: Path) -> str:
     )
 
 
-def _copy_whole(base: sqlite3.Connection, copy: sqlite3.Connection) -> tuple[int, int]:
-    """Copy what is whole in a damaged store; returns the numbers of fits kept and lost.
+#: Fits without what tells their scenario, their method, or the pilot that was drawn for them.
+ORPHANS = """FROM fits WHERE scenario NOT IN (SELECT name FROM scenarios)
+    OR method NOT IN (SELECT label FROM methods)
+    OR scenario NOT IN (SELECT scenario FROM parameters)
+    AND (scenario, replication) NOT IN (SELECT scenario, replication FROM draws)"""
 
-    Fits are lost with what tells their method, their scenario or their pilot, or the seed.
-    """
+
+def _copy_whole(base: sqlite3.Connection, copy: sqlite3.Connection) -> tuple[int, int]:
+    """Copy what is whole in a damaged store; returns the numbers of fits kept and lost."""
     try:
         about, whole = _facts(base)
         known = _counts(base).get("fits", 0)
     except (sqlite3.Error, TypeError, UnicodeError):
         return 0, 0
-    if not whole:
+    if not whole:  # nobody knows of which seed and code the fits are
         return 0, known
     _describe(copy, {**about, "format": str(FORMAT)})
-    held: dict[str, list[Row]] = {table: [] for table in KEYS}
-    populations: set[Any] = set()
     seen = 0
-    for table in KEYS:  # fits last
+    for table in KEYS:
         for row, parts, whole in _entries(base, table, _readable_rows):
             seen += table == "fits"
-            if table == "fits" and not (
-                (row[0],) in held["scenarios"]
-                and (row[1],) in held["methods"]
-                and (row[0] not in populations or (row[0], row[2]) in held["draws"])
-            ):
-                continue
             if whole:
                 _put(copy, table, row, parts)
-                held[table].append(row[: len(KEYS[table])])
-                if table == "scenarios" and not parts:
-                    populations.add(row[0])
-    return len(held["fits"]), max(known, seen) - len(held["fits"])
+    _drop(copy, copy.execute(f"SELECT scenario, method, replication {ORPHANS}").fetchall())
+    kept = _counts(copy)["fits"]
+    return kept, max(known, seen) - kept
 
 
 # ----------------------------------------------------------------------------------- rows
@@ -448,6 +434,15 @@ def _put(base: sqlite3.Connection, table: str, row: Row, parts: Iterable[Row] = 
         for part in ordered:
             base.execute(f"INSERT INTO {PARTS[table]} VALUES ({_marks(part)})", part)
         _count(base, table, 1)
+
+
+def _drop(base: sqlite3.Connection, units: Iterable[Row]) -> None:
+    """Remove fits that are there; the caller has a transaction."""
+    for unit in units:
+        which = "WHERE scenario = ? AND method = ? AND replication = ?"
+        base.execute(f"DELETE FROM estimates {which}", unit)
+        gone = base.execute(f"DELETE FROM fits {which}", unit)
+        _count(base, "fits", -gone.rowcount)
 
 
 def _marks(row: Row) -> str:
@@ -511,13 +506,8 @@ def _result(row: Row, parts: list[Row], draw: Draw | None, order: list[str]) -> 
         excess,
         draw,
         remarks,
-        tuple(_track(row) for row in json.loads(tracks or "[]")),
+        tuple(Track(*own, tuple(values)) for *own, values in json.loads(tracks or "[]")),
     )
-
-
-def _track(row: Row) -> Track:
-    key, before, during, after, whole, lag, coverage, values = row
-    return Track(key, before, during, after, whole, lag, coverage, tuple(values))
 
 
 def _draw(row: Row) -> Draw:
