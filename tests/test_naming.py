@@ -29,7 +29,6 @@ from pilotid.naming.settings import (
     shown,
     split_call,
     split_list,
-    written,
 )
 from pilotid.time_domain.remnant_models import LowPass
 from pilotid.types import InputError
@@ -87,7 +86,7 @@ class Outer:
         ("many=(a,)", "many", ("a",)),
         ("many=[a, 'b c']", "many", ("a", "b c")),
         ("inner=Inner(wide=true)", "inner", Inner(wide=True)),
-        ("colour=blue", "colour", Colour.BLUE),
+        ("colour=BLUE", "colour", Colour.BLUE),
         ("anything=((1, 2.5), none, x)", "anything", ((1, 2.5), None, "x")),
     ],
 )
@@ -123,7 +122,7 @@ def test_settings_are_read_as_their_types(text: str, name: str, value: object) -
         ("inner=Other(depth=1)", "Other(...), which is not known there"),
         ("inner=Inner(dept=1)", "there is no setting 'dept'"),
         ("inner=3", "must be Inner(...), not 3"),
-        ("colour=green", "red or blue"),
+        ("colour=green", "'RED' or 'BLUE'"),
         ("word=a b", "put words with such signs in quotes"),
         ("word='a", "is not closed"),
         ("many=(a", "is not closed"),
@@ -237,7 +236,7 @@ def test_settings_become_plain_objects_without_loss() -> None:
 def test_what_has_no_words_of_its_own_is_told_apart() -> None:
     from scipy import stats
 
-    one, same, other = (written(stats.norm(0.0, s)) for s in (1.0, 1.0, 2.0))
+    one, same, other = (shown(stats.norm(0.0, s)) for s in (1.0, 1.0, 2.0))
     assert one == same
     assert one != other
 

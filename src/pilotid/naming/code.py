@@ -19,7 +19,6 @@ import re
 import sys
 from collections import ChainMap
 from collections.abc import Mapping
-from importlib.machinery import EXTENSION_SUFFIXES
 from importlib.util import find_spec
 from pathlib import Path
 from types import FunctionType, ModuleType
@@ -36,7 +35,6 @@ FROM_FILE = "pilotid_file_"
 OWN = "pilotid"
 #: What is there anyway: a store notes the version of what numbers depend on.
 KNOWN = {OWN, *sys.stdlib_module_names, "numpy", "scipy", "control", "pysindy", "emcee"}
-SUFFIXES = (".py", *EXTENSION_SUFFIXES)
 
 
 class PluginWarning(UserWarning):
@@ -214,11 +212,19 @@ def code_digest(thing: object) -> str:
     """
     found: dict[str, bytes] = {}
     for kind in _classes(thing):
-        module = sys.modules.get(kind.__module__)
-        if module is None or module.__name__.partition(".")[0] in KNOWN:
+        top, *_ = str(kind.__module__).split(".")
+        if top in KNOWN or kind.__module__ not in sys.modules:
             continue
-        file = getattr(module, "__file__", None)
-        found |= _sources(module, Path(file)) if file and Path(file).is_file() else _typed_in(kind)
+        file = Path(getattr(sys.modules[kind.__module__], "__file__", None) or "")
+        if not file.is_file():
+            found[kind.__qualname__] = _typed_in(kind)
+        elif package := getattr(sys.modules[top], "__file__", None):
+            folder = Path(package).parent
+            inside = hasattr(sys.modules[top], "__path__")
+            files = folder.rglob("*.py") if inside else _with_imports(file)
+            found |= {f.relative_to(folder).as_posix(): f.read_bytes() for f in files}
+        else:  # it only bundles packages
+            found |= {f.name: f.read_bytes() for f in file.parent.glob("*.py")}
     digest = hashlib.sha256()
     for place, content in sorted(found.items()):
         digest.update(place.encode("utf-8", "replace") + b"\0" + content + b"\0")
@@ -234,11 +240,8 @@ def _classes(thing: object) -> list[Any]:
         if id(part) in found:
             continue
         found[id(part)] = part
-        if isinstance(part, type):
-            waiting += part.__mro__
-            continue
-        waiting.append(type(part))
-        if dataclasses.is_dataclass(part):
+        waiting += part.__mro__ if isinstance(part, type) else [type(part)]
+        if dataclasses.is_dataclass(part) and not isinstance(part, type):
             waiting += [getattr(part, f.name) for f in dataclasses.fields(part)]
         elif isinstance(part, Mapping):
             waiting += part.values()
@@ -247,56 +250,39 @@ def _classes(thing: object) -> list[Any]:
     return [part for part in found.values() if isinstance(part, type | FunctionType)]
 
 
-def _typed_in(kind: type | FunctionType) -> dict[str, bytes]:
+def _typed_in(kind: type | FunctionType) -> bytes:
     """The source of a class's functions, as a notebook has it."""
-    parts = [kind] if isinstance(kind, FunctionType) else vars(kind).values()
-    functions = [f for f in parts if isinstance(f, FunctionType)]
+    parts = [kind, *vars(kind).values()]
+    own = [f for f in parts if isinstance(f, FunctionType) and f.__code__.co_filename != "<string>"]
     try:
-        own = [inspect.getsource(f) for f in functions if f.__code__.co_filename != "<string>"]
+        return "".join(map(inspect.getsource, own)).encode()
     except OSError:
         raise InputError(
-            f"{kind.__qualname__}: nobody can tell later whether code that was typed in has "
+            f"{kind.__qualname__}: was typed in, and nobody could tell later whether it has "
             "changed; write it to a file"
         ) from None
-    return {kind.__qualname__: "".join(own).encode()}
 
 
-def _sources(module: ModuleType, path: Path) -> dict[str, bytes]:
-    """Files by their places in the package that a module belongs to, or beside it."""
-    parts = module.__name__.split(".")
-    above = (sys.modules.get(".".join(parts[:count])) for count in range(1, len(parts) + 1))
-    # The outermost package; one that only bundles packages is none.
-    root = next((m for m in above if m is not None and getattr(m, "__file__", None)), module)
-    if folders := list(getattr(root, "__path__", ())):
-        return {
-            f"{root.__name__}/{file.relative_to(folder).as_posix()}": file.read_bytes()
-            for folder in folders
-            for file in _code_in(Path(folder))
-        }
-    found = {path.name: path.read_bytes()}
-    if path.suffix == ".py" and path.parent.name not in ("site-packages", "dist-packages"):
-        _add_beside(found, found[path.name], path.parent)
+def _with_imports(file: Path) -> set[Path]:
+    """A file, and what it imports that lies beside it."""
+    found: set[Path] = set()
+    waiting = [file]
+    while waiting:
+        path = waiting.pop()
+        if path in found or not path.is_file():
+            continue
+        found.add(path)
+        if file.parent.name in ("site-packages", "dist-packages"):
+            break
+        for name in _imported(path):
+            waiting += [file.parent / f"{name}.py", *(file.parent / name).rglob("*.py")]
     return found
 
 
-def _code_in(folder: Path) -> list[Path]:
-    return sorted(f for f in folder.rglob("*") if f.name.endswith(SUFFIXES) and f.is_file())
-
-
-def _add_beside(found: dict[str, bytes], content: bytes, folder: Path) -> None:
-    """Add what a file imports that lies beside it, and what that imports."""
-    for name in _imported(content):
-        for path in [folder / f"{name}.py", *_code_in(folder / name)]:
-            place = path.relative_to(folder).as_posix()
-            if place not in found and path.is_file():
-                found[place] = path.read_bytes()
-                _add_beside(found, found[place], folder)
-
-
-def _imported(content: bytes) -> set[str]:
+def _imported(path: Path) -> set[str]:
     """First names of the modules that a file imports."""
     try:
-        nodes = list(ast.walk(ast.parse(content)))
+        nodes = list(ast.walk(ast.parse(path.read_bytes())))
     except (SyntaxError, ValueError):
         return set()
     names = {alias.name for n in nodes if isinstance(n, ast.Import) for alias in n.names}

@@ -153,7 +153,7 @@ def _explained(make: Callable[[], T], given: str, usual: Mapping[str, object]) -
 
 def _with_value(name: str, value: object) -> str:
     """A setting and its value, where that is short."""
-    text = "" if value is NOTHING else f"={written(value)}"
+    text = "" if value is NOTHING else f"={shown(value)}"
     return f"{name}{text}" if len(text) < 30 else name
 
 
@@ -245,7 +245,7 @@ def _natural(word: str) -> object:
 
 def _checkable(hint: Any) -> Any:
     """A declared type as pydantic checks it: classes of our own and of others by themselves."""
-    from pydantic import BeforeValidator, PlainValidator
+    from pydantic import AfterValidator, PlainValidator
 
     origin, inner = get_origin(hint), get_args(hint)
     if hint in (Any, object) or origin in (Literal, Annotated):
@@ -257,35 +257,25 @@ def _checkable(hint: Any) -> Any:
     if hint in PLAIN:
         return hint
     if isinstance(hint, type) and issubclass(hint, enum.Enum):
-        return Annotated[hint, BeforeValidator(partial(_member, hint))]
+        names = Literal[tuple(hint.__members__)]  # type: ignore[valid-type]  # made of a tuple
+        return Annotated[names, AfterValidator(hint.__getitem__)]
     return Annotated[Any, PlainValidator(partial(_instance, hint))]
-
-
-def _member(kind: type[enum.Enum], value: object) -> object:
-    """A member of an enumeration by its name or its value."""
-    names = {str(key).lower(): each for each in kind for key in (each.value, each.name)}
-    if isinstance(value, kind) or str(value).lower() in names:
-        return value if isinstance(value, kind) else names[str(value).lower()]
-    raise _expected(" or ".join(each.name.lower() for each in kind))
 
 
 def _instance(kind: Any, value: object) -> object:
     """An object of a class, where that can be told: protocols are not asked."""
-    a_class = isinstance(kind, type) and dataclasses.is_dataclass(kind)
-    if isinstance(value, kind if a_class else PLAIN) is not a_class:
-        raise _expected(f"{getattr(kind, '__name__', kind)}(...)")
-    return value
-
-
-def _expected(words: str) -> Exception:
     from pydantic_core import PydanticCustomError
 
-    return PydanticCustomError("setting", EXPECTED + "{words}", {"words": words})
+    a_class = isinstance(kind, type) and dataclasses.is_dataclass(kind)
+    if isinstance(value, kind if a_class else PLAIN) is not a_class:
+        name = getattr(kind, "__name__", kind)
+        raise PydanticCustomError("setting", EXPECTED + "{name}(...)", {"name": name})
+    return value
 
 
 def _nested(kind: type, hint: Any, name: str, settings: str) -> object:
     """A dataclass within the settings, of a name known where they or their type are written."""
-    places = [base.__module__ for base in kind.__mro__] + _modules_of(hint)
+    places = [base.__module__ for base in (*kind.__mro__, *_types_in(hint))]
     known = (vars(sys.modules[place]).get(name) for place in places if place in sys.modules)
     inner = next((k for k in known if isinstance(k, type) and dataclasses.is_dataclass(k)), None)
     if inner is None:
@@ -296,10 +286,10 @@ def _nested(kind: type, hint: Any, name: str, settings: str) -> object:
         raise SettingError(f"cannot be {name}({settings}), for {error}") from error
 
 
-def _modules_of(hint: Any) -> list[str]:
-    """Modules of the types in a declared type."""
-    inner = [name for part in get_args(hint) for name in _modules_of(part)]
-    return [str(getattr(hint, "__module__", "")), *inner]
+def _types_in(hint: Any) -> list[type]:
+    """The classes in a declared type."""
+    inner = [kind for part in get_args(hint) for kind in _types_in(part)]
+    return [hint, *inner] if isinstance(hint, type) else inner
 
 
 def _settings(kind: type) -> dict[str, dataclasses.Field[Any]]:
@@ -337,53 +327,39 @@ def labelled(name: str, thing: object, usual: object = None) -> str:
     """
     changed = []
     for key, field in _settings(type(thing)).items():
-        value = written(getattr(thing, key))
+        value = shown(getattr(thing, key))
         default = _usual(field) if usual is None else getattr(usual, key)
-        if default is NOTHING or written(default) != value:
+        if default is NOTHING or shown(default) != value:
             changed.append(f"{key}={value}")
     return f"{name}({', '.join(changed)})" if changed else name
 
 
-def written(value: object) -> str:
-    """A value as a user would type it, where it can be typed."""
+def shown(value: object) -> str:
+    """A value as a user would type it, where it can be typed; also one that `plain` made."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         text = labelled(type(value).__name__, value)
         return text if text.endswith(")") else f"{text}()"
-    if isinstance(value, list | tuple):
-        return _bracketed([written(entry) for entry in value])
-    if isinstance(value, float | np.floating):
-        return _number(float(value))
-    return shown(plain(value))
-
-
-def shown(held: object) -> str:
-    """What `plain` made of a value, in the syntax of `written` and with all settings."""
-    match held:
-        case None:
-            return "none"
-        case bool():
-            return str(held).lower()
+    match value:
+        case None | bool():
+            return str(value).lower()
         case float():
-            return _number(held)
+            return _number(value)
         case str():
-            bare = re.fullmatch(r"[A-Za-z_][\w.+-]*", held, re.ASCII)
-            return held if bare and held.lower() not in CONSTANTS else repr(held)
-        case list():
-            return _bracketed([shown(entry) for entry in held])
+            bare = re.fullmatch(r"[A-Za-z_][\w.+-]*", value, re.ASCII)
+            return value if bare and value.lower() not in CONSTANTS else repr(value)
+        case list() | tuple():
+            entries = [shown(entry) for entry in value]
+            return f"({', '.join(entries)}{',' if len(entries) == 1 else ''})"
         case dict():
-            inner = [f"{key}={shown(entry)}" for key, entry in held.items() if key != "class"]
-            return f"{held.get('class', '')}({', '.join(inner)})"
-        case _:
-            return repr(held)
+            inner = [f"{key}={shown(entry)}" for key, entry in value.items() if key != "class"]
+            return f"{value.get('class', '')}({', '.join(inner)})"
+    held = plain(value)
+    return repr(held) if type(held) is type(value) else shown(held)
 
 
 def _number(value: float) -> str:
     """A number with all its digits, and no more."""
     return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
-
-
-def _bracketed(entries: list[str]) -> str:
-    return f"({', '.join(entries)}{',' if len(entries) == 1 else ''})"
 
 
 # --------------------------------------------------------------------------------- to JSON
