@@ -32,6 +32,7 @@ Answer = TypeVar("Answer")
 
 GIGABYTE = 2**30
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+QUIET_EXIT = 256  # in place of 0
 TASKS_PER_WORKER = 4  # submitted at a time: enough to keep each busy
 POLL_INTERVAL = 0.5  # s
 WARN_WITHOUT_WORKERS = 5.0  # s
@@ -163,7 +164,7 @@ def _locally(
         except ProcessExpired as error:
             if any(task is each for each in died):
                 code = error.exitcode or 0
-                how = f"exit status {code}" if code >= 0 else f"signal {-code}"
+                how = f"exit status {code % QUIET_EXIT}" if code >= 0 else f"signal {-code}"
                 yield given_up(task, Loss.DIED, f"twice, with {how}")
             died.append(task)
         except BrokenProcessPool:
@@ -192,6 +193,12 @@ class _Process(SpawnProcess):
     def start(self) -> None:
         with _STARTING, _as_it_starts():
             super().start()
+
+    @property
+    def exitcode(self) -> int | None:
+        """How it ended; never 0, by which a pool would take the task that ended it for done."""
+        code = super().exitcode
+        return QUIET_EXIT if code == 0 else code
 
     def terminate(self) -> None:
         """End it at once, with all processes that it started."""

@@ -117,7 +117,7 @@ class _Text:
                 raise self.fault(at, "has no bracket that it closes")
             elif word == ")":
                 divided.pop()
-            self._add("**" if word == "^" else word, at)
+            self._add(str(int(word)) if word.isdigit() else word.replace("^", "**"), at)
             before, at = word, match.end()
         if not before:
             raise NotTransferFunctionError("it is empty")
@@ -153,9 +153,7 @@ class _Text:
             case ast.Name(id="s"):
                 return Ratio(np.array([1.0, 0.0]), np.ones(1))
             case ast.UnaryOp(op=ast.USub() | ast.UAdd() as sign, operand=part):
-                return _times(
-                    _constant(-1.0 if isinstance(sign, ast.USub) else 1.0), self.walk(part)
-                )
+                return _times(_constant(_sign(sign)), self.walk(part))
             case ast.BinOp(left=ast.Name(id="e"), op=ast.Pow(), right=part):
                 return self.exponential(part)
             case ast.Call(func=ast.Name(id="exp"), args=[part]):
