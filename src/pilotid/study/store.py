@@ -506,7 +506,7 @@ def _result(row: Row, parts: list[Row], draw: Draw | None, order: list[str]) -> 
         excess,
         draw,
         remarks,
-        tuple(Track(*own, tuple(values)) for *own, values in json.loads(tracks or "[]")),
+        tuple(Track(*(*own, tuple(values))) for *own, values in json.loads(tracks or "[]")),
     )
 
 
