@@ -118,6 +118,7 @@ def test_settings_are_read_as_their_types(text: str, name: str, value: object) -
         ("maybe=x", "a number or none"),
         ("kind=both", "'one-sided', 'two-sided' or 3"),
         ("pair=(1, 2, 3)", "at most 2 items"),
+        ("pair=(1,)", "cannot be (1,) (Field required)"),
         ("pair=1", "a list in parentheses"),
         ("inner=Other(depth=1)", "Other(...), which is not known there"),
         ("inner=Inner(dept=1)", "there is no setting 'dept'"),

@@ -61,12 +61,12 @@ def open_to_write(path: Path) -> sqlite3.Connection:
     """A file that can be written, and is made if there is none."""
 
     def opened() -> sqlite3.Connection:
-        base = _sound(path, connected(path, "rwc"))
+        base = _check(path, connect(path, "rwc"))
         base.execute("PRAGMA journal_mode=WAL")
         base.execute("PRAGMA synchronous=NORMAL")
         return base
 
-    return _patiently(path, opened)
+    return _retry(path, opened)
 
 
 def open_to_read(path: Path) -> sqlite3.Connection:
@@ -74,7 +74,7 @@ def open_to_read(path: Path) -> sqlite3.Connection:
 
     def opened() -> sqlite3.Connection:
         try:
-            return _sound(path, connected(path, "rw"))
+            return _check(path, connect(path, "rw"))
         except sqlite3.OperationalError as error:
             if _code(error) not in READ_ONLY:
                 raise
@@ -85,11 +85,11 @@ def open_to_read(path: Path) -> sqlite3.Connection:
             with suppress(FileNotFoundError):
                 shutil.copyfile(beside(path, "-wal"), beside(copy, "-wal"))
             memory = sqlite3.connect(":memory:", isolation_level=None)
-            with closing(_sound(path, connected(copy, "rw"))) as base:
+            with closing(_check(path, connect(copy, "rw"))) as base:
                 base.backup(memory)
         return memory
 
-    return _patiently(path, opened)
+    return _retry(path, opened)
 
 
 def close(base: sqlite3.Connection) -> None:
@@ -110,7 +110,7 @@ def checksum(*content: object) -> int:
     return int.from_bytes(blake2b(text.encode(), digest_size=8).digest(), "big", signed=True)
 
 
-def connected(path: Path, mode: str) -> sqlite3.Connection:
+def connect(path: Path, mode: str) -> sqlite3.Connection:
     """A connection in autocommit mode, whose transactions are opened and closed by name."""
     base = sqlite3.connect(
         f"{path.resolve().as_uri()}?mode={mode}", uri=True, isolation_level=None, timeout=PATIENCE
@@ -124,7 +124,7 @@ def beside(path: Path, ending: str) -> Path:
     return path.with_name(path.name + ending)
 
 
-def _sound(path: Path, base: sqlite3.Connection) -> sqlite3.Connection:
+def _check(path: Path, base: sqlite3.Connection) -> sqlite3.Connection:
     """A connection to a file that is not damaged."""
     try:
         if base.execute("PRAGMA quick_check(1)").fetchone() != ("ok",):
@@ -135,7 +135,7 @@ def _sound(path: Path, base: sqlite3.Connection) -> sqlite3.Connection:
     return base
 
 
-def _patiently(path: Path, opened: Callable[[], sqlite3.Connection]) -> sqlite3.Connection:
+def _retry(path: Path, opened: Callable[[], sqlite3.Connection]) -> sqlite3.Connection:
     """Open a file that another process may be opening.
 
     SQLite waits by itself, but not where two processes change the journal at once.

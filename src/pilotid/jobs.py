@@ -97,8 +97,8 @@ def run_tasks(
         If processes cannot start, the scheduler does not answer, or a worker of it runs other code.
     """
     if scheduler is None:
-        return _locally(function, tasks, given_up, workers or processors(), limits)
-    return _on_dask(function, tasks, given_up, scheduler)
+        return _run_locally(function, tasks, given_up, workers or processors(), limits)
+    return _run_on_dask(function, tasks, given_up, scheduler)
 
 
 def processors() -> int:
@@ -133,7 +133,7 @@ def _run_all(
 # ------------------------------------------------------------------------- local processes
 
 
-def _locally(
+def _run_locally(
     function: Callable[[Task], Answer],
     tasks: Iterable[Task],
     given_up: Callable[[Task, Loss, str], Answer],
@@ -147,7 +147,7 @@ def _locally(
     if not first:
         return
     pool = ProcessPool(len(first), initializer=_set_up, context=_Context())
-    work = partial(_within, limits.gigabytes, function)
+    work = partial(_run_limited, limits.gigabytes, function)
     died: list[Task] = []  # once
 
     def submit(task: Task) -> Future[Any]:
@@ -191,7 +191,7 @@ class _Process(SpawnProcess):
     """A process of one thread in linear algebra, which never imports the user's script."""
 
     def start(self) -> None:
-        with _STARTING, _as_it_starts():
+        with _STARTING, _starting():
             super().start()
 
     @property
@@ -212,7 +212,7 @@ class _Context(SpawnContext):
 
 
 @contextmanager
-def _as_it_starts() -> Iterator[None]:
+def _starting() -> Iterator[None]:
     """What a new process takes from this one before any code of ours runs in it.
 
     Numpy reads the numbers of threads as it is imported.  A script without a main guard would
@@ -258,7 +258,7 @@ def _end_with_parent() -> None:
     os._exit(1)
 
 
-def _within(gigabytes: float | None, function: Callable[[Task], Answer], task: Task) -> Answer:
+def _run_limited(gigabytes: float | None, function: Callable[[Task], Answer], task: Task) -> Answer:
     """Do a task with no more memory than it may have, where the system can limit that."""
     try:
         import resource
@@ -278,7 +278,7 @@ def _within(gigabytes: float | None, function: Callable[[Task], Answer], task: T
 # ------------------------------------------------------------------------------------ Dask
 
 
-def _on_dask(
+def _run_on_dask(
     function: Callable[[Task], Answer],
     tasks: Iterable[Task],
     given_up: Callable[[Task, Loss, str], Answer],

@@ -127,7 +127,7 @@ def configured(thing: T, text: str | None, given: str) -> T:
     if not split_list(text or ""):
         return thing
     usual = {name: getattr(thing, name) for name in _settings(type(thing))}
-    return _explained(
+    return _make(
         lambda: dataclasses.replace(thing, **_values(type(thing), text or "")),  # type: ignore[type-var]
         given,
         usual,
@@ -137,10 +137,10 @@ def configured(thing: T, text: str | None, given: str) -> T:
 def made(kind: type[T], text: str | None, given: str) -> T:
     """A class's object with the settings of a text; see `configured`."""
     usual = {name: _usual(field) for name, field in _settings(kind).items()}
-    return _explained(lambda: kind(**_values(kind, text or "")), given, usual)
+    return _make(lambda: kind(**_values(kind, text or "")), given, usual)
 
 
-def _explained(make: Callable[[], T], given: str, usual: Mapping[str, object]) -> T:
+def _make(make: Callable[[], T], given: str, usual: Mapping[str, object]) -> T:
     """What is made; whatever goes wrong is a sentence that lists the settings there are."""
     try:
         return make()
@@ -183,23 +183,23 @@ def _value(text: str, hint: Any, build: Callable[[str, str], object]) -> object:
     from pydantic import ConfigDict, TypeAdapter, ValidationError
 
     config = ConfigDict(strict=True, arbitrary_types_allowed=True)
-    adapter = TypeAdapter[Any](_checkable(hint), config=config)
+    adapter = TypeAdapter[Any](_checked_type(hint), config=config)
     try:
-        return adapter.validate_python(_read(text, build, _natural))
+        return adapter.validate_python(_read(text, build, _parse_word))
     except ValidationError as wrong:
         try:
             return adapter.validate_python(_read(text, build, str))
         except ValidationError:
-            raise SettingError(_told(wrong.errors(), hint, text)) from None
+            raise SettingError(_describe_errors(wrong.errors(), hint, text)) from None
 
 
-def _told(errors: list[Any], hint: Any, text: str) -> str:
+def _describe_errors(errors: list[Any], hint: Any, text: str) -> str:
     """What pydantic says against a value, in a user's words."""
-    said = [WORDS.get(error["type"], str(error["msg"])) for error in errors]
-    said += ["none"] if type(None) in get_args(hint) else []
-    if any(" should " in message and not message.startswith(EXPECTED) for message in said):
-        return f"cannot be {text} ({'; '.join(said)})"
-    wanted = dict.fromkeys(message.removeprefix(EXPECTED) for message in said)
+    messages = [WORDS.get(error["type"], str(error["msg"])) for error in errors]
+    if not all(m in WORDS.values() or m.startswith(EXPECTED) for m in messages):
+        return f"cannot be {text} ({'; '.join(messages)})"
+    messages += ["none"] if type(None) in get_args(hint) else []
+    wanted = dict.fromkeys(message.removeprefix(EXPECTED) for message in messages)
     return f"must be {' or '.join(wanted)}, not {text}"
 
 
@@ -230,7 +230,7 @@ def _read(
     return word(text)
 
 
-def _natural(word: str) -> object:
+def _parse_word(word: str) -> object:
     """A word as what it looks like: a constant, a number, or itself."""
     if word.lower() in CONSTANTS:
         return CONSTANTS[word.lower()]
@@ -243,7 +243,7 @@ def _natural(word: str) -> object:
     return value if isinstance(value, int | float) else word
 
 
-def _checkable(hint: Any) -> Any:
+def _checked_type(hint: Any) -> Any:
     """A declared type as pydantic checks it: classes of our own and of others by themselves."""
     from pydantic import AfterValidator, PlainValidator
 
@@ -251,9 +251,9 @@ def _checkable(hint: Any) -> Any:
     if hint in (Any, object) or origin in (Literal, Annotated):
         return Any if hint is object else hint
     if origin in (Union, types.UnionType):
-        return Union[tuple(_checkable(each) for each in inner)]  # noqa: UP007  (made of a tuple)
+        return Union[tuple(_checked_type(each) for each in inner)]  # noqa: UP007  (made of a tuple)
     if origin in CONTAINERS:
-        return origin[tuple(each if each is Ellipsis else _checkable(each) for each in inner)]
+        return origin[tuple(each if each is Ellipsis else _checked_type(each) for each in inner)]
     if hint in PLAIN:
         return hint
     if isinstance(hint, type) and issubclass(hint, enum.Enum):

@@ -33,14 +33,14 @@ Row = tuple[Any, ...]
 Rows = Sequence[tuple[Row, list[Row]]]
 
 
-def archived(about: Mapping[str, str], rows: Mapping[str, Rows]) -> bytes:
+def to_archive(about: Mapping[str, str], rows: Mapping[str, Rows]) -> bytes:
     """Facts on a study and the rows of its tables, each with its parts, as bytes."""
     lines = _lines({**about, "format": str(FORMAT)}, rows)
     text = "\n".join(json.dumps(line, separators=(",", ":")) for line in lines)
     return lzma.compress(text.encode("utf-8", "surrogateescape"), preset=6)
 
 
-def restored(path: Path) -> tuple[dict[str, str], Iterator[tuple[str, Row, list[Row]]]]:
+def from_archive(path: Path) -> tuple[dict[str, str], Iterator[tuple[str, Row, list[Row]]]]:
     """Facts on a study, and rows with the names of their tables and their parts.
 
     Raises
@@ -53,18 +53,18 @@ def restored(path: Path) -> tuple[dict[str, str], Iterator[tuple[str, Row, list[
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
     except (ValueError, EOFError, RecursionError, lzma.LZMAError) as error:
-        raise not_restored(path) from error
+        raise not_an_archive(path) from error
     if isinstance(head, dict) and head.get("format") not in (None, FORMAT):
         raise InputError(
             f"{path}: was written by another version of pilotid, whose tables differ; "
             "make the study again with this one"
         )
     if head != HEAD or not isinstance(about, dict):
-        raise not_restored(path)
+        raise not_an_archive(path)
     return about, _rows(lines)
 
 
-def not_restored(path: Path) -> InputError:
+def not_an_archive(path: Path) -> InputError:
     """What to raise where a file is no such archive."""
     return InputError(
         f"{path}: is damaged, or holds no rows of a study; take it again from where it came"

@@ -21,14 +21,14 @@ from pilotid.database import (
     beside,
     checksum,
     close,
-    connected,
+    connect,
     damaged,
     in_words,
     open_to_read,
     open_to_write,
 )
 from pilotid.disk import write_file
-from pilotid.study.archive import KEPT, archived, not_restored, restored
+from pilotid.study.archive import KEPT, from_archive, not_an_archive, to_archive
 from pilotid.study.entries import (
     Draw,
     MethodEntry,
@@ -242,19 +242,19 @@ class Store:
         """Write all rows in their small form into a folder; returns the file."""
         rows = {table: self._rows(table) for table in KEYS}
         path = folder / KEPT
-        write_file(path, archived(self.about(), rows))
+        write_file(path, to_archive(self.about(), rows))
         return path
 
     def _restore(self, path: Path) -> None:
         """Fill a new store with the rows of its small form."""
-        about, rows = restored(path)
+        about, rows = from_archive(path)
         try:
             with self._transaction():
                 _describe(self._base, {**about, "format": str(FORMAT)})
                 for table, row, parts in rows:
                     _put(self._base, table, row, parts)
         except (InputError, ValueError, TypeError, KeyError) as error:
-            raise not_restored(path) from error
+            raise not_an_archive(path) from error
 
     # ----------------------------------------------------------------------------- reading
 
@@ -347,7 +347,7 @@ def salvage(folder: Path) -> str:
         shutil.copyfile(path, aside)
         with suppress(FileNotFoundError):
             shutil.copyfile(beside(path, "-wal"), beside(aside, "-wal"))
-        with closing(connected(new, "rwc")) as copy, closing(connected(aside, "rw")) as base:
+        with closing(connect(new, "rwc")) as copy, closing(connect(aside, "rw")) as base:
             copy.execute("BEGIN IMMEDIATE")
             with copy:
                 _create(copy)
