@@ -111,20 +111,14 @@ class _Text:
                 raise self.fault(at, IN_BRACKETS)
             if word in ("/", "*", "+", "-"):
                 divided[-1] = word == "/"
-            if word == "(":
-                divided.append(False)
-            elif word == ")" and len(divided) == 1:
-                raise self.fault(at, "has no bracket that it closes")
-            elif word == ")":
-                divided.pop()
+            if word in "()":
+                divided = [*divided, False] if word == "(" else divided[:-1] or [False]
             self._add(str(int(word)) if word.isdigit() else word.replace("^", "**"), at)
             before, at = word, match.end()
         if not before:
             raise NotTransferFunctionError("it is empty")
         if before in ("+", "-", "*", "/", "^", "**"):
             raise NotTransferFunctionError("it ends where a number, s or a bracket is needed")
-        if len(divided) > 1:
-            raise NotTransferFunctionError("at its end, ')' is missing")
 
     def _add(self, word: str, place: int) -> None:
         self.source += f"{word} "
@@ -141,7 +135,8 @@ class _Text:
             return self.walk(ast.parse(self.source, mode="eval").body)
         except SyntaxError as error:
             place = self.places[min(error.offset or 1, len(self.places)) - 1]
-            raise self.fault(place, NEEDED) from None
+            what = NEEDED if error.msg == "invalid syntax" else f"({error.msg})"
+            raise self.fault(place, what) from None
 
     def walk(self, node: ast.expr) -> Ratio:
         """The ratio of a part."""
