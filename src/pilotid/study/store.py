@@ -348,6 +348,7 @@ def salvage(folder: Path) -> str:
         with suppress(FileNotFoundError):
             shutil.copyfile(beside(path, "-wal"), beside(aside, "-wal"))
         with closing(connect(new, "rwc")) as copy, closing(connect(aside, "rw")) as base:
+            base.execute("PRAGMA writable_schema=ON")  # by which a file cut short is read too
             copy.execute("BEGIN IMMEDIATE")
             with copy:
                 _create(copy)
