@@ -202,8 +202,9 @@ class _Process(SpawnProcess):
 
     def terminate(self) -> None:
         """End it at once, with all processes that it started."""
-        with suppress(OSError, AttributeError):
-            os.killpg(self.pid or 0, signal.SIGKILL)  # it leads a group, see `_set_up`
+        if hasattr(os, "killpg") and self.pid:
+            with suppress(OSError):
+                os.killpg(self.pid, signal.SIGKILL)  # it leads a group, see `_set_up`
         self.kill()
 
 
@@ -244,16 +245,16 @@ def _set_up() -> None:
     """Make a process the leader of a group which ends when the one that started it does."""
     with suppress(OSError):
         os.dup2(2, 1)  # what a method prints is no part of a command's output
-    with suppress(AttributeError):
+    if hasattr(os, "setpgrp"):
         os.setpgrp()
     Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
     parent = parent_process()
-    if parent is not None:
-        parent.join()
-    with suppress(AttributeError):
+    assert parent is not None
+    parent.join()
+    if hasattr(os, "killpg"):
         os.killpg(0, signal.SIGKILL)
     os._exit(1)
 
