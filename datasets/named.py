@@ -10,8 +10,7 @@ from pilotid.datasets.designed import designed_scenario
 from pilotid.datasets.population import POPULATIONS, Population
 from pilotid.datasets.scenarios import SCENARIOS, Scenario, checked, require_name
 from pilotid.naming.code import is_place, taken
-from pilotid.naming.settings import configured
-from pilotid.naming.text import split_call
+from pilotid.naming.settings import configured, split_call
 from pilotid.types import InputError
 
 #: What a study has recordings of: both have a name, a description, and `drawn`, which gives

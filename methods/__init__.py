@@ -24,8 +24,7 @@ from pilotid.methods.rarx import RARX
 from pilotid.methods.sindy import SINDy
 from pilotid.methods.ukf import UKF
 from pilotid.naming.code import PluginWarning, is_place, reason, taken
-from pilotid.naming.settings import configured, labelled
-from pilotid.naming.text import split_call
+from pilotid.naming.settings import configured, labelled, split_call
 from pilotid.types import InputError
 
 #: The methods of this package, in the order of tables and figures.

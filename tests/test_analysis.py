@@ -139,7 +139,7 @@ def test_a_damaged_store_costs_time_and_nothing_else(
     )  # fmt: skip
     assert answer.status == 0, answer.err
     with sqlite3.connect(tmp_path / "analysis.sqlite") as base:
-        assert base.execute("SELECT count(*) FROM done").fetchone() == (2,)
+        assert base.execute("SELECT count(*) FROM results").fetchone() == (2,)
     base.close()
 
 

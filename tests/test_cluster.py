@@ -18,14 +18,14 @@ pytest.importorskip("distributed")
 PROGRAM = """
 import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)
-import pilotid.study.cluster
-pilotid.study.cluster.PATIENCE = 0.5  # rather than the seconds that people are left in peace
+import pilotid.jobs
+pilotid.jobs.WARN_WITHOUT_WORKERS = 0.5  # rather than the seconds that people are left in peace
 from pilotid.cli.main import main
 main()
 """
 OTHER_CODE = """
-import pilotid.study.facts
-pilotid.study.facts.own_digest = lambda: "0ther"
+import pilotid.jobs
+pilotid.jobs.own_digest = lambda: "0ther"
 """
 
 Process = subprocess.Popen[str]

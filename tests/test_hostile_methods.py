@@ -123,7 +123,7 @@ def test_a_study_of_hostile_methods_ends_with_its_report(tmp_path: Path) -> None
         "hostile": ("converged", ""),
         "hostile(how=interrupt)": ("crashed", "KeyboardInterrupt"),
         "hostile(how=vanish)": ("died", "twice, with exit status 3"),
-        "hostile(how=kill)": ("died", "twice, with signal SIGKILL"),
+        "hostile(how=kill)": ("died", "twice, with signal 9"),
         "hostile(how=eat)": ("out-of-memory", ""),
         "hostile(how=leave)": ("crashed", "SystemExit: 3"),
         "hostile(how=nan)": ("invalid", "a value is not finite"),

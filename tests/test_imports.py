@@ -17,7 +17,10 @@ ROOT = Path(__file__).parent.parent
 SOURCE = ROOT / "src" / "pilotid"
 FOLDERS = {"methods": ROOT / "methods", "datasets": ROOT / "datasets"}
 COMMAND = "from pilotid.cli.main import main\ntry: "
-HEAVY = ("scipy.signal", "control", "pysindy", "emcee", "matplotlib", "pandas", "jinja2")
+HEAVY = (
+    *("scipy.signal", "control", "pysindy", "emcee", "matplotlib", "pandas", "jinja2"),
+    *("pebble", "cloudpickle", "sqlite3"),
+)
 
 
 def modules() -> dict[str, Path]:

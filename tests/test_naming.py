@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import linecache
 import subprocess
 import sys
+import types
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
@@ -18,10 +20,16 @@ from pilotid.datasets.remnant import Remnant
 from pilotid.methods import METHODS, label_of, method_named
 from pilotid.methods.arx import ARX
 from pilotid.methods.bayes import Bayes
-from pilotid.naming.code import packed, taken, unpacked
-from pilotid.naming.settings import configured, labelled, made, plain, shown, written
-from pilotid.naming.sources import code_digest
-from pilotid.naming.text import split_call, split_list
+from pilotid.naming.code import code_digest, packed, taken, unpacked
+from pilotid.naming.settings import (
+    configured,
+    labelled,
+    made,
+    plain,
+    shown,
+    split_call,
+    split_list,
+)
 from pilotid.time_domain.remnant_models import LowPass
 from pilotid.types import InputError
 
@@ -78,7 +86,7 @@ class Outer:
         ("many=(a,)", "many", ("a",)),
         ("many=[a, 'b c']", "many", ("a", "b c")),
         ("inner=Inner(wide=true)", "inner", Inner(wide=True)),
-        ("colour=blue", "colour", Colour.BLUE),
+        ("colour=BLUE", "colour", Colour.BLUE),
         ("anything=((1, 2.5), none, x)", "anything", ((1, 2.5), None, "x")),
     ],
 )
@@ -99,7 +107,8 @@ def test_settings_are_read_as_their_types(text: str, name: str, value: object) -
         ("2", "'2' is not SETTING=VALUE"),
         ("count=2.0", "count must be a whole number, not 2.0"),
         ("count=true", "a whole number"),
-        ("count=" + "9" * 500, "a whole number"),
+        ("count=" + "9" * 5000, "a whole number"),
+        ("inner=Inner(wde=true)", "did you mean 'wide'?"),
         ("number=abc", "number must be a number, not abc"),
         ("number='1'", "must be a number"),
         ("number=nan", "must be a number"),
@@ -107,13 +116,14 @@ def test_settings_are_read_as_their_types(text: str, name: str, value: object) -
         ("number=1, number=2", "given twice"),
         ("on=1", "true or false"),
         ("maybe=x", "a number or none"),
-        ("kind=both", "one-sided or two-sided or 3"),
-        ("pair=(1, 2, 3)", "a list in parentheses"),
+        ("kind=both", "'one-sided', 'two-sided' or 3"),
+        ("pair=(1, 2, 3)", "at most 2 items"),
+        ("pair=(1,)", "cannot be (1,) (Field required)"),
         ("pair=1", "a list in parentheses"),
         ("inner=Other(depth=1)", "Other(...), which is not known there"),
         ("inner=Inner(dept=1)", "there is no setting 'dept'"),
         ("inner=3", "must be Inner(...), not 3"),
-        ("colour=green", "red or blue"),
+        ("colour=green", "'RED' or 'BLUE'"),
         ("word=a b", "put words with such signs in quotes"),
         ("word='a", "is not closed"),
         ("many=(a", "is not closed"),
@@ -227,7 +237,7 @@ def test_settings_become_plain_objects_without_loss() -> None:
 def test_what_has_no_words_of_its_own_is_told_apart() -> None:
     from scipy import stats
 
-    one, same, other = (written(stats.norm(0.0, s)) for s in (1.0, 1.0, 2.0))
+    one, same, other = (shown(stats.norm(0.0, s)) for s in (1.0, 1.0, 2.0))
     assert one == same
     assert one != other
 
@@ -235,12 +245,22 @@ def test_what_has_no_words_of_its_own_is_told_apart() -> None:
 # -------------------------------------------------------------------------------------- code
 
 MINE = """
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import lru_cache
 import beside
+
+@lru_cache
+def doubled(number):
+    return 2 * number
 
 @dataclass(frozen=True)
 class Mine:
     size: int = beside.SIZE
+    more: tuple = field(default_factory=tuple)
+
+    @property
+    def twice(self):
+        return doubled(self.size)
 
 thing = Mine(9)
 
@@ -281,12 +301,12 @@ def test_things_are_taken_from_files_and_modules(mine: Path) -> None:
     [
         ("{}/none.py:Mine", "there is no such file"),
         ("{}:Mine", "Is a directory"),
-        ("{}/mine.py:Yours", "holds no 'Yours'; it defines Mine, thing, later"),
+        ("{}/mine.py:Yours", "holds no 'Yours'; it defines"),
         ("{}/mine.py:Mine.x", "holds no 'x'"),
         ("{}/mine.py:Mine(size=x)", "a whole number"),
         ("{}/syntax.py:X", "SyntaxError"),
         ("{}/leaves.py:X", "SystemExit: 4"),
-        ("{}/bytes.py:X", "no text in UTF-8"),
+        ("{}/bytes.py:X", "bytes.py: cannot be imported (SyntaxError"),
         ("{}/null.py:X", "cannot be imported"),
         ("no.such.module:X", "No module named 'no'"),
         ("pilotid.methods:ARX()x", "is not file.py:NAME"),
@@ -308,7 +328,9 @@ def test_a_file_s_code_goes_along_to_other_processes(mine: Path) -> None:
     mine.unlink()
     program = (
         "import sys; from pilotid.naming.code import unpacked\n"
-        "print(unpacked(sys.stdin.buffer.read()).size)"
+        "from pilotid.naming.settings import labelled\n"
+        "thing = unpacked(sys.stdin.buffer.read())\n"
+        "print(thing.twice, labelled('mine', thing))"
     )
     done = subprocess.run(
         [sys.executable, "-c", program],
@@ -317,7 +339,7 @@ def test_a_file_s_code_goes_along_to_other_processes(mine: Path) -> None:
         check=True,
         env={"PYTHONPATH": str(mine.parent)},
     )
-    assert done.stdout.strip() == b"8"
+    assert done.stdout.decode().strip() == "16 mine(size=8)"
     assert unpacked(packed((1, "a"))) == (1, "a")
 
 
@@ -344,3 +366,23 @@ def test_the_digest_covers_a_package(tmp_path: Path, monkeypatch: pytest.MonkeyP
     (package / "inner" / "b.py").write_text("")
     assert before
     assert code_digest(thing) != before
+
+
+def test_code_that_was_typed_in_is_told_by_its_source(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A notebook keeps the source of its cells; what nobody keeps is refused."""
+
+    def typed(source: str, cell: str) -> object:
+        space: dict[str, Any] = {"__name__": "__main__"}
+        exec(compile(source, cell, "exec"), space)
+        linecache.cache[cell] = (len(source), None, source.splitlines(True), cell)
+        return space["Mine"]()
+
+    monkeypatch.setitem(sys.modules, "__main__", types.ModuleType("__main__"))
+    one, other = (f"class Mine:\n    def fit(self):\n        return {n}\n" for n in (1, 2))
+    digests = [code_digest(typed(text, f"<cell {n}>")) for n, text in enumerate((one, one, other))]
+    assert digests[0] == digests[1] != digests[2]
+    assert unpacked(packed(typed(one, "<cell 3>"))).fit() == 1
+    thing = typed(one, "<stdin>")
+    del linecache.cache["<stdin>"]
+    with pytest.raises(InputError, match="write it to a file"):
+        code_digest(thing)

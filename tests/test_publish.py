@@ -13,8 +13,8 @@ from stores import KEYS, finish, fit
 
 from pilotid.publishing.held import held_in, names_for
 from pilotid.publishing.pages import publish
+from pilotid.study.archive import KEPT
 from pilotid.study.entries import MethodEntry, ParameterTruth, ScenarioEntry, Unit
-from pilotid.study.kept import KEPT
 from pilotid.study.store import STORE, Store
 from pilotid.types import InputError
 

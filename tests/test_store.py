@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import sqlite3
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from pilotid.database import DamagedError
 from pilotid.study.entries import (
     Draw,
     MethodEntry,
@@ -141,18 +143,34 @@ def test_a_pilot_that_was_drawn_is_kept_once_for_all_methods(tmp_path: Path) -> 
         assert [e.population for e in store.scenarios()] == [False, False, True]
 
 
-@pytest.mark.parametrize("lacking", [("tracks",), ("tracks", "excess", "remarks")])
-def test_a_store_of_a_format_before_is_refused_in_a_sentence(
-    tmp_path: Path, lacking: tuple[str, ...]
-) -> None:
-    """It had fewer columns in the table of fits."""
+def test_a_store_of_the_version_before_is_read_and_goes_on(tmp_path: Path) -> None:
+    """It had another column in the table that tells the numbers of rows."""
+    with filled(tmp_path) as store:
+        store.add(result("early", "first", 0))
+        held = list(store.results())
+        store.describe({"format": "5"})
+    with closing(sqlite3.connect(tmp_path / STORE)) as base:
+        base.execute("ALTER TABLE seals ADD COLUMN checksum INTEGER")
+        base.commit()
+    before = (tmp_path / STORE).read_bytes()
+    with Store(tmp_path) as store:
+        assert list(store.results()) == held
+        assert store.about()["format"] == "5"
+    assert (tmp_path / STORE).read_bytes() == before
+    with Store(tmp_path, create=True) as store:
+        store.add(result("early", "first", 1))
+        assert list(store.results())[:1] == held
+        # The version before would find the column wrong.
+        assert store.about()["format"] == str(FORMAT)
+
+
+@pytest.mark.parametrize("number", ["3", "7"])
+def test_a_store_of_another_format_is_refused_in_a_sentence(tmp_path: Path, number: str) -> None:
     filled(tmp_path).close()
-    base = sqlite3.connect(tmp_path / STORE)
-    for column in lacking:
-        base.execute(f"ALTER TABLE fits DROP COLUMN {column}")
-    base.execute("UPDATE about SET value = '3' WHERE key = 'format'")  # its checksum fails now
-    base.commit()
-    base.close()
+    with closing(sqlite3.connect(tmp_path / STORE)) as base:
+        base.execute("ALTER TABLE fits DROP COLUMN tracks")
+        base.execute("UPDATE about SET value = ? WHERE key = 'format'", (number,))
+        base.commit()
     for create in (False, True):
         with pytest.raises(InputError, match="another version of pilotid"):
             Store(tmp_path, create=create)
@@ -169,8 +187,9 @@ def test_files_that_are_no_store_are_refused_in_a_sentence(tmp_path: Path) -> No
     with pytest.raises(InputError, match="no such file; name a folder"):
         Store(tmp_path)
     (tmp_path / STORE).write_bytes(b"no database" * 100)
-    with pytest.raises(InputError, match="is no store of results"):
-        Store(tmp_path)
+    for create in (False, True):
+        with pytest.raises(DamagedError, match="--salvage"):
+            Store(tmp_path, create=create)
     other = tmp_path / "other"
     other.mkdir()
     with filled(other) as store:

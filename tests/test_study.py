@@ -175,15 +175,43 @@ def test_a_scenario_without_bounds_is_a_sentence(tmp_path: Path) -> None:
         Study(wild, "mle").enter(store)
 
 
-def test_what_cannot_cross_to_another_process_is_a_sentence() -> None:
+def test_a_class_of_one_s_own_crosses_and_what_cannot_is_a_sentence() -> None:
     class Local(MLEWhite):
         """Nobody else can find it."""
 
         name = "local"
 
     study = Study("single", Local())
+    assert run_task(next(study.tasks(study.units()))).outcome == "converged"
+    object.__setattr__(study.methods[0], "candidates", (number for number in (3,)))
     with pytest.raises(InputError, match="local: cannot be handed to another process"):
         next(study.tasks(study.units()))
+
+
+#: A study at the top of a script, without a guard, of a class that the script defines.
+SCRIPT = """
+import sys
+from pathlib import Path
+from pilotid.methods.mle_white import MLEWhite
+from pilotid.study.study import Study
+
+class Mine(MLEWhite):
+    name = "mine"
+
+print("once")
+study = Study("single", [Mine(candidates=3)], 2).run_in(Path(sys.argv[1]), 2)
+print(study.cells[0].method)
+"""
+
+
+def test_a_script_without_a_main_guard_runs_once(tmp_path: Path) -> None:
+    file = tmp_path / "script.py"
+    file.write_text(SCRIPT)
+    done = subprocess.run(
+        [sys.executable, file, tmp_path / "out"], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == ["once", "mine(candidates=3)"]
+    assert done.stderr == ""
 
 
 def test_a_study_may_be_larger_than_any_list(tmp_path: Path) -> None:

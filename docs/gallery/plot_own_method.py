@@ -27,51 +27,50 @@ from pilotid.testing import check_method
 # ``check_method`` holds it to what every method promises.  Then a study sets it beside two
 # others, on the pilot in motion of AIAA 2008-7109 with a coloured and with a white remnant.
 
-if __name__ == "__main__":  # the processes of the fits import this file
-    place = "own/smoothed.py:Smoothed"  # from the folder of this script
-    check_method(method_named(place))
-    methods = ("mle-white", "mle", place)
-    with tempfile.TemporaryDirectory() as folder:
-        comparison = pilotid.compare(
-            ("nominal", "white-remnant"), methods, replications=12, out=folder, workers=1
-        )
-    for cell in comparison.cells:
-        print(
-            f"{cell.scenario.name}, {cell.method}: {cell.usable} of {cell.tried} fits count, "
-            f"{cell.milliseconds:.0f} ms each"
-        )
+place = "own/smoothed.py:Smoothed"  # from the folder of this script
+check_method(method_named(place))
+methods = ("mle-white", "mle", place)
+with tempfile.TemporaryDirectory() as folder:
+    comparison = pilotid.compare(
+        ("nominal", "white-remnant"), methods, replications=12, out=folder, workers=1
+    )
+for cell in comparison.cells:
+    print(
+        f"{cell.scenario.name}, {cell.method}: {cell.usable} of {cell.tried} fits count, "
+        f"{cell.milliseconds:.0f} ms each"
+    )
 
-    with journal_style():
-        figure, axes = plt.subplots(
-            2, 2, figsize=(7.6, 4.2), layout="constrained", sharex=True, sharey="col"
-        )
-        for (left, right), scenario in zip(axes, comparison.scenarios, strict=True):
-            cells = comparison.of(scenario.name)
-            keys = [known.parameter for known in scenario.parameters]
-            places = np.arange(len(keys))
-            for number, cell in enumerate(cells):
-                shift = places + 0.2 * (number - 1)
-                style = {
-                    "fmt": marker_of(cell.method),
-                    "color": colour_of(cell.method),
-                    "markersize": 4.5,
-                    "label": cell.method,
-                }
-                bias = [score.bias for score in cell.percent]
-                reach = [1.96 * score.bias_se for score in cell.percent]
-                left.errorbar(shift, bias, reach, **style)
-                share = np.array([score.coverage for score in cell.scores])
-                ends = np.array([score.coverage_interval for score in cell.scores])
-                bars = np.maximum(0.0, [share - ends[:, 0], ends[:, 1] - share])
-                right.errorbar(shift, share, bars, **style)
-            left.axhline(0.0, color="#333333", linewidth=0.6)
-            right.axhline(0.95, color="#333333", linewidth=0.6)
-            left.set_title(scenario.name, loc="left")
-            left.set_ylabel("bias [% of the truth]")
-            right.set_ylabel("coverage of 95 % intervals [-]")
-            left.set_xticks(places, keys)
-        axes[0, 0].legend(frameon=False, loc="lower right")
-    plt.show()
+with journal_style():
+    figure, axes = plt.subplots(
+        2, 2, figsize=(7.6, 4.2), layout="constrained", sharex=True, sharey="col"
+    )
+    for (left, right), scenario in zip(axes, comparison.scenarios, strict=True):
+        cells = comparison.of(scenario.name)
+        keys = [known.parameter for known in scenario.parameters]
+        places = np.arange(len(keys))
+        for number, cell in enumerate(cells):
+            shift = places + 0.2 * (number - 1)
+            style = {
+                "fmt": marker_of(cell.method),
+                "color": colour_of(cell.method),
+                "markersize": 4.5,
+                "label": cell.method,
+            }
+            bias = [score.bias for score in cell.percent]
+            reach = [1.96 * score.bias_se for score in cell.percent]
+            left.errorbar(shift, bias, reach, **style)
+            share = np.array([score.coverage for score in cell.scores])
+            ends = np.array([score.coverage_interval for score in cell.scores])
+            bars = np.maximum(0.0, [share - ends[:, 0], ends[:, 1] - share])
+            right.errorbar(shift, share, bars, **style)
+        left.axhline(0.0, color="#333333", linewidth=0.6)
+        right.axhline(0.95, color="#333333", linewidth=0.6)
+        left.set_title(scenario.name, loc="left")
+        left.set_ylabel("bias [% of the truth]")
+        right.set_ylabel("coverage of 95 % intervals [-]")
+        left.set_xticks(places, keys)
+    axes[0, 0].legend(frameon=False, loc="lower right")
+plt.show()
 
 # %%
 # Bars are 95 % Monte Carlo intervals.  The method of one's own takes every bin of a tapered

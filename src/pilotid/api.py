@@ -126,8 +126,7 @@ def compare(
 ) -> Comparison:
     """Compare methods on simulated recordings; a study that was stopped goes on where it was.
 
-    Scripts call it under ``if __name__ == "__main__"``, since the fits run in processes of
-    their own, which import the script.
+    The fits run in processes of their own, which do not import the script that calls it.
 
     Parameters
     ----------

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import sqlite3
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,7 +15,6 @@ from pilotid.analysis.left_out import LeftOut, left_out_rows
 from pilotid.analysis.pattern import Part
 from pilotid.analysis.rows import SUBJECT, Row, rows_of
 from pilotid.analysis.source import Source
-from pilotid.analysis.store import Done
 from pilotid.analysis.tasks import (
     Answer,
     Content,
@@ -25,14 +27,19 @@ from pilotid.analysis.tasks import (
     look_task,
     perform,
 )
+from pilotid.database import DamagedError, checksum, in_words, open_to_write
 from pilotid.estimates.method import Method
+from pilotid.jobs import USUAL_LIMITS, Limits, run_tasks
+from pilotid.naming.code import own_digest
 from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
-from pilotid.study.facts import own_digest
-from pilotid.study.process import USUAL_LIMITS, Limits
-from pilotid.study.workers import run_tasks
 from pilotid.types import InputError
+
+#: What is done already: its keys say all that a content follows from (recording, model, methods,
+#: settings, code), so that whatever changes is done again.
+STORE = "analysis.sqlite"
+TABLE = "results (key TEXT PRIMARY KEY, content TEXT, checksum INTEGER)"
 
 #: Recordings that are judged together when a model is chosen: their fields but the subject.
 Group = tuple[tuple[str, str], ...]
@@ -148,25 +155,49 @@ def group_of(part: Part) -> Group:
 Bar = Callable[[Iterable[Answer], str, int], Iterator[Answer]]
 
 
+def _opened(path: Path) -> sqlite3.Connection:
+    """The file of what is done; one that is damaged costs the time to do it again."""
+    try:
+        base = open_to_write(path)
+    except DamagedError:
+        path.unlink()
+        base = open_to_write(path)
+    base.execute(f"CREATE TABLE IF NOT EXISTS {TABLE}")
+    return base
+
+
 @dataclass(eq=False)
 class _Work:
     """Where tasks are done: what is held, and what is refused meanwhile."""
 
-    done: Done
+    path: Path
+    base: sqlite3.Connection
     bar: Bar
     workers: int | None
     limits: Limits
     refused: dict[str, None] = field(default_factory=dict)
 
+    def held(self, task: Task) -> Content | None:
+        """What is held of a task."""
+        found = self.base.execute("SELECT * FROM results WHERE key = ?", (task.key,)).fetchone()
+        if found is None or found[2] != checksum(*found[:2]):
+            return None
+        content: Content = json.loads(found[1])
+        # A page that was moved away is made again.
+        page = content.get("page")
+        return None if page and not (self.path.parent / page).exists() else content
+
+    def keep(self, key: str, content: Content) -> None:
+        """Keep a content, complete or not at all."""
+        text = json.dumps(content)
+        row = (key, text, checksum(key, text))
+        with in_words(self.path):
+            self.base.execute("INSERT OR REPLACE INTO results VALUES (?, ?, ?)", row)
+
     def contents(self, tasks: Sequence[Task], what: str) -> dict[str, Content]:
         """The contents of tasks by their keys; those that a file is at fault for are missing."""
-        held = self.done.get(task.key for task in tasks)
-        # A page that was moved away is made again.
-        held = {
-            key: content
-            for key, content in held.items()
-            if not (page := content.get("page")) or (self.done.path.parent / page).exists()
-        }
+        found = ((task.key, self.held(task)) for task in tasks)
+        held = {key: content for key, content in found if content is not None}
         todo = [task for task in tasks if task.key not in held]
         if not todo:
             return held
@@ -175,7 +206,7 @@ class _Work:
         for answer in self.bar(answers, what, len(todo)):
             if answer.content is not None:
                 held[answer.task.key] = answer.content
-                self.done.put(answer.task.key, answer.content)
+                self.keep(answer.task.key, answer.content)
             elif answer.task.what != "look":
                 held[answer.task.key] = failed_content(answer.task, answer.refused or answer.lost)
             else:
@@ -212,8 +243,9 @@ def analyse(
         A sentence for each file that was left out already.
     """
     code = own_digest()
-    with Done(folder) as done:
-        work = _Work(done, bar, workers, limits, dict.fromkeys(refused))
+    path = folder / STORE
+    with closing(_opened(path)) as base:
+        work = _Work(path, base, bar, workers, limits, dict.fromkeys(refused))
         digests = _digests(sources, code, work)
         looks = {
             source: look_task(

@@ -23,15 +23,14 @@ from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.method import Method
 from pilotid.estimates.quantities import Quantity
 from pilotid.estimates.sound import one_line
+from pilotid.jobs import Loss
 from pilotid.methods.fourier import first_step_of
-from pilotid.naming.code import packed, reason, unpacked
+from pilotid.naming.code import code_digest, packed, reason, unpacked
 from pilotid.naming.settings import plain
-from pilotid.naming.sources import code_digest
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.study.entries import number
-from pilotid.study.process import Loss
 from pilotid.types import InputError
 
 Content = dict[str, Any]

@@ -12,7 +12,7 @@ import typer
 from pilotid.disk import require_file
 from pilotid.estimates.method import Method
 from pilotid.methods import label_of, method_named, methods
-from pilotid.naming.text import split_list
+from pilotid.naming.settings import split_list
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.text import sidecar_path
 from pilotid.types import FloatArray, InputError

@@ -25,7 +25,7 @@ from pilotid.element.choice import ElementChoice, chosen_element
 from pilotid.estimates.method import Method, motionless_input
 from pilotid.lines.objection import objection
 from pilotid.methods import methods
-from pilotid.naming.text import split_list
+from pilotid.naming.settings import split_list
 from pilotid.pilot.catalogue import model_named
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel

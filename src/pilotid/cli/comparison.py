@@ -18,6 +18,13 @@ if TYPE_CHECKING:
     from pilotid.study.store import Store
     from pilotid.study.study import Pending
 
+SalvageOption = Annotated[
+    bool,
+    typer.Option(
+        "--salvage", help="If the store is damaged, put a new one with all that is whole there."
+    ),
+]
+
 
 def compare(
     profile: Annotated[
@@ -56,6 +63,7 @@ def compare(
             help="Fit again what crashed, died, or ran out of memory or time.",
         ),
     ] = False,
+    salvage: SalvageOption = False,
     mix: Annotated[
         bool, typer.Option("--mix", help="Add to results of other code or settings in DIR.")
     ] = False,
@@ -67,8 +75,8 @@ def compare(
     from pilotid.cli.progress import with_progress
     from pilotid.datasets import CATALOGUE
     from pilotid.disk import make_folder
+    from pilotid.jobs import Limits
     from pilotid.methods import methods
-    from pilotid.study.process import Limits
     from pilotid.study.store import Store
     from pilotid.study.study import PROFILES, Study
 
@@ -88,8 +96,9 @@ def compare(
         sparing=method is None,
     )
     make_folder(out)
+    if salvage:
+        _salvage(out)
     with Store(out, create=True) as store:
-        _warn(store)
         try:
             pending = study.enter(store, mix=mix, retry=retry_failed)
             held = study.size - pending.total
@@ -110,8 +119,8 @@ def compare(
 
 def _foretell(store: Store, pending: Pending, workers: int | None) -> None:
     """Say about how long a long study will take."""
+    from pilotid.jobs import processors
     from pilotid.study.study import remaining_seconds
-    from pilotid.study.workers import processors
 
     processes = workers or processors()
     minutes = remaining_seconds(store, pending.counts, processes) / 60.0
@@ -135,14 +144,16 @@ def report(
             "--keep", help="Write all rows in a small form too, and make the report from that."
         ),
     ] = False,
+    salvage: SalvageOption = False,
 ) -> None:
     """Make the tables and the report of a comparison again, from its store alone."""
     from pilotid.disk import make_folder
     from pilotid.study.store import Store
 
     target = out or folder
+    if salvage:
+        _salvage(folder)
     with Store(folder) as store:
-        _warn(store)
         if out is not None:
             make_folder(out)
         if not keep:
@@ -154,10 +165,10 @@ def report(
     make_console().print(f"rows: {path}", soft_wrap=True)
 
 
-def _warn(store: Store) -> None:
-    """Say what is damaged."""
-    if store.warning:
-        make_console(errors=True).print(f"pilotid: {store.warning}", soft_wrap=True)
+def _salvage(folder: Path) -> None:
+    from pilotid.study.store import salvage
+
+    make_console(errors=True).print(f"pilotid: {salvage(folder)}", soft_wrap=True)
 
 
 def _finish(folder: Path, store: Store) -> None:

@@ -7,6 +7,7 @@ letters, digits and ``.+-``), a list in parentheses, or again a name with settin
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 import enum
 import hashlib
@@ -14,17 +15,94 @@ import math
 import pickle
 import re
 import sys
-from collections.abc import Mapping
+import types
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from difflib import get_close_matches
 from functools import partial
-from typing import Any, TypeVar, get_args, get_type_hints
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from pilotid.naming.text import Call, TextError, convert, read, split_list, words_of
 from pilotid.types import InputError
 
 T = TypeVar("T")
 NOTHING = dataclasses.MISSING
+NESTING = 50  # brackets within brackets: more are nonsense, and would end Python's recursion
+CONSTANTS = {"none": None, "true": True, "false": False}
+PAIRS = {")": "(", "]": "["}
+#: How pydantic begins, and what it calls a thing that users have another word for.
+EXPECTED = "Input should be "
+WORDS = {
+    "bool_type": "true or false",
+    "int_type": "a whole number",
+    "float_type": "a number",
+    "string_type": "a word",
+    "tuple_type": "a list in parentheses",
+    "list_type": "a list in parentheses",
+}
+PLAIN = (type(None), bool, int, float, str, tuple, list, set, frozenset)
+CONTAINERS = (tuple, list, set, frozenset, Sequence)
+
+
+class SettingError(ValueError):
+    """Says what is wrong with the text of a setting, without the text."""
+
+
+# ------------------------------------------------------------------------- text in pieces
+
+
+def split_list(text: str, *, names: bool = False) -> list[str]:
+    """The parts of a text between commas that stand outside brackets, empty ones left out.
+
+    Parameters
+    ----------
+    text
+        Settings, values or names.
+    names
+        Whether it is names, where a quote outside brackets is an apostrophe in a path.
+
+    Raises
+    ------
+    InputError
+        If a bracket or a quote is not closed.
+    """
+    commas = [place for place, sign in _outside_brackets(text, names) if sign == ","]
+    ends = zip([-1, *commas], [*commas, len(text)], strict=True)
+    parts = (text[start + 1 : end].strip() for start, end in ends)
+    return [part for part in parts if part]
+
+
+def split_call(text: str) -> tuple[str, str | None]:
+    """A name, and the settings in the parentheses at its end, None if there are none."""
+    text = text.strip()
+    opened = [place for place, sign in _outside_brackets(text, True) if sign == "("]
+    if not opened or not text.endswith(")"):
+        return text, None
+    return text[: opened[-1]].rstrip(), text[opened[-1] + 1 : -1]
+
+
+def _outside_brackets(text: str, names: bool) -> Iterator[tuple[int, str]]:
+    """The signs outside brackets and quotes, with their places; brackets that open included."""
+    waiting: list[str] = []
+    quote = before = ""
+    for place, sign in enumerate(text):
+        if quote:
+            quote = "" if sign == quote and before != "\\" else quote
+        elif sign in "\"'" and (waiting or not names):
+            quote = sign
+        elif sign in PAIRS:
+            if not waiting or waiting.pop() != PAIRS[sign]:
+                raise InputError(f"{text}: '{sign}' closes nothing; check the brackets")
+        else:
+            if not waiting:
+                yield place, sign
+            if sign in "([":
+                waiting.append(sign)
+        before = "" if before == sign == "\\" else sign
+    if waiting or quote:
+        left = quote or waiting[-1]
+        raise InputError(f"{text}: '{left}' is not closed; check brackets and quotes")
+
 
 # ------------------------------------------------------------------------------- from text
 
@@ -46,40 +124,36 @@ def configured(thing: T, text: str | None, given: str) -> T:
     InputError
         If there is no such setting, or if it cannot have that value.
     """
-    here = {name: getattr(thing, name) for name in _settings(type(thing))}
     if not split_list(text or ""):
         return thing
-    with _Refusal(given, here):
-        return dataclasses.replace(thing, **_values(type(thing), text or ""))  # type: ignore[type-var]
+    usual = {name: getattr(thing, name) for name in _settings(type(thing))}
+    return _make(
+        lambda: dataclasses.replace(thing, **_values(type(thing), text or "")),  # type: ignore[type-var]
+        given,
+        usual,
+    )
 
 
 def made(kind: type[T], text: str | None, given: str) -> T:
     """A class's object with the settings of a text; see `configured`."""
-    with _Refusal(given, {name: _usual(field) for name, field in _settings(kind).items()}):
-        return kind(**_values(kind, text or ""))
+    usual = {name: _usual(field) for name, field in _settings(kind).items()}
+    return _make(lambda: kind(**_values(kind, text or "")), given, usual)
 
 
-class _Refusal:
-    """Turns whatever goes wrong with settings into a sentence that lists those there are."""
-
-    def __init__(self, given: str, known: Mapping[str, object]) -> None:
-        self.given, self.known = given, known
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
-        if not isinstance(error, Exception):
-            return
-        shown = [_with_value(name, value) for name, value in self.known.items()]
+def _make(make: Callable[[], T], given: str, usual: Mapping[str, object]) -> T:
+    """What is made; whatever goes wrong is a sentence that lists the settings there are."""
+    try:
+        return make()
+    except Exception as error:
+        shown = [_with_value(name, value) for name, value in usual.items()]
         there = f"its settings are {', '.join(shown)}" if shown else "it has no settings"
         why = str(error) or type(error).__name__
-        raise InputError(f"{self.given}: {why.rstrip('.')}; {there}") from error
+        raise InputError(f"{given}: {why.rstrip('.')}; {there}") from error
 
 
 def _with_value(name: str, value: object) -> str:
     """A setting and its value, where that is short."""
-    text = "" if value is NOTHING else f"={written(value)}"
+    text = "" if value is NOTHING else f"={shown(value)}"
     return f"{name}{text}" if len(text) < 30 else name
 
 
@@ -90,37 +164,132 @@ def _values(kind: type, text: str) -> dict[str, object]:
     for part in split_list(text):
         name, equals, value = (piece.strip() for piece in part.partition("="))
         if not equals:
-            raise TextError(f"'{part}' is not SETTING=VALUE")
+            raise SettingError(f"'{part}' is not SETTING=VALUE")
         if name not in known:
-            raise TextError(f"there is no setting '{name}'")
+            near = [f", did you mean '{n}'?" for n in get_close_matches(name, known, 1)]
+            raise SettingError(f"there is no setting '{name}'{''.join(near)}")
         if name in values:
-            raise TextError(f"the setting '{name}' is given twice")
+            raise SettingError(f"the setting '{name}' is given twice")
         hint = hints.get(name, Any)
         try:
-            values[name] = convert(read(value), hint, partial(_nested, kind, hint))
-        except TextError as wrong:
-            why = str(wrong) or f"must be {words_of(hint)}, not {value}"
-            raise TextError(f"{name} {why}") from None
+            values[name] = _value(value, hint, partial(_nested, kind, hint))
+        except SettingError as wrong:
+            raise SettingError(f"{name} {wrong}") from None
     return values
 
 
-def _nested(kind: type, hint: Any, call: Call) -> object:
+def _value(text: str, hint: Any, build: Callable[[str, str], object]) -> object:
+    """A typed value as the declared type has it: words as what they look like, or as words."""
+    from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+    config = ConfigDict(strict=True, arbitrary_types_allowed=True)
+    adapter = TypeAdapter[Any](_checked_type(hint), config=config)
+    try:
+        return adapter.validate_python(_read(text, build, _parse_word))
+    except ValidationError as wrong:
+        try:
+            return adapter.validate_python(_read(text, build, str))
+        except ValidationError:
+            raise SettingError(_describe_errors(wrong.errors(), hint, text)) from None
+
+
+def _describe_errors(errors: list[Any], hint: Any, text: str) -> str:
+    """What pydantic says against a value, in a user's words."""
+    messages = [WORDS.get(error["type"], str(error["msg"])) for error in errors]
+    if not all(m in WORDS.values() or m.startswith(EXPECTED) for m in messages):
+        return f"cannot be {text} ({'; '.join(messages)})"
+    messages += ["none"] if type(None) in get_args(hint) else []
+    wanted = dict.fromkeys(message.removeprefix(EXPECTED) for message in messages)
+    return f"must be {' or '.join(wanted)}, not {text}"
+
+
+def _read(
+    text: str,
+    build: Callable[[str, str], object],
+    word: Callable[[str], object],
+    depth: int = 0,
+) -> object:
+    """What was typed as an object; `word` makes one of a word without quotes."""
+    text = text.strip()
+    if depth > NESTING:
+        raise SettingError("has too many brackets")
+    if not text:
+        raise SettingError("has no value")
+    if text[0] in "\"'":
+        try:
+            return ast.literal_eval(text)
+        except (SyntaxError, ValueError):
+            raise SettingError(f"cannot be {text}, whose quotes are not in order") from None
+    if text[0] in "([" and text[-1] in ")]":
+        return tuple(_read(part, build, word, depth + 1) for part in split_list(text[1:-1]))
+    name, settings = split_call(text)
+    if settings is not None and name.isidentifier():
+        return build(name, settings)
+    if re.search(r"[\s()\[\]\"'=,]", text):
+        raise SettingError(f"cannot be {text}; put words with such signs in quotes")
+    return word(text)
+
+
+def _parse_word(word: str) -> object:
+    """A word as what it looks like: a constant, a number, or itself."""
+    if word.lower() in CONSTANTS:
+        return CONSTANTS[word.lower()]
+    if re.fullmatch(r"[+-]?inf", word, re.IGNORECASE):
+        return float(word)
+    try:
+        value = ast.literal_eval(word)
+    except (SyntaxError, ValueError, MemoryError, RecursionError):
+        return word
+    return value if isinstance(value, int | float) else word
+
+
+def _checked_type(hint: Any) -> Any:
+    """A declared type as pydantic checks it: classes of our own and of others by themselves."""
+    from pydantic import AfterValidator, PlainValidator
+
+    origin, inner = get_origin(hint), get_args(hint)
+    if hint in (Any, object) or origin in (Literal, Annotated):
+        return Any if hint is object else hint
+    if origin in (Union, types.UnionType):
+        return Union[tuple(_checked_type(each) for each in inner)]  # noqa: UP007  (made of a tuple)
+    if origin in CONTAINERS:
+        return origin[tuple(each if each is Ellipsis else _checked_type(each) for each in inner)]
+    if hint in PLAIN:
+        return hint
+    if isinstance(hint, type) and issubclass(hint, enum.Enum):
+        names = Literal[tuple(hint.__members__)]  # type: ignore[valid-type]  # made of a tuple
+        return Annotated[names, AfterValidator(hint.__getitem__)]
+    return Annotated[Any, PlainValidator(partial(_instance, hint))]
+
+
+def _instance(kind: Any, value: object) -> object:
+    """An object of a class, where that can be told: protocols are not asked."""
+    from pydantic_core import PydanticCustomError
+
+    a_class = isinstance(kind, type) and dataclasses.is_dataclass(kind)
+    if isinstance(value, kind if a_class else PLAIN) is not a_class:
+        name = getattr(kind, "__name__", kind)
+        raise PydanticCustomError("setting", EXPECTED + "{name}(...)", {"name": name})
+    return value
+
+
+def _nested(kind: type, hint: Any, name: str, settings: str) -> object:
     """A dataclass within the settings, of a name known where they or their type are written."""
-    places = [base.__module__ for base in kind.__mro__] + _written_in(hint)
-    known = (vars(sys.modules[place]).get(call.name) for place in places if place in sys.modules)
+    places = [base.__module__ for base in (*kind.__mro__, *_types_in(hint))]
+    known = (vars(sys.modules[place]).get(name) for place in places if place in sys.modules)
     inner = next((k for k in known if isinstance(k, type) and dataclasses.is_dataclass(k)), None)
     if inner is None:
-        raise TextError(f"cannot be {call.name}(...), which is not known there")
+        raise SettingError(f"cannot be {name}(...), which is not known there")
     try:
-        return inner(**_values(inner, call.settings))
+        return inner(**_values(inner, settings))
     except Exception as error:
-        raise TextError(f"cannot be {call.name}({call.settings}), for {error}") from error
+        raise SettingError(f"cannot be {name}({settings}), for {error}") from error
 
 
-def _written_in(hint: Any) -> list[str]:
-    """Modules of the types in a declared type."""
-    inner = [name for part in get_args(hint) for name in _written_in(part)]
-    return [str(getattr(hint, "__module__", "")), *inner]
+def _types_in(hint: Any) -> list[type]:
+    """The classes in a declared type."""
+    inner = [kind for part in get_args(hint) for kind in _types_in(part)]
+    return [hint, *inner] if isinstance(hint, type) else inner
 
 
 def _settings(kind: type) -> dict[str, dataclasses.Field[Any]]:
@@ -158,53 +327,39 @@ def labelled(name: str, thing: object, usual: object = None) -> str:
     """
     changed = []
     for key, field in _settings(type(thing)).items():
-        value = written(getattr(thing, key))
+        value = shown(getattr(thing, key))
         default = _usual(field) if usual is None else getattr(usual, key)
-        if default is NOTHING or written(default) != value:
+        if default is NOTHING or shown(default) != value:
             changed.append(f"{key}={value}")
     return f"{name}({', '.join(changed)})" if changed else name
 
 
-def written(value: object) -> str:
-    """A value as a user would type it, where it can be typed."""
+def shown(value: object) -> str:
+    """A value as a user would type it, where it can be typed; also one that `plain` made."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         text = labelled(type(value).__name__, value)
         return text if text.endswith(")") else f"{text}()"
-    if isinstance(value, list | tuple):
-        return _bracketed([written(entry) for entry in value])
-    if isinstance(value, float | np.floating):
-        return _number(float(value))
-    return shown(plain(value))
-
-
-def shown(held: object) -> str:
-    """What `plain` made of a value, in the syntax of `written` and with all settings."""
-    match held:
-        case None:
-            return "none"
-        case bool():
-            return str(held).lower()
+    match value:
+        case None | bool():
+            return str(value).lower()
         case float():
-            return _number(held)
+            return _number(value)
         case str():
-            bare = re.fullmatch(r"[A-Za-z_][\w.+-]*", held, re.ASCII)
-            return held if bare and held.lower() not in ("none", "true", "false") else repr(held)
-        case list():
-            return _bracketed([shown(entry) for entry in held])
+            bare = re.fullmatch(r"[A-Za-z_][\w.+-]*", value, re.ASCII)
+            return value if bare and value.lower() not in CONSTANTS else repr(value)
+        case list() | tuple():
+            entries = [shown(entry) for entry in value]
+            return f"({', '.join(entries)}{',' if len(entries) == 1 else ''})"
         case dict():
-            inner = [f"{key}={shown(entry)}" for key, entry in held.items() if key != "class"]
-            return f"{held.get('class', '')}({', '.join(inner)})"
-        case _:
-            return repr(held)
+            inner = [f"{key}={shown(entry)}" for key, entry in value.items() if key != "class"]
+            return f"{value.get('class', '')}({', '.join(inner)})"
+    held = plain(value)
+    return repr(held) if type(held) is type(value) else shown(held)
 
 
 def _number(value: float) -> str:
     """A number with all its digits, and no more."""
     return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
-
-
-def _bracketed(entries: list[str]) -> str:
-    return f"({', '.join(entries)}{',' if len(entries) == 1 else ''})"
 
 
 # --------------------------------------------------------------------------------- to JSON

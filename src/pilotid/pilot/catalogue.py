@@ -11,8 +11,7 @@ import re
 from dataclasses import replace
 
 from pilotid.naming.code import is_place
-from pilotid.naming.settings import configured
-from pilotid.naming.text import split_call
+from pilotid.naming.settings import configured, split_call
 from pilotid.pilot.changing import Changing
 from pilotid.pilot.courses import Spline
 from pilotid.pilot.factors import (

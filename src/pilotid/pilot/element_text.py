@@ -1,15 +1,11 @@
 """Transfer functions as people write them: ``4 exp(-0.05s)/(s(1+s/30)^2)``.
 
-A small parser by recursive descent.  Its grammar, from the loosest binding to the tightest::
-
-    sum     = [sign] product {("+" | "-") product}
-    product = power {["*" | "/"] power}        juxtaposition multiplies: 2s(s+1)
-    power   = atom ["^" [sign] digits]         ** is ^
-    atom    = number | "s" | "(" sum ")" | "exp" "(" sum ")" | "e" "^" "(" sum ")"
+The text is put into Python's syntax, parsed by `ast` and walked; nothing is evaluated.
 """
 
 from __future__ import annotations
 
+import ast
 import re
 from dataclasses import dataclass
 from typing import Any
@@ -21,7 +17,6 @@ from pilotid.types import FloatArray
 
 LONGEST = 200  # characters
 HIGHEST = 12  # degree of a polynomial
-DEEPEST = 20  # brackets inside one another
 
 #: Other signs for the same things; brackets of all kinds are round ones.
 SAME = str.maketrans(
@@ -35,9 +30,12 @@ SAME = str.maketrans(
         **dict.fromkeys("]}", ")"),
     }
 )
-_TOKEN = re.compile(
-    r"\s*(?P<word>(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+(?![.\d]))?|exp|e(?=\s*(?:\^|\*\*))|s|\*\*|[-+*/^()]|$)"
+TOKEN = re.compile(
+    r"\s*((?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+(?![.\d]))?|exp|e(?=\s*(?:\^|\*\*))|s|\*\*|[-+*/^()])"
 )
+NEEDED = "stands where a number, s or a bracket is needed"
+IN_BRACKETS = "must be in brackets, as in exp(-0.1s)"
+NO_DELAY = "is no number of seconds times s, as in exp(-0.1s)"
 
 
 class NotTransferFunctionError(Exception):
@@ -60,38 +58,133 @@ class Ratio:
     bottom: FloatArray
     delay: float = 0.0
 
-    def times(self, other: Ratio) -> Ratio:
-        """The product of two."""
-        return _ratio(
-            np.polymul(self.top, other.top),
-            np.polymul(self.bottom, other.bottom),
-            self.delay + other.delay,
-        )
 
-    def inverse(self) -> Ratio:
-        """One over it."""
-        if not self.top.any():
-            raise NotTransferFunctionError("it divides by zero")
-        return Ratio(self.bottom, self.top, -self.delay)
+def transfer_function(text: str) -> Ratio:
+    """The ratio of polynomials, and the delay, that a text describes.
 
-    def plus(self, other: Ratio, sign: float) -> Ratio:
-        """Their sum, or difference."""
-        if self.delay != other.delay:
-            raise NotTransferFunctionError("terms of a sum have different delays")
-        if np.array_equal(self.bottom, other.bottom):
-            return _ratio(np.polyadd(self.top, sign * other.top), self.bottom, self.delay)
-        top = np.polyadd(
-            np.polymul(self.top, other.bottom), sign * np.polymul(other.top, self.bottom)
-        )
-        return _ratio(top, np.polymul(self.bottom, other.bottom), self.delay)
+    What stands before an equals sign, as in ``Hc(s) = 4/s^2``, is left out.
 
-    def power(self, exponent: int) -> Ratio:
-        """It to a whole power."""
-        base = self if exponent >= 0 else self.inverse()
-        result = _constant(1.0)
-        for _ in range(abs(exponent)):
-            result = result.times(base)
-        return result
+    Raises
+    ------
+    NotTransferFunctionError
+        If it is none that a controlled element can have.
+    """
+    if len(text) > LONGEST:
+        raise NotTransferFunctionError(f"it is longer than {LONGEST} characters")
+    before, sign, rest = text.rpartition("=")
+    found = _Text((" " * len(before + sign) + rest.translate(SAME).lower()).rstrip()).ratio()
+    if not found.top.any():
+        raise NotTransferFunctionError("it is zero")
+    if len(found.top) > len(found.bottom):
+        raise NotTransferFunctionError("it has more zeros than poles, which no element has")
+    if found.delay < 0.0:
+        raise NotTransferFunctionError("its delay is negative: write exp(-0.1s) for one of 0.1 s")
+    return found
+
+
+class _Text:
+    """A text, the same in Python's syntax, and the place in it of each sign of that."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+        self.source = ""
+        self.places: list[int] = []
+        before, at = "", 0
+        divided = [False]  # by brackets that are open: whether the last sign was one of division
+        while at < len(text):
+            match = TOKEN.match(text, at)
+            if match is None:
+                at += len(text[at:]) - len(text[at:].lstrip())
+                raise self.fault(at, "is nothing that a transfer function of s has")
+            word, at = match[1], match.start(1)
+            if re.fullmatch(r"[\d.].*|s|\)", before) and re.fullmatch(r"[\d.].*|exp|[se(]", word):
+                if word[0] in ".0123456789":
+                    raise self.fault(at, "is a number where a sign is needed")
+                if divided[-1]:
+                    raise self.fault(
+                        at,
+                        "may be meant above or below the fraction line: put what is below it in "
+                        "brackets",
+                    )
+                self._add("*", at)
+            if self.source.endswith("e ** ") and word != "(":
+                raise self.fault(at, IN_BRACKETS)
+            if word in ("/", "*", "+", "-"):
+                divided[-1] = word == "/"
+            if word in "()":
+                divided = [*divided, False] if word == "(" else divided[:-1] or [False]
+            self._add(str(int(word)) if word.isdigit() else word.replace("^", "**"), at)
+            before, at = word, match.end()
+        if not before:
+            raise NotTransferFunctionError("it is empty")
+        if before in ("+", "-", "*", "/", "^", "**"):
+            raise NotTransferFunctionError("it ends where a number, s or a bracket is needed")
+
+    def _add(self, word: str, place: int) -> None:
+        self.source += f"{word} "
+        self.places += [place] * (len(word) + 1)
+
+    def fault(self, place: int, what: str) -> NotTransferFunctionError:
+        """A sentence that shows the place."""
+        rest = self.text[place : place + 12]
+        return NotTransferFunctionError(f"at character {place + 1}, '{rest}' {what}")
+
+    def ratio(self) -> Ratio:
+        """The ratio that it describes."""
+        try:
+            return self.walk(ast.parse(self.source, mode="eval").body)
+        except SyntaxError as error:
+            place = self.places[min(error.offset or 1, len(self.places)) - 1]
+            what = NEEDED if error.msg == "invalid syntax" else f"({error.msg})"
+            raise self.fault(place, what) from None
+
+    def walk(self, node: ast.expr) -> Ratio:
+        """The ratio of a part."""
+        match node:
+            case ast.Constant(value=int() | float() as value):
+                if not np.isfinite(value):
+                    raise self.fault(self.places[node.col_offset], "is too large a number")
+                return _constant(float(value))
+            case ast.Name(id="s"):
+                return Ratio(np.array([1.0, 0.0]), np.ones(1))
+            case ast.UnaryOp(op=ast.USub() | ast.UAdd() as sign, operand=part):
+                return _times(_constant(_sign(sign)), self.walk(part))
+            case ast.BinOp(left=ast.Name(id="e"), op=ast.Pow(), right=part):
+                return self.exponential(part)
+            case ast.Call(func=ast.Name(id="exp"), args=[part]):
+                return self.exponential(part)
+            case ast.BinOp(left=left, op=ast.Pow(), right=right):
+                return _power(self.walk(left), self.exponent(right))
+            case ast.BinOp(left=left, op=ast.Mult(), right=right):
+                return _times(self.walk(left), self.walk(right))
+            case ast.BinOp(left=left, op=ast.Div(), right=right):
+                return _times(self.walk(left), _inverse(self.walk(right)))
+            case ast.BinOp(left=left, op=ast.Add() | ast.Sub() as sign, right=right):
+                return _plus(self.walk(left), self.walk(right), _sign(sign))
+        what = IN_BRACKETS if isinstance(node, ast.Name) else NEEDED
+        raise self.fault(self.places[node.col_offset], what)
+
+    def exponent(self, node: ast.expr) -> int:
+        """A whole exponent."""
+        match node:
+            case ast.Constant(value=int() as value) if value <= HIGHEST:
+                return value
+            case ast.UnaryOp(op=ast.USub() | ast.UAdd() as sign, operand=part):
+                return int(_sign(sign)) * self.exponent(part)
+        raise self.fault(self.places[node.col_offset], f"is no whole exponent up to {HIGHEST}")
+
+    def exponential(self, node: ast.expr) -> Ratio:
+        """What follows exp, or e^: a number of seconds times s."""
+        power = self.walk(node)
+        top = np.trim_zeros(power.top, "f")
+        if len(power.bottom) > 1 or power.delay or len(top) > 2 or (top.size and top[-1]):
+            raise self.fault(self.places[node.col_offset], NO_DELAY)
+        delay = -float(top[0] / power.bottom[0]) if top.size else 0.0
+        return Ratio(np.ones(1), np.ones(1), delay)
+
+
+def _sign(operator: ast.AST) -> float:
+    return -1.0 if isinstance(operator, ast.Sub | ast.USub) else 1.0
 
 
 def _constant(value: float) -> Ratio:
@@ -107,161 +200,28 @@ def _ratio(above: NDArray[Any], below: NDArray[Any], delay: float) -> Ratio:
     return Ratio(top, bottom, delay)
 
 
-def transfer_function(text: str) -> Ratio:
-    """The ratio of polynomials, and the delay, that a text describes.
-
-    What stands before an equals sign, as in ``Hc(s) = 4/s^2``, is left out.
-
-    Raises
-    ------
-    NotTransferFunctionError
-        If it is none that a controlled element can have.
-    """
-    if len(text) > LONGEST:
-        raise NotTransferFunctionError(f"it is longer than {LONGEST} characters")
-    before, sign, rest = text.rpartition("=")
-    blanks = " " * len(before + sign)
-    found = _Reader(blanks + rest.translate(SAME).lower()).whole()
-    if not found.top.any():
-        raise NotTransferFunctionError("it is zero")
-    if len(found.top) > len(found.bottom):
-        raise NotTransferFunctionError("it has more zeros than poles, which no element has")
-    if found.delay < 0.0:
-        raise NotTransferFunctionError("its delay is negative: write exp(-0.1s) for one of 0.1 s")
-    return found
+def _times(a: Ratio, b: Ratio) -> Ratio:
+    return _ratio(np.polymul(a.top, b.top), np.polymul(a.bottom, b.bottom), a.delay + b.delay)
 
 
-class _Reader:
-    """A text that is read from left to right."""
+def _inverse(a: Ratio) -> Ratio:
+    if not a.top.any():
+        raise NotTransferFunctionError("it divides by zero")
+    return Ratio(a.bottom, a.top, -a.delay)
 
-    def __init__(self, text: str) -> None:
-        self.text = text.rstrip()
-        self.at = 0  # where the next word begins
-        self.deep = 0
-        self.word = ""  # the next word, empty at the end
-        self.end = 0  # of the next word
-        self.advance()
 
-    def advance(self) -> str:
-        """Go one word further and return the one left behind."""
-        behind, self.at = self.word, self.end
-        match = _TOKEN.match(self.text, self.at)
-        if match is None:
-            self.at += len(self.text[self.at :]) - len(self.text[self.at :].lstrip())
-            raise self.fault("is nothing that a transfer function of s has")
-        self.at, self.word, self.end = match.start("word"), match["word"], match.end()
-        return behind
+def _power(base: Ratio, exponent: int) -> Ratio:
+    base = base if exponent >= 0 else _inverse(base)
+    result = _constant(1.0)
+    for _ in range(abs(exponent)):
+        result = _times(result, base)
+    return result
 
-    def fault(self, what: str) -> NotTransferFunctionError:
-        """A sentence that shows the place."""
-        if self.at >= len(self.text):
-            return NotTransferFunctionError("it ends where a number, s or a bracket is needed")
-        rest = self.text[self.at : self.at + 12]
-        return NotTransferFunctionError(f"at character {self.at + 1}, '{rest}' {what}")
 
-    def need(self, word: str) -> None:
-        if self.word != word:
-            if self.at >= len(self.text):
-                raise NotTransferFunctionError(f"at its end, '{word}' is missing")
-            raise self.fault(f"stands where '{word}' is needed")
-        self.advance()
-
-    def whole(self) -> Ratio:
-        if not self.word:
-            raise NotTransferFunctionError("it is empty")
-        found = self.sum()
-        if self.word:
-            raise self.fault("has no bracket that it closes" if self.word == ")" else "is too much")
-        return found
-
-    def sum(self) -> Ratio:
-        sign = 1.0
-        if self.word in ("+", "-"):
-            sign = -1.0 if self.advance() == "-" else 1.0
-        found = self.product().times(_constant(sign))
-        while self.word in ("+", "-"):
-            sign = -1.0 if self.advance() == "-" else 1.0
-            found = found.plus(self.product(), sign)
-        return found
-
-    def product(self) -> Ratio:
-        found, divided = self.power(), False
-        while self.word and self.word not in ("+", "-", ")"):
-            if self.word in ("*", "/"):
-                divided = self.advance() == "/"
-                factor = self.power()
-                found = found.times(factor.inverse() if divided else factor)
-                continue
-            if divided:
-                raise self.fault(
-                    "may be meant above or below the fraction line: put what is below it in "
-                    "brackets"
-                )
-            if self.word[0].isdigit() or self.word[0] == ".":
-                raise self.fault("is a number where a sign is needed")
-            found = found.times(self.power())
-        return found
-
-    def power(self) -> Ratio:
-        base = self.atom()
-        if self.word not in ("^", "**"):
-            return base
-        self.advance()
-        bracket = self.word == "("
-        if bracket:
-            self.advance()
-        sign = -1 if self.word == "-" else 1
-        if self.word in ("+", "-"):
-            self.advance()
-        if not self.word.isdigit() or int(self.word) > HIGHEST:
-            raise self.fault(f"is no whole exponent up to {HIGHEST}")
-        exponent = sign * int(self.advance())
-        if bracket:
-            self.need(")")
-        if self.word in ("^", "**"):
-            raise self.fault("is a second exponent")
-        return base.power(exponent)
-
-    def atom(self) -> Ratio:
-        if self.word == "(":
-            return self.bracket()
-        if self.word == "s":
-            self.advance()
-            return Ratio(np.array([1.0, 0.0]), np.ones(1))
-        if self.word == "exp":
-            self.advance()
-            return self.exponential()
-        if self.word == "e":
-            self.advance()
-            self.advance()  # the sign for a power, without which e is no word
-            return self.exponential()
-        if self.word[:1].isdigit() or self.word[:1] == ".":
-            value = float(self.word)
-            if not np.isfinite(value):
-                raise self.fault("is too large a number")
-            self.advance()
-            return _constant(value)
-        raise self.fault("stands where a number, s or a bracket is needed")
-
-    def bracket(self) -> Ratio:
-        self.deep += 1
-        if self.deep > DEEPEST:
-            raise self.fault("has too many brackets about it")
-        self.need("(")
-        found = self.sum()
-        self.need(")")
-        self.deep -= 1
-        return found
-
-    def exponential(self) -> Ratio:
-        """What follows exp, or e^: a number of seconds times s, in brackets."""
-        if self.word != "(":
-            raise self.fault("must be in brackets, as in exp(-0.1s)")
-        begin = self.at
-        power = self.bracket()
-        top = np.trim_zeros(power.top, "f")
-        if len(power.bottom) > 1 or power.delay or len(top) > 2 or (top.size and power.top[-1]):
-            self.at = begin
-            raise self.fault("is no number of seconds times s, as in exp(-0.1s)")
-        delay = -float(top[0] / power.bottom[0]) if top.size else 0.0
-        return Ratio(np.ones(1), np.ones(1), delay)
+def _plus(a: Ratio, b: Ratio, sign: float) -> Ratio:
+    if a.delay != b.delay:
+        raise NotTransferFunctionError("terms of a sum have different delays")
+    if np.array_equal(a.bottom, b.bottom):
+        return _ratio(np.polyadd(a.top, sign * b.top), a.bottom, a.delay)
+    top = np.polyadd(np.polymul(a.top, b.bottom), sign * np.polymul(b.top, a.bottom))
+    return _ratio(top, np.polymul(a.bottom, b.bottom), a.delay)

@@ -70,9 +70,7 @@ def held_in(folder: Path, name: str = "") -> Held:
     """
     with Store(folder) as store:
         study = comparison_of(store)
-        return Held(
-            name or folder.name, folder, store.about(), store.methods(), study, store.warning
-        )
+        return Held(name or folder.name, folder, store.about(), store.methods(), study)
 
 
 def names_for(folders: Sequence[Path], taken: Sequence[str] = ()) -> list[str]:

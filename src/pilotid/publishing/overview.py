@@ -25,10 +25,10 @@ from pilotid.report.content import (
 )
 from pilotid.report.population_verdicts import PopulationVerdict
 from pilotid.report.verdicts import extremes, judge, sized
+from pilotid.study.archive import KEPT
 from pilotid.study.comparison import SUMMARY_COLUMNS, Cell
 from pilotid.study.entries import ScenarioEntry
 from pilotid.study.facts import LIBRARIES
-from pilotid.study.kept import KEPT
 from pilotid.study.population import PopulationCell
 from pilotid.study.summary import ESTIMATES, SUMMARY
 

@@ -11,9 +11,8 @@ import numpy as np
 from pilotid.datasets import CATALOGUE, AnyScenario, Population, Scenario, simulate
 from pilotid.estimates.method import Method
 from pilotid.methods import label_of, methods
-from pilotid.naming.code import place_of, reason
+from pilotid.naming.code import code_digest, own_digest, place_of, reason
 from pilotid.naming.settings import labelled, plain
-from pilotid.naming.sources import code_digest, package_digest
 from pilotid.study.draws import truths_of
 from pilotid.study.entries import TRAJECTORY, MethodEntry, ParameterTruth, ScenarioEntry
 from pilotid.study.tracks import truth_over_time
@@ -31,15 +30,6 @@ def about_this(seed: int) -> dict[str, str]:
         "python": ".".join(platform.python_version_tuple()[:2]),
         **{name: version(name) for name in LIBRARIES},
     }
-
-
-def own_digest() -> str:
-    """A short digest of this package's source."""
-    import pilotid.datasets
-    import pilotid.methods
-
-    packages = (pilotid, pilotid.methods, pilotid.datasets)
-    return package_digest([folder for package in packages for folder in package.__path__])
 
 
 def method_entry(method: Method, position: int = 0, typed: str = "") -> MethodEntry:

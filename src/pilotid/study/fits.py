@@ -13,6 +13,7 @@ from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import Method, Searching, identify
 from pilotid.estimates.remarks import what_is_open
 from pilotid.estimates.sound import one_line
+from pilotid.jobs import Loss
 from pilotid.naming.code import reason, unpacked
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
@@ -20,7 +21,6 @@ from pilotid.recordings.recording import Recording
 from pilotid.seeds import fit_rng, recording_rng, start_rng
 from pilotid.study.draws import scenario_of
 from pilotid.study.entries import Draw, Result, Track, Unit, number
-from pilotid.study.process import Loss
 from pilotid.study.tracks import tracks_of
 
 LOST = {Loss.DIED: Outcome.DIED, Loss.TIMED_OUT: Outcome.TIMED_OUT}

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,6 +15,7 @@ from pilotid.datasets.named import sound
 from pilotid.datasets.simulation import remnant_ratio
 from pilotid.disk import make_folder
 from pilotid.estimates.method import Method, follows
+from pilotid.jobs import USUAL_LIMITS, Limits, run_tasks
 from pilotid.methods import label_of, method_named
 from pilotid.naming.code import packed, reason
 from pilotid.seeds import DEFAULT_SEED
@@ -24,9 +23,7 @@ from pilotid.study.comparison import Comparison, comparison_of
 from pilotid.study.entries import MethodEntry, Result, ScenarioEntry, Unit
 from pilotid.study.facts import about_this, method_entry, scenario_entry, trajectory_fact
 from pilotid.study.fits import OUTSIDE, Task, given_up, run_task
-from pilotid.study.process import USUAL_LIMITS, Limits
 from pilotid.study.store import Store
-from pilotid.study.workers import run_tasks
 from pilotid.types import InputError
 
 if TYPE_CHECKING:
@@ -205,8 +202,6 @@ class Study:
         """
         make_folder(folder)
         with Store(folder, create=True) as store:
-            if store.warning:
-                warnings.warn(store.warning, stacklevel=2)
             for _ in self.run(store, self.enter(store), workers):
                 pass
             return comparison_of(store)
@@ -214,8 +209,6 @@ class Study:
     def to_dataframe(self, folder: Path) -> DataFrame:
         """All estimates that a folder's store holds, as `Comparison.to_dataframe` has them."""
         with Store(folder) as store:
-            if store.warning:
-                warnings.warn(store.warning, stacklevel=2)
             return comparison_of(store).to_dataframe()
 
     def tasks(self, units: Iterable[Unit]) -> Iterator[Task]:
@@ -322,17 +315,12 @@ def _changed(
 
 def _content(scenario: AnyScenario, method: Method, label: str) -> bytes:
     """A scenario and a method for another process, which must understand them."""
-    main = getattr(sys.modules["__main__"], "__file__", None)
     for name, thing in ((scenario.name, scenario), (label, method)):
-        if type(thing).__module__ == "__main__" and not (main and Path(main).is_file()):
-            raise InputError(
-                f"{name}: other processes cannot know a class that was typed in; write it to a file"
-            )
         try:
             packed(thing)
         except Exception as error:
             raise InputError(
-                f"{name}: cannot be handed to another process ({reason(error)}); define its class "
-                "and its functions at the top of a module"
+                f"{name}: cannot be handed to another process ({reason(error)}); let its settings "
+                "be numbers, words and dataclasses"
             ) from error
     return packed((scenario, method))

@@ -7,12 +7,13 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from pilotid.study.process import Limits, Loss
-from pilotid.study.workers import run_tasks
+from pilotid.jobs import Limits, Loss, run_tasks
+from pilotid.types import InputError
 
 
 def doubled(task: int) -> int:
@@ -23,6 +24,13 @@ def deadly(task: int) -> int:
     """Task 3 kills whatever process runs it."""
     if task == 3:
         os.kill(os.getpid(), signal.SIGKILL)
+    return 2 * task
+
+
+def quietly_deadly(task: int) -> int:
+    """Task 3 ends whatever process runs it, as STOP in Fortran does."""
+    if task == 3:
+        os._exit(0)
     return 2 * task
 
 
@@ -57,7 +65,8 @@ def nested(task: int) -> tuple[list[int], str]:
 
 
 def given_up(task: int, loss: Loss, why: str) -> int:
-    assert (loss, why) == (Loss.DIED, "twice, with signal SIGKILL")
+    assert loss is Loss.DIED
+    assert why in ("twice, with signal 9", "twice, with exit status 0")
     return -task
 
 
@@ -78,8 +87,11 @@ def test_processes_of_joblib_start_processes_too() -> None:
     assert answers == [([2], "loky"), ([4], "loky")]
 
 
-def test_a_task_that_kills_its_process_is_given_up_and_the_others_are_done() -> None:
-    answers = list(run_tasks(deadly, range(12), given_up, 2))
+@pytest.mark.parametrize("function", [deadly, quietly_deadly])
+def test_a_task_that_kills_its_process_is_given_up_and_the_others_are_done(
+    function: Callable[[int], int],
+) -> None:
+    answers = list(run_tasks(function, range(12), given_up, 2))
     assert sorted(answers) == sorted([2 * i for i in range(12) if i != 3] + [-3])
 
 
@@ -127,3 +139,17 @@ def test_tasks_are_taken_as_they_are_needed() -> None:
     next(answers)
     answers.close()  # type: ignore[attr-defined]
     assert len(taken) < 20
+
+
+def test_no_task_starts_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pebble.ProcessPool", None)
+    assert list(run_tasks(doubled, [], never, 2)) == []
+
+
+def test_processes_that_end_as_they_start_are_a_sentence(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "sitecustomize.py").write_text("import os; os._exit(3)")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    with pytest.raises(InputError, match="end as they start"):
+        list(run_tasks(doubled, range(4), never, 2))

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from stores import content_of, finish
 
+from pilotid.study.archive import DIGITS, KEPT
 from pilotid.study.entries import Result
-from pilotid.study.kept import DIGITS, KEPT
 from pilotid.study.store import STORE, Store
 from pilotid.types import InputError
 

@@ -1,0 +1,156 @@
+"""SQLite files that survive whatever stops the process, and sentences where one cannot be used.
+
+Every transaction is complete or not there, in write-ahead mode: a process that is killed, a
+power cut or a full disk cost at most the last of them.  Damage is found when a file is opened,
+and by the checksums that its rows have.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sqlite3
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager, suppress
+from hashlib import blake2b
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from pilotid.types import InputError
+
+PATIENCE = 60.0  # seconds to wait for another process
+# Primary result codes, which are the low byte of what SQLite says.
+BUSY, LOCKED, FULL = 5, 6, 13
+DAMAGED = (11, 26)  # malformed, no database
+READ_ONLY = (3, 8, 14)  # no permission, read-only, cannot be opened
+
+
+class DamagedError(InputError):
+    """A file was changed by something else than this tool."""
+
+
+def damaged(path: Path, why: object) -> DamagedError:
+    """What to raise where a file is damaged."""
+    return DamagedError(
+        f"{path}: is damaged ({why}); `pilotid report {path.parent} --salvage` keeps what is whole"
+    )
+
+
+@contextmanager
+def in_words(path: Path) -> Iterator[None]:
+    """Say in a sentence what SQLite cannot do with a file."""
+    try:
+        yield
+    except (sqlite3.Error, UnicodeError, OSError) as error:
+        code = _code(error)
+        if code in DAMAGED or isinstance(error, UnicodeError):  # in what SQLite says of it
+            raise damaged(path, error) from error
+        if code == FULL:
+            raise InputError(
+                f"{path}: cannot be written ({error}); make room, and run the same command again: "
+                "what is done is kept"
+            ) from error
+        raise InputError(
+            f"{path}: is no store of results or cannot be written ({error}); check the folder, "
+            "its rights and the room on its disk, or name another one with --out"
+        ) from error
+
+
+def open_to_write(path: Path) -> sqlite3.Connection:
+    """A file that can be written, and is made if there is none."""
+
+    def opened() -> sqlite3.Connection:
+        base = _check(path, connect(path, "rwc"))
+        base.execute("PRAGMA journal_mode=WAL")
+        base.execute("PRAGMA synchronous=NORMAL")
+        return base
+
+    return _retry(path, opened)
+
+
+def open_to_read(path: Path) -> sqlite3.Connection:
+    """A file that is only read, and may lie where nothing can be written."""
+
+    def opened() -> sqlite3.Connection:
+        try:
+            return _check(path, connect(path, "rw"))
+        except sqlite3.OperationalError as error:
+            if _code(error) not in READ_ONLY:
+                raise
+        # SQLite can read a file with a log only where it can write.
+        with TemporaryDirectory() as folder:
+            copy = Path(folder) / path.name
+            shutil.copyfile(path, copy)
+            with suppress(FileNotFoundError):
+                shutil.copyfile(beside(path, "-wal"), beside(copy, "-wal"))
+            memory = sqlite3.connect(":memory:", isolation_level=None)
+            with closing(_check(path, connect(copy, "rw"))) as base:
+                base.backup(memory)
+        return memory
+
+    return _retry(path, opened)
+
+
+def close(base: sqlite3.Connection) -> None:
+    """Close a file that was written, which then holds everything.
+
+    SQLite merges the write-ahead log when the last connection closes.  Of two that close in one
+    moment each takes the other for the last, and the log would stay with rows in it.
+    """
+    with suppress(sqlite3.Error):  # nothing is lost: whoever opens the file next reads the log
+        base.execute("PRAGMA busy_timeout = 1000")
+        base.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    base.close()
+
+
+def checksum(*content: object) -> int:
+    """64 bits, with a sign as SQLite has it."""
+    text = json.dumps(content, default=repr, separators=(",", ":"))
+    return int.from_bytes(blake2b(text.encode(), digest_size=8).digest(), "big", signed=True)
+
+
+def connect(path: Path, mode: str) -> sqlite3.Connection:
+    """A connection in autocommit mode, whose transactions are opened and closed by name."""
+    base = sqlite3.connect(
+        f"{path.resolve().as_uri()}?mode={mode}", uri=True, isolation_level=None, timeout=PATIENCE
+    )
+    base.text_factory = lambda content: content.decode("utf-8", "surrogateescape")
+    return base
+
+
+def beside(path: Path, ending: str) -> Path:
+    """A file beside a file, such as its write-ahead log."""
+    return path.with_name(path.name + ending)
+
+
+def _check(path: Path, base: sqlite3.Connection) -> sqlite3.Connection:
+    """A connection to a file that is not damaged."""
+    try:
+        if base.execute("PRAGMA quick_check(1)").fetchone() != ("ok",):
+            raise damaged(path, "SQLite's check fails")
+    except BaseException:
+        base.close()
+        raise
+    return base
+
+
+def _retry(path: Path, opened: Callable[[], sqlite3.Connection]) -> sqlite3.Connection:
+    """Open a file that another process may be opening.
+
+    SQLite waits by itself, but not where two processes change the journal at once.
+    """
+    end = time.monotonic() + PATIENCE
+    with in_words(path):
+        while True:
+            try:
+                return opened()
+            except sqlite3.Error as error:
+                if _code(error) not in (BUSY, LOCKED) or time.monotonic() > end:
+                    raise
+            time.sleep(0.02)
+
+
+def _code(error: Exception) -> int:
+    """SQLite's primary result code, 0 if the error is not SQLite's own."""
+    return int(getattr(error, "sqlite_errorcode", 0)) & 0xFF
