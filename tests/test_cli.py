@@ -27,7 +27,7 @@ ESTIMATES_HEAD = (
 )
 SUMMARY_HEAD = (
     "scenario,method,parameter,n,failures,truth,bias,bias_se,bias_percent,std,rmse,crlb,"
-    "mean_std_error,coverage_95,posterior_std"
+    "mean_std_error,coverage_95,posterior_std,loss,loss_lower,loss_upper"
 )
 
 

@@ -6,7 +6,7 @@ import sys
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from statistics import median
@@ -21,6 +21,7 @@ from pilotid.methods import label_of, method_named
 from pilotid.naming.code import packed, reason
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.study.comparison import Comparison, comparison_of
+from pilotid.study.draws import scenario_of
 from pilotid.study.entries import MethodEntry, Result, ScenarioEntry, Unit
 from pilotid.study.facts import about_this, method_entry, scenario_entry, trajectory_fact
 from pilotid.study.fits import OUTSIDE, Task, given_up, run_task
@@ -187,9 +188,13 @@ class Study:
         limits: Limits = USUAL_LIMITS,
     ) -> Iterator[Result]:
         """Fit what is pending; each result is in the store before it comes out."""
-        for result in run_tasks(
-            run_task, self.tasks(pending), given_up, workers, scheduler, limits
-        ):
+        origins = {scenario.name: scenario for scenario in self.scenarios}
+        for found in run_tasks(run_task, self.tasks(pending), given_up, workers, scheduler, limits):
+            result = found
+            if found.draw is None:  # a process that died could not say which pilot it was
+                unit = found.unit
+                _, draw = scenario_of(origins[unit.scenario], self.seed, unit.replication)
+                result = replace(found, draw=draw)
             store.add(result)
             yield result
 
