@@ -229,7 +229,7 @@ class Cell:
 
     @cached_property
     def intervals(self) -> tuple[FloatArray, FloatArray]:
-        """Ends of the 95 % intervals: those of the fits or, without, of their standard errors."""
+        """Ends of the 95 % intervals, or what the standard errors make; (fits, parameters)."""
         known = self.numbers
         reach = np.where(known.std_error > 0.0, Z95 * known.std_error, math.nan)
         own = np.isfinite(known.lower) & np.isfinite(known.upper)
@@ -240,7 +240,7 @@ class Cell:
 
     @cached_property
     def losses(self) -> FloatArray:
-        """The loss of each parameter of each fit, NaN of recordings that are no try.
+        """The loss, shape (fits, parameters), NaN of recordings that are no try.
 
         What failed, and an interval that is missing though others are not, is charged with the
         interval from zero to twice the true value.  Without any interval there is no loss.
@@ -354,7 +354,7 @@ class Cell:
         )
 
     def errors_over_claim(self, key: str) -> FloatArray:
-        """Errors of a parameter over claimed errors, in ascending order."""
+        """Errors of a parameter over claimed errors, in ascending order, shape (n,)."""
         known, column = self.numbers, self.keys.index(key)
         claimed = known.std_error[self.counted, column]
         error = (known.value - known.truth)[self.counted, column]
@@ -392,7 +392,13 @@ class Cell:
 
 
 def loss_ratio(first: Cell, second: Cell) -> Interval:
-    """Ratio of the first method's loss to the second's on the recordings that both accept."""
+    """Ratio of the first method's loss to the second's on the recordings that both accept.
+
+    Parameters
+    ----------
+    first, second
+        What both did in one scenario.
+    """
     keys = [key for key in first.keys if key in second.keys]
     rows = [{r.unit.replication: i for i, r in enumerate(c.results)} for c in (first, second)]
     both = [number for number in rows[0] if number in rows[1]]

@@ -79,7 +79,13 @@ NOTHING = Interval(math.nan, math.nan, math.nan)
 
 
 def interval_score(lower: FloatArray, upper: FloatArray, truth: FloatArray) -> FloatArray:
-    """Width of each 95 % interval, and 40 times the distance by which it misses the truth."""
+    """Width of each 95 % interval, and 40 times the distance by which it misses the truth.
+
+    Parameters
+    ----------
+    lower, upper, truth
+        Ends of the intervals and true values, all of one shape.
+    """
     missed = np.maximum(lower - truth, 0.0) + np.maximum(truth - upper, 0.0)
     return np.asarray(upper - lower + MISSED * missed)
 
