@@ -162,14 +162,14 @@ def _warn(store: Store) -> None:
 
 def _finish(folder: Path, store: Store) -> None:
     from pilotid.report.content import plain, terminal_table
-    from pilotid.report.page import overview, write_report
+    from pilotid.report.page import compared, overview, write_report
     from pilotid.study.comparison import comparison_of
 
     study = comparison_of(store)
     study.write_tables(folder)
     path = write_report(folder, store, study)
     console = make_console()
-    words, tables = overview(study)
+    words, tables = overview(study, widest=5 if len(compared(study)) <= 5 else 0)
     for table in tables:
         print_table(console, terminal_table(table))
     for sentence in words:

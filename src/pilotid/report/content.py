@@ -92,6 +92,8 @@ class Table:
         Whether a page shows it only when asked.
     filters
         Columns by whose entries a page can choose rows.
+    upright
+        Whether a page sets headings upright, above many narrow columns.
     """
 
     caption: str
@@ -100,6 +102,7 @@ class Table:
     heads: int = 1
     folded: bool = False
     filters: tuple[int, ...] = ()
+    upright: bool = False
     kind: str = field(default="table", init=False)
 
     @property

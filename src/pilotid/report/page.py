@@ -24,13 +24,15 @@ from pilotid.report.content import (
 from pilotid.report.paper import PAPER, paper_of, paper_sections
 from pilotid.report.provenance import failures, mixed, provenance
 from pilotid.report.tables import (
+    VIOLATION,
     all_numbers,
     by_mean_loss,
     key_of,
-    matrix,
+    matrices,
     mean_loss,
     ranked,
     ranking,
+    remark_table,
     track_table,
 )
 from pilotid.study.comparison import Cell, Comparison, loss_ratio
@@ -105,15 +107,23 @@ def write_report(
     return page
 
 
-def overview(study: Comparison) -> tuple[list[str], list[Table]]:
-    """The answer in sentences and tables, which the terminal and the page's first screen show."""
+def overview(study: Comparison, *, widest: int = 21) -> tuple[list[str], list[Table]]:
+    """The answer in sentences and tables, which the terminal and the page's first screen show.
+
+    Parameters
+    ----------
+    study
+        The study's numbers.
+    widest
+        Number of scenarios that can stand beside one another; 0 for none.
+    """
     names = compared(study)
     shown = names if len(names) <= OPEN else [_reference(names)]
     words = [answer(study.of(name)) for name in shown]
     tables = [ranking(study.of(name)) for name in shown]
     if len(names) > 1:
         words.insert(0, _over_all(study, names))
-        tables.insert(0, matrix(study, names))
+        tables = [*matrices(study, names, widest), *tables]
     return words, tables
 
 
@@ -223,6 +233,8 @@ def _scenario(study: Comparison, about: Mapping[str, str], name: str) -> Section
         blocks.append(ranking(cells))
     if len(compared(study)) > 1:
         blocks.append(Bullets([sentence(cell.method, cell.scores) for cell in ranked(cells)]))
+    if entry.family == VIOLATION:
+        blocks.append(remark_table(cells))
     blocks += details(cells, name)
     if f"{TRAJECTORY} {name}" in about:
         blocks += _varying(name, cells, json.loads(about[f"{TRAJECTORY} {name}"]))

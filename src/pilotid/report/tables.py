@@ -19,6 +19,7 @@ from pilotid.study.scores import Interval
 VIOLATION = "violation"  # family of the scenarios that violate an assumption
 #: Loss from which a cell of the matrix is darkest.
 BAD = 10.0
+FEW = 4  # scenarios of which the matrix shows intervals
 LONGEST_WORDS = 60  # characters of a remark that a table shows
 LATE = 1.0  # seconds from which a lag counts
 
@@ -68,7 +69,6 @@ def ranking(cells: Sequence[Cell], axis: tuple[float, float] | None = None) -> T
         *([Column("failed", hint="in parentheses the loss of the other fits")] if failed else []),
         *([Column("objects", hint="recordings that it objects to")] if objects else []),
         *([Column("warned", hint="recordings with a remark or a failure")] if violated else []),
-        *([Column("commonest remarks", text=True)] if violated else []),
         *([Column("lag", text=True, hint="of what varies, if certainly above 1 s")] * varies),
         Column("s per fit", hint="median"),
     ]
@@ -89,7 +89,7 @@ def ranking(cells: Sequence[Cell], axis: tuple[float, float] | None = None) -> T
                 share(own.coverage.value, own.coverage_interval),
                 *([_failed(own)] if failed else []),
                 *([_of(own.objections, own.objections + own.tried)] if objects else []),
-                *([f"{told(cell)} of {cell.tried}", _remarks(cell)] if violated else []),
+                *([_of(told(cell), cell.tried)] if violated else []),
                 *([_lags(cell)] if varies else []),
                 number(cell.seconds, 2),
             ]
@@ -118,14 +118,35 @@ def by_mean_loss(study: Comparison, names: Sequence[str]) -> dict[str, dict[str,
     return {method: found[method] for method in order}
 
 
-def matrix(study: Comparison, names: Sequence[str]) -> Table:
-    """Loss of every method in every scenario; a row a method."""
-    few = len(names) <= 4
+def matrices(study: Comparison, names: Sequence[str], widest: int) -> list[Table]:
+    """Loss of every method in every scenario, a row a method.
 
+    Parameters
+    ----------
+    study
+        The study's numbers.
+    names
+        The scenarios.
+    widest
+        Number of scenarios beside one another; more have a table each so many.
+    """
+    if not widest:
+        return [_matrix(study, names, ())]
+    count = -(-len(names) // widest)
+    size = -(-len(names) // count)
+    return [_matrix(study, names, names[i : i + size]) for i in range(0, len(names), size)]
+
+
+def _matrix(study: Comparison, names: Sequence[str], shown: Sequence[str]) -> Table:
+    few, first = len(names) <= FEW, not shown or shown[0] == names[0]
     rows: list[list[str | Entry]] = []
     for method, own in by_mean_loss(study, names).items():
+        worst = max(own, key=lambda name: own[name], default="")
+        mean = number(mean_loss(own), 3) if len(own) == len(names) else NONE
         row: list[str | Entry] = [method]
-        for name in names:
+        if first:
+            row += [mean, f"{number(own[worst], 2)} {worst}" if own else NONE]
+        for name in shown:
             cell = study.at(name, method)
             loss = cell.overall.loss if cell else None
             if cell is None or loss is None:
@@ -135,17 +156,18 @@ def matrix(study: Comparison, names: Sequence[str]) -> Table:
                 row.append(Entry(text, mark_of(loss.value)))
             else:
                 row.append(Entry("no intervals" if cell.tried else "n/a", "none"))
-        worst = max(own, key=lambda name: own[name], default="")
-        mean = number(mean_loss(own), 3) if len(own) == len(names) else NONE
-        rows.append([*row, mean, f"{worst} ({number(own[worst], 2)})" if own else NONE])
-    columns = [
-        Column("method", text=True),
-        *(Column(f"[{name}](#{key_of(name)})") for name in names),
-        Column("mean", hint="geometric, where there is a loss in every scenario"),
-        Column("worst", text=True),
-    ]
-    caption = "Loss of every method in every scenario (1: perfect; n/a: not applicable)"
-    return Table(caption, columns, entries(rows))
+        rows.append(row)
+    columns = [Column("method", text=True)]
+    if first:
+        columns += [
+            Column("mean", hint="geometric, where there is a loss in every scenario"),
+            Column("worst", text=True),
+        ]
+    columns += [Column(f"[{name}](#{key_of(name)})") for name in shown]
+    caption = f"Loss of every method in {len(names)} scenarios (1: perfect; n/a: not applicable)"
+    if not first:
+        caption = "Loss in further scenarios"
+    return Table(caption, columns, entries(rows), upright=not few)
 
 
 def key_of(name: str) -> str:
@@ -232,6 +254,14 @@ def _failed(own: Score) -> str:
     return f"{own.failures} of {own.tried} ({number(own.loss_ended_well)})"
 
 
+def remark_table(cells: Sequence[Cell]) -> Table:
+    """What users of each method are told most often."""
+    columns = [Column("method", text=True), Column("warned", hint="of the recordings"),
+               Column("commonest remarks, and how often", text=True)]  # fmt: skip
+    rows = [[c.method, _of(told(c), c.tried), _remarks(c)] for c in ranked(cells) if c.tried]
+    return Table("What users are told", columns, entries(rows), folded=True)
+
+
 def _lags(cell: Cell) -> str:
     """Parameters that a method follows certainly too late, or runs ahead of."""
     late = [s for s in cell.tracks if abs(s.lag) - 1.96 * s.lag_se > LATE]
@@ -275,7 +305,7 @@ def all_numbers(cells: Sequence[Cell], paper: Sequence[tuple[float, float]] = ()
     rows = []
     for index, key in enumerate(dict.fromkeys(key for cell in cells for key in cell.keys)):
         for cell in cells:
-            if key not in cell.keys:
+            if key not in cell.keys or not cell.tried:
                 continue
             own = cell.scores[1 + cell.keys.index(key)].percent
             row = [key, cell.method, str(own.n), str(own.loss)]
