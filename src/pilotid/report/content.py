@@ -192,6 +192,11 @@ class Section:
     blocks: Sequence[Block]
     folded: bool = False
 
+    def in_short(self) -> Section:
+        """The same without folded tables."""
+        blocks = [b for b in self.blocks if not (isinstance(b, Table) and b.folded)]
+        return replace(self, blocks=blocks)
+
     def with_pdfs(self) -> Section:
         """The same with each figure as PDF beside the page."""
         blocks = [b.with_pdf() if isinstance(b, Picture) else b for b in self.blocks]

@@ -100,7 +100,7 @@ def write_report(
     if pdf:
         sections = [section.with_pdfs() for section in sections]
     write_pictures(folder, sections)
-    short = markdown(TITLE, [section for section in sections if not section.folded])
+    short = markdown(TITLE, [section.in_short() for section in sections if not section.folded])
     write_file(folder / "report.md", short.encode("utf-8", "replace"))
     page = folder / "report.html"
     write_file(page, web_page(TITLE, sections, above).encode("utf-8", "replace"))

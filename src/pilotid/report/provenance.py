@@ -83,7 +83,7 @@ def provenance(study: Comparison, store: Store, about: Mapping[str, str]) -> Sec
             "No method is told the truth. All methods have the same recordings and are handed the "
             "same **start**: that of the model, or one drawn at random where the table says so."
         ),
-        Table("Seed and versions", _columns("what", "value"), entries(facts), folded=True),
+        Table("Seed and versions", _columns("what", "value"), entries(facts)),
         Table("Methods", _columns("method", "settings"), entries(methods), folded=True),
         Table("Scenarios", _columns(*titles), entries(scenarios), folded=True),
     ]
