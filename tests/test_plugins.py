@@ -20,9 +20,9 @@ from helpers import Run
 from pilotid.methods import METHODS, label_of, method_named, methods
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.naming.code import PluginWarning, taken
-from pilotid.publishing.changes import changes
-from pilotid.publishing.held import held_in
+from pilotid.publishing.changes import find_changes
 from pilotid.publishing.pages import publish
+from pilotid.publishing.studies import read_study
 from pilotid.study.store import Store
 from pilotid.types import InputError
 
@@ -128,7 +128,7 @@ def test_its_rows_stand_beside_those_of_others_on_pages(python: Path, tmp_path: 
         ["single", "fourier", "mine"],
         ["single", "line-fit", "mine"],
     ]
-    found = changes(held_in(tmp_path / "usual"), held_in(sent))
+    found = find_changes(read_study(tmp_path / "usual"), read_study(sent))
     assert found.words.startswith("Nothing changed: all 2 fits are the same.")
 
 
