@@ -275,13 +275,13 @@ def test_every_scenario_has_its_numbers_and_how_to_get_them(full: Made) -> None:
         assert name == "starts" or f"`{name}`: all numbers" in full.markdown
     assert "--method 'mmle3,mle,bayes,their file.py:Own' --replications 12" in full.markdown
     assert "mixes results of different code or settings (code)" in full.markdown
-    assert "| code digest | abc123 |" in full.markdown
+    assert "Seed 7, code digest abc123" in full.markdown
     assert "bayes(setting=1)" in full.html
 
 
 def test_the_first_screen_answers(full: Made) -> None:
     top = full.markdown.partition("**Loss**")[0]
-    assert re.search(r"Over all 14 scenarios \*\*`[\w-]+` is best\*\*", top)
+    assert re.search(r"Over these 14 scenarios \*\*`[\w-]+` is best\*\*", top)
     assert re.search(r"On `nominal`, \*\*`[\w-]+` is best\*\*: loss \d\.\d\d", top)
     matrix = [line for line in top.splitlines() if line.startswith("| mle |")]
     assert len(matrix) == 2  # of all scenarios, and of the nominal one

@@ -9,17 +9,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from pilotid.publishing.studies import StudyData, difference
-from pilotid.study.comparison import ALL, Cell
+from pilotid.study.comparison import ALL, Cell, Numbers
 from pilotid.study.entries import Result
 from pilotid.study.judge import LEVEL, judge
 from pilotid.study.scores import mean_difference
-from pilotid.types import BoolArray, FloatArray, InputError
+from pilotid.types import FloatArray, InputError
 
 #: Columns of the table of all comparisons.
 COLUMNS = (
@@ -167,6 +167,8 @@ def find_changes(first: StudyData, second: StudyData) -> Changes:
         if one_seed and not paired:
             notes.append(f"Other pilots were drawn in {ours.scenario.name}: no pairs.")
         places = _places(ours, theirs, paired=paired)
+        if paired or not ours.scenario.population:
+            theirs = _with_bounds_of(ours, theirs)
         found += _changes(ours, theirs, places, paired=paired)
         if paired:
             fits += len(places[0])
@@ -194,76 +196,64 @@ def _changes(
     ours: Cell, theirs: Cell, places: tuple[list[int], list[int]], *, paired: bool
 ) -> Iterator[Change]:
     """All comparisons of one method in one scenario."""
-    if not places[0] or not places[1]:
-        return
+    keys = [key for key in ours.keys if key in theirs.keys]
+    first, second = (
+        _by_recording(cell, own, keys) for cell, own in zip((ours, theirs), places, strict=True)
+    )
     verdicts = (judge(ours.scores).words, judge(theirs.scores).words)
-    failed = [
-        1.0 - cell.counted[own].astype(float)
-        for cell, own in zip((ours, theirs), places, strict=True)
-    ]
-    times = [
-        np.array([cell.results[i].seconds or math.nan for i in own])
-        for cell, own in zip((ours, theirs), places, strict=True)
-    ]
-
-    def change(parameter: str, score: str, first: FloatArray, second: FloatArray) -> Change | None:
-        known = np.isfinite(first), np.isfinite(second)
+    for parameter, score in first:
+        a, b = first[parameter, score], second[parameter, score]
         if paired:
-            known = (known[0] & known[1],) * 2
-        a, b = first[known[0]], second[known[1]]
-        if not a.size or not b.size:
-            return None
-        if paired:  # what is the same to the digits that stores keep is the same
+            both = np.isfinite(a) & np.isfinite(b)
+            a, b = a[both], b[both]
+            # What is the same to the digits that stores keep is the same.
             b = np.where(np.isclose(b, a, rtol=SAME, atol=SAME), a, b)
-        values = mean_difference(a, b, paired=paired)
+        a, b = a[np.isfinite(a)], b[np.isfinite(b)]
+        if not a.size or not b.size:
+            continue
+        change, error, p = mean_difference(a, b, paired=paired)
+        values = [float(np.mean(own)) for own in (a, b)]
+        if score == "time":  # of logarithms
+            values = [math.exp(float(np.median(own))) for own in (a, b)]
+            change, error = math.exp(change), math.exp(change) * error
         head = (ours.scenario.name, ours.method, parameter, score, paired, (a.size, b.size))
-        return Change(*head, float(np.mean(a)), float(np.mean(b)), *values, verdicts)
-
-    candidates = []
-    if not ours.scenario.one_recording:
-        keys = [key for key in ours.keys if key in theirs.keys]
-        tables = [
-            _tables(cell, keys, own) for cell, own in zip((ours, theirs), places, strict=True)
-        ]
-        # The bounds of the first study count, on the same recordings.
-        if paired or not ours.scenario.population:
-            bound = (
-                tables[0][3] if paired else np.broadcast_to(tables[0][3][:1], tables[1][3].shape)
-            )
-            ratio = tables[1][3] / bound
-            tables[1] = (tables[1][0] * ratio, tables[1][1] * ratio, *tables[1][2:])
-        sums = [_together(table[0]) for table in tables]
-        candidates.append(change(ALL, "loss", sums[0], sums[1]))
-        for k, key in enumerate(keys):
-            for place, score in enumerate(("loss", "bias", "coverage")):
-                first, second = (table[place][:, k] for table in tables)
-                candidates.append(change(key, score, first, second))
-    candidates.append(change(ALL, "failures", failed[0], failed[1]))
-    logs = [np.array([math.log(seconds) for seconds in own]) for own in times]
-    took = change(ALL, "time", logs[0], logs[1])
-    if took is not None:
-        factor = math.exp(took.change)
-        medians = [float(np.nanmedian(own)) for own in times]
-        candidates.append(
-            took._replace(
-                first=medians[0], second=medians[1], change=factor, error=factor * took.error
-            )
-        )
-    yield from (found for found in candidates if found is not None)
+        yield Change(*head, values[0], values[1], change, error, p, verdicts)
 
 
-def _tables(
-    cell: Cell, keys: Sequence[str], places: Sequence[int]
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Loss, error over bound, whether the interval holds the truth, and bound, by fit and key."""
+def _by_recording(
+    cell: Cell, places: Sequence[int], keys: Sequence[str]
+) -> dict[tuple[str, str], FloatArray]:
+    """What is compared, a number for each recording, by parameter and score."""
+    counted = cell.counted[places]
+    seconds = [cell.results[place].seconds for place in places]
+    found = {
+        (ALL, "failures"): 1.0 - counted.astype(float),
+        (ALL, "time"): np.array([math.log(s) if s else math.nan for s in seconds]),
+    }
+    if cell.scenario.one_recording:
+        return found
     columns = [cell.keys.index(key) for key in keys]
-    known = type(cell.numbers)(*(table[places][:, columns] for table in cell.numbers))
-    counted: BoolArray = cell.counted[places][:, None]
-    given = counted & np.isfinite(known.lower) & np.isfinite(known.upper)
+    known = Numbers(*(table[places][:, columns] for table in cell.numbers))
+    losses = cell.losses[places][:, columns]
+    given = counted[:, None] & np.isfinite(known.lower) & np.isfinite(known.upper)
     hits = (known.lower <= known.truth) & (known.truth <= known.upper)
-    error = np.where(counted, (known.value - known.truth) / known.bound, math.nan)
-    held = np.where(given & np.isfinite(known.truth), hits, math.nan)
-    return cell.losses[places][:, columns], error, held, known.bound
+    found[ALL, "loss"] = _together(losses)
+    for k, key in enumerate(keys):
+        error = (known.value[:, k] - known.truth[:, k]) / known.bound[:, k]
+        found[key, "loss"] = losses[:, k]
+        found[key, "bias"] = np.where(counted, error, math.nan)
+        found[key, "coverage"] = np.where(given[:, k], hits[:, k] * 1.0, math.nan)
+    return found
+
+
+def _with_bounds_of(ours: Cell, theirs: Cell) -> Cell:
+    """The second study's fits with the bounds that the first noted."""
+    known = {r.unit.replication: r.draw for r in ours.results}
+    results = tuple(
+        replace(r, draw=known.get(r.unit.replication, r.draw)) if r.draw else r
+        for r in theirs.results
+    )
+    return replace(theirs, scenario=ours.scenario, results=results)
 
 
 def _together(losses: FloatArray) -> FloatArray:

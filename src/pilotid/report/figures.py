@@ -423,6 +423,6 @@ def cost(cells: Sequence[Cell]) -> Figure:
         log_ticks(axes, "x")
         log_ticks(axes, "y")
         axes.set_xlabel("median time of a fit [s]")
-        axes.set_ylabel("loss, all parameters (1: Cram\u00e9r-Rao bound)")
+        axes.set_ylabel("loss (1: Cramér-Rao bound)")
         figure.legend(loc="outside right upper")
     return figure

@@ -38,7 +38,7 @@ from pilotid.report.tables import (
 from pilotid.study.comparison import Cell, Comparison, loss_ratio
 from pilotid.study.entries import TRAJECTORY
 from pilotid.study.judge import RULES, USABLE, judge, sentence
-from pilotid.study.scores import EFFICIENT
+from pilotid.study.scores import EFFICIENT, loss_text
 from pilotid.study.store import Store
 
 TITLE = "Pilot-model identification: methods compared"
@@ -137,8 +137,10 @@ def _over_all(study: Comparison, names: Sequence[str]) -> str:
     if not means:
         return f"No method is ranked in all {len(names)} scenarios."
     best, *others = means
-    words = f"Over all {len(names)} scenarios **`{best}` is best**: mean loss {means[best]:.2f}"
-    return words + (f", then `{others[0]}`, {means[others[0]]:.2f}." if others else ".")
+    words = f"Over these {len(names)} scenarios **`{best}` is best**: mean loss "
+    return f"{words}{loss_text(means[best])}" + (
+        f", then `{others[0]}`, {loss_text(means[others[0]])}." if others else "."
+    )
 
 
 def compared(study: Comparison) -> list[str]:

@@ -70,8 +70,8 @@ def provenance(study: Comparison, store: Store, about: Mapping[str, str]) -> Sec
         *OWN_FACTS,
         *(key for key in about if key.startswith(("remnant ratio", TRAJECTORY))),
     )
-    facts = [["seed", about.get("seed", "?")], ["code digest", about.get("code", "?")]]
-    facts += [[key, value] for key, value in about.items() if key not in skipped]
+    facts = ", ".join(f"{key} {value}" for key, value in about.items() if key not in skipped)
+    seed = f"Seed {about.get('seed', '?')}, code digest {about.get('code', '?')}; {facts}."
     blocks: list[Block] = [
         Command(
             "The whole study (resumes an interrupted one; the same numbers for any number of "
@@ -81,9 +81,9 @@ def provenance(study: Comparison, store: Store, about: Mapping[str, str]) -> Sec
         Command("This report again, from the store alone:", "pilotid report DIR"),
         Text(
             "No method is told the truth. All methods have the same recordings and are handed the "
-            "same **start**: that of the model, or one drawn at random where the table says so."
+            "same **start**: that of the model, or one drawn at random where the scenarios say so. "
+            f"{seed}"
         ),
-        Table("Seed and versions", _columns("what", "value"), entries(facts)),
         Table("Methods", _columns("method", "settings"), entries(methods), folded=True),
         Table("Scenarios", _columns(*titles), entries(scenarios), folded=True),
     ]

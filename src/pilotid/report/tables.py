@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import TypeVar
 
 import numpy as np
 
@@ -14,7 +15,11 @@ from pilotid.numbers import NONE, number, plus_minus, share, signed
 from pilotid.report.content import Column, Entry, Table, entries
 from pilotid.study.comparison import Cell, Comparison, Score, loss_ratio
 from pilotid.study.judge import EFFICIENT, FEWEST, USABLE, judge
-from pilotid.study.scores import Interval
+from pilotid.study.scores import Interval, loss_text
+
+T = TypeVar("T")
+#: A column, and what it says of a row's item.
+Kind = tuple[Column, Callable[[T], str | Entry]]
 
 VIOLATION = "violation"  # family of the scenarios that violate an assumption
 #: Loss from which a cell of the matrix is darkest.
@@ -55,51 +60,72 @@ def ranking(cells: Sequence[Cell], axis: tuple[float, float] | None = None) -> T
     order = ranked(cells)
     entry, best = cells[0].scenario, order[0]
     low, high = axis or _axis([cell.overall.loss for cell in order])
-    failed = any(cell.overall.failures for cell in order)
-    objects = any(cell.overall.objections for cell in order)
-    violated, varies = entry.family == VIOLATION, any(cell.tracks for cell in order)
-    columns = [
-        Column("method", text=True),
-        Column("loss (95 %)", hint="interval score over that of an efficient estimator"),
-        Column("", text=True, hint="logarithmic; 1 is perfect", ticks=_ticks(low, high)),
-        Column("times best", hint="ratio to the first row's loss on the same recordings"),
-        Column("verdict", text=True, hint="by fixed limits, see below"),
-        Column("bias", hint="mean error in claimed standard errors, and where"),
-        Column("coverage %", hint="of 95 % intervals, all parameters, with its 95 % interval"),
-        *([Column("failed", hint="in parentheses the loss of the other fits")] if failed else []),
-        *([Column("objects", hint="recordings that it objects to")] if objects else []),
-        *([Column("warned", hint="recordings with a remark or a failure")] if violated else []),
-        *([Column("lag", text=True, hint="of what varies, if certainly above 1 s")] * varies),
-        Column("s per fit", hint="median"),
+    violated = entry.family == VIOLATION
+
+    def times_best(cell: Cell) -> str:
+        if not math.isfinite(cell.overall.loss.value):
+            return NONE
+        return "best" if cell is best else str(loss_ratio(cell, best))
+
+    def objections(cell: Cell) -> str:
+        return _of(cell.overall.objections, cell.overall.objections + cell.overall.tried)
+
+    kinds: list[Kind[Cell]] = [
+        (Column("method", text=True), lambda c: c.method),
+        (Column("loss (95 %)", hint="interval score over an efficient estimator's"), _loss),
+        (
+            Column("", text=True, hint="logarithmic; 1 is perfect", ticks=_ticks(low, high)),
+            lambda c: _whisker(c.overall.loss, low, high),
+        ),
+        (Column("times best", hint="ratio to the first row's loss, same recordings"), times_best),
+        (Column("verdict", text=True, hint="by fixed limits, see below"), _verdict),
+        (Column("bias", hint="mean error in claimed standard errors"), _largest_bias),
+        (Column("coverage %", hint="of 95 % intervals, with its 95 % interval"), _coverage),
+        (Column("failed", hint="in parentheses the loss of the other fits"), _failed),
+        (Column("objects", hint="recordings that it objects to"), objections),
+        (
+            Column("warned", hint="recordings with a remark or a failure"),
+            lambda c: _of(told(c), c.tried) if violated else NONE,
+        ),
+        (Column("lag", text=True, hint="of what varies, if certainly above 1 s"), _lags),
+        (Column("s per fit", hint="median"), lambda c: number(c.seconds, 2)),
     ]
-    rows: list[list[str | Entry]] = []
-    for cell in order:
-        own, verdict = cell.overall, judge(cell.scores)
-        applies, scored = cell.tried > 0, math.isfinite(own.loss.value)
-        ratio = loss_ratio(cell, best) if cell is not best and scored else None
-        unscored = f"rmse {number(own.ratio.value)} x bound" if applies else "not applicable"
-        rows.append(
-            [
-                cell.method,
-                str(own.loss) if scored else unscored,
-                Entry("", mark_of(own.loss.value), _whisker(own.loss, low, high)),
-                str(ratio) if ratio else "best" if scored else NONE,
-                Entry(verdict.words, _mark(verdict.grade)),
-                _largest_bias(cell),
-                share(own.coverage.value, own.coverage_interval),
-                *([_failed(own)] if failed else []),
-                *([_of(own.objections, own.objections + own.tried)] if objects else []),
-                *([_of(told(cell), cell.tried)] if violated else []),
-                *([_lags(cell)] if varies else []),
-                number(cell.seconds, 2),
-            ]
-        )
     count = max(len(cell.results) for cell in cells)
     what = "all fits of one recording" if entry.one_recording else "1 recording"
     if count > 1 and not entry.one_recording:
         what = f"{count} recordings"
-    return Table(f"`{entry.name}`, {what}: methods by their loss (1: perfect)", columns,
-                 entries(rows))  # fmt: skip
+    return _table(f"`{entry.name}`, {what}: methods by their loss (1: perfect)", kinds, order)
+
+
+def _table(
+    caption: str, kinds: Sequence[Kind[T]], items: Sequence[T], heads: int = 1, *,
+    folded: bool = False,
+) -> Table:  # fmt: skip
+    """A row for each item; columns that say nothing of any are left out."""
+    rows = entries([text(item) for _, text in kinds] for item in items)
+    shown = [
+        i
+        for i, (column, _) in enumerate(kinds)
+        if i < heads or column.ticks or any(row[i].text not in ("0", NONE) for row in rows)
+    ]
+    columns = [kinds[i][0] for i in shown]
+    return Table(caption, columns, [[row[i] for i in shown] for row in rows], heads, folded)
+
+
+def _loss(cell: Cell) -> str:
+    if math.isfinite(cell.overall.loss.value):
+        return str(cell.overall.loss)
+    return f"rmse {number(cell.overall.ratio.value)} x bound" if cell.tried else "not applicable"
+
+
+def _verdict(cell: Cell) -> Entry:
+    verdict = judge(cell.scores)
+    marks = {"efficient": "good", "usable": "partly", "poor": "poor"}
+    return Entry(verdict.words, marks.get(verdict.grade, "none"))
+
+
+def _coverage(cell: Cell) -> str:
+    return share(cell.overall.coverage.value, cell.overall.coverage_interval)
 
 
 def mean_loss(losses: Mapping[str, float]) -> float:
@@ -142,7 +168,7 @@ def _matrix(study: Comparison, names: Sequence[str], shown: Sequence[str]) -> Ta
     rows: list[list[str | Entry]] = []
     for method, own in by_mean_loss(study, names).items():
         worst = max(own, key=lambda name: own[name], default="")
-        mean = number(mean_loss(own), 3) if len(own) == len(names) else NONE
+        mean = loss_text(mean_loss(own)) if len(own) == len(names) else NONE
         row: list[str | Entry] = [method]
         if first:
             row += [mean, f"{number(own[worst], 2)} {worst}" if own else NONE]
@@ -175,10 +201,6 @@ def key_of(name: str) -> str:
     return re.sub(r"[^\w-]+", "-", name)
 
 
-def _mark(grade: str) -> str:
-    return {"efficient": "good", "usable": "partly", "poor": "poor"}.get(grade, "none")
-
-
 def _axis(losses: Sequence[Interval]) -> tuple[float, float]:
     """Ends of a logarithmic axis, as powers of ten, that shows 1 and all values."""
     values = [loss.value for loss in losses if loss.value > 0.0]
@@ -204,12 +226,12 @@ def _ticks(low: float, high: float) -> tuple[tuple[float, str], ...]:
     return tuple((round(place_on((low, high), v), 1), f"{v:g}") for v in inside)
 
 
-def _whisker(loss: Interval, low: float, high: float) -> tuple[float, float, float] | None:
+def _whisker(loss: Interval, low: float, high: float) -> Entry:
     if not loss.value > 0.0:
-        return None
+        return Entry("")
     ends = (end if end > 0.0 and math.isfinite(end) else loss.value for end in loss[1:])
     value, *others = (round(place_on((low, high), x), 1) for x in (loss.value, *ends))
-    return value, others[0], others[1]
+    return Entry("", mark_of(loss.value), (value, others[0], others[1]))
 
 
 def _largest_bias(cell: Cell) -> str:
@@ -247,8 +269,9 @@ def _of(count: int, total: int) -> str:
     return f"{count} of {total}" if count else "0"
 
 
-def _failed(own: Score) -> str:
+def _failed(cell: Cell) -> str:
     """Fits that failed, and the loss of the others."""
+    own = cell.overall
     if not own.failures:
         return "0"
     return f"{own.failures} of {own.tried} ({number(own.loss_ended_well)})"
@@ -273,59 +296,56 @@ def _lags(cell: Cell) -> str:
 
 def all_numbers(cells: Sequence[Cell], paper: Sequence[tuple[float, float]] = ()) -> Table:
     """All scores of a scenario: a row for each parameter and method."""
-    population = cells[0].scenario.population
-    sampled = any(math.isfinite(s.posterior) for c in cells for s in c.scores)
-    columns = [
-        Column("parameter", text=True),
-        Column("method", text=True),
-        Column("n", hint="values of fits that count"),
-        Column("loss", hint="with its 95 % interval"),
-        Column("bias / claim", hint="with its Monte Carlo standard error"),
-        Column("rmse / bound", hint="with its Monte Carlo standard error"),
-        Column("coverage %", hint="of the 95 % intervals, with its 95 % interval"),
+    population, name = cells[0].scenario.population, cells[0].scenario.name
+    keys = list(dict.fromkeys(key for cell in cells for key in cell.keys))
+    papers = dict(zip(keys, paper, strict=bool(paper)))
+    items = [
+        (cell.method, cell.scores[1 + cell.keys.index(key)].percent)
+        for key in keys
+        for cell in cells
+        if key in cell.keys and cell.tried
     ]
-    if population:
-        columns += [
-            Column("rms", hint="of error over claimed error"),
-            Column("trimmed", hint="the same without the largest 1 %"),
+
+    def of_many(text: str) -> str:
+        return text if population else NONE
+
+    kinds: list[Kind[tuple[str, Score]]] = [
+        (Column("parameter", text=True), lambda i: i[1].parameter),
+        (Column("method", text=True), lambda i: i[0]),
+        (Column("n", hint="values of fits that count"), lambda i: str(i[1].n)),
+        (Column("loss", hint="with its 95 % interval"), lambda i: str(i[1].loss)),
+        (Column("bias / claim", hint="mean standardised error"), lambda i: plus_minus(*i[1].z)),
+        (Column("rmse / bound", hint="with its error"), lambda i: _unsigned(i[1].ratio)),
+        (
+            Column("coverage %", hint="of the 95 % intervals, with its 95 % interval"),
+            lambda i: share(i[1].coverage.value, i[1].coverage_interval),
+        ),
+        (Column("rms", hint="of error over claim"), lambda i: of_many(_unsigned(i[1].rms))),
+        (Column("trimmed", hint="by 1 %"), lambda i: of_many(_unsigned(i[1].trimmed))),
+        (
             Column("beyond 3 %", hint="share of errors beyond 3 claimed errors"),
-            Column("median", hint="median error over bound, over that of a normal variable"),
+            lambda i: of_many(number(100.0 * i[1].beyond.value, 2)),
+        ),
+        (Column("median", hint="of error over bound"), lambda i: of_many(number(i[1].typical))),
+        (
             Column("wrong optima", hint="of the fits for which it is known"),
-        ]
-    else:
-        columns += [
-            Column("bias %", hint="of the true value"),
-            *([Column("paper: bias %", paper=True)] if paper else []),
-            Column("std %", hint="standard deviation with its Monte Carlo standard error"),
-            *([Column("paper: std %", paper=True)] if paper else []),
-            Column("claimed %", hint="mean of the standard errors that the method claims"),
-            *([Column("posterior %", hint="mean spread of the posterior")] if sampled else []),
-            Column("bound %", hint="Cramér-Rao bound on the standard deviation"),
-        ]
-    rows = []
-    for index, key in enumerate(dict.fromkeys(key for cell in cells for key in cell.keys)):
-        for cell in cells:
-            if key not in cell.keys or not cell.tried:
-                continue
-            own = cell.scores[1 + cell.keys.index(key)].percent
-            row = [key, cell.method, str(own.n), str(own.loss)]
-            row += [plus_minus(*own.z), _unsigned(own.ratio)]
-            row.append(share(own.coverage.value, own.coverage_interval))
-            if population:
-                row += [_unsigned(own.rms), _unsigned(own.trimmed)]
-                row += [number(100.0 * own.beyond.value, 2), number(own.typical)]
-                row.append(f"{own.wrong} of {own.optima}" if own.optima else NONE)
-            else:
-                row.append(plus_minus(*own.bias))
-                row += [signed(paper[index][0])] if paper else []
-                row.append(_unsigned(own.std))
-                row += [f"{paper[index][1]:g}"] if paper else []
-                row.append(number(own.claimed))
-                row += [number(own.posterior)] if sampled else []
-                row.append(number(own.bound))
-            rows.append(row)
-    name = cells[0].scenario.name
-    return Table(f"`{name}`: all numbers", columns, entries(rows), heads=2, folded=True)
+            lambda i: f"{i[1].wrong} of {i[1].optima}" if i[1].optima else NONE,
+        ),
+        (Column("bias %", hint="of the true value"), lambda i: plus_minus(*i[1].bias)),
+        (
+            Column("paper: bias %", paper=True),
+            lambda i: signed(papers[i[1].parameter][0]) if papers else NONE,
+        ),
+        (Column("std %", hint="standard deviation"), lambda i: _unsigned(i[1].std)),
+        (
+            Column("paper: std %", paper=True),
+            lambda i: f"{papers[i[1].parameter][1]:g}" if papers else NONE,
+        ),
+        (Column("claimed %", hint="mean standard error"), lambda i: number(i[1].claimed)),
+        (Column("posterior %", hint="mean spread"), lambda i: number(i[1].posterior)),
+        (Column("bound %", hint="of Cramér and Rao"), lambda i: number(i[1].bound)),
+    ]
+    return _table(f"`{name}`: all numbers", kinds, items, 2, folded=True)
 
 
 def _unsigned(score: tuple[float, float]) -> str:

@@ -63,11 +63,11 @@ class Interval(NamedTuple):
     upper: float
 
     def __str__(self) -> str:
-        value, lower, upper = map(_shown, self)
+        value, lower, upper = map(loss_text, self)
         return f"{value} ({lower}{NONE}{upper})" if math.isfinite(self.upper) else value
 
 
-def _shown(loss: float) -> str:
+def loss_text(loss: float) -> str:
     """A loss with the digits that it deserves."""
     return f"{loss:.2f}" if loss < 9.995 else number(loss)
 
