@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from collections import Counter
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
@@ -23,6 +24,7 @@ from pilotid.seeds import draw_rng, fit_rng, recording_rng
 from pilotid.study.comparison import Cell, Comparison, Score, comparison_of
 from pilotid.study.draws import element_kind, facts_of, scenario_of, strata_of
 from pilotid.study.entries import Draw, Result
+from pilotid.study.fits import Task
 from pilotid.study.store import Store
 from pilotid.study.study import Study
 from pilotid.theory.bounds import bounds
@@ -279,6 +281,18 @@ def test_a_fit_that_nobody_knows_the_pilot_of_is_a_row(tmp_path: Path) -> None:
     (cell,) = comparison.populations
     assert (cell.overall.tried, cell.overall.failures) == (2, 1)
     assert next(iter(rows(tmp_path, "estimates.csv")))["outcome"] == "died"
+
+
+def test_a_fit_whose_process_died_is_charged_by_its_own_pilot(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def die(run: object, tasks: Iterable[Task], *_: object) -> Iterator[Result]:
+        return (Result(task.unit, "died", "signal SIGKILL") for task in tasks)
+
+    monkeypatch.setattr("pilotid.study.study.run_tasks", die)
+    (cell,) = Study([QUICK], ["mle-white"], 2, SEED).run_in(tmp_path, 1).populations
+    assert [r.draw for r in cell.results] == [scenario_of(QUICK, SEED, r)[1] for r in range(2)]
+    assert cell.overall.loss.value > 0.0
 
 
 def test_what_is_drawn_depends_on_seed_name_and_replication_alone() -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-from pilotid.datasets import CATALOGUE, AnyScenario, Scenario, scenarios_named
+from pilotid.datasets import CATALOGUE, AnyScenario, Population, Scenario, scenarios_named
 from pilotid.datasets.named import sound
 from pilotid.datasets.simulation import remnant_ratio
 from pilotid.disk import make_folder
@@ -188,15 +188,21 @@ class Study:
         limits: Limits = USUAL_LIMITS,
     ) -> Iterator[Result]:
         """Fit what is pending; each result is in the store before it comes out."""
-        origins = {scenario.name: scenario for scenario in self.scenarios}
         for found in run_tasks(run_task, self.tasks(pending), given_up, workers, scheduler, limits):
-            result = found
-            if found.draw is None:  # a process that died could not say which pilot it was
-                unit = found.unit
-                _, draw = scenario_of(origins[unit.scenario], self.seed, unit.replication)
-                result = replace(found, draw=draw)
+            result = self._with_draw(found)
             store.add(result)
             yield result
+
+    def _with_draw(self, result: Result) -> Result:
+        """A fit whose process died could not say which pilot a population drew for it."""
+        origin = next(s for s in self.scenarios if s.name == result.unit.scenario)
+        if result.draw is not None or not isinstance(origin, Population):
+            return result
+        try:
+            _, draw = scenario_of(origin, self.seed, result.unit.replication)
+        except InputError:  # of this pilot no bounds can be given
+            return result
+        return replace(result, draw=draw)
 
     def run_in(self, folder: Path, workers: int | None = None) -> Comparison:
         """Fit what a folder's store lacks, and return all that it holds then.
