@@ -76,7 +76,6 @@ def check(session: nox.Session) -> None:
         "remarks": "remarks.py",
         "machines": "machines.py",
         "stores": "damaged_stores.py",
-        "verdicts": "verdict_rules.py",
         "population": "population.py",
         "constants": "constants.py",
         "elements": "elements.py",

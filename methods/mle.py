@@ -128,7 +128,11 @@ class MLE(LikelihoodSettings):
             criterion=found.criterion,
             band=found.band_of(recording),
             message="; ".join(part for part in (estimate.message, found.curves) if part),
-            remarks=(*_not_closed(found), *_not_followed(found), *tested(found, recording)),
+            remarks=(
+                *(_not_closed(found) if self.loop else ()),
+                *_not_followed(found),
+                *tested(found, recording),
+            ),
         )
 
     def criteria_from(

@@ -74,7 +74,7 @@ class Content:
 def content_of(store: Store) -> Content:
     """What a store holds; its scores can be computed."""
     for cell in comparison_of(store).cells:
-        assert len(cell.scores) == len(KEYS)
+        assert len(cell.scores) == 1 + len(KEYS)
     fits = {result.unit: result for result in store.results()}
     assert fits.keys() <= store.done().keys()
     return Content(store.about(), store.scenarios(), store.methods(), fits)

@@ -76,7 +76,7 @@ def test_a_study_is_compared_and_becomes_a_data_frame(tmp_path: Path) -> None:
     assert list(frame["parameter"]) == 2 * list(MODELS["single"].keys)
     assert study.to_dataframe(tmp_path).equals(frame)
     scores = found.to_dataframe(summary=True)
-    assert list(scores["n"]) == 5 * [2]
+    assert list(scores["n"]) == 6 * [2]  # of each parameter, and of all
     gain = frame[frame["parameter"] == "Kvis"]["value"]
     assert scores["bias"][0] == pytest.approx(gain.mean() - 0.32)
     again = pilotid.compare("single", "mle-white", 2, out=tmp_path, workers=1)

@@ -13,8 +13,8 @@ import pytest
 from helpers import Run
 from stores import finish
 
-from pilotid.publishing.changes import COLUMNS, changes
-from pilotid.publishing.held import held_in
+from pilotid.publishing.changes import COLUMNS, find_changes
+from pilotid.publishing.studies import read_study
 from pilotid.study.entries import MethodEntry, Result, ScenarioEntry
 from pilotid.study.store import STORE, Store
 from pilotid.types import InputError
@@ -68,23 +68,25 @@ def shifted(result: Result) -> Result:
 
 
 def test_the_same_study_has_not_changed(first: Path) -> None:
-    found = changes(held_in(first), held_in(first))
+    found = find_changes(read_study(first), read_study(first))
     assert found.words.startswith("Nothing changed: all ")
     assert found.fits == found.same == 9 * REPLICATIONS
     assert not found.changed
     assert not found.notes
-    assert {c.score for c in found.all} == {"bias", "rmse", "coverage", "failures", "time"}
+    assert {c.score for c in found.all} == {"loss", "bias", "coverage", "failures", "time"}
 
 
 def test_kept_rows_are_the_same_study(first: Path, tmp_path: Path) -> None:
     with Store(first) as store:
         store.keep(tmp_path)
-    assert changes(held_in(first), held_in(tmp_path)).words.startswith("Nothing changed: all ")
+    assert find_changes(read_study(first), read_study(tmp_path)).words.startswith(
+        "Nothing changed: all "
+    )
 
 
 def test_known_changes_are_found_and_no_others(first: Path, tmp_path: Path) -> None:
     other = changed(first, tmp_path / "b", shifted)
-    found = changes(held_in(first), held_in(other))
+    found = find_changes(read_study(first), read_study(other))
     named = {(c.scenario, c.method, c.parameter, c.score) for c in found.changed}
     assert {key for key in named if key[3] == "bias"} == {
         ("first", "mle", "Kvis", "bias"),
@@ -94,14 +96,16 @@ def test_known_changes_are_found_and_no_others(first: Path, tmp_path: Path) -> N
         ("first", "mle", "tlead"),
         ("any", "mle", "tlead"),
     }
-    assert all(key[2] == "Kvis" for key in named if key[3] == "rmse")
+    worse = {key[:3] for key in named if key[3] == "loss"}
+    assert {("first", "mle", "tlead"), ("first", "mle", "all"), ("any", "mle", "tlead")} <= worse
+    assert {method for _, method, _ in worse} == {"mle"}
     (bias,) = (c for c in found.all if (c.scenario, c.method, c.parameter, c.score)
                == ("first", "mle", "Kvis", "bias"))  # fmt: skip
-    assert bias.numbers.change == pytest.approx(1.0)
-    assert bias.numbers.error == pytest.approx(0.0, abs=1e-12)
-    assert bias.unit == "bound"
-    assert not bias.better
-    assert f"{len(found.changed)} of {len(found.all)} comparisons changed" in found.words
+    assert bias.change == pytest.approx(1.0)
+    assert bias.error == pytest.approx(0.0, abs=1e-12)
+    assert not bias.is_better
+    assert bias.verdicts[0] != bias.verdicts[1]
+    assert found.words.startswith(f"{len(found.changed)} of {len(found.all)} ")
 
 
 def test_failures_and_times(first: Path, tmp_path: Path) -> None:
@@ -111,28 +115,31 @@ def test_failures_and_times(first: Path, tmp_path: Path) -> None:
         return replace(result, seconds=None if result.seconds is None else 3.0 * result.seconds)
 
     other = changed(first, tmp_path / "b", edit)
-    found = changes(held_in(first), held_in(other))
+    found = find_changes(read_study(first), read_study(other))
     failures = [c for c in found.changed if c.score == "failures"]
     assert [(c.scenario, c.method) for c in failures] == [("second", "arx")]
-    assert failures[0].numbers.second == 1.0
+    assert failures[0].second == 1.0
     times = [c for c in found.changed if c.score == "time"]
     assert len(times) == 8
-    assert times[0].numbers.change == pytest.approx(3.0)
-    assert not [c for c in found.changed if c.parameter]
+    assert times[0].change == pytest.approx(3.0)
+    lost = [c for c in found.changed if c.score == "loss" and c.parameter == "all"]
+    assert [(c.scenario, c.method, c.is_better) for c in lost] == [
+        ("second", "arx", True)
+    ]  # it was sure and wrong
 
 
 def test_other_seeds_are_not_paired(first: Path, tmp_path: Path) -> None:
     other = changed(first, tmp_path / "b", shifted, seed="2")
-    found = changes(held_in(first), held_in(other))
+    found = find_changes(read_study(first), read_study(other))
     assert "Seeds differ (1, 2): recordings are not paired." in found.notes
     assert found.fits == 0
     assert ("first", "mle", "tlead", "coverage") in {
         (c.scenario, c.method, c.parameter, c.score) for c in found.changed
     }
-    apart = next(c for c in found.all if c.parameter == "Kvis")
-    paired = changes(held_in(first), held_in(changed(first, tmp_path / "c", shifted)))
-    together = next(c for c in paired.all if c.parameter == "Kvis")
-    assert apart.numbers.error > 2.0 * together.numbers.error
+    apart = next(c for c in found.all if (c.parameter, c.score) == ("Kvis", "bias"))
+    paired = find_changes(read_study(first), read_study(changed(first, tmp_path / "c", shifted)))
+    together = next(c for c in paired.all if (c.parameter, c.score) == ("Kvis", "bias"))
+    assert apart.error > 2.0 * together.error
 
 
 def test_scenarios_that_differ_are_left_out_and_named(first: Path, tmp_path: Path) -> None:
@@ -144,7 +151,7 @@ def test_scenarios_that_differ_are_left_out_and_named(first: Path, tmp_path: Pat
         return None if result.unit.method == "fourier" else result
 
     other = changed(first, tmp_path / "b", edit, other_truth)
-    found = changes(held_in(first), held_in(other))
+    found = find_changes(read_study(first), read_study(other))
     assert {c.scenario for c in found.all} == {"first", "any"}
     assert "Left out, since they differ: second (another truth)." in found.notes
     assert "In the first study alone: fourier." in found.notes
@@ -156,7 +163,7 @@ def test_bounds_of_the_first_study_count(first: Path, tmp_path: Path) -> None:
         return replace(entry, parameters=known)
 
     other = changed(first, tmp_path / "b", scenario=wider)
-    found = changes(held_in(first), held_in(other))
+    found = find_changes(read_study(first), read_study(other))
     assert found.notes == ["Bounds differ in first, second: those of the first study count."]
     assert not found.changed
 
@@ -167,7 +174,7 @@ def test_nothing_in_common_is_refused(first: Path, tmp_path: Path) -> None:
 
     other = changed(first, tmp_path / "b", scenario=renamed)
     with pytest.raises(InputError, match=r"no scenario and method in common.*other settings"):
-        changes(held_in(first), held_in(other))
+        find_changes(read_study(first), read_study(other))
 
 
 def test_the_command_prints_what_changed_and_writes_all(
@@ -209,4 +216,4 @@ def test_a_method_s_settings_may_have_changed(first: Path, tmp_path: Path) -> No
     with Store(other, create=True) as store:
         assert (other / STORE).exists()
         store.add_method(MethodEntry("new", 9, {}))
-    assert changes(held_in(first), held_in(other)).words.startswith("Nothing changed")
+    assert find_changes(read_study(first), read_study(other)).words.startswith("Nothing changed")

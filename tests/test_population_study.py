@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from collections import Counter
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
@@ -20,12 +21,12 @@ from pilotid.methods.mle_white import MLEWhite
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import draw_rng, fit_rng, recording_rng
-from pilotid.study.comparison import Comparison, comparison_of
-from pilotid.study.draws import element_kind, facts_of, scenario_of
-from pilotid.study.entries import Result
+from pilotid.study.comparison import Cell, Comparison, Score, comparison_of
+from pilotid.study.draws import element_kind, facts_of, scenario_of, strata_of
+from pilotid.study.entries import Draw, Result
+from pilotid.study.fits import Task
 from pilotid.study.store import Store
 from pilotid.study.study import Study
-from pilotid.study.summary import write_tables
 from pilotid.theory.bounds import bounds
 from pilotid.types import FloatArray, InputError
 
@@ -104,7 +105,7 @@ def run(folder: Path, study: Study = STUDY, workers: int = 2) -> dict[str, bytes
     with Store(folder, create=True) as store:
         for _ in study.run(store, study.enter(store), workers):
             pass
-        write_tables(folder, comparison_of(store))
+        comparison_of(store).write_tables(folder)
     return {name: (folder / name).read_bytes() for name in ("summary.csv", "population.csv")}
 
 
@@ -118,6 +119,10 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def held(folder: Path) -> Comparison:
     with Store(folder) as store:
         return comparison_of(store)
+
+
+def score_of(cell: Cell, key: str) -> Score:
+    return next(score for score in cell.scores if score.parameter == key)
 
 
 def results_of(folder: Path, method: str) -> list[Result]:
@@ -186,11 +191,11 @@ def test_objections_are_counted_apart_from_failures(finished: Path) -> None:
     models = Counter(r.draw.model for r in cell.results if r.draw)
     overall = cell.overall
     assert 0 < overall.objections == models["rate"] < COUNT
-    assert overall.recordings == cell.tried == models["single"]
+    assert overall.tried == cell.tried == models["single"]
     assert overall.failures == 0
     assert overall.n == 5 * models["single"]
-    one = cell.standing("Km")
-    assert (one.recordings, one.objections, one.n) == (0, models["rate"], 0)
+    one = score_of(cell, "Km")
+    assert (one.tried, one.objections, one.n) == (0, models["rate"], 0)
     assert math.isnan(one.coverage.value)
 
 
@@ -205,16 +210,16 @@ def test_scores_are_in_units_of_the_claim_and_of_the_bound(finished: Path) -> No
             ratios.append((1.0 - p.truth) / (p.bound or math.nan))
     assert cell.keys == ("Kvis", "tlead", "tdvis", "Km", "tdm", "fnm", "dnm")
     for key in ("Kvis", "Km"):
-        standing = cell.standing(key)
+        standing = score_of(cell, key)
         assert standing.n == len(errors[key])
-        assert standing.mean.value == pytest.approx(np.mean(errors[key]))  # it claims 1
+        assert standing.z.value == pytest.approx(np.mean(errors[key]))  # it claims 1
         inside = np.abs(errors[key]) <= 1.959964
         assert standing.coverage.value == pytest.approx(np.mean(inside))
     overall = cell.overall
     assert overall.n == len(ratios)
     assert overall.ratio.value == pytest.approx(np.sqrt(np.mean(np.square(ratios))))
     # fnm is 6.5 rad/s or more, which is not 1 within 3.
-    assert cell.standing("fnm").beyond.value == 1.0
+    assert score_of(cell, "fnm").beyond.value == 1.0
 
 
 def test_wrong_optima_are_found_by_the_study(finished: Path, tmp_path: Path) -> None:
@@ -248,6 +253,7 @@ def test_strata_and_parameters_stand_in_the_table(finished: Path) -> None:
     (single,) = (r for r in own if r["value"] == "single")
     assert single["wrong_optima"] == single["recordings"]
     assert all(r["wrong_optima"] == "" for r in table if r["method"] == "mle-white")
+    assert {r["loss"] != "" for r in own} == {True}
     whole = [r for r in table if (r["method"], r["stratum"]) == ("fake", "all")]
     assert [r["parameter"] for r in whole[1:]] == [
         "Kvis", "tlead", "tdvis", "Km", "tdm", "fnm", "dnm"
@@ -271,10 +277,22 @@ def test_a_fit_that_nobody_knows_the_pilot_of_is_a_row(tmp_path: Path) -> None:
         for _ in study.run(store, [second], 1):
             pass
         comparison = comparison_of(store)
-        write_tables(tmp_path, comparison)
+        comparison.write_tables(tmp_path)
     (cell,) = comparison.populations
-    assert (cell.overall.recordings, cell.overall.failures) == (2, 1)
+    assert (cell.overall.tried, cell.overall.failures) == (2, 1)
     assert next(iter(rows(tmp_path, "estimates.csv")))["outcome"] == "died"
+
+
+def test_a_fit_whose_process_died_is_charged_by_its_own_pilot(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def die(run: object, tasks: Iterable[Task], *_: object) -> Iterator[Result]:
+        return (Result(task.unit, "died", "signal SIGKILL") for task in tasks)
+
+    monkeypatch.setattr("pilotid.study.study.run_tasks", die)
+    (cell,) = Study([QUICK], ["mle-white"], 2, SEED).run_in(tmp_path, 1).populations
+    assert [r.draw for r in cell.results] == [scenario_of(QUICK, SEED, r)[1] for r in range(2)]
+    assert cell.overall.loss.value > 0.0
 
 
 def test_what_is_drawn_depends_on_seed_name_and_replication_alone() -> None:
@@ -325,3 +343,27 @@ def test_a_pilot_of_a_population_can_be_simulated() -> None:
     np.testing.assert_array_equal(first.u, own.u)
     rng = np.random.default_rng(1)
     assert pilotid.simulate("population-short", rng).u.size > 0
+
+
+def draw_of(model: str, **facts: float | str) -> Draw:
+    return Draw(model, (), {"element": "K", "runs": 1, "dt": 0.02, "run_in": 0.0, **facts})
+
+
+def test_strata_hold_every_recording_once() -> None:
+    levels = np.linspace(0.05, 0.3, 9)
+    draws = {
+        r: draw_of("rate" if r % 3 else "multi", remnant_level=float(x),
+                   duration=30.0 + 1e-15 * r, dt=0.02 if r < 4 else 0.005)
+        for r, x in enumerate(levels)
+    }  # fmt: skip
+    strata = strata_of(draws)
+    for name, stratum in strata.items():
+        members = [r for own in stratum.values() for r in own]
+        assert sorted(members) == list(range(9)), name
+    assert strata["model"] == {"multi": frozenset({0, 3, 6}), "rate": frozenset({1, 2, 4, 5, 7, 8})}
+    assert list(strata["rate"]) == ["50 Hz", "200 Hz"]
+    assert strata["rate"]["50 Hz"] == frozenset(range(4))
+    assert list(strata["length"]) == ["30 to 30 s"]
+    assert [len(own) for own in strata["level"].values()] == [3, 3, 3]
+    assert next(iter(strata["level"])) == "5 to 13 %"
+    assert strata_of({})["level"] == {}

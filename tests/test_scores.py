@@ -8,23 +8,18 @@ import numpy as np
 import pytest
 
 from pilotid.study import scores
-from pilotid.study.entries import ParameterTruth
-from pilotid.study.score import Score, scored
+from pilotid.study.scores import Mean
+from pilotid.types import FloatArray
 
 VALUES = np.array([1.0, 2.0, 3.0, 6.0])  # mean 3; deviations -2, -1, 0, 3, squares sum to 14
+ONE = np.array([3, 3, 5, 5])  # recordings of four values
+FIRST = np.array([1.0, -1.0, 2.0, 0.0])
+SECOND = np.array([2.0, 1.0, 2.0, 1.0])  # differences 1, 2, 0, 1
 
 
 def test_bias_is_the_mean_error_with_its_sign() -> None:
-    assert scores.bias(VALUES, 4.0) == -1.0
-    assert scores.bias(VALUES, 2.0) == 1.0
-
-
-def test_spread_divides_by_n_minus_one() -> None:
-    assert scores.spread(VALUES) == pytest.approx(math.sqrt(14.0 / 3.0))
-
-
-def test_bias_std_error_is_the_spread_over_root_n() -> None:
-    assert scores.bias_std_error(VALUES) == pytest.approx(math.sqrt(14.0 / 3.0) / 2.0)
+    assert scores.bias(VALUES, 4.0) == (-1.0, pytest.approx(math.sqrt(14.0 / 3.0) / 2.0))
+    assert scores.bias(VALUES, 2.0).value == 1.0
 
 
 def test_skewness_by_hand() -> None:
@@ -45,12 +40,23 @@ def test_t_is_student_s_without_skewness_and_hall_s_with_it() -> None:
 
 def test_rmse_holds_bias_and_scatter() -> None:
     # errors -3, -2, -1, 2: squares sum to 18
-    assert scores.rmse(VALUES, 4.0) == pytest.approx(math.sqrt(18.0 / 4.0))
+    assert scores.rmse(VALUES, 4.0).value == pytest.approx(math.sqrt(18.0 / 4.0))
+    rng = np.random.default_rng(1)
+    found = [scores.rmse(d, 0.0) for d in rng.normal(0.3, 1.0, (4000, 100))]
+    scatter = np.std([f.value for f in found])
+    assert np.mean([f.error for f in found]) == pytest.approx(scatter, rel=0.05)
 
 
-def test_coverage_counts_the_ends_and_leaves_out_what_is_not_a_number() -> None:
-    intervals = np.array([[0.0, 1.0], [1.0, 2.0], [1.1, 2.0], [math.nan, 3.0], [-1.0, 5.0]])
-    assert scores.coverage(intervals, 1.0) == 0.75
+def test_spread_divides_by_n_minus_one_and_its_error_uses_the_fourth_moment() -> None:
+    assert scores.spread(VALUES).value == pytest.approx(math.sqrt(14.0 / 3.0))
+    # deviations -1, -1, -1, 3: variance 12/3 = 4, fourth moment (1 + 1 + 1 + 81)/4 = 21
+    expected = math.sqrt((21.0 - 16.0) / 4.0) / (2.0 * 2.0)
+    assert scores.spread(np.array([0.0, 0.0, 0.0, 4.0])).error == pytest.approx(expected)
+    rng = np.random.default_rng(2)
+    found = [scores.spread(d) for d in rng.standard_t(8.0, (4000, 100))]
+    scatter = np.std([f.value for f in found])
+    assert np.mean([f.error for f in found]) == pytest.approx(scatter, rel=0.1)
+    assert math.isnan(scores.spread(np.ones(3)).error)
 
 
 def test_mean_leaves_out_what_is_not_a_number() -> None:
@@ -59,23 +65,16 @@ def test_mean_leaves_out_what_is_not_a_number() -> None:
 
 def test_too_few_estimates_give_nan() -> None:
     none = np.zeros(0)
-    for score in (
-        scores.bias(none, 1.0),
-        scores.bias_std_error(none),
-        scores.spread(none),
-        scores.spread(np.ones(1)),
-        scores.rmse(none, 1.0),
+    for found in (
+        *scores.bias(none, 1.0),
+        *scores.spread(none),
+        *scores.spread(np.ones(1)),
+        *scores.rmse(none, 1.0),
         scores.mean(none),
-        scores.coverage(np.zeros((0, 2)), 1.0),
+        scores.typical(none),
+        *scores.trimmed(none, none.astype(int)),
     ):
-        assert math.isnan(score)
-
-
-def test_coverage_limits_hold_95_percent_of_the_binomial() -> None:
-    # 20 intervals at 95 %: P(<= 16) = .0159, P(<= 17) = .0755, P(<= 19) = .6415
-    assert scores.coverage_limits(0.95, 20) == (17 / 20, 20 / 20)
-    low, high = scores.coverage_limits(0.5, 10)  # P(<= 1) = .0107, P(<= 2) = .0547
-    assert (low, high) == (0.2, 0.8)
+        assert math.isnan(found)
 
 
 def test_coverage_interval_is_wilson_s() -> None:
@@ -86,63 +85,75 @@ def test_coverage_interval_is_wilson_s() -> None:
     assert all(math.isnan(x) for x in scores.coverage_interval(math.nan, 0))
 
 
-def test_rmse_std_error_is_that_of_simulated_estimates() -> None:
-    rng = np.random.default_rng(1)
-    draws = rng.normal(0.3, 1.0, (4000, 100))
-    found = [scores.rmse(d, 0.0) for d in draws]
-    claimed = np.mean([scores.rmse_std_error(d, 0.0) for d in draws])
-    assert claimed == pytest.approx(np.std(found), rel=0.05)
-    assert math.isnan(scores.rmse_std_error(np.ones(1), 0.0))
+def test_a_mean_s_error_is_that_of_recordings() -> None:
+    values = np.array([1.0, 3.0, 2.0, 6.0])
+    # Mean 3; sums of deviations -2 and 2: their squares, 8, times 2/1, rooted, over 4.
+    assert scores.clustered_mean(values, ONE) == Mean(3.0, 1.0)
+    # Each value for itself: deviations -2, 0, -1, 3: the usual standard error.
+    alone = scores.clustered_mean(values, np.arange(4))
+    assert alone.error == pytest.approx(np.std(values, ddof=1) / 2.0)
+    assert math.isnan(scores.clustered_mean(values[:2], ONE[:2]).error)
+    assert math.isnan(scores.clustered_mean(values[:0], ONE[:0]).value)
 
 
-def test_spread_std_error_uses_the_fourth_moment() -> None:
-    # deviations -1, -1, -1, 3: variance 12/3 = 4, fourth moment (1 + 1 + 1 + 81)/4 = 21
-    expected = math.sqrt((21.0 - 16.0) / 4.0) / (2.0 * 2.0)
-    assert scores.spread_std_error(np.array([0.0, 0.0, 0.0, 4.0])) == pytest.approx(expected)
-    rng = np.random.default_rng(2)
-    draws = rng.standard_t(8.0, (4000, 100))
-    claimed = np.mean([scores.spread_std_error(d) for d in draws])
-    assert claimed == pytest.approx(np.std([scores.spread(d) for d in draws]), rel=0.1)
-    assert math.isnan(scores.spread_std_error(np.ones(1)))
-    assert math.isnan(scores.spread_std_error(np.ones(3)))
+def test_root_mean_squares() -> None:
+    z = np.array([1.0, -1.0, 2.0, -2.0])
+    # Squares 1, 1, 4, 4: mean 2.5; sums of deviations -3 and 3: 6/4 = 1.5; over 2 sqrt(2.5).
+    found = scores.root_mean_square(z, ONE)
+    assert found.value == pytest.approx(math.sqrt(2.5))
+    assert found.error == pytest.approx(1.5 / (2.0 * math.sqrt(2.5)))
+    assert scores.typical(z) == pytest.approx(1.5 / 0.674490)
+    assert scores.beyond(np.array([3.1, -3.1, 3.0, 0.0]), ONE).value == 0.5
 
 
-def test_held_counts_the_intervals_that_hold_the_truth_and_no_others() -> None:
-    intervals = np.array([[0.0, 1.0], [1.0, 2.0], [1.1, 2.0], [math.nan, 3.0], [-1.0, 5.0]])
-    assert scores.held(intervals, 1.0) == 3
-    assert scores.held(np.zeros((0, 2)), 1.0) == 0
+def test_the_trimmed_score_leaves_out_the_farthest() -> None:
+    z = np.concatenate([np.tile([1.0, -1.0], 100), [50.0, -60.0]])
+    clusters = np.arange(z.size)
+    assert scores.trimmed(z, clusters).value == pytest.approx(1.0)  # 2 of 202 are left out
+    few = np.array([1.0, 7.0])
+    assert scores.trimmed(few, np.arange(2)).value == pytest.approx(5.0)  # none is left out
+    normal = np.random.default_rng(1).normal(size=200_000)
+    # 1 - 2 q phi(q) / 0.99 for the quantile q = 2.5758, rooted.
+    assert scores.trimmed(normal, np.arange(normal.size)).value == pytest.approx(0.9616, abs=0.004)
 
 
-def score_of(truth: float, bound: float | None = 0.2) -> Score:
-    """Scores of `VALUES` times a truth over its size, the last of which failed."""
-    sign = math.copysign(1.0, truth)
-    ends = np.stack([VALUES - 1.5, VALUES + 1.5], axis=1) * sign
-    numbers = np.column_stack([sign * VALUES, np.full(4, 0.5), np.sort(ends, axis=1)])
-    counted = np.array([True, True, True, False])
-    return scored(ParameterTruth("k", "s", truth, bound), numbers, counted, 4)
+def test_coverage_has_an_interval_of_as_many_as_the_recordings_are_worth() -> None:
+    hits = np.array([True, True, False, False])
+    share, (low, high), worth = scores.coverage(hits, ONE)
+    # Sums of deviations 1 and -1: sqrt(2 * 2) / 4; a quarter over its square is worth one.
+    assert (share, worth) == (Mean(0.5, 0.5), 1)
+    assert (low, high) == pytest.approx((0.0547, 0.9453), abs=1e-3)  # Wilson's for 1/2 of 1
+    every, (low, high), worth = scores.coverage(np.ones(4, dtype=bool), ONE)
+    assert (every, worth) == (Mean(1.0, 0.0), 2)
+    assert (low, high) == pytest.approx((0.3424, 1.0), abs=1e-3)  # Wilson's for 2 of 2
+    none, interval, _ = scores.coverage(np.zeros(0, dtype=bool), ONE[:0])
+    assert all(map(math.isnan, (none.value, *interval)))
 
 
-def test_scores_of_a_parameter_count_failures_apart() -> None:
-    score = score_of(4.0)
-    assert (score.n, score.failures, score.tried, score.n_all) == (3, 1, 4, 4)
-    assert (score.bias, score.bias_all) == (-2.0, -1.0)
-    assert score.std == 1.0
-    # errors -3, -2, -1: squares sum to 14
-    assert score.ratio == pytest.approx(math.sqrt(14.0 / 3.0) / 0.2)
-    # 1.5 to 4.5 holds 4; a failure is a miss of all tried
-    assert (score.coverage, score.coverage_all) == (pytest.approx(1 / 3), 0.25)
-    assert math.isnan(score.posterior)
+def test_a_difference_of_pairs_is_the_mean_of_their_differences() -> None:
+    change, error, p = scores.mean_difference(FIRST, SECOND, paired=True)
+    assert (change, error) == (1.0, pytest.approx(math.sqrt(2.0 / 3.0 / 4.0)))
+    assert p == pytest.approx(0.0917, abs=1e-4)  # Student's t of 1 / .408, 3 degrees of freedom
+    _, apart, _ = scores.mean_difference(FIRST, SECOND, paired=False)
+    assert apart == pytest.approx(math.sqrt((5.0 / 3.0 + 1.0 / 3.0) / 4.0))
+    assert scores.mean_difference(FIRST, FIRST, paired=True) == (0.0, 0.0, 1.0)
+    assert math.isnan(scores.mean_difference(FIRST[:1], FIRST[:1] + 1.0, paired=True)[2])
 
 
-def test_percentages_are_of_the_truth_whatever_its_sign() -> None:
-    score, mirrored = score_of(4.0).percent, score_of(-4.0).percent
-    assert (score.bias, score.bias_all, score.std) == (-50.0, -25.0, 25.0)
-    assert (score.bound, score.claimed) == (5.0, 12.5)
-    assert score.ratio == pytest.approx(score_of(4.0).ratio)
-    assert (mirrored.bias, mirrored.bias_all, mirrored.std) == (-50.0, -25.0, 25.0)
-    assert mirrored.skew == pytest.approx(score.skew, abs=1e-12)
-    assert math.isnan(score_of(0.0).percent.bias)
+def rejected(first: FloatArray, second: FloatArray, *, paired: bool) -> float:
+    """Share of comparisons of the rows below one in a hundred."""
+    found = [
+        scores.mean_difference(a, b, paired=paired)[2] < 0.01
+        for a, b in zip(first, second, strict=True)
+    ]
+    return float(np.mean(found))
 
 
-def test_without_a_bound_there_is_no_ratio() -> None:
-    assert math.isnan(score_of(4.0, None).ratio)
+@pytest.mark.parametrize("paired", [True, False])
+def test_what_is_the_same_is_hardly_called_different(paired: bool) -> None:
+    # Skewed errors, as those of gains are, that two versions of a method share in part.
+    rng = np.random.default_rng(3)
+    common, *own = rng.exponential(size=(3, 400, 25)) - 1.0
+    first, second = (common + 0.3 * noise if paired else noise for noise in own)
+    assert rejected(first, second, paired=paired) < 0.03
+    assert rejected(first, second + 1.5, paired=paired) > 0.4

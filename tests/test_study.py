@@ -28,7 +28,6 @@ from pilotid.study.facts import method_entry, scenario_entry
 from pilotid.study.fits import Task, run_task, started
 from pilotid.study.store import STORE, Store
 from pilotid.study.study import Study, remaining_seconds
-from pilotid.study.summary import write_tables
 from pilotid.types import InputError
 
 STUDY = Study(("single", "starts"), ("mle-white", "fourier"), 3, 5)
@@ -40,7 +39,7 @@ def run(folder: Path, study: Study = STUDY, workers: int = 2) -> bytes:
     with Store(folder, create=True) as store:
         for _ in study.run(store, study.enter(store), workers):
             pass
-        write_tables(folder, comparison_of(store))
+        comparison_of(store).write_tables(folder)
     return (folder / "summary.csv").read_bytes()
 
 
@@ -247,9 +246,9 @@ def test_a_comparison_holds_the_store_s_numbers(finished: Path) -> None:
         ("starts", "mle-white"),
         ("starts", "fourier"),
     ]
-    score = cells[0].scores[2]
+    score = cells[0].scores[3]
     assert (score.parameter, score.failures) == ("tdvis", 0)
-    assert score.bias == pytest.approx(cells[0].numbers[2, :, 0].mean() - 0.39)
+    assert score.bias.value == pytest.approx(cells[0].numbers.value[:, 2].mean() - 0.39)
     assert score.bound == scenario_entry(scenario_named("single"), 0, "single").parameters[2].bound
     assert np.isnan(score.posterior)
 
@@ -393,7 +392,7 @@ def test_dask_with_a_worker_killed_gives_the_same_bytes(cluster: object, tmp_pat
         for number, _ in enumerate(results):
             if number == 10:
                 os.kill(next(iter(workers.values())).pid, signal.SIGKILL)
-        write_tables(there, comparison_of(store))
+        comparison_of(store).write_tables(there)
     assert (there / "summary.csv").read_bytes() == (here / "summary.csv").read_bytes()
 
 

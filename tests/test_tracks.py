@@ -13,11 +13,10 @@ import pytest
 from pilotid.datasets import SCENARIOS, linearised
 from pilotid.estimates.trajectory import Trajectory, times_of
 from pilotid.pilot.frozen import frozen, frozen_over
-from pilotid.study.comparison import comparison_of
+from pilotid.study.comparison import TRAJECTORIES, comparison_of
 from pilotid.study.entries import Track
 from pilotid.study.store import Store
 from pilotid.study.study import Study
-from pilotid.study.summary import TRAJECTORIES, write_tables
 from pilotid.study.tracks import (
     THINNED,
     lag_of,
@@ -131,7 +130,7 @@ def test_a_study_keeps_tracks_and_writes_them(
     assert [t.parameter for t in cell.tracks] == ["Kvis", "tlead", "tdvis", "fnm", "dnm"]
     assert cell.paths("tlead").shape == (2, THINNED)
     assert still.tracks == ()
-    write_tables(tmp_path, whole)
+    whole.write_tables(tmp_path)
     with (tmp_path / TRAJECTORIES).open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 10

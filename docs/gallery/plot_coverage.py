@@ -15,7 +15,7 @@ from scipy.special import erfc
 import pilotid
 from pilotid.seeds import draw_rng
 from pilotid.show.style import colour_of, journal_style, marker_of
-from pilotid.study.standardised import coverage
+from pilotid.study.scores import coverage
 
 METHODS = ("mle-white", "mle", "fourier")
 RECORDINGS = 20
@@ -58,7 +58,7 @@ with journal_style():
         colour, marker = colour_of(method), marker_of(method)
         for place, group in zip(places, (*GROUPS, "all"), strict=True):
             own = [row for row in rows if group in (row[1], "all")]
-            share, (low, high) = coverage(
+            share, (low, high), _ = coverage(
                 np.array([r[3] for r in own]), np.array([r[0] for r in own])
             )
             below, above = max(0.0, share.value - low), max(0.0, high - share.value)

@@ -32,8 +32,8 @@ from pilotid.estimates.method import identify
 from pilotid.methods import method_named
 from pilotid.seeds import fit_rng, recording_rng, start_rng
 from pilotid.solve.search import draw_starts
+from pilotid.study.comparison import WRONG
 from pilotid.study.fits import excess_of
-from pilotid.study.population import WRONG
 from pilotid.theory.bounds import bounds
 from pilotid.types import BoolArray, FloatArray
 

@@ -18,8 +18,7 @@ import numpy as np
 
 from pilotid.datasets import scenario_named
 from pilotid.datasets.experiments import experiment_of
-from pilotid.study.comparison import comparison_of
-from pilotid.study.score import Score
+from pilotid.study.comparison import Score, comparison_of
 from pilotid.study.store import Store
 from pilotid.study.study import Study
 from pilotid.theory.bounds import white_limit
@@ -47,7 +46,7 @@ def scores_of(replications: int, seed: int) -> dict[str, tuple[Score, ...]]:
         for _ in study.run(store, study.enter(store)):
             pass
         found = comparison_of(store)
-    return {cell.method: cell.scores for cell in found.cells}
+    return {cell.method: cell.scores[1:] for cell in found.cells}
 
 
 def table(found: dict[str, tuple[Score, ...]]) -> str:
@@ -65,16 +64,16 @@ def table(found: dict[str, tuple[Score, ...]]) -> str:
         truth = white.truth
         numbers = (
             f"{100.0 * white.bound / truth:.1f}",
-            f"{white.bias_percent:+.1f} ± {100.0 * white.bias_se / truth:.1f}",
+            f"{white.percent.bias.value:+.1f} ± {100.0 * white.bias.error / truth:.1f}",
             f"{100.0 * bias / truth:+.1f}",
             f"{100.0 * white.claimed / truth:.1f}",
-            f"{100.0 * white.std / truth:.1f}",
+            f"{100.0 * white.std.value / truth:.1f}",
             f"{100.0 * deviation / truth:.1f}",
-            f"{white.coverage:.2f}",
-            f"{mle.bias_percent:+.1f} ± {100.0 * mle.bias_se / truth:.1f}",
+            f"{white.coverage.value:.2f}",
+            f"{mle.percent.bias.value:+.1f} ± {100.0 * mle.bias.error / truth:.1f}",
             f"{100.0 * mle.claimed / truth:.1f}",
-            f"{100.0 * mle.std / truth:.1f}",
-            f"{mle.coverage:.2f}",
+            f"{100.0 * mle.std.value / truth:.1f}",
+            f"{mle.coverage.value:.2f}",
         )
         lines.append(f"| {white.parameter} | {' | '.join(numbers)} |")
     counts = ", ".join(f"{name} {s[0].n} of {s[0].n + s[0].failures}" for name, s in found.items())
@@ -88,7 +87,8 @@ def draw(axes: Axes, white: Score, mle: Score) -> None:
     axes.axhspan(-bound, bound, color=BOUND, alpha=0.35, linewidth=0)
     axes.axhline(0.0, color="#444444", linewidth=0.8)
     for place, score, colour, marker in ((0, white, WHITE, "o"), (1, mle, MLE, "s")):
-        centre, true, claimed = (scale * value for value in (score.bias, score.std, score.claimed))
+        values = (score.bias.value, score.std.value, score.claimed)
+        centre, true, claimed = (scale * value for value in values)
         axes.errorbar(place, centre, yerr=true, color=colour, linewidth=1.4, capsize=4)
         axes.plot([place] * 2, [centre - claimed, centre + claimed], color=colour, linewidth=7,
                   alpha=0.55, solid_capstyle="butt")  # fmt: skip

@@ -172,17 +172,17 @@ def _salvage(folder: Path) -> None:
 
 
 def _finish(folder: Path, store: Store) -> None:
-    from pilotid.report import population
-    from pilotid.report.page import overview_table, write_report
+    from pilotid.report.content import plain, terminal_table
+    from pilotid.report.page import compared, overview, write_report
     from pilotid.study.comparison import comparison_of
-    from pilotid.study.summary import write_tables
 
     study = comparison_of(store)
-    write_tables(folder, study)
+    study.write_tables(folder)
     path = write_report(folder, store, study)
     console = make_console()
-    if study.scenarios or not study.populations:
-        print_table(console, overview_table(study))
-    if study.populations:
-        print_table(console, population.overview_table(study))
+    words, tables = overview(study, widest=5 if len(compared(study)) <= 5 else 0)
+    for table in tables:
+        print_table(console, terminal_table(table))
+    for sentence in words:
+        console.print(plain(sentence), soft_wrap=True)
     console.print(f"report: {path}", soft_wrap=True)

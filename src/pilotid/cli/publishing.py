@@ -42,20 +42,16 @@ def compare_studies(
     """Say what changed from one study to another of the same scenarios, and how surely."""
     from pilotid.cli.arguments import require_writable
     from pilotid.disk import strict_json, table_bytes, write_file
-    from pilotid.publishing.changes import COLUMNS, changes
-    from pilotid.publishing.held import held_in
+    from pilotid.publishing.changes import COLUMNS, find_changes
+    from pilotid.publishing.studies import read_study
 
     files = [Path(text) for text in (csv, json) if text not in (None, "-") and text is not None]
     for file in files:
         require_writable(file, ())
     if csv == "-" and json == "-":
         raise InputError("--csv - and --json - would print both; write one of them to a file")
-    studies = [held_in(folder) for folder in (first, second)]
-    errors = make_console(errors=True)
-    for held in studies:
-        if held.warning:
-            errors.print(f"pilotid: {held.warning}", soft_wrap=True)
-    found = changes(*studies)
+    studies = [read_study(folder) for folder in (first, second)]
+    found = find_changes(*studies)
     texts = {
         csv: table_bytes(COLUMNS, found.rows()),
         json: strict_json(as_json(found)).encode(),
@@ -72,11 +68,12 @@ def compare_studies(
 def as_json(found: Changes) -> dict[str, object]:
     """All comparisons as plain objects."""
     from pilotid.publishing.changes import COLUMNS
+    from pilotid.study.judge import LEVEL
 
     return {
         "first": {"folder": str(found.first.folder), **found.first.about},
         "second": {"folder": str(found.second.folder), **found.second.about},
-        "level": found.level,
+        "level": LEVEL,
         "fits_paired": found.fits,
         "fits_same": found.same,
         "notes": list(found.notes),
@@ -86,32 +83,32 @@ def as_json(found: Changes) -> dict[str, object]:
 
 
 def _print(found: Changes) -> None:
-    from pilotid.numbers import MINUS, NONE, number, plus_minus
-    from pilotid.terminal import make_table, print_table
+    from pilotid.numbers import number, plus_minus
+    from pilotid.report.content import Column, Table, entries, terminal_table
+    from pilotid.terminal import print_table
 
     console = make_console()
-    for letter, held in (("A", found.first), ("B", found.second)):
-        facts = (f"{name} {held.about.get(name, '?')}" for name in ("pilotid", "code", "seed"))
-        console.print(f"{letter}: {held.folder} ({', '.join(facts)})", soft_wrap=True)
-    table = make_table()
-    for title in ("scenario", "method", "parameter", "score"):
-        table.add_column(title, no_wrap=True)
-    for title in ("A", "B", "change", "p"):
-        table.add_column(title, justify="right", no_wrap=True)
-    table.add_column("")
-    for change in found.changed:
-        n = change.numbers
-        size = plus_minus(n.change, n.error)
-        size = f"x {size.lstrip('+')}" if change.score == "time" else size
-        p = f"{n.p:.1e}" if n.p >= 1e-99 else "0"
-        shown = (number(n.first), number(n.second), size)
-        plain = (text.replace(MINUS, "-").replace(NONE, "-") for text in shown)  # as terminals can
-        score = {"bias": "bias / bound", "rmse": "rmse / bound"}.get(change.score, change.score)
-        if change.unit == "% of truth":
-            score = f"{change.score} %"
-        better = "better" if change.better else "worse"
-        table.add_row(change.scenario, change.method, change.parameter, score, *plain, p, better)
-    if found.changed:
-        print_table(console, table)
-    for sentence in (found.words, *found.notes):
+    for letter, data in (("A", found.first), ("B", found.second)):
+        facts = (f"{name} {data.about.get(name, '?')}" for name in ("pilotid", "code", "seed"))
+        console.print(f"{letter}: {data.folder} ({', '.join(facts)})", soft_wrap=True)
+    words = ("scenario", "method", "parameter", "score")
+    columns = [Column(title, text=True) for title in words]
+    columns += [*map(Column, ("A", "B", "change", "p")), Column("", text=True)]
+    rows = []
+    for c in found.changed:
+        size = plus_minus(c.change, c.error)
+        size = f"x {size.lstrip('+')}" if c.score == "time" else size
+        p = f"{c.p:.1e}" if c.p >= 1e-99 else "0"
+        score = "bias / bound" if c.score == "bias" else c.score
+        better = "better" if c.is_better else "worse"
+        numbers = (number(c.first), number(c.second), size, p, better)
+        rows.append([c.scenario, c.method, c.parameter, score, *numbers])
+    if rows:
+        print_table(console, terminal_table(Table("What changed", columns, entries(rows))))
+    changed = {
+        f"{c.scenario}, {c.method}: {c.verdicts[0]} -> {c.verdicts[1]}"
+        for c in found.all
+        if c.verdicts[0] != c.verdicts[1]
+    }
+    for sentence in (found.words, *sorted(changed), *found.notes):
         console.print(sentence, soft_wrap=True)

@@ -1,26 +1,81 @@
 """What changed from one study to another of the same scenarios: two versions of a method.
 
-Errors are in units of the Cramér-Rao bound that the first study noted, so that those of a
-population's recordings can be put together too.  Where both studies have one seed their
-recordings are the same and are compared one by one; only what both fitted counts then.
+Losses and errors are relative to the Cramér-Rao bound that the first study noted.  Where both
+studies have one seed their recordings are the same and are compared one by one; only what both
+tried counts then.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
-from pilotid.publishing.held import Held, difference
-from pilotid.publishing.pairs import LEAST, Change, Pair, close, same_pilots
-from pilotid.report.rules import FAMILY, Rules
-from pilotid.study.attempts import Attempts
-from pilotid.types import InputError
+import numpy as np
+
+from pilotid.publishing.studies import StudyData, difference
+from pilotid.study.comparison import ALL, Cell, Numbers
+from pilotid.study.entries import Result
+from pilotid.study.judge import LEVEL, judge
+from pilotid.study.scores import mean_difference
+from pilotid.types import FloatArray, InputError
 
 #: Columns of the table of all comparisons.
 COLUMNS = (
     *("scenario", "method", "parameter", "score", "unit", "paired", "n_first", "n_second"),
     *("first", "second", "change", "change_se", "p", "changed", "better"),
+    *("verdict_first", "verdict_second"),
 )
+UNITS = {"loss": "", "bias": "bound", "coverage": "share", "failures": "share", "time": "s"}
+#: Factor between times from which a change counts.
+SLOWER = 1.25
+#: Relative difference up to which two numbers are the same: stores may keep six digits.
+SAME = 1e-5
+
+
+class Change(NamedTuple):
+    """One score of one method in one scenario, in both studies.
+
+    Attributes
+    ----------
+    scenario, method, parameter, score
+        What it is of; the parameter may be ``all``.  The score is a key of `UNITS`.
+    paired, counts
+        Whether recordings were compared one by one, and their numbers in both studies.
+    first, second
+        The scores.
+    change, error, p
+        Second less first, of times the factor between them; its Monte Carlo standard error, and
+        the probability that chance makes a change as large.
+    verdicts
+        Of the method in both studies.
+    """
+
+    scenario: str
+    method: str
+    parameter: str
+    score: str
+    paired: bool
+    counts: tuple[int, int]
+    first: float
+    second: float
+    change: float
+    error: float
+    p: float
+    verdicts: tuple[str, str]
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether it is significant; of times, also whether it matters."""
+        matters = self.score != "time" or max(self.change, 1.0 / self.change) > SLOWER
+        return matters and self.p <= LEVEL
+
+    @property
+    def is_better(self) -> bool:
+        """Whether the second is the better one."""
+        wanted = 0.95 if self.score == "coverage" else 0.0
+        return abs(self.second - wanted) < abs(self.first - wanted)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,36 +95,26 @@ class Changes:
         What was left out, and what else must be known, a sentence each.
     """
 
-    first: Held
-    second: Held
+    first: StudyData
+    second: StudyData
     all: Sequence[Change]
     same: int
     fits: int
     notes: Sequence[str]
 
     @property
-    def level(self) -> float:
-        """Probability that chance passes one comparison."""
-        return Rules(len(self.all)).level
-
-    def counts(self, change: Change) -> bool:
-        """Whether a change is certain, and one that matters."""
-        least = LEAST[change.score]
-        size = abs(change.numbers.change)
-        enough = size > least if change.score != "time" else max(size, 1.0 / size) > least
-        return enough and change.numbers.p <= self.level
-
-    @property
     def changed(self) -> list[Change]:
         """Those that count."""
-        return [change for change in self.all if self.counts(change)]
+        return [change for change in self.all if change.is_certain]
 
     def rows(self) -> Iterator[list[object]]:
         """`COLUMNS` of every comparison."""
         for c in self.all:
-            head = [c.scenario, c.method, c.parameter, c.score, c.unit, _said(c.paired)]
-            tail = [_said(self.counts(c)), _said(c.better)]
-            yield [*head, *c.counts, *c.numbers, *tail]
+            yield [
+                *(c.scenario, c.method, c.parameter, c.score, UNITS[c.score], _yes(c.paired)),
+                *(*c.counts, c.first, c.second, c.change, c.error, c.p),
+                *(_yes(c.is_certain), _yes(c.is_better), *c.verdicts),
+            ]
 
     @property
     def words(self) -> str:
@@ -81,18 +126,18 @@ class Changes:
             return f"Nothing changed: all {self.fits} fits are the same."
         if not self.changed:
             told = f", though only {self.same} of {self.fits} fits are the same" * bool(self.fits)
-            return f"Nothing changed that these recordings can tell ({count} comparisons){told}."
+            return f"No significant change ({count} comparisons){told}."
         return (
-            f"{len(self.changed)} of {count} comparisons changed, at the level {self.level:.1e} "
-            f"each: at most one of {1 / FAMILY:.0f} such tables calls anything changed that is not."
+            f"{len(self.changed)} of {count} comparisons changed at p <= {LEVEL:g}; chance alone "
+            f"would change {LEVEL * count:.1f}."
         )
 
 
-def _said(yes: bool) -> str:
-    return "yes" if yes else "no"
+def _yes(true: bool) -> str:
+    return "yes" if true else "no"
 
 
-def changes(first: Held, second: Held) -> Changes:
+def find_changes(first: StudyData, second: StudyData) -> Changes:
     """Compare two studies.
 
     Parameters
@@ -105,36 +150,131 @@ def changes(first: Held, second: Held) -> Changes:
     InputError
         If they have no scenario and method in common.
     """
-    paired = first.about.get("seed") == second.about.get("seed")
+    one_seed = first.about.get("seed") == second.about.get("seed")
     common, notes = _common(first, second)
     if not common:
         raise InputError(
             f"{second.folder}: has no scenario and method in common with {first.folder}"
             + "".join(f"; {note[0].lower()}{note[1:].rstrip('.')}" for note in notes)
         )
-    if not paired:
+    if not one_seed:
         seeds = (first.about.get("seed", "?"), second.about.get("seed", "?"))
         notes.append(f"Seeds differ ({seeds[0]}, {seeds[1]}): recordings are not paired.")
     found: list[Change] = []
     same = fits = 0
     for ours, theirs in common:
-        pair = Pair(ours, theirs, paired and same_pilots(ours, theirs))
-        if paired and not pair.paired:
+        paired = one_seed and _same_pilots(ours, theirs)
+        if one_seed and not paired:
             notes.append(f"Other pilots were drawn in {ours.scenario.name}: no pairs.")
-        found += pair.changes()
-        fits, same = fits + pair.fits, same + pair.same
+        places = _places(ours, theirs, paired=paired)
+        if paired or not ours.scenario.population:
+            theirs = _with_bounds_of(ours, theirs)
+        found += _changes(ours, theirs, places, paired=paired)
+        if paired:
+            fits += len(places[0])
+            same += sum(
+                _same_fit(ours.results[a], theirs.results[b]) for a, b in zip(*places, strict=True)
+            )
     moved = [ours.scenario.name for ours, theirs in common if _bounds_moved(ours, theirs)]
     if moved:
         notes.append(f"Bounds differ in {_listed(moved)}: those of the first study count.")
     return Changes(first, second, found, same, fits, list(dict.fromkeys(notes)))
 
 
-def _common(first: Held, second: Held) -> tuple[list[tuple[Attempts, Attempts]], list[str]]:
+def _places(ours: Cell, theirs: Cell, *, paired: bool) -> tuple[list[int], list[int]]:
+    """Fits of recordings that the method can treat; if paired, of those that both have."""
+    places = [
+        {r.unit.replication: i for i, r in enumerate(cell.results) if cell.applicable[i]}
+        for cell in (ours, theirs)
+    ]
+    both = [number for number in places[0] if number in places[1]]
+    first, second = ([own[n] for n in (both if paired else own)] for own in places)
+    return first, second
+
+
+def _changes(
+    ours: Cell, theirs: Cell, places: tuple[list[int], list[int]], *, paired: bool
+) -> Iterator[Change]:
+    """All comparisons of one method in one scenario."""
+    keys = [key for key in ours.keys if key in theirs.keys]
+    first, second = (
+        _by_recording(cell, own, keys) for cell, own in zip((ours, theirs), places, strict=True)
+    )
+    verdicts = (judge(ours.scores).words, judge(theirs.scores).words)
+    for parameter, score in first:
+        a, b = first[parameter, score], second[parameter, score]
+        if paired:
+            both = np.isfinite(a) & np.isfinite(b)
+            a, b = a[both], b[both]
+            # What is the same to the digits that stores keep is the same.
+            b = np.where(np.isclose(b, a, rtol=SAME, atol=SAME), a, b)
+        a, b = a[np.isfinite(a)], b[np.isfinite(b)]
+        if not a.size or not b.size:
+            continue
+        change, error, p = mean_difference(a, b, paired=paired)
+        values = [float(np.mean(own)) for own in (a, b)]
+        if score == "time":  # of logarithms
+            values = [math.exp(float(np.median(own))) for own in (a, b)]
+            change, error = math.exp(change), math.exp(change) * error
+        head = (ours.scenario.name, ours.method, parameter, score, paired, (a.size, b.size))
+        yield Change(*head, values[0], values[1], change, error, p, verdicts)
+
+
+def _by_recording(
+    cell: Cell, places: Sequence[int], keys: Sequence[str]
+) -> dict[tuple[str, str], FloatArray]:
+    """What is compared, a number for each recording, by parameter and score."""
+    counted = cell.counted[places]
+    seconds = [cell.results[place].seconds for place in places]
+    found = {
+        (ALL, "failures"): 1.0 - counted.astype(float),
+        (ALL, "time"): np.array([math.log(s) if s else math.nan for s in seconds]),
+    }
+    if cell.scenario.one_recording:
+        return found
+    columns = [cell.keys.index(key) for key in keys]
+    known = Numbers(*(table[places][:, columns] for table in cell.numbers))
+    losses = cell.losses[places][:, columns]
+    given = counted[:, None] & np.isfinite(known.lower) & np.isfinite(known.upper)
+    hits = (known.lower <= known.truth) & (known.truth <= known.upper)
+    found[ALL, "loss"] = _together(losses)
+    for k, key in enumerate(keys):
+        error = (known.value[:, k] - known.truth[:, k]) / known.bound[:, k]
+        found[key, "loss"] = losses[:, k]
+        found[key, "bias"] = np.where(counted, error, math.nan)
+        found[key, "coverage"] = np.where(given[:, k], hits[:, k] * 1.0, math.nan)
+    return found
+
+
+def _with_bounds_of(ours: Cell, theirs: Cell) -> Cell:
+    """The second study's fits with the bounds that the first noted."""
+    known = {r.unit.replication: r.draw for r in ours.results}
+    results = tuple(
+        replace(r, draw=known.get(r.unit.replication, r.draw)) if r.draw else r
+        for r in theirs.results
+    )
+    return replace(theirs, scenario=ours.scenario, results=results)
+
+
+def _together(losses: FloatArray) -> FloatArray:
+    """The loss of all parameters, the geometric mean of theirs, as a mean over recordings.
+
+    To first order a recording adds to it by its losses relative to the parameters' means.
+    """
+    known = losses[:, np.isfinite(losses).any(axis=0)]
+    if not known.size:
+        return np.full(len(losses), math.nan)
+    means = np.nanmean(known, axis=0)
+    relative = np.where(np.isfinite(known), known / means, 1.0)
+    return np.asarray(np.exp(np.mean(np.log(means))) * np.mean(relative, axis=1))
+
+
+def _common(first: StudyData, second: StudyData) -> tuple[list[tuple[Cell, Cell]], list[str]]:
     """What both studies tried on the same scenarios, and what is left out."""
     ours, theirs = (
-        {(e.scenario.name, e.method): e for e in h.study.every} for h in (first, second)
+        {(e.scenario.name, e.method): e for e in h.study.cells} for h in (first, second)
     )
-    names = [list(dict.fromkeys(name for name, _ in held)) for held in (ours, theirs)]
+    names = [list(dict.fromkeys(name for name, _ in own)) for own in (ours, theirs)]
     notes = []
     for which, own, other in (("first", *names), ("second", *reversed(names))):
         if lone := [name for name in own if name not in other]:
@@ -164,6 +304,29 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(dict.fromkeys(names))
 
 
-def _bounds_moved(ours: Attempts, theirs: Attempts) -> bool:
+def _bounds_moved(ours: Cell, theirs: Cell) -> bool:
     pairs = zip(ours.scenario.parameters, theirs.scenario.parameters, strict=True)
-    return not all(close(a.bound, b.bound) for a, b in pairs)
+    return not all(_close(a.bound, b.bound) for a, b in pairs)
+
+
+def _same_pilots(first: Cell, second: Cell) -> bool:
+    """Whether both studies drew the same pilots of a population."""
+    held = {r.unit.replication: r.draw for r in second.results if r.draw is not None}
+    return all(
+        r.draw.same(held[r.unit.replication])
+        for r in first.results
+        if r.draw is not None and r.unit.replication in held
+    )
+
+
+def _same_fit(first: Result, second: Result) -> bool:
+    """Whether two fits are the same but for times and what is said of them."""
+    if (first.outcome, len(first.estimates)) != (second.outcome, len(second.estimates)):
+        return False
+    pairs = zip(first.estimates, second.estimates, strict=True)
+    return all(a[0] == b[0] and all(map(_close, a[1:], b[1:])) for a, b in pairs)
+
+
+def _close(a: float | None, b: float | None) -> bool:
+    """Whether two numbers of stores are the same to the digits that are kept."""
+    return a is b if a is None or b is None else math.isclose(a, b, rel_tol=SAME)

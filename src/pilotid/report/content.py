@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pilotid.disk import write_file
+from pilotid.numbers import MINUS, NONE
 from pilotid.show.figures import pdf
 from pilotid.show.page import templates_of
 from pilotid.show.svg import svg
@@ -21,6 +22,7 @@ from pilotid.types import InputError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from rich.table import Table as RichTable
 
 #: The folder of figures beside a page.
 FIGURES = "figures"
@@ -41,12 +43,15 @@ class Column:
         Whether its numbers are those of the paper that a study repeats.
     hint
         What the heading means, where it is short.
+    ticks
+        Of a column of whiskers: places along the axis [%] and labels.
     """
 
     title: str
     text: bool = False
     paper: bool = False
     hint: str = ""
+    ticks: tuple[tuple[float, str], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -58,14 +63,15 @@ class Entry:
     text
         What it says.
     mark
-        The grade if it is a verdict, see `verdicts.Grade`.
-    reach
-        Lowest and highest coverage, which a page draws as a line beside the text.
+        How good that is, which a page colours: ``good``, ``partly``, ``poor``, ``bad`` or
+        ``none``.
+    whisker
+        Places of a value and of the ends of its interval along an axis [%], which a page draws.
     """
 
     text: str
     mark: str = ""
-    reach: tuple[float, float] | None = None
+    whisker: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -86,6 +92,8 @@ class Table:
         Whether a page shows it only when asked.
     filters
         Columns by whose entries a page can choose rows.
+    upright
+        Whether a page sets headings upright, above many narrow columns.
     """
 
     caption: str
@@ -94,6 +102,7 @@ class Table:
     heads: int = 1
     folded: bool = False
     filters: tuple[int, ...] = ()
+    upright: bool = False
     kind: str = field(default="table", init=False)
 
     @property
@@ -173,11 +182,20 @@ Block = Table | Picture | Text | Bullets | Command
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the report with a heading; its key is the target of links."""
+    """A part of the report with a heading; its key is the target of links.
+
+    A page shows one that is `folded` when asked.
+    """
 
     key: str
     title: str
     blocks: Sequence[Block]
+    folded: bool = False
+
+    def in_short(self) -> Section:
+        """The same without folded tables."""
+        blocks = [b for b in self.blocks if not (isinstance(b, Table) and b.folded)]
+        return replace(self, blocks=blocks)
 
     def with_pdfs(self) -> Section:
         """The same with each figure as PDF beside the page."""
@@ -240,13 +258,37 @@ def web_page(title: str, sections: Sequence[Section], above: str = "") -> str:
     )
 
 
+def terminal_table(table: Table) -> RichTable:
+    """A table for the terminal, without whiskers and marks of text."""
+    from pilotid.terminal import make_table
+
+    shown = [i for i, column in enumerate(table.columns) if not column.ticks]
+    found = make_table()
+    found.title, found.title_justify, found.title_style = plain(table.caption), "left", ""
+    for i in shown:
+        column = table.columns[i]
+        found.add_column(plain(column.title), justify="left" if column.text else "right")
+    for row in table.rows:
+        found.add_row(*(plain(row[i].text) for i in shown))
+    return found
+
+
+def plain(text: str) -> str:
+    """A text without marks, and with signs that every terminal has."""
+    text = re.sub(LINK, r"\1", text).replace("`", "").replace("**", "")
+    return text.replace(MINUS, "-").replace(NONE, "-")
+
+
 def markdown(title: str, sections: Sequence[Section]) -> str:
     """The report as Markdown, with figures from the folder beside it."""
     parts = [f"# {title}", "\n".join(f"- [{s.title}](#{s.key})" for s in sections)]
     for section in sections:
         parts.append(f'<a id="{section.key}"></a>\n\n## {section.title}')
         parts += [_block(block) for block in section.blocks]
-    return "\n\n".join(parts) + "\n"
+    keys = {section.key for section in sections}
+    text = "\n\n".join(parts) + "\n"
+    # What links to a section that is left out stays as words.
+    return re.sub(r"\[([^\]]+)\]\(#([\w-]+)\)", lambda m: m[0] if m[2] in keys else m[1], text)
 
 
 def _block(block: Block) -> str:
@@ -265,7 +307,8 @@ def _table(table: Table) -> str:
     def line(cells: Iterable[str]) -> str:
         return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
 
-    rules = ["---" if column.text else "---:" for column in table.columns]
-    head = [line(column.title for column in table.columns), line(rules)]
-    rows = [line(cell.text.replace("<", "&lt;") for cell in row) for row in table.rows]
+    rules = ["---" if c.text else "---:" for c in table.columns if not c.ticks]
+    shown = [i for i, column in enumerate(table.columns) if not column.ticks]
+    head = [line(table.columns[i].title for i in shown), line(rules)]
+    rows = [line(row[i].text.replace("<", "&lt;") for i in shown) for row in table.rows]
     return "\n".join([f"**{table.caption}**", "", *head, *rows])

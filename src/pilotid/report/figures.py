@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pilotid.chance import Z95
 from pilotid.show.style import INK, WIDTH, colour_of, journal_style, log_ticks, marker_of
-from pilotid.study.comparison import Cell
+from pilotid.study.comparison import Cell, Comparison, Score
+from pilotid.study.scores import Mean
+from pilotid.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -150,7 +152,8 @@ def errors(
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    scores = cells[0].percent
+    every = [cell.percent for cell in cells]
+    scores = every[0]
     labels = [c.method for c in cells] + ([label] if paper else [])
     with journal_style():
         figure, panels, spare = grid(len(scores), _height(len(labels)))
@@ -159,25 +162,30 @@ def errors(
             if math.isfinite(bound):
                 axes.axvspan(-bound, bound, color=BOUND, linewidth=0)
             axes.axvline(0.0, color=INK, linewidth=0.6)
-            own = [c.percent[index] for c in cells]
-            ranges = [_reach(s.bias, s.std, s.claimed) for s in own]
+            own = [each[index] for each in every]
+            ranges = [_reach(s.bias.value, s.std.value, s.claimed) for s in own]
             axes.set_xlim(
                 *limits([*ranges, *(_reach(*p) for p in paper[index : index + 1])], bound)
             )
             seen = [
                 (row, cell.method, score)
                 for row, (cell, score) in enumerate(zip(cells, own, strict=True))
-                if not _outside(axes, row, score.bias, colour_of(cell.method))
+                if not _outside(axes, row, score.bias.value, colour_of(cell.method))
             ]
             rows, colours = [row for row, _, _ in seen], [colour_of(name) for _, name, _ in seen]
-            claimed = [_around(score.bias, score.claimed) for _, _, score in seen]
+            claimed = [_around(score.bias.value, score.claimed) for _, _, score in seen]
             bars(axes, rows, claimed, colours, width=5.0, alpha=0.45)
-            bars(axes, rows, [_around(score.bias, score.std) for _, _, score in seen], colours)
-            means = [_around(score.bias, Z95 * score.bias_se) for _, _, score in seen]
+            bars(
+                axes,
+                rows,
+                [_around(score.bias.value, score.std.value) for _, _, score in seen],
+                colours,
+            )
+            means = [_around(score.bias.value, Z95 * score.bias.error) for _, _, score in seen]
             bars(axes, rows, means, INK, cap=4.4)
             for row, name, score in seen:
-                axes.plot(score.bias, row, marker_of(name), color=colour_of(name), markersize=4.0,
-                          markeredgecolor="white", markeredgewidth=0.4)  # fmt: skip
+                axes.plot(score.bias.value, row, marker_of(name), color=colour_of(name),
+                          markersize=4.0, markeredgecolor="white", markeredgewidth=0.4)  # fmt: skip
             if paper:
                 bars(axes, [len(cells)], [_around(*paper[index])], "black")
                 axes.plot(paper[index][0], len(cells), "x", color="black", markersize=4.5)
@@ -196,50 +204,6 @@ def errors(
                    label="± claimed standard\nerror (mean)"),
             Patch(color=BOUND, linewidth=0, label="± Cramér-Rao bound"),
         ]  # fmt: skip
-        spare.legend(handles=handles, loc="center", frameon=False)
-    return figure
-
-
-def scatter(cells: Sequence[Cell]) -> Figure:
-    """Standard deviation, claimed standard error and posterior spread beside the bound."""
-    from matplotlib.lines import Line2D
-
-    scores = cells[0].percent
-    with journal_style():
-        figure, panels, spare = grid(len(scores), _height(len(cells)))
-        for index, axes in enumerate(panels):
-            axes.axvline(scores[index].bound, color=INK, linewidth=0.8, linestyle="--")
-            axes.set_xscale("log")
-            own = [cell.percent[index] for cell in cells]
-            reach = [Z95 * float(np.nan_to_num(score.std_se)) for score in own]
-            ends = [
-                (score.std - min(r, 0.8 * score.std), score.std + r)
-                for score, r in zip(own, reach, strict=True)
-            ]
-            colours = [colour_of(cell.method) for cell in cells]
-            bars(axes, range(len(cells)), ends, colours, cap=4.0)
-            for row, (cell, score) in enumerate(zip(cells, own, strict=True)):
-                axes.plot(score.std, row, marker_of(cell.method), color=colours[row],
-                          markersize=4.0)  # fmt: skip
-                posterior = math.isfinite(score.posterior)
-                axes.plot(score.claimed, row, "D" if posterior else "|", color=INK, markersize=6.0,
-                          markerfacecolor="none", markeredgewidth=1.2)  # fmt: skip
-            axes.set_title(scores[index].parameter)
-            log_ticks(axes, "x")
-            name_rows(axes, [c.method for c in cells], cells, named=index % COLUMNS == 0)
-        figure.supxlabel("spread [% of true value]", fontsize=8.0)
-        handles = [
-            Line2D([], [], color="#888888", marker="o", markersize=4, linewidth=1,
-                   label="standard deviation,\n95 % interval"),
-            Line2D([], [], color=INK, marker="|", markersize=6, linewidth=0, markeredgewidth=1.2,
-                   label="claimed standard\nerror (mean)"),
-        ]  # fmt: skip
-        if any(math.isfinite(s.posterior) for c in cells for s in c.percent):
-            handles.append(Line2D([], [], color=INK, marker="D", markersize=6, linewidth=0,
-                                  markerfacecolor="none", label="posterior spread"))  # fmt: skip
-        handles.append(
-            Line2D([], [], color=INK, linestyle="--", linewidth=0.8, label="Cramér-Rao bound")
-        )
         spare.legend(handles=handles, loc="center", frameon=False)
     return figure
 
@@ -289,4 +253,176 @@ def starts(cells: Sequence[Cell], paper: Sequence[float] = ()) -> Figure:
                 Line2D([], [], color="black", linestyle=":", linewidth=0.9, label="paper")
             )
         spare.legend(handles=handles, loc="center", frameon=False)
+    return figure
+
+
+def sweep(
+    study: Comparison,
+    points: Sequence[tuple[str, float]],
+    value: Callable[[Score], Mean],
+    labels: tuple[str, str],
+    *,
+    log: bool = False,
+    line: Callable[[Score], float] | None = None,
+    line_label: str = "",
+    tick: Callable[[str, float], str] = lambda _, x: f"{x:.3g}",
+) -> Figure:
+    """A score over what a family of scenarios varies: a panel a parameter, a line a method.
+
+    Parameters
+    ----------
+    study
+        The study's numbers.
+    points
+        Scenarios and where they lie on the abscissa.
+    value
+        What is drawn, with its Monte Carlo standard error.
+    labels
+        Of abscissa and ordinate, with units.
+    log
+        Whether both axes are logarithmic.
+    line, line_label
+        A reference to draw beside it, and its name.
+    tick
+        Label of a scenario on the abscissa.
+    """
+    from matplotlib.lines import Line2D
+
+    keys = [p.parameter for p in study.entry(points[0][0]).parameters]
+    with journal_style():
+        figure, panels, spare = grid(len(keys), 1.75)
+        for index, axes in enumerate(panels):
+            if log:
+                axes.set_xscale("log")
+                axes.set_yscale("log")
+            else:
+                axes.axhline(0.0, color=INK, linewidth=0.6)
+            curves = [_curve(study, points, m, index, value) for m in study.methods]
+            for number, (method, curve) in enumerate(zip(study.methods, curves, strict=True)):
+                _draw(axes, curve, method, number - 0.5 * (len(curves) - 1), log=log)
+            _frame(axes, _ticks(points, tick), curves, study.methods, log=log)
+            if line is not None:
+                _reference(axes, study, points, index, line)
+            axes.set_title(keys[index])
+        figure.supxlabel(labels[0], fontsize=8.0)
+        figure.supylabel(labels[1], fontsize=8.0)
+        handles = [
+            Line2D([], [], color=colour_of(m), marker=marker_of(m), markersize=4, label=m)
+            for m in study.methods
+        ]
+        if line is not None:
+            handles.append(Line2D([], [], color=INK, linestyle="--", linewidth=0.8,
+                                  label=line_label))  # fmt: skip
+        spare.legend(handles=handles, loc="center", frameon=False,
+                     ncols=2 if len(handles) > 8 else 1, columnspacing=0.8)  # fmt: skip
+    return figure
+
+
+def _ticks(
+    points: Sequence[tuple[str, float]], tick: Callable[[str, float], str]
+) -> dict[float, str]:
+    """Labels at all points of a few, at some of many."""
+    ordered = sorted(points, key=lambda p: p[1])
+    few = ordered if len(ordered) <= 5 else [ordered[i] for i in (0, len(ordered) // 2, -1)]
+    return {x: tick(name, x) for name, x in few}
+
+
+def _curve(
+    study: Comparison,
+    points: Sequence[tuple[str, float]],
+    method: str,
+    index: int,
+    value: Callable[[Score], Mean],
+) -> FloatArray:
+    """Abscissa, value and Monte Carlo standard error, shape (points, 3)."""
+    rows = []
+    for scenario, x in points:
+        cell = study.at(scenario, method)
+        if cell is not None and cell.usable:
+            rows.append((x, *value(cell.percent[index])))
+    return np.array(rows, dtype=float).reshape(-1, 3)
+
+
+def _draw(axes: Axes, curve: FloatArray, method: str, place: float, *, log: bool) -> None:
+    """A method's line; a little beside the others, so that its bars are seen."""
+    x, y, error = curve.T
+    x = x * 1.02**place if log else x + place * 0.004
+    reach = Z95 * np.nan_to_num(error)
+    bars = np.array([np.minimum(reach, 0.9 * np.abs(y)) if log else reach, reach])
+    axes.errorbar(x, y, bars, color=colour_of(method), marker=marker_of(method), markersize=3.2,
+                  linewidth=0.9, elinewidth=0.7)  # fmt: skip
+
+
+def _frame(
+    axes: Axes,
+    ticks: dict[float, str],
+    curves: Sequence[FloatArray],
+    methods: Sequence[str],
+    *,
+    log: bool,
+) -> None:
+    """Axes that show most methods; a triangle stands for a point outside."""
+    axes.set_xticks(list(ticks), list(ticks.values()))
+    axes.minorticks_off()
+    if log:
+        log_ticks(axes, "y")
+        return
+    ranges = []
+    for curve in curves:
+        reach = Z95 * np.nan_to_num(curve[:, 2])
+        if len(curve):
+            ends = np.min(curve[:, 1] - reach), np.max(curve[:, 1] + reach)
+            ranges.append((float(ends[0]), float(ends[1])))
+    axes.set_ylim(*limits(ranges, math.nan, 3.0))
+    low, high = axes.get_ylim()
+    for curve, method in zip(curves, methods, strict=True):
+        for x, y, _ in curve:
+            if not low <= y <= high:
+                axes.plot(x, min(max(y, low), high), "^" if y > high else "v", markersize=4,
+                          color=colour_of(method), clip_on=False)  # fmt: skip
+
+
+def _reference(
+    axes: Axes,
+    study: Comparison,
+    points: Sequence[tuple[str, float]],
+    index: int,
+    line: Callable[[Score], float],
+) -> None:
+    """The reference curve, from any method that has the scenario."""
+    found = [(x, line(study.of(name)[0].percent[index])) for name, x in points]
+    at, values = zip(*sorted(found), strict=True)
+    axes.plot(at, values, color=INK, linestyle="--", linewidth=0.8, zorder=0)
+
+
+def cost(cells: Sequence[Cell]) -> Figure:
+    """Loss with its interval over the median time of a fit; a line joins what nothing beats."""
+    from matplotlib.figure import Figure
+
+    known = [c for c in cells if math.isfinite(c.overall.loss.value) and c.seconds > 0.0]
+    known.sort(key=lambda cell: cell.seconds)
+    frontier: list[Cell] = []
+    for cell in known:
+        if not frontier or cell.overall.loss.value < frontier[-1].overall.loss.value:
+            frontier.append(cell)
+    with journal_style():
+        figure = Figure(figsize=(WIDTH, 2.7), layout="constrained")
+        axes = figure.subplots()
+        axes.axhline(1.0, color=INK, linewidth=0.8)
+        axes.step([c.seconds for c in frontier], [c.overall.loss.value for c in frontier],
+                  where="post", color="#8a94a3", linewidth=0.9, zorder=0)  # fmt: skip
+        for cell in known:
+            loss = cell.overall.loss
+            reach = np.nan_to_num([[loss.value - loss.lower], [loss.upper - loss.value]])
+            axes.errorbar(cell.seconds, loss.value, reach, color=colour_of(cell.method),
+                          marker=marker_of(cell.method), markersize=5.0, linewidth=0.0,
+                          elinewidth=0.9, label=cell.method)  # fmt: skip
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.margins(0.08)
+        log_ticks(axes, "x")
+        log_ticks(axes, "y")
+        axes.set_xlabel("median time of a fit [s]")
+        axes.set_ylabel("loss (1: Cramér-Rao bound)")
+        figure.legend(loc="outside right upper")
     return figure

@@ -2,51 +2,81 @@
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from pilotid.disk import write_file
-from pilotid.numbers import MINUS, NONE, number
-from pilotid.report import appendix
-from pilotid.report import glance as study_glance
-from pilotid.report import tables as study_tables
-from pilotid.report.adapting import adapting_chapters
-from pilotid.report.chapters import Chapter, chapters, ratio
+from pilotid.numbers import number, share
+from pilotid.report import figures, recording_figures
 from pilotid.report.content import (
     Block,
     Bullets,
-    Command,
-    Entry,
     Picture,
     Section,
+    Table,
     Text,
     markdown,
     web_page,
     write_pictures,
 )
-from pilotid.report.population import links_of, population_chapters
-from pilotid.report.population_verdicts import CODES as POPULATION_CODES
-from pilotid.report.population_verdicts import RULES as POPULATION_RULES
-from pilotid.report.population_verdicts import population_verdicts
-from pilotid.report.rules import Rules, rules_for
-from pilotid.report.timing import timing
-from pilotid.report.verdicts import CODES, in_short, judge, sentence
-from pilotid.report.violations import violation_chapters
-from pilotid.study.comparison import Comparison
+from pilotid.report.paper import PAPER, paper_of, paper_sections
+from pilotid.report.provenance import failures, mixed, provenance
+from pilotid.report.tables import (
+    VIOLATION,
+    all_numbers,
+    by_mean_loss,
+    key_of,
+    matrices,
+    mean_loss,
+    ranked,
+    ranking,
+    remark_table,
+    track_table,
+)
+from pilotid.study.comparison import Cell, Comparison, loss_ratio
+from pilotid.study.entries import TRAJECTORY
+from pilotid.study.judge import RULES, USABLE, judge, sentence
+from pilotid.study.scores import EFFICIENT, loss_text
 from pilotid.study.store import Store
-
-if TYPE_CHECKING:
-    from rich.table import Table as RichTable
 
 TITLE = "Pilot-model identification: methods compared"
 REFERENCE = "nominal"
+OPEN = 3  # scenarios of which all is said at once; of more, of the first alone
+FEWEST = 20  # fits of a part of a population that can be its weakest
+
+LOSS = (
+    "**Loss**: for each parameter of each fit the interval score of its 95 % interval (width, plus "
+    "40 times the distance by which it misses the truth), over the score that an exact and "
+    f"efficient estimator has on that recording ({EFFICIENT:.3f} Cramér-Rao bounds): **1 is "
+    "perfect**, and bias, scatter, and intervals too short or too long all cost. Mean over "
+    "recordings, geometric mean over parameters; in parentheses a 95 % bootstrap interval over "
+    "recordings. A fit that failed is charged with the interval from zero to twice the true value. "
+    "A method without intervals is ranked behind the others, by its rmse over the bound."
+)
+COLUMNS = (
+    "**Times best**: the ratio of losses on the same recordings, with an interval of its own; one "
+    "that holds 1 means that the recordings do not tell the two apart. **Bias**: the largest mean "
+    "error in claimed standard errors, with its Monte Carlo standard error. **Coverage**: share of "
+    "the 95 % intervals that hold the truth, with its 95 % interval."
+)
+VARYING = (
+    "The controlled element varies during the run, and the pilot with it. **Trajectories** are the "
+    "parameters over time: errors are relative to the true value at the time, before, during and "
+    "after the change, as root mean square over time and recordings. The **lag** is the shift in "
+    "time at which the truth fits a trajectory best, median over recordings. **In band** is the "
+    "share of the time at which the 95 % band holds the true value."
+)
+NUMBERS = "Numbers: [summary.csv](summary.csv), each fit: [estimates.csv](estimates.csv)."
 
 
 def write_report(
     folder: Path, store: Store, study: Comparison, *, pdf: bool = False, above: str = ""
 ) -> Path:
     """Write report.html, report.md and the figures; equal stores give equal bytes.
+
+    The Markdown is the report in short: what the page folds, it leaves out.
 
     Parameters
     ----------
@@ -66,163 +96,279 @@ def write_report(
     Path
         The page.
     """
-    sections = _sections(study, store)
+    sections = report_sections(study, store)
     if pdf:
         sections = [section.with_pdfs() for section in sections]
     write_pictures(folder, sections)
-    write_file(folder / "report.md", markdown(TITLE, sections).encode("utf-8", "replace"))
+    short = markdown(TITLE, [section.in_short() for section in sections if not section.folded])
+    write_file(folder / "report.md", short.encode("utf-8", "replace"))
     page = folder / "report.html"
     write_file(page, web_page(TITLE, sections, above).encode("utf-8", "replace"))
     return page
 
 
-def overview_table(study: Comparison) -> RichTable:
-    """The summary as a table for the terminal."""
-    from pilotid.terminal import make_table
+def overview(study: Comparison, *, widest: int = 21) -> tuple[list[str], list[Table]]:
+    """The answer in sentences and tables, which the terminal and the page's first screen show.
 
-    table = make_table()
-    for title in ("method", "verdict", "largest bias"):
-        table.add_column(title)
-    for title in ("fits", "rmse/bound", "coverage %", "ms/fit"):
-        table.add_column(title, justify="right")
-    if not study.scenarios:
-        return table
-    name = reference(study)
-    table.title, table.title_justify, table.title_style = _overview_title(study, name), "left", ""
-    rules = rules_for(study.cells)
-    for cell in study.of(name):
-        row = (
-            cell.method,
-            judge(cell, rules).words,
-            study_tables.largest_bias(cell),
-            f"{cell.usable}/{cell.tried}",
-            study_tables.worst_rmse(cell),
-            study_tables.span(cell, lambda s: 100.0 * s.coverage),
-            number(cell.milliseconds),
-        )
-        # A terminal may lack these two signs.
-        plain = (text.replace(MINUS, "-").replace(NONE, "-") for text in row)
-        table.add_row(*plain)
-    return table
+    Parameters
+    ----------
+    study
+        The study's numbers.
+    widest
+        Number of scenarios that can stand beside one another; 0 for none.
+    """
+    names = compared(study)
+    shown = names if len(names) <= OPEN else [_reference(names)]
+    words = [answer(study.of(name)) for name in shown]
+    tables = [ranking(study.of(name)) for name in shown]
+    if len(names) > 1:
+        words.insert(0, _over_all(study, names))
+        tables = [*matrices(study, names, widest), *tables]
+    return words, tables
 
 
-def reference(study: Comparison) -> str:
-    """The scenario that the summary is about."""
-    if REFERENCE in study.names:
-        return REFERENCE
-    several = [entry.name for entry in study.scenarios if not entry.one_recording]
-    return (several or study.names)[0]
-
-
-def _overview_title(study: Comparison, name: str) -> str:
-    return (
-        f"{name}, {_recordings(study, name)}; bias as a multiple of the bound; rmse: median, worst"
+def _over_all(study: Comparison, names: Sequence[str]) -> str:
+    """Which method to take where it is not known which scenario is the nearest."""
+    means = {
+        method: mean_loss(losses)
+        for method, losses in by_mean_loss(study, names).items()
+        if len(losses) == len(names)
+    }
+    if not means:
+        return f"No method is ranked in all {len(names)} scenarios."
+    best, *others = means
+    words = f"Over these {len(names)} scenarios **`{best}` is best**: mean loss "
+    return f"{words}{loss_text(means[best])}" + (
+        f", then `{others[0]}`, {loss_text(means[others[0]])}." if others else "."
     )
 
 
-def _recordings(study: Comparison, name: str) -> str:
-    count = study.replications([name])
-    return "1 recording" if count == 1 else f"{count} recordings"
+def compared(study: Comparison) -> list[str]:
+    """Scenarios and populations of which means say something."""
+    return [entry.name for entry in study.scenarios if not entry.one_recording]
 
 
-def _sections(study: Comparison, store: Store) -> list[Section]:
+def _reference(names: Sequence[str]) -> str:
+    return REFERENCE if REFERENCE in names else names[0]
+
+
+def answer(cells: Sequence[Cell]) -> str:
+    """Which method to take in a scenario, how much better it is than the next, which to avoid."""
+    name = cells[0].scenario.name
+    order = [cell for cell in ranked(cells) if math.isfinite(cell.overall.loss.value)]
+    if not order:
+        return f"On `{name}` no method can be ranked: none gives intervals."
+    best, *others = order
+    grade = judge(best.scores).grade
+    words = f"On `{name}`, **`{best.method}` is best**: loss {best.overall.loss}, {grade}."
+    if grade == "poor":
+        words = (
+            f"On `{name}` no method is good enough: `{best.method}`, the best, is poor, with a "
+            f"loss of {best.overall.loss}."
+        )
+    alike = [cell for cell in others if (r := loss_ratio(cell, best)).lower <= 1.0 <= r.upper]
+    if alike:
+        listed = ", ".join(f"`{cell.method}`" for cell in alike)
+        words += f" Not distinguishable from it with these recordings: {listed}."
+    worse = next((cell for cell in others if cell not in alike), None)
+    if worse is not None:
+        words += f" Then comes `{worse.method}`, with {loss_ratio(worse, best)} times that loss."
+    poor = [f"`{cell.method}`" for cell in others if cell.overall.loss.lower >= USABLE]
+    if poor and grade != "poor":
+        words += f" **Do not use** {', '.join(poor)}: certainly poor."
+    return words
+
+
+def report_sections(study: Comparison, store: Store) -> list[Section]:
+    """The report's sections: the answer, all on each scenario, failures, provenance."""
     about = store.about()
-    if not study.every:
+    if not study.cells:
         return [Section("summary", "Summary", [Text("The study holds no fits yet.")])]
-    told = [
-        *chapters(study, about),
-        *adapting_chapters(study, about),
-        *violation_chapters(study),
-        *population_chapters(study),
-    ]
+    names = compared(study)
     return [
-        _summary(study, about, told),
-        *(_chapter(study, about, chapter) for chapter in told),
-        *appendix.posterior(study),
-        *(timing(study, reference(study)) if study.scenarios else ()),
-        appendix.failures(study),
-        appendix.settings(study, store),
-        appendix.origin(study, about),
-        appendix.reading(),
+        _summary(study, about),
+        *(_scenario(study, about, name) for name in names),
+        *_trends(study),
+        *paper_sections(study, about),
+        failures(study),
+        provenance(study, store, about),
     ]
 
 
-def _summary(study: Comparison, about: Mapping[str, str], told: Sequence[Chapter]) -> Section:
+def _summary(study: Comparison, about: Mapping[str, str]) -> Section:
     blocks: list[Block] = []
     if "mixed" in about:
-        blocks.append(Text(f"**Careful: {appendix.mixed(about['mixed'])}**"))
-    rules = rules_for(study.cells)
-    if study.scenarios:
-        blocks += _reference(study, about, rules)
-    several = {n: c.key for c in told for n in c.tabled if not study.entry(n).one_recording}
-    links = {**several, **links_of(study)}
-    if len(links) > 1 or not study.scenarios:
-        blocks.append(study_tables.matrix(study, _all_verdicts(study, rules, several), links))
-        blocks.append(Text(f"{CODES}. {POPULATION_CODES}." if study.populations else f"{CODES}."))
-    words = [
-        *([rules.words] if study.scenarios else ()),
-        *([POPULATION_RULES] if study.populations else ()),
-    ]
-    blocks.append(Text("Rules: " + " ".join(words)))
-    return Section("summary", "Summary", blocks)
+        blocks.append(Text(f"**Careful: {mixed(about['mixed'])}**"))
+    words, tables = overview(study)
+    names = compared(study)
+    blocks += [Text(" ".join(words)) if len(words) == 1 else Bullets(words), *tables]
+    if names:
+        name = _reference(names)
+        order = ranked(study.of(name))
+        if len(names) == 1:
+            blocks.append(Bullets([sentence(cell.method, cell.scores) for cell in order]))
+        if any(cell.seconds > 0.0 and cell.overall.loss.value > 0.0 for cell in order):
+            blocks.append(
+                Picture.of(
+                    figures.cost(order),
+                    "cost",
+                    f"Loss of each method in {name} over the median time of a fit",
+                    f"`{name}`: loss with its 95 % interval, and what a fit takes on one core. "
+                    f"Stepped line: no other method is both faster and better. {NUMBERS}",
+                )
+            )
+        blocks += [Text(LOSS), Text(COLUMNS), Text(RULES)]
+    return Section("summary", "Which method to use", blocks)
 
 
-def _reference(study: Comparison, about: Mapping[str, str], rules: Rules) -> list[Block]:
-    """What the methods do in the scenario that the summary is about."""
-    name = reference(study)
+def _scenario(study: Comparison, about: Mapping[str, str], name: str) -> Section:
+    """All on one scenario or population."""
     entry, cells = study.entry(name), study.of(name)
-    power = ratio(about, name)
-    share = f", remnant {100 * power:.0f} % of the control's power" if power == power else ""
-    verdicts = [judge(cell, rules) for cell in cells]
-    intro = f"Scenario `{name}` ({entry.description}{share}), {_recordings(study, name)}."
+    power = float(about.get(f"remnant ratio {name}", "nan"))
+    remnant = f"; remnant {100 * power:.0f} % of the control's power" if power == power else ""
+    blocks: list[Block] = [
+        Text(
+            f"{entry.description[:1].upper()}{entry.description[1:]}{remnant}; model {entry.model}."
+        )
+    ]
+    if len(compared(study)) > OPEN and name != _reference(compared(study)):
+        blocks.append(ranking(cells))
+    if len(compared(study)) > 1:
+        blocks.append(Bullets([sentence(cell.method, cell.scores) for cell in ranked(cells)]))
+    if entry.family == VIOLATION:
+        blocks.append(remark_table(cells))
+    blocks += details(cells, name)
+    if f"{TRAJECTORY} {name}" in about:
+        blocks += _varying(name, cells, json.loads(about[f"{TRAJECTORY} {name}"]))
+    return Section(key_of(name), f"Scenario {name}", blocks, folded=True)
+
+
+def details(cells: Sequence[Cell], key: str, *, linked: bool = True) -> list[Block]:
+    """Figures and all numbers of a scenario or a population.
+
+    Parameters
+    ----------
+    cells
+        What each method did.
+    key
+        What its figures are called.
+    linked
+        Whether the tables that figures are drawn from lie beside the page.
+    """
+    entry, shown = cells[0].scenario, [cell for cell in cells if cell.usable]
+    blocks: list[Block] = []
     if entry.one_recording:
-        intro += " All fits are of one recording: bias and coverage say nothing of others."
-    caption = f"`{name}`: all parameters in a row for each method"
-    alt = f"Bias and rmse over the bound, and coverage, of each method in scenario {name}"
+        return [all_numbers(cells)]
+    if entry.population:
+        blocks = _population(key, shown, NUMBERS if linked else "")
+    elif shown:
+        blocks = [_errors(key, shown, NUMBERS if linked else "")]
+    return [*blocks, all_numbers(cells, paper_of(entry))]
+
+
+def _errors(key: str, cells: Sequence[Cell], source: str) -> Picture:
+    name, paper = cells[0].scenario.name, paper_of(cells[0].scenario)
+    beside = f"; the crosses are {PAPER}, Fig. 3 (10 runs, ± standard deviation)" if paper else ""
+    return Picture.of(
+        figures.errors(cells, paper, PAPER),
+        f"errors-{key}",
+        f"Mean error and scatter of each parameter by each method in scenario {name}",
+        f"Scenario {name}: mean error, standard deviation and claimed standard error beside the "
+        f"Cramér-Rao bound{beside}. Each panel has its own scale; a triangle marks a method whose "
+        f"mean error lies outside it. {source}".rstrip(),
+    )
+
+
+def _population(key: str, cells: Sequence[Cell], source: str) -> list[Block]:
+    """Where in a population methods are weak, and how their errors are distributed."""
+    if not cells:
+        return []
+    name = cells[0].scenario.name
+    parts = "Numbers: [population.csv](population.csv)." if source else ""
+    weak = [words for cell in cells if (words := _weakest(cell))]
+    blocks: list[Block] = [Bullets(weak)] if weak else []
+    if not any(cell.overall.n for cell in cells):
+        return blocks
     return [
-        Text(f"**{in_short(verdicts)}** {intro}"),
-        study_tables.verdict_table(verdicts, caption),
-        Bullets([sentence(v) for v in verdicts]),
+        *blocks,
         Picture.of(
-            study_glance.glance(cells),
-            "glance",
-            alt,
-            f"Scenario {name}, one point for each parameter, from the top down "
-            f"{', '.join(p.parameter for p in entry.parameters)}. Bars: 95 % Monte Carlo "
-            "intervals. Bias: linear within ±1, logarithmic beyond; grey: a quarter of the bound.",
+            recording_figures.by_stratum(cells),
+            f"coverage-{key}",
+            f"Coverage of 95 % intervals by part of {name} and method",
+            f"`{name}`: share of the 95 % intervals that hold the truth, over all parameters, in "
+            "parts of the recordings. Bars: 95 % Monte Carlo intervals; grey: 93.5 to 96.5 %; a "
+            f"hollow triangle marks a share to the left of the axis. {parts}".rstrip(),
+        ),
+        Picture.of(
+            recording_figures.by_parameter(cells),
+            f"errors-{key}",
+            f"Quantiles of standardised errors in {name} by parameter and method",
+            f"`{name}`: error over claimed error in ascending order, against the quantiles of a "
+            "normal distribution, where an exact method lies on the line. Grey: where 95 % of each "
+            f"quantile would lie for as many recordings. {source}".rstrip(),
         ),
     ]
 
 
-def _all_verdicts(
-    study: Comparison, rules: Rules, names: Mapping[str, str]
-) -> dict[tuple[str, str], Entry]:
-    verdicts = {
-        (name, cell.method): judge(cell, rules) for name in names for cell in study.of(name)
-    }
-    entries = {place: Entry(v.code, v.grade.value) for place, v in verdicts.items()}
-    return {**entries, **population_verdicts(study)}
-
-
-def _chapter(study: Comparison, about: Mapping[str, str], chapter: Chapter) -> Section:
-    full = [
-        study_tables.scenario_table(study.of(name), chapter.paper.get(name, ()))
-        for name in chapter.tabled
-        if not study.entry(name).one_recording
+def _weakest(cell: Cell) -> str:
+    """The part of a population where a method loses most, in words."""
+    found = [
+        (scores[0].loss.value, f"{name} {value}", scores[0])
+        for (name, value), scores in cell.parts.items()
+        if len(cell.strata[name]) > 1
+        and scores[0].tried >= FEWEST
+        and math.isfinite(scores[0].loss.value)
     ]
-    counts = _counts(study, chapter.scenarios)
-    command = Command(
-        "To reproduce:", appendix.command(study, about, chapter.scenarios, chapter.key)
+    if not found:
+        return ""
+    loss, where, own = max(found, key=lambda each: each[:2])
+    covered = share(own.coverage.value, own.coverage_interval)
+    return (
+        f"`{cell.method}` loses most in {where}: {number(loss)} in {own.tried} fits, "
+        f"coverage {covered} %."
     )
-    blocks = [Text(f"{chapter.text} {counts}"), *chapter.blocks, *full, command]
-    return Section(chapter.key, chapter.title, blocks)
 
 
-def _counts(study: Comparison, scenarios: Sequence[str]) -> str:
-    """How many recordings there are."""
-    counts = sorted({study.replications([name]) for name in scenarios})
-    if len(scenarios) == 1 and study.entry(scenarios[0]).one_recording:
-        return f"{counts[0]} initial guesses."
-    if len(scenarios) == 1:
-        return f"{_recordings(study, scenarios[0])}."
-    return f"{NONE.join(str(c) for c in sorted({counts[0], counts[-1]}))} recordings a scenario."
+def _varying(name: str, every: Sequence[Cell], truth: Mapping[str, Sequence[float]]) -> list[Block]:
+    """How well methods follow a pilot whose parameters vary in time."""
+    cells = [cell for cell in every if cell.tracks]
+    if not cells:
+        return []
+    return [
+        Text(f"{VARYING} Numbers: [trajectories.csv](trajectories.csv)."),
+        Picture.of(
+            recording_figures.paths(cells, truth),
+            f"trajectories-{name}",
+            f"Gain and lead over time by each method in scenario {name}, beside the truth",
+            f"Scenario {name}: median (line) and range from 5 to 95 % (shaded) of the estimated "
+            "trajectories, at each time; dashed: the truth.",
+        ),
+        track_table(f"`{name}`: trajectories of what varies", cells, moving=True),
+        track_table(f"`{name}`: trajectories of what stays", cells, moving=False),
+    ]
+
+
+def _trends(study: Comparison) -> list[Section]:
+    """Errors over the one number in which the scenarios of a family differ."""
+    varied = {
+        str(e.settings["varied"]): e.family
+        for e in study.scenarios
+        if e.family and e.settings.get("varied")
+    }
+    blocks: list[Block] = []
+    for path, family in varied.items():
+        own = [e for e in study.scenarios if e.family == family]
+        points = {e.number(path): e.name for e in own}
+        same = [e for e in study.scenarios if e.name == REFERENCE and e.model == own[0].model]
+        points = {e.number(path): e.name for e in same} | points
+        known = sorted((name, x) for x, name in points.items() if x > 0.0)
+        if len(known) < 2:
+            continue
+        figure = figures.sweep(
+            study, sorted(known, key=lambda point: point[1]), lambda s: s.rmse,
+            (path, "rmse [% of true value]"), log=True, line=lambda s: s.bound, line_label="bound",
+        )  # fmt: skip
+        alt = f"Root mean square error by parameter and method over {path}"
+        caption = f"Root mean square error and Cramér-Rao bound over `{path}`. {NUMBERS}"
+        blocks.append(Picture.of(figure, f"trend-{family}", alt, caption))
+    return [Section("trends", "Trends", blocks, folded=True)] if blocks else []

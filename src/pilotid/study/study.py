@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-from pilotid.datasets import CATALOGUE, AnyScenario, Scenario, scenarios_named
+from pilotid.datasets import CATALOGUE, AnyScenario, Population, Scenario, scenarios_named
 from pilotid.datasets.named import sound
 from pilotid.datasets.simulation import remnant_ratio
 from pilotid.disk import make_folder
@@ -20,6 +20,7 @@ from pilotid.methods import label_of, method_named
 from pilotid.naming.code import packed, reason
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.study.comparison import Comparison, comparison_of
+from pilotid.study.draws import scenario_of
 from pilotid.study.entries import MethodEntry, Result, ScenarioEntry, Unit
 from pilotid.study.facts import about_this, method_entry, scenario_entry, trajectory_fact
 from pilotid.study.fits import OUTSIDE, Task, given_up, run_task
@@ -184,11 +185,21 @@ class Study:
         limits: Limits = USUAL_LIMITS,
     ) -> Iterator[Result]:
         """Fit what is pending; each result is in the store before it comes out."""
-        for result in run_tasks(
-            run_task, self.tasks(pending), given_up, workers, scheduler, limits
-        ):
+        for found in run_tasks(run_task, self.tasks(pending), given_up, workers, scheduler, limits):
+            result = self._with_draw(found)
             store.add(result)
             yield result
+
+    def _with_draw(self, result: Result) -> Result:
+        """A fit whose process died could not say which pilot a population drew for it."""
+        origin = next(s for s in self.scenarios if s.name == result.unit.scenario)
+        if result.draw is not None or not isinstance(origin, Population):
+            return result
+        try:
+            _, draw = scenario_of(origin, self.seed, result.unit.replication)
+        except InputError:  # of this pilot no bounds can be given
+            return result
+        return replace(result, draw=draw)
 
     def run_in(self, folder: Path, workers: int | None = None) -> Comparison:
         """Fit what a folder's store lacks, and return all that it holds then.

@@ -188,7 +188,7 @@ def _score(key: str, tracks: Sequence[Track]) -> TrackScore:
     ).T
     *periods, lags, shares = (column[np.isfinite(column)] for column in columns)
     rmse = [root_mean_square(own) for own in periods]
-    errors = [scores.rmse_std_error(own, 0.0) for own in periods]
+    errors = [scores.rmse(own, 0.0).error for own in periods]
     lag_error = math.nan
     if lags.size > 1:  # of a median of values that are nearly normal
         quarter, three = np.quantile(lags, (0.25, 0.75))
@@ -202,5 +202,5 @@ def _score(key: str, tracks: Sequence[Track]) -> TrackScore:
         float(np.median(lags)) if lags.size else math.nan,
         float(lag_error),
         scores.mean(shares),
-        scores.bias_std_error(shares),
+        scores.bias(shares, 0.0).error,
     )

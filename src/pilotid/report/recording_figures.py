@@ -1,4 +1,4 @@
-"""Figures on populations: coverage by stratum, and standardised errors by parameter."""
+"""Figures of populations and of pilots whose parameters vary in time."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pilotid.report.figures import BOUND, grid
-from pilotid.show.style import GRID, INK, colour_of, journal_style, marker_of
-from pilotid.study.population import ALL, PopulationCell
+from pilotid.show.style import GRID, INK, WIDTH, colour_of, journal_style, marker_of
+from pilotid.study.comparison import Cell, Score
 from pilotid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -25,21 +25,23 @@ LOWEST = 60.0
 #: Reach of the axes of standardised errors and of normal quantiles.
 REACH, QUANTILES = 4.0, 3.2
 
-#: Replications by the values of a fact, None for all.
-Panel = Mapping[str, frozenset[int] | None]
+#: An axis of trajectories shows this many times the span of the truth at the most.
+ROOM = 4.0
+ABREAST = 4  # methods side by side
+UNITS = {"tlead": "s", "tdvis": "s", "fnm": "rad/s"}
 
 
-def by_stratum(cells: Sequence[PopulationCell]) -> Figure:
+def by_stratum(cells: Sequence[Cell]) -> Figure:
     """Coverage with its interval: a panel a fact, a row a value of it, a point a method."""
-    panels: dict[str, Panel] = {"all recordings": {"": None}}
-    panels |= {name: stratum for name, stratum in cells[0].strata.items() if len(stratum) > 1}
+    panels: dict[str, Sequence[str]] = {"all recordings": [""]}
+    panels |= {name: list(own) for name, own in cells[0].strata.items() if len(own) > 1}
     longest = max(len(panel) for panel in panels.values())
     with journal_style():
         height = 0.6 + longest * max(0.19, 0.06 + 0.035 * len(cells))
         figure, every, spare = grid(len(panels), height, COLUMNS)
         points = [_points(cell, panels) for cell in cells]
-        ends = [end for own in points for _, _, _, (end, _) in own if math.isfinite(end)]
-        low = max(LOWEST, min([*ends, 90.0]) - 1.0)
+        ends = [100.0 * score.coverage_interval[0] for own in points for score in own.values()]
+        low = max(LOWEST, min([*(end for end in ends if math.isfinite(end)), 90.0]) - 1.0)
         for (name, panel), axes in zip(panels.items(), every, strict=True):
             axes.axvspan(*BAND, color=BOUND, linewidth=0)
             axes.axvline(95.0, color=INK, linewidth=0.6)
@@ -47,9 +49,8 @@ def by_stratum(cells: Sequence[PopulationCell]) -> Figure:
                 axes.axhline(row + 0.5, color=GRID, linewidth=0.5)
             for place, (cell, own) in zip(_dodged(len(cells)), zip(cells, points, strict=True),
                                           strict=True):  # fmt: skip
-                for stratum, row, value, interval in own:
-                    if stratum == name:
-                        _point(axes, row + place, value, interval, cell.method, low)
+                for row in range(len(panel)):
+                    _point(axes, row + place, own[name, row], cell.method, low)
             axes.set_title(name)
             axes.set_yticks(range(len(panel)), list(panel))
             axes.set_ylim(len(panel) - 0.45, -0.55)
@@ -60,17 +61,13 @@ def by_stratum(cells: Sequence[PopulationCell]) -> Figure:
     return figure
 
 
-def _points(
-    cell: PopulationCell, panels: Mapping[str, Panel]
-) -> list[tuple[str, int, float, tuple[float, float]]]:
-    """Panel, row, coverage [%] and its interval [%]."""
-    found = []
-    for name, panel in panels.items():
-        for row, members in enumerate(panel.values()):
-            own = cell.standing(ALL, members)
-            low, high = own.coverage_interval
-            found.append((name, row, 100.0 * own.coverage.value, (100.0 * low, 100.0 * high)))
-    return found
+def _points(cell: Cell, panels: Mapping[str, Sequence[str]]) -> dict[tuple[str, int], Score]:
+    """Scores of all parameters by panel and row."""
+    return {
+        (name, row): cell.parts[name, value][0] if value else cell.overall
+        for name, panel in panels.items()
+        for row, value in enumerate(panel)
+    }
 
 
 def _dodged(count: int) -> list[float]:
@@ -79,28 +76,27 @@ def _dodged(count: int) -> list[float]:
     return [float(place) for place in np.linspace(-reach, reach, count)]
 
 
-def _point(
-    axes: Axes, row: float, value: float, interval: tuple[float, float], method: str, low: float
-) -> None:
+def _point(axes: Axes, row: float, score: Score, method: str, low: float) -> None:
+    value, colour = 100.0 * score.coverage.value, colour_of(method)
     if not math.isfinite(value):
         return
-    colour = colour_of(method)
     if value < low:
         # Hollow, since the marker of a method may be a triangle, too.
         axes.plot(low, row, "<", color=colour, markersize=3.5, markerfacecolor="white",
                   clip_on=False)  # fmt: skip
         return
-    axes.plot(interval, [row, row], color=colour, linewidth=0.8, solid_capstyle="butt")
+    ends = [100.0 * end for end in score.coverage_interval]
+    axes.plot(ends, [row, row], color=colour, linewidth=0.8, solid_capstyle="butt")
     axes.plot(value, row, marker_of(method), color=colour, markersize=3.2)
 
 
-def by_parameter(cells: Sequence[PopulationCell]) -> Figure:
+def by_parameter(cells: Sequence[Cell]) -> Figure:
     """Standardised errors against normal quantiles: a panel a parameter, a line a method."""
     keys = list(dict.fromkeys(key for cell in cells for key in cell.keys))
     with journal_style():
         figure, every, spare = grid(len(keys), 1.75)
         for key, axes in zip(keys, every, strict=True):
-            errors = [(cell.method, _errors(cell, key)) for cell in cells]
+            errors = [(cell.method, cell.errors_over_claim(key)) for cell in cells]
             _band(axes, max((z.size for _, z in errors), default=0))
             axes.plot([-REACH, REACH], [-REACH, REACH], color=INK, linewidth=0.6)
             for method, z in errors:
@@ -115,13 +111,6 @@ def by_parameter(cells: Sequence[PopulationCell]) -> Figure:
         figure.supylabel("error over claimed error", fontsize=8.0)
         _legend(spare, cells)
     return figure
-
-
-def _errors(cell: PopulationCell, key: str) -> FloatArray:
-    """Standardised errors of a parameter in ascending order."""
-    v = cell.values
-    mine = (v.keys == key) & np.isfinite(v.claimed)
-    return np.sort(v.error[mine] / v.claimed[mine])
 
 
 def _quantiles(count: int) -> FloatArray:
@@ -141,7 +130,7 @@ def _band(axes: Axes, count: int) -> None:
     axes.fill_between(_quantiles(count), low, high, color=BOUND, linewidth=0)
 
 
-def _legend(spare: Axes, cells: Sequence[PopulationCell]) -> None:
+def _legend(spare: Axes, cells: Sequence[Cell]) -> None:
     from matplotlib.lines import Line2D
 
     handles = [
@@ -150,3 +139,57 @@ def _legend(spare: Axes, cells: Sequence[PopulationCell]) -> None:
         for c in cells
     ]  # fmt: skip
     spare.legend(handles=handles, loc="center", frameon=False)
+
+
+def paths(cells: Sequence[Cell], truth: Mapping[str, Sequence[float]]) -> Figure:
+    """Median and 5 to 95 % range of trajectories: a row a parameter, a column a method.
+
+    Parameters
+    ----------
+    cells
+        Methods in one scenario, with trajectories.
+    truth
+        Times, by the name ``time``, and the true parameters at them.
+    """
+    from matplotlib.figure import Figure
+
+    keys = [key for key in truth if key != "time" and np.ptp(truth[key]) > 0.0]
+    time = np.array(truth["time"])
+    columns = min(ABREAST, len(cells))
+    blocks = [cells[i : i + columns] for i in range(0, len(cells), columns)]
+    with journal_style():
+        height = 0.4 + (1.25 * len(keys) + 0.2) * len(blocks)
+        figure = Figure(figsize=(WIDTH, height), layout="constrained")
+        panels = figure.subplots(len(blocks) * len(keys), columns, squeeze=False, sharex=True)
+        for number, row in enumerate(panels):
+            block, key = blocks[number // len(keys)], keys[number % len(keys)]
+            for place, axes in enumerate(row):
+                if place >= len(block):
+                    axes.axis("off")
+                    continue
+                _panel(axes, time, np.array(truth[key]), block[place], key)
+                if place:
+                    axes.set_yticklabels([])
+                if key == keys[0]:
+                    method = block[place].method
+                    axes.set_title(method, color=colour_of(method))
+            unit = UNITS.get(key, "")
+            row[0].set_ylabel(f"{key} [{unit}]" if unit else key)
+        figure.supxlabel("time from the start of the measurement window [s]", fontsize=8.0)
+    return figure
+
+
+def _panel(axes: Axes, time: FloatArray, truth: FloatArray, cell: Cell, key: str) -> None:
+    own = cell.paths(key)
+    known = np.isfinite(own).any(axis=0) if own.size else np.zeros(time.size, dtype=bool)
+    if known.any():
+        low, middle, high = np.nanquantile(own[:, known], (0.05, 0.5, 0.95), axis=0)
+        colour = colour_of(cell.method)
+        axes.fill_between(time[known], low, high, color=colour, alpha=0.25, linewidth=0)
+        axes.plot(time[known], middle, color=colour, linewidth=1.2)
+    axes.plot(time, truth, color=INK, linewidth=0.9, linestyle=(0, (3, 2)))
+    axes.set_xlim(float(time[0]), float(time[-1]))
+    axes.locator_params(axis="x", nbins=5)
+    low, high = float(truth.min()), float(truth.max())
+    reach = 0.5 * (ROOM - 1.0) * (high - low)
+    axes.set_ylim(max(0.0, low - reach), high + reach)

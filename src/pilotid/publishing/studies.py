@@ -5,10 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 
-from pilotid.report.rules import Rules, rules_for
 from pilotid.study.comparison import Comparison, comparison_of
 from pilotid.study.entries import MethodEntry, ScenarioEntry
 from pilotid.study.store import Store
@@ -16,7 +14,7 @@ from pilotid.types import InputError
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class StudyData:
     """One study.
 
     Attributes
@@ -31,8 +29,6 @@ class Held:
         Its methods by their labels.
     study
         Its fits.
-    warning
-        What the user should know of damage; empty if there is none.
     """
 
     name: str
@@ -40,21 +36,15 @@ class Held:
     about: Mapping[str, str]
     methods: Mapping[str, MethodEntry]
     study: Comparison
-    warning: str = ""
-
-    @cached_property
-    def rules(self) -> Rules:
-        """The rules of its own report."""
-        return rules_for(self.study.cells)
 
     @property
     def fits(self) -> int:
         """Number of its fits."""
-        return sum(len(each.results) for each in self.study.every)
+        return sum(len(each.results) for each in self.study.cells)
 
 
-def held_in(folder: Path, name: str = "") -> Held:
-    """The study of a folder.
+def read_study(folder: Path, name: str = "") -> StudyData:
+    """Read the study of a folder.
 
     Parameters
     ----------
@@ -70,7 +60,7 @@ def held_in(folder: Path, name: str = "") -> Held:
     """
     with Store(folder) as store:
         study = comparison_of(store)
-        return Held(name or folder.name, folder, store.about(), store.methods(), study)
+        return StudyData(name or folder.name, folder, store.about(), store.methods(), study)
 
 
 def names_for(folders: Sequence[Path], taken: Sequence[str] = ()) -> list[str]:

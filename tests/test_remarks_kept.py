@@ -1,4 +1,4 @@
-"""What a study keeps of remarks, and the report's chapter on violations, from fits by hand."""
+"""What a study keeps of remarks, and what its report says of them."""
 
 from __future__ import annotations
 
@@ -13,10 +13,7 @@ from test_study_report import KEYS, Made, check_page, entry, fit, report
 
 from pilotid.datasets import SCENARIOS
 from pilotid.recordings.checks import remarks
-from pilotid.report.content import Table
-from pilotid.report.violations import violation_chapters
-from pilotid.study.comparison import Comparison, comparison_of
-from pilotid.study.entries import MethodEntry, Result, Unit
+from pilotid.study.entries import Result, Unit
 from pilotid.study.fits import LONGEST_TOLD, told
 from pilotid.study.store import Store
 from pilotid.study.study import PROFILES, Study
@@ -50,62 +47,29 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     return report(tmp_path_factory.mktemp("violations"), fill, methods)
 
 
-def rows(made: Made) -> dict[tuple[str, str], list[str]]:
-    """The entries of the chapter's table behind scenario and method."""
-    chapter = made.markdown.partition('<a id="violations"></a>')[2].partition("<a id=")[0]
-    lines = [line for line in chapter.splitlines() if line.startswith(("| nominal", "| violation"))]
-    table = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
-    return {(scenario, method): others for scenario, method, *others in table if len(others) == 7}
-
-
-def test_a_method_is_covered_warned_or_silent(made: Made) -> None:
-    found = rows(made)
-    graded = {place: others[0] for place, others in found.items()}
-    assert graded["violation-drift", "mle"] == "covered"
-    assert graded["violation-drift", "told"] == "warned"
-    assert graded["violation-drift", "silent"] == "silent"
-    assert graded["violation-drift", "fails"] == "warned"
-    assert graded["nominal", "silent"] == "covered"
-    assert not any(method == "objects" for _, method in graded)
-
-
-def test_the_numbers_are_those_of_the_fits(made: Made) -> None:
-    _, failures, bias, coverage, lowest, warned, words = rows(made)["violation-drift", "told"]
-    assert failures == "0 of 40"
-    assert bias.startswith("-5.") or bias.startswith("-4.")  # -0.5, and claims of 0.1
-    assert bias.endswith(KEYS[1])
-    assert 75.0 < float(coverage.split()[0]) < 90.0  # six of seven parameters hold
-    assert lowest == f"0 {KEYS[1]}"
-    assert warned == "30 of 40"
-    assert words == (
+def test_the_ranking_of_a_violation_says_who_is_warned(made: Made) -> None:
+    check_page(made.html)
+    table = made.markdown.partition("`violation-drift`, 40 recordings")[2].partition("\n\n**")[0]
+    rows = {}
+    for line in table.splitlines():
+        if line.startswith("| "):
+            method, *others = (entry.strip() for entry in line.strip("|").split("|"))
+            rows[method] = others
+    place = rows["method"].index("warned")
+    warned = {method: others[place] for method, others in rows.items()}
+    assert warned["told"] == "30 of 40"
+    assert warned["silent"] == warned["mle"] == "0"
+    assert warned["fails"] == "40 of 40"
+    (line,) = (x for x in made.markdown.splitlines() if x.startswith("| told | 30 of 40 | rec"))
+    assert line.split("|")[3].strip() == (
         "recording: u drifts by 0 over run 1, and no other signal ... (30); "
         "the first half of the recording asks for another pilot than ... (30)"
     )
-    fails = rows(made)["violation-drift", "fails"]
-    assert fails[1:] == ["40 of 40", "-", "-", "-", "40 of 40", "-"]
-
-
-def test_the_page_has_the_chapter_and_its_rules(made: Made) -> None:
-    check_page(made.html)
-    assert "When the assumptions do not hold" in made.html
-    assert "a user would believe what is wrong" in made.markdown
-    assert "--scenario nominal,violation-drift --method" in made.markdown
-    assert "`violation-drift`: all numbers" in made.markdown
-
-
-def test_few_fits_are_no_grade_and_no_violation_is_no_chapter(tmp_path: Path) -> None:
-    with Store(tmp_path, create=True) as store:
-        for method in ("mle", "told"):
-            store.add_method(MethodEntry(method, 0, {}))
-        fill(store)
-        study = comparison_of(store)
-    few = [replace(cell, results=cell.results[:9]) for cell in study.cells]
-    (chapter,) = violation_chapters(Comparison(tuple(few), study.typed))
-    table = chapter.blocks[0]
-    assert isinstance(table, Table)
-    assert {row[2].text for row in table.rows} == {"\N{EN DASH}"}
-    sound = [cell for cell in study.cells if cell.scenario.name == "nominal"]
-    assert violation_chapters(Comparison(tuple(sound), study.typed)) == []
+    assert rows["objects"][0] == "not applicable"
+    bias = rows["told"][rows["method"].index("bias")]
+    assert bias.startswith((f"{KEYS[1]} -5.", f"{KEYS[1]} -4."))  # -0.5, and claims of 0.1
+    nominal = made.markdown.partition("`nominal`, 40 recordings")[2].partition("\n\n**")[0]
+    assert "warned" not in nominal
 
 
 def test_a_study_keeps_what_a_user_is_told() -> None:

@@ -1,0 +1,175 @@
+"""What is to be thought of a method in a scenario: one function with fixed limits.
+
+No verdict depends on what else a study or a report holds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from pilotid.numbers import number, plus_minus
+from pilotid.study.comparison import ALL, Score
+from pilotid.study.scores import skewed_t
+
+#: Loss of all parameters below which a method is efficient, and below which it is usable.
+EFFICIENT, USABLE = 1.25, 2.0
+#: A flag stands for what chance shows this seldom in a method that has no such fault.
+LEVEL = 1e-3
+#: Share of failed fits that is no fault.
+FAILURES = 0.01
+FEWEST = 5  # fits of which a mean can be tested
+RULES = (
+    f"Verdicts: **efficient** with a loss below {EFFICIENT:g}, **usable** below {USABLE:g}, else "
+    "**poor**. Flags stand where chance alone would show as much in one of "
+    f"{1.0 / LEVEL:.0f} methods without the fault: **biased** (mean error in claimed standard "
+    "errors), intervals **too short** or **too long** (their coverage is not 95 %), **fails** "
+    f"(more than {100.0 * FAILURES:.0f} % of the fits). Neither limits nor verdicts depend on what "
+    "else is compared."
+)
+
+
+class Flag(NamedTuple):
+    """A fault that is certain.
+
+    Attributes
+    ----------
+    code
+        ``biased``, ``too-short``, ``too-long`` or ``fails``.
+    parameter
+        The parameter where it is worst; of failures all.
+    value, error
+        Mean error over claimed error, coverage, or share of failures; its standard error.
+    """
+
+    code: str
+    parameter: str
+    value: float
+    error: float
+
+    @property
+    def words(self) -> str:
+        """The flag with its figure."""
+        if self.code == "biased":
+            return f"biased ({self.parameter} {plus_minus(self.value, self.error)} claimed errors)"
+        share = plus_minus(100.0 * self.value, 100.0 * self.error).lstrip("+")
+        if self.code == "fails":
+            return f"fails ({share} %)"
+        name = "all parameters" if self.parameter == ALL else self.parameter
+        return f"intervals {self.code.replace('-', ' ')} ({name}: cover {share} %)"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is to be thought of a method in a scenario.
+
+    Attributes
+    ----------
+    grade
+        ``efficient``, ``usable`` or ``poor`` by the loss; ``unscored`` without intervals, or
+        ``not applicable``.
+    flags
+        Faults that are certain.
+    """
+
+    grade: str
+    flags: tuple[Flag, ...]
+
+    @property
+    def words(self) -> str:
+        """The grade with the names of the flags."""
+        names = ", ".join(flag.code.replace("-", " ") for flag in self.flags)
+        return f"{self.grade}: {names}" if names else self.grade
+
+
+def judge(scores: Sequence[Score]) -> Verdict:
+    """Judge a method in a scenario.
+
+    Parameters
+    ----------
+    scores
+        Of all parameters together, and of each.
+    """
+    overall, *each = scores
+    if not overall.tried:
+        return Verdict("not applicable", ())
+    loss = overall.loss.value
+    grade = "poor"
+    if math.isnan(loss):
+        grade = "unscored"
+    elif loss < USABLE:
+        grade = "efficient" if loss < EFFICIENT else "usable"
+    flags = (_bias(each), _coverage(scores), _failures(overall))
+    return Verdict(grade, tuple(flag for flag in flags if flag))
+
+
+def _bias(each: Sequence[Score]) -> Flag | None:
+    """The largest certain bias, by a t test that allows for skewed errors."""
+    from scipy.special import stdtr
+
+    def certain(s: Score) -> bool:
+        count = s.n
+        if count < FEWEST or not s.z.error > 0.0:
+            return False
+        t = skewed_t(s.z.value, s.z.error * math.sqrt(count), s.z_skew, count)
+        return bool(2.0 * stdtr(count - 1.0, -abs(t)) < LEVEL)
+
+    worst = max(filter(certain, each), key=lambda s: abs(s.z.value), default=None)
+    return Flag("biased", worst.parameter, *worst.z) if worst else None
+
+
+def _coverage(scores: Sequence[Score]) -> Flag | None:
+    """The coverage that is surest not to be 95 %, by the binomial distribution."""
+    from scipy.special import bdtr, bdtrc
+
+    found = []
+    for s in scores:
+        if not s.worth:
+            continue
+        hits = s.coverage.value * s.worth
+        short = float(bdtr(math.floor(hits + 1e-9), s.worth, 0.95))
+        long = float(bdtrc(math.ceil(hits - 1e-9) - 1, s.worth, 0.95)) if hits > 0.0 else 1.0
+        if 2.0 * min(short, long) < LEVEL:
+            found.append((s, "too-short" if short < long else "too-long"))
+    if not found:
+        return None
+    single = [f for f in found if f[0].parameter != ALL] or found
+    worst, code = max(single, key=lambda f: abs(f[0].coverage.value - 0.95))
+    share = worst.coverage.value
+    return Flag(code, worst.parameter, share, math.sqrt(share * (1.0 - share) / worst.worth))
+
+
+def _failures(overall: Score) -> Flag | None:
+    """Failures that are certainly more than a few."""
+    from scipy.special import bdtrc
+
+    count, share = overall.tried, overall.failures / overall.tried
+    if not overall.failures or bdtrc(overall.failures - 1, count, FAILURES) >= LEVEL:
+        return None
+    return Flag("fails", ALL, share, math.sqrt(share * (1.0 - share) / count))
+
+
+def sentence(name: str, scores: Sequence[Score]) -> str:
+    """What a reader should know of a method in a scenario.
+
+    Parameters
+    ----------
+    name
+        Of the method.
+    scores
+        As `judge` takes them.
+    """
+    verdict, overall = judge(scores), scores[0]
+    if verdict.grade == "not applicable":
+        return f"`{name}`: not applicable by its own word."
+    if verdict.grade == "unscored":
+        head = f"gives no intervals; rmse {number(overall.ratio.value)} times the bound"
+    else:
+        head = f"{verdict.grade}, loss {overall.loss}"
+    if overall.failures and math.isfinite(overall.loss_ended_well):
+        head += f" ({number(overall.loss_ended_well)} without failures)"
+    faults = "; ".join(flag.words for flag in verdict.flags) or "no significant faults"
+    partly = f" It objects to {overall.objections} recordings." if overall.objections else ""
+    return f"`{name}`: {head}; {faults}.{partly}"

@@ -1,0 +1,289 @@
+"""The loss of methods: its formula, its intervals, what it depends on, and the verdicts on it."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from stores import KEYS, drawn, finish
+
+from pilotid.study import scores
+from pilotid.study.comparison import Cell, Comparison, comparison_of, loss_ratio
+from pilotid.study.entries import ParameterTruth, Result, ScenarioEntry, Unit
+from pilotid.study.judge import judge
+from pilotid.study.store import Store
+from pilotid.types import FloatArray
+
+Row = Mapping[str, str]
+ENTRY = ScenarioEntry(
+    "one", 0, "words", "single", {}, tuple(ParameterTruth(k, "s", 1.5, 0.1) for k in KEYS)
+)
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def cell_of(
+    errors: FloatArray, claims: float = 1.0, *, failed: Sequence[int] = (), method: str = "m"
+) -> Cell:
+    """A method whose errors are given in bounds, shape (fits, parameters), as its claim is."""
+    results = []
+    for replication, row in enumerate(errors):
+        values = [1.5 + 0.1 * error for error in row]
+        reach = 0.1 * claims
+        parts = tuple(
+            (k, v, reach, v - 1.959964 * reach, v + 1.959964 * reach)
+            for k, v in zip(KEYS, values, strict=True)
+        )
+        good = replication not in failed
+        outcome = "converged" if good else "diverged"
+        unit = Unit("one", method, replication)
+        results.append(Result(unit, outcome, "", good, estimates=parts, seconds=0.1))
+    return Cell(ENTRY, method, tuple(results))
+
+
+def normal(count: int, seed: int = 1, scale: float = 1.0) -> FloatArray:
+    return np.asarray(scale * np.random.default_rng(seed).normal(size=(count, len(KEYS))))
+
+
+# ------------------------------------------------------------------------------ the formula
+
+
+def test_the_score_is_width_and_forty_times_what_is_missed() -> None:
+    ends = np.array([[1.0, 2.0], [2.0, 2.5], [0.0, 0.5]])
+    found = scores.interval_score(ends[:, 0], ends[:, 1], np.array([1.5, 1.9, 1.0]))
+    assert found == pytest.approx([1.0, 0.5 + 40.0 * 0.1, 0.5 + 40.0 * 0.5])
+
+
+def test_an_exact_efficient_estimator_scores_4_676_bounds() -> None:
+    assert pytest.approx(4.676, abs=5e-4) == scores.EFFICIENT
+    z = np.linspace(-12.0, 12.0, 2_000_001)
+    density = np.exp(-0.5 * z**2) / math.sqrt(2.0 * math.pi)
+    score = scores.interval_score(z - scores.Z95, z + scores.Z95, np.zeros_like(z))
+    moments = [np.trapezoid(density * score**power, z) for power in (1, 2)]
+    assert moments[0] == pytest.approx(scores.EFFICIENT, rel=1e-6)
+    variance = (moments[1] - moments[0] ** 2) / scores.EFFICIENT**2
+    assert variance == pytest.approx(scores.EFFICIENT_VARIANCE, rel=1e-4)
+
+
+def test_bias_scatter_and_wrong_claims_all_cost() -> None:
+    exact = cell_of(normal(4000)).overall.loss
+    assert exact.value == pytest.approx(1.0, abs=0.02)
+    assert exact.lower < 1.0 < exact.upper
+    for worse in (
+        cell_of(normal(4000) + 0.5),
+        cell_of(normal(4000, scale=1.3)),
+        cell_of(normal(4000), claims=0.7),
+        cell_of(normal(4000), claims=1.4),
+    ):
+        assert worse.overall.loss.lower > 1.05
+
+
+def test_a_failure_is_charged_with_zero_to_twice_the_truth() -> None:
+    errors = np.zeros((10, len(KEYS)))
+    cell = cell_of(errors, failed=(3, 7))
+    hit, charge = 2.0 * scores.Z95 / scores.EFFICIENT, 2.0 * 1.5 / (scores.EFFICIENT * 0.1)
+    assert cell.overall.loss.value == pytest.approx(0.8 * hit + 0.2 * charge)
+    assert cell.overall.loss_ended_well == pytest.approx(hit)
+    assert cell.overall.failures == 2
+
+
+def test_standard_errors_stand_in_for_intervals_and_without_both_there_is_no_loss() -> None:
+    cell = cell_of(normal(50))
+    without = [
+        replace(r, estimates=tuple((*e[:3], None, None) for e in r.estimates)) for r in cell.results
+    ]
+    bare = replace(cell, results=tuple(without))
+    assert bare.overall.loss == pytest.approx(cell.overall.loss)
+    silent = [
+        replace(r, estimates=tuple((*e[:2], None, None, None) for e in r.estimates))
+        for r in cell.results
+    ]
+    mute = replace(cell, results=tuple(silent))
+    assert math.isnan(mute.overall.loss.value)
+    assert mute.overall.ratio.value == pytest.approx(cell.overall.ratio.value)
+    assert judge(mute.scores).grade == "unscored"
+
+
+def test_a_recording_that_a_method_objects_to_is_no_try() -> None:
+    cell = cell_of(normal(20))
+    refused = [replace(r, outcome="not-applicable", usable=False, estimates=())
+               for r in cell.results]  # fmt: skip
+    assert judge(replace(cell, results=tuple(refused)).scores).grade == "not applicable"
+    mixed = replace(cell, results=(*cell.results[:15], *refused[15:]))
+    assert mixed.overall.loss == pytest.approx(
+        replace(cell, results=cell.results[:15]).overall.loss
+    )
+    assert (mixed.overall.objections, mixed.overall.tried) == (5, 15)
+
+
+# ---------------------------------------------------------------------------- the intervals
+
+
+@pytest.mark.parametrize("count", [25, 100])
+@pytest.mark.parametrize("correlation", [0.0, 0.5])
+def test_intervals_of_the_loss_cover(count: int, correlation: float) -> None:
+    rng = np.random.default_rng(8)
+    mix = np.linalg.cholesky(correlation + (1.0 - correlation) * np.eye(7))
+    studies = 300
+    held = 0
+    for study in range(studies):
+        z = rng.normal(size=(count, 7)) @ mix.T
+        score = scores.interval_score(z - scores.Z95, z + scores.Z95, np.zeros_like(z))
+        found = scores.mean_losses(score / scores.EFFICIENT, str(study))[0]
+        held += found.lower <= 1.0 <= found.upper
+    assert 0.90 <= held / studies <= 0.995
+
+
+def test_intervals_of_a_ratio_cover_and_are_narrower_for_the_same_recordings() -> None:
+    rng = np.random.default_rng(9)
+    held = 0
+    for study in range(300):
+        common = rng.normal(size=(50, 7))
+        z = [common + 0.3 * rng.normal(size=common.shape) for _ in range(2)]
+        reach = scores.Z95 * math.hypot(1.0, 0.3)
+        losses = [scores.interval_score(own - reach, own + reach, 0.0 * own) for own in z]
+        found = scores.loss_ratios(losses[0], losses[1], str(study))[0]
+        held += found.lower <= 1.0 <= found.upper
+    assert 0.90 <= held / 300 <= 0.995
+    alone = scores.mean_losses(losses[0], "one")[0]
+    assert found.upper / found.lower < alone.upper / alone.lower
+
+
+def test_the_ratio_of_a_method_to_itself_is_one() -> None:
+    cell = cell_of(normal(25))
+    assert loss_ratio(cell, cell) == (1.0, 1.0, 1.0)
+    worse = cell_of(normal(25) + 2.0)
+    assert loss_ratio(worse, cell).lower > 2.0
+
+
+def test_one_recording_has_a_loss_without_an_interval() -> None:
+    loss = cell_of(normal(1)).overall.loss
+    assert loss.value > 0.0
+    assert math.isnan(loss.lower)
+
+
+# ------------------------------------------------------------------------------- the tables
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Comparison:
+    with finish(tmp_path_factory.mktemp("study"), 30) as store:
+        return comparison_of(store)
+
+
+def test_losses_agree_with_those_computed_from_the_estimates(
+    study: Comparison, tmp_path: Path
+) -> None:
+    """By plain loops over the file that users get, with none of the package's functions."""
+    study.write_tables(tmp_path)
+    found: dict[tuple[str, str, str], list[float]] = defaultdict(list)
+    for row in rows_of(tmp_path / "estimates.csv"):
+        truth, bound = float(row["truth"]), float(row["crlb"])
+        score = 2.0 * truth
+        if row["outcome"] == "converged":
+            low, high = float(row["lower_95"]), float(row["upper_95"])
+            score = high - low + 40.0 * max(low - truth, truth - high, 0.0)
+        found[row["scenario"], row["method"], row["parameter"]].append(score / (4.675606 * bound))
+    means = {key: sum(own) / len(own) for key, own in found.items()}
+    seen = 0
+    for row in rows_of(tmp_path / "summary.csv"):
+        place = row["scenario"], row["method"]
+        if row["parameter"] == "all":
+            own = [mean for key, mean in means.items() if key[:2] == place]
+            expected = math.exp(sum(map(math.log, own)) / len(own))
+        else:
+            expected = means[*place, row["parameter"]]
+        assert float(row["loss"]) == pytest.approx(expected, rel=1e-6)
+        assert float(row["loss_lower"]) <= float(row["loss"]) <= float(row["loss_upper"])
+        seen += 1
+    assert seen == 9 * (len(KEYS) + 1)
+    whole = {
+        (r["scenario"], r["method"], r["parameter"]): r["loss"]
+        for r in rows_of(tmp_path / "population.csv")
+        if r["stratum"] == "all"
+    }
+    for row in rows_of(tmp_path / "summary.csv"):
+        if row["scenario"] == "any":
+            assert whole[row["scenario"], row["method"], row["parameter"]] == row["loss"]
+
+
+def test_other_methods_and_scenarios_leave_a_row_as_it_is(
+    study: Comparison, tmp_path: Path
+) -> None:
+    study.write_tables(tmp_path)
+    whole = (tmp_path / "summary.csv").read_text().splitlines()
+    parts = (tmp_path / "population.csv").read_text().splitlines()
+    for keep in (
+        lambda cell: cell.method == "arx",
+        lambda cell: cell.scenario.name == "any",
+    ):
+        alone = tmp_path / "alone"
+        alone.mkdir(exist_ok=True)
+        part = Comparison(tuple(filter(keep, study.cells)), study.typed)
+        part.write_tables(alone)
+        assert set((alone / "summary.csv").read_text().splitlines()) < set(whole)
+        assert set((alone / "population.csv").read_text().splitlines()) <= set(parts)
+        verdicts = [judge(cell.scores) for cell in part.cells]
+        assert verdicts == [judge(cell.scores) for cell in filter(keep, study.cells)]
+
+
+def test_a_pilot_that_nobody_could_name_is_charged_by_its_draw() -> None:
+    lost = Result(Unit("any", "m", 0), "died", draw=drawn(0))
+    entry = ScenarioEntry("any", 0, "words", "single", {}, ())
+    cell = Cell(entry, "m", (lost,))
+    truth = drawn(0).parameters[0].truth
+    expected = 2.0 * truth / (scores.EFFICIENT * 0.1)
+    assert cell.scores[1].loss.value == pytest.approx(expected)
+
+
+# ----------------------------------------------------------------------------- the verdicts
+
+
+@pytest.mark.parametrize(
+    ("shift", "claims", "grade", "codes"),
+    [
+        (0.0, 1.0, "efficient", []),
+        (0.0, 1.6, "usable", ["too-long"]),
+        (0.0, 0.6, "usable", ["too-short"]),
+        (4.0, 1.0, "usable", ["biased", "too-short"]),  # of one parameter of five
+    ],
+)
+def test_verdicts(shift: float, claims: float, grade: str, codes: Sequence[str]) -> None:
+    errors = normal(400)
+    errors[:, 2] += shift
+    found = judge(cell_of(errors, claims).scores)
+    assert found.grade == grade
+    assert [flag.code for flag in found.flags] == codes
+    if shift:
+        assert {flag.parameter for flag in found.flags} == {KEYS[2]}
+        assert found.flags[0].value == pytest.approx(4.0, abs=0.3)
+
+
+def test_a_method_that_errs_everywhere_is_poor_and_one_that_fails_is_flagged() -> None:
+    assert judge(cell_of(normal(100) + 4.0).scores).grade == "poor"
+    found = judge(cell_of(normal(100), failed=range(20)).scores)
+    assert [(flag.code, flag.value) for flag in found.flags] == [("fails", 0.2)]
+    assert not judge(cell_of(normal(100), failed=range(3)).scores).flags
+
+
+@pytest.mark.parametrize("count", [10, 25, 200])
+def test_exact_methods_are_hardly_ever_flagged(count: int) -> None:
+    # Five parameters and two tests of each at 1e-3: at most 1 in 100 flagged.
+    flagged = sum(bool(judge(cell_of(normal(count, seed)).scores).flags) for seed in range(150))
+    assert flagged <= 6
+
+
+def test_a_study_that_is_read_again_has_the_same_losses(tmp_path: Path) -> None:
+    with finish(tmp_path, 8) as store:
+        first = [cell.overall.loss for cell in comparison_of(store).cells]
+    with Store(tmp_path) as store:
+        assert [cell.overall.loss for cell in comparison_of(store).cells] == first
