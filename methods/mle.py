@@ -128,26 +128,21 @@ class MLE(LikelihoodSettings):
             criterion=found.criterion,
             band=found.band_of(recording),
             message="; ".join(part for part in (estimate.message, found.curves) if part),
-            remarks=(
-                *(_not_closed(found) if self.loop else ()),
-                *_not_followed(found),
-                *tested(found, recording),
-            ),
+            remarks=(*self._not_closed(found), *_not_followed(found), *tested(found, recording)),
         )
+
+    def _not_closed(self, found: Maximum) -> list[str]:
+        """What to say where no controlled element is known to close the loop."""
+        prediction = found.joint.prediction
+        if not self.loop or prediction.weighting is not None or prediction.model.changes:
+            return []
+        return [NOT_CLOSED]
 
     def criteria_from(
         self, recording: Recording, model: PilotModel, sets: FloatArray
     ) -> FloatArray:
         """Criteria of the optima reached from pilots alone, see `Searching`."""
         return criteria_from(recording, model, self, sets)
-
-
-def _not_closed(found: Maximum) -> list[str]:
-    """What to say where no controlled element is known to close the loop."""
-    prediction = found.joint.prediction
-    if prediction.weighting is not None or prediction.model.changes:
-        return []
-    return [NOT_CLOSED]
 
 
 def _not_followed(found: Maximum) -> list[str]:

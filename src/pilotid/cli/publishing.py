@@ -24,9 +24,7 @@ def publish(
     """Make static pages over several studies, from their stores alone."""
     from pilotid.publishing.pages import publish as published
 
-    errors = make_console(errors=True)
-    page = published(folders, out, lambda words: errors.print(f"pilotid: {words}", soft_wrap=True))
-    make_console().print(f"pages: {page}", soft_wrap=True)
+    make_console().print(f"pages: {published(folders, out)}", soft_wrap=True)
 
 
 def compare_studies(

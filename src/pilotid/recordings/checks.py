@@ -13,9 +13,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from pilotid.recordings.identity import exchanged, not_the_error, units_differ
-from pilotid.recordings.lines import remembered, unanswered
+from pilotid.recordings.lines import unanswered
 from pilotid.recordings.plant import element_changes, late, opposed, unrelated
-from pilotid.recordings.recording import ABSENT, Recording
+from pilotid.recordings.recording import ABSENT, Recording, remembered
 from pilotid.recordings.runs import repeated, unlike
 from pilotid.types import BoolArray, FloatArray
 

@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pilotid.recordings.lines import at_lines, remembered, target_lines
-from pilotid.recordings.recording import Recording
+from pilotid.recordings.lines import at_lines, target_lines
+from pilotid.recordings.recording import Recording, remembered
 from pilotid.types import ComplexArray, FloatArray, IntArray
 
 BANDS = 12  # equally wide on a logarithmic scale

@@ -117,7 +117,7 @@ class Prediction:
         assert self.weighting is not None
         assert self.band_terms is not None
         omega = self.band_terms.omega[: self.band_terms.counting]
-        s = 1j * omega
+        s = np.asarray(1j * omega, dtype=complex)
         plant = self.weighting.element.response(omega)
         spectra = tuple(
             (channel.sign * CLOSED[channel.input] * plant * s**channel.derivative)[None]

@@ -127,7 +127,7 @@ class PredictionErrors(Problem):
         np.negative(lags[:, 1:], out=rows[:, self.pilot : -1])
         flat = lags.reshape(*lags.shape[:2], -1)
         rows[:, -1] = (taps[:, None] @ flat).reshape(rows[:, -1].shape)
-        return rows
+        return np.asarray(rows)
 
     def outside(self, values: FloatArray) -> FloatArray:
         """Inner products of what the whitening filter and its slopes make of what does not count.
@@ -186,7 +186,7 @@ class PredictionErrors(Problem):
         rows, terms = self.rows(values[None])[0], self.prediction.band_terms
         if terms is not None:
             rows = np.concatenate([terms.filtered(rows[: self.pilot]), rows[self.pilot :]])
-        return rows
+        return np.asarray(rows)
 
     def scaling(self, values: FloatArray) -> float:
         """The factor of `closed` on squares of prediction errors at one set; 1 without a band."""
@@ -221,4 +221,4 @@ class PredictionErrors(Problem):
         rows = np.empty((len(own), values.shape[1] + 1, *own.shape[2:]))
         rows[:, : self.pilot], rows[:, -1] = own[:, :-1], own[:, -1]
         np.negative(past, out=rows[:, self.pilot : -1])
-        return rows
+        return np.asarray(rows)
