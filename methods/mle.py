@@ -112,7 +112,8 @@ class MLE(LikelihoodSettings):
             # The length of an interval tells the scatter of skewed estimates; the likelihood's
             # curvature at its maximum, from which the covariance is, only the middle of it.
             length = np.diff(profile.intervals, axis=1)[:, 0]
-            errors = length / (2.0 * np.sqrt(sought / found.widened))
+            widened = found.widened * found.by_element
+            errors = length / (2.0 * np.sqrt(sought / widened))
             known = errors if (errors > 0.0).all() else None
             estimate = replace(estimate, intervals=intervals, errors=known)
             at_bound = held(model, estimate.values)

@@ -18,10 +18,18 @@ from pilotid.posterior.likelihood import Likelihood
 from pilotid.recordings.floors import floors_of
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import recording_rng
+from pilotid.solve.covariance import covariance_of
+from pilotid.solve.least_squares import minimise
 from pilotid.theory.experiment import View
 from pilotid.time_domain.adjoint import AdjointErrors
 from pilotid.time_domain.band import analysis_band
-from pilotid.time_domain.band_likelihood import OUTSIDE, closing_element, weighting_of
+from pilotid.time_domain.band_likelihood import (
+    OUTSIDE,
+    Weighting,
+    closing_element,
+    weighting_of,
+)
+from pilotid.time_domain.maximum_likelihood import maximum_from
 from pilotid.time_domain.prediction import Prediction, predict, predict_circular
 from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.reduced import Reduced, reduced
@@ -172,7 +180,8 @@ def test_the_element_that_closes_the_loop_is_what_signals_show() -> None:
     wrong = replace(recording, controlled_element="9/s^2")
     unnamed = replace(recording, controlled_element="")
     for each in (recording, wrong, unnamed):
-        element = closing_element(each)
+        element, unknown = closing_element(each)
+        assert (unknown == 0.0) is (each is recording)
         assert element is not None
         np.testing.assert_allclose(
             element.response(np.array([3.0])),
@@ -181,10 +190,36 @@ def test_the_element_that_closes_the_loop_is_what_signals_show() -> None:
         )
 
 
+def test_what_is_not_known_of_the_element_is_in_the_intervals() -> None:
+    """To first order: the optimum with an element of 2 % more gain is where the factor says."""
+    scenario, recording = recorded("nominal", noise=3e-4)
+    found = maximum_from(recording, scenario.model, MLE(noise=LowPass(2)), scenario.values)
+    prediction, joint = found.joint.prediction, found.joint
+    weighting = prediction.weighting
+    assert weighting is not None
+    louder = replace(weighting, element=double_integrator(4.0 * 1.02))
+    plain = replace(weighting, element=double_integrator(4.0))
+    ends = []
+    for each in (louder, plain):
+        own = PredictionErrors(replace(prediction, weighting=each), joint.noise, joint.band)
+        ends.append(minimise(own.gram, found.end.values[:1], own, tolerance=1e-13).values[0, :7])
+    errors = np.sqrt(np.diag(covariance_of(found.end.gram[0, :-1, :-1], found.variance))[:7])
+    moved = (ends[0] - ends[1]) / errors
+    known = replace(found, joint=with_weighting(joint, replace(plain, unknown=0.02)))
+    expected = np.sqrt(known.by_element - 1.0)
+    assert np.abs(moved).max() > 2e-3
+    np.testing.assert_allclose(np.abs(moved), expected, atol=0.1 * expected.max())
+
+
+def with_weighting(joint: PredictionErrors, weighting: Weighting) -> PredictionErrors:
+    prediction = replace(joint.prediction, weighting=weighting)
+    return PredictionErrors(prediction, joint.noise, joint.band)
+
+
 def test_without_an_element_prediction_errors_are_direct() -> None:
     scenario, recording = recorded("nominal")
     blind = replace(recording, x=np.roll(recording.x, 700, axis=1), controlled_element="")
-    assert closing_element(blind) is None
+    assert closing_element(blind)[0] is None
     prediction = predict(blind, scenario.model, 50.0)
     assert weighting_of(blind, scenario.model, prediction.control, prediction.dt) is None
 

@@ -25,7 +25,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pilotid.element.choice import chosen_element
+from pilotid.element.choice import SIGNALS, chosen_element
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.floors import floors_of, periodogram, running_median
@@ -66,14 +66,16 @@ class Weighting:
         Frequencies [rad/s], and the weight of a bin there, shape (n,).
     control
         Mean power of the control's bins there, shape (n,): that of a sample, if it were white.
-    element
-        The controlled element, which closes the loop.
+    element, unknown
+        The controlled element, which closes the loop, and the relative standard error of its
+        response; 0 for an element that was named.
     """
 
     omega: FloatArray
     share: FloatArray
     control: FloatArray
     element: ControlledElement
+    unknown: float
 
     def weights(self, omega: FloatArray) -> FloatArray:
         """Weights of bins at other frequencies, shape (n,)."""
@@ -256,6 +258,14 @@ class BandTerms:
         lower = np.concatenate([across.transpose(0, 2, 1), remnant], axis=2)
         return term, -2.0 * slope, 2.0 * np.concatenate([upper, lower], axis=1)
 
+    def by_gain(self, loop: ComplexArray) -> FloatArray:
+        """Derivatives of the slopes of `log_determinant` by the logarithm of the element's gain.
+
+        The shape is (sets, p) of a `loop` as there.
+        """
+        by_pilot = loop[:, :-1] / -loop[:, -1:]
+        return np.asarray(-2.0 * (by_pilot / loop[:, -1:]).real @ self.inside[: self.counting])
+
     def closed(
         self,
         products: FloatArray,
@@ -343,13 +353,15 @@ def group_begins(omega: FloatArray) -> list[int]:
 
 
 @remembered
-def closing_element(recording: Recording) -> ControlledElement | None:
-    """The controlled element that closes the loop of a recording; None if none is known.
+def closing_element(recording: Recording) -> tuple[ControlledElement | None, float]:
+    """The controlled element that closes the loop of a recording, and its relative error.
 
-    The one that the recording names, unless its signals show another one.
+    The one that the recording names, unless its signals show another one; None if none is known.
     """
     choice = chosen_element(recording)
-    return choice.identified.element if choice.remarks else choice.element
+    if choice.origin == SIGNALS or choice.remarks:
+        return choice.identified.element, choice.identified.response_error
+    return choice.element, 0.0
 
 
 def weighting_of(
@@ -376,7 +388,8 @@ def weighting_of(
         None where the likelihood of a band is not to be had: no controlled element is known, or
         the pilot varies in time, so that the loop has no frequency response.
     """
-    if model.changes or (element := closing_element(recording)) is None:
+    element, unknown = closing_element(recording)
+    if model.changes or element is None:
         return None
     floors, nyquist = floors_of(recording), math.pi / dt
     inside = floors.omega <= nyquist
@@ -384,4 +397,4 @@ def weighting_of(
     inputs = (INPUTS[channel.input] for channel in model.channels)
     share = floors.share(tuple(dict.fromkeys((*inputs, *others))))[inside]
     power = np.interp(omega, *running_median(*periodogram(control, dt))) * nyquist
-    return Weighting(omega, np.where(omega <= TOP * nyquist, share, 0.0), power, element)
+    return Weighting(omega, np.where(omega <= TOP * nyquist, share, 0.0), power, element, unknown)

@@ -41,7 +41,7 @@ def deviances(found: Maximum) -> FloatArray:
     sought = np.full(found.joint.pilot, CHI_SQUARED_95)
     for when in found.joint.prediction.model.whens:
         sought[list(when)] = CHI_SQUARED_95_OF_TWO
-    return np.asarray(found.widened * sought)
+    return np.asarray(found.widened * found.by_element * sought)
 
 
 def over_changes(found: Maximum, intervals: FloatArray, sought: FloatArray | float) -> FloatArray:

@@ -23,6 +23,7 @@ from pilotid.pilot.frozen import frozen, unfrozen
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.floors import floors_of
 from pilotid.recordings.recording import Recording
+from pilotid.solve.covariance import covariance_of
 from pilotid.solve.least_squares import Minima, minimise
 from pilotid.time_domain.adjoint import for_search
 from pilotid.time_domain.band import Band, analysis_band
@@ -114,6 +115,23 @@ class Maximum:
         """Factor on variances, and on the deviance that an interval goes to."""
         prediction = self.joint.prediction
         return 1.0 + SHORT / (prediction.runs * prediction.scored * prediction.dt)
+
+    @property
+    def by_element(self) -> FloatArray:
+        """Factor on the variances of the pilot for what is not known of the element's gain."""
+        joint, prediction = self.joint, self.joint.prediction
+        weighting, terms = prediction.weighting, prediction.band_terms
+        if weighting is None or terms is None or weighting.unknown == 0.0:
+            return np.ones(joint.pilot)
+        loop = prediction.loop.row_spectra(self.pilot[None])[:, :, 0]
+        change = np.zeros(len(joint.lower))
+        change[: joint.pilot] = terms.by_gain(loop)[0] * float(self.end.cost[0]) / joint.residuals
+        inverse = covariance_of(self.end.gram[0, :-1, :-1], 1.0)
+        if inverse is None:
+            return np.ones(joint.pilot)
+        moved = weighting.unknown * (inverse @ change)[: joint.pilot]
+        variances = self.variance * np.diag(inverse)[: joint.pilot]
+        return np.asarray(1.0 + moved**2 / variances)
 
     @property
     def criterion(self) -> float:
