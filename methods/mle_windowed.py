@@ -137,7 +137,10 @@ class MLEWindowed:
         information = hessian / variance[:, None, None] + np.diag(1.0 / span**2)
         if not (np.isfinite(information).all() and (variance > 0.0).all()):
             return None
-        error = np.sqrt(np.diagonal(np.linalg.inv(information), axis1=1, axis2=2))
+        variances = np.diagonal(np.linalg.inv(information), axis1=1, axis2=2)
+        if not (variances > 0.0).all():  # a window's optimum is none
+            return None
+        error = np.sqrt(variances)
         parts = (end.values, *scale.interval(end.values, error, plain.lower, plain.upper))
         over = [np.array([np.interp(time, middles, row) for row in part.T]) for part in parts]
         return Trajectory(plain.keys, time, *over)

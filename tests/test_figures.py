@@ -127,7 +127,7 @@ def test_a_fit_has_every_figure_that_a_journal_asks_for() -> None:
     fit = fitted("mle")
     names = [f.name for f in figures_of(fit, element=ELEMENT)]
     assert names == [
-        "time", "describing-function", "open-loop", "remnant", "residual-tests", "correlations",
+        "time", "describing-function", "open-loop", "remnant", "band", "residual-tests", "correlations",
     ]  # fmt: skip
     assert "open-loop" not in [f.name for f in figures_of(fit)]
     named = replace(fit, recording=replace(recording(), controlled_element="4/s^2"))
@@ -270,7 +270,7 @@ def test_figures_are_files_of_the_same_bytes_each_time(tmp_path: Path) -> None:
         files = save_figures(folder, figures_of(fit, element=ELEMENT), "C3-")
         kept.append({f.name: f.read_bytes() for f in files})
     assert kept[0] == kept[1]
-    assert len(kept[0]) == 12
+    assert len(kept[0]) == 14
     assert kept[0]["C3-time.svg"].startswith(b"<svg")
     for name, content in kept[0].items():
         if name.endswith(".pdf"):

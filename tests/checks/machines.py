@@ -26,7 +26,8 @@ from pilotid.methods import METHODS
 from pilotid.seeds import fit_rng, recording_rng
 
 FAMILIES = ("nominal", "single", "white-remnant", "remnant-0.8", "disturbance-step", "runs-2")
-STORED = ("nominal", "single")
+#: What the stored estimates are of: 60 fits, one and several runs, white and coloured remnants.
+STORED = ("nominal", "single", "runs-2", "white-remnant", "training")
 REFERENCE = Path(__file__).parent.parent / "machines.json"
 
 
@@ -47,6 +48,7 @@ def fits(names: tuple[str, ...], replications: int) -> dict[str, Any]:
                     "outcome": estimate.outcome.slug,
                     "values": estimate.values.tolist() if usable else [],
                     "std_error": estimate.std_error.tolist() if usable else [],
+                    "intervals": estimate.intervals.tolist() if usable else [],
                 }
     return found
 

@@ -47,7 +47,7 @@ from pilotid.types import FloatArray
 UPPER, EDGE = 0.6, 0.01
 #: The same share in the likelihood of a band whose loop falls off above it: nothing is biased then,
 #: and this much information may be lost.  A step, which has all frequencies, has .13 to .31 there;
-#: multisines have .00 to .07 (`population-usual`, `-inner`, tuning seed 3003).
+#: multisines have .00 to .07 (populations usual and inner, tuning seed 3003).
 LOST = 0.1
 
 #: Candidates whose criterion, on a first look, is higher than the lowest by more are left out.
