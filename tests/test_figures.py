@@ -127,7 +127,8 @@ def test_a_fit_has_every_figure_that_a_journal_asks_for() -> None:
     fit = fitted("mle")
     names = [f.name for f in figures_of(fit, element=ELEMENT)]
     assert names == [
-        "time", "describing-function", "open-loop", "remnant", "band", "residual-tests", "correlations",
+        "time", "describing-function", "open-loop", "remnant", "band", "residual-tests",
+        "correlations",
     ]  # fmt: skip
     assert "open-loop" not in [f.name for f in figures_of(fit)]
     named = replace(fit, recording=replace(recording(), controlled_element="4/s^2"))
