@@ -37,7 +37,7 @@ with tempfile.TemporaryDirectory() as folder:
 for cell in comparison.cells:
     print(
         f"{cell.scenario.name}, {cell.method}: {cell.usable} of {cell.tried} fits count, "
-        f"{cell.milliseconds:.0f} ms each"
+        f"{1e3 * cell.seconds:.0f} ms each, loss {cell.scores[0].loss.value:.2f}"
     )
 
 with journal_style():
@@ -56,11 +56,12 @@ with journal_style():
                 "markersize": 4.5,
                 "label": cell.method,
             }
-            bias = [score.bias for score in cell.percent]
-            reach = [1.96 * score.bias_se for score in cell.percent]
+            scores = cell.scores[1:]  # the first is of all parameters
+            bias = [score.percent.bias.value for score in scores]
+            reach = [1.96 * score.percent.bias.error for score in scores]
             left.errorbar(shift, bias, reach, **style)
-            share = np.array([score.coverage for score in cell.scores])
-            ends = np.array([score.coverage_interval for score in cell.scores])
+            share = np.array([score.coverage.value for score in scores])
+            ends = np.array([score.coverage_interval for score in scores])
             bars = np.maximum(0.0, [share - ends[:, 0], ends[:, 1] - share])
             right.errorbar(shift, share, bars, **style)
         left.axhline(0.0, color="#333333", linewidth=0.6)
