@@ -7,8 +7,8 @@ Over some of the bins of a transform the likelihood of the control, given the fo
 with S the remnant's spectrum, L the loop from control to prediction, and W the weight of a bin.
 Prediction errors, which leave the last term out, are the likelihood over all frequencies only:
 there, and there alone, the integral of log |1 + L|^2 is nil (Bode), since a loop with a delay
-answers nothing at once.  Over a band, leaving it out biases the delays of motion channels by
-two standard errors and more.
+answers nothing at once.  Over a band, leaving it out biases the delays of motion channels, by a
+standard error and more in bands of 20 to 30 rad/s.
 
 A bin counts as far as the model's inputs are no noise of the recorder.  What does not count is
 not lost to the remnant's model, which an autoregression in a part of the frequencies leaves
@@ -36,7 +36,7 @@ from pilotid.types import ComplexArray, FloatArray
 #: Share of half the analysis band's sampling rate up to which bins count: above, the filter that
 #: all signals pass falls off.
 TOP = 0.8
-#: Weight of what does not count in the remnant's model.
+#: Weight of what does not count in the remnant's model; from .02 to 1 the coverage is the same.
 OUTSIDE = 0.1
 #: Bins that count in all must weigh so much; else all up to the top count in full.
 FEWEST = 20.0
@@ -49,8 +49,6 @@ KEPT = 0.02
 #: A group of bins, over which loop and remnant change little, is this share of its frequency
 #: wide, and at most so many rad/s.
 GROUP_SHARE, GROUP_WIDEST = 1.0 / 30.0, 0.25
-
-
 #: An element answers at once whose gain an octave above the band is at least this share of that at
 #: its edge.
 AT_ONCE = 0.7
