@@ -26,8 +26,10 @@ from pilotid.pilot.element import (
     integrator_with_lag,
     single_integrator,
 )
+from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import SIGNALS, Recording
 from pilotid.seeds import fit_rng, recording_rng, start_rng
+from pilotid.time_domain.prediction import Prediction
 from pilotid.types import FloatArray
 
 NOMINAL = SCENARIOS["nominal"]
@@ -182,3 +184,32 @@ class Answer:
 
 
 Run = Callable[..., Answer]
+
+
+def predict_circular(recording: Recording, model: PilotModel) -> Prediction:
+    """The exact prediction of a recording that is one whole period, without remnant.
+
+    Such a recording has no edges: its transform is the steady state itself.  The model must not
+    vary in time.
+    """
+    length = recording.samples
+    s = 2j * np.pi * np.fft.rfftfreq(length, recording.dt)
+    return Prediction(
+        model=model,
+        dt=recording.dt,
+        s=s,
+        spectra=tuple(
+            channel.sign
+            * np.fft.rfft(recording.window(recording.input(channel.input)))
+            * s**channel.derivative
+            for channel in model.channels
+        ),
+        control_spectrum=np.fft.rfft(recording.window(recording.u)),
+        length=length,
+        first=0,
+        scored=length,
+        terms=(),
+        fine=(None,) * len(model.channels),
+        penalty=None,
+        weighting=None,
+    )
