@@ -6,9 +6,11 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from pilotid.datasets import POPULATIONS, SCENARIOS, Scenario, simulate
 from pilotid.estimates.estimate import Estimate, Outcome
@@ -28,7 +30,11 @@ from pilotid.pilot.element import (
 )
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import SIGNALS, Recording
+from pilotid.report.content import Section, markdown
+from pilotid.report.page import TITLE, report_sections, write_report
 from pilotid.seeds import fit_rng, recording_rng, start_rng
+from pilotid.study.comparison import Comparison
+from pilotid.study.store import Store
 from pilotid.time_domain.prediction import Prediction
 from pilotid.types import FloatArray
 
@@ -213,3 +219,17 @@ def predict_circular(recording: Recording, model: PilotModel) -> Prediction:
         penalty=None,
         weighting=None,
     )
+
+
+def written(folder: Path, store: Store, study: Comparison) -> tuple[Path, str]:
+    """The page of a study's report, and all its sections as Markdown, drawn only once."""
+    drawn = []
+
+    def sections(*given: Any) -> list[Section]:
+        drawn.append(report_sections(*given))
+        return drawn[-1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pilotid.report.page.report_sections", sections)
+        page = write_report(folder, store, study)
+    return page, markdown(TITLE, drawn[-1])

@@ -294,6 +294,7 @@ def test_mle_finds_the_change(fit: Estimate, bound: FloatArray) -> None:
     assert {"Kvis1*tlead1", "Kvis2*tlead2"} <= {q.key for q in fit.quantities}
 
 
+@pytest.mark.long
 def test_bayes_agrees_with_mle(fit: Estimate) -> None:
     found = identify(Bayes(), recording_of(SLOW), ADAPTING, np.random.default_rng(2))
     assert found.outcome.usable

@@ -238,6 +238,7 @@ def test_bias_of_the_white_residual_is_gone() -> None:
     )
 
 
+@pytest.mark.long
 def test_starts_anywhere_inside_the_bounds_reach_the_best_optimum() -> None:
     rng = np.random.default_rng(4)
     for seed in range(12):
