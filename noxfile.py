@@ -28,12 +28,13 @@ def groups(*names: str) -> list[str]:
 
 @nox.session
 def tests(session: nox.Session) -> None:
-    """Run the tests on two processes; `-- --cov` measures what they cover."""
+    """Run the everyday tests on two processes; `-- --all` runs the long ones too."""
     session.install("-e", ".", *groups("tests"))
+    part = () if "--all" in session.posargs else ("-m", "not long")
     session.run(
         "pytest",
-        *("-n", "2", "--dist", "worksteal", "--ignore=tests/benchmarks"),
-        *session.posargs,
+        *("-n", "2", "--dist", "worksteal", "--ignore=tests/benchmarks", *part),
+        *(option for option in session.posargs if option != "--all"),
         env={"OMP_NUM_THREADS": "1"},
     )
 

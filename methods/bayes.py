@@ -99,10 +99,13 @@ class Bayes(LikelihoodSettings):
         """``bayes``, or ``bayes-white`` for a white likelihood."""
         return "bayes" if self.likelihood == "remnant" else "bayes-white"
 
+    @property
+    def libraries(self) -> tuple[str, ...]:
+        """``emcee`` where it is asked for; importance sampling does without."""
+        return ("emcee",) if self.sampler == "emcee" else ()
+
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
         """None: any recording and any model will do."""
-        if self.sampler == "emcee":
-            import emcee  # noqa: F401, before the fit is timed
         return None
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:

@@ -55,12 +55,10 @@ class MLEGenetic(WhiteLikelihood):
     population: int = 15
     generations: int = 40
     name: ClassVar[str] = "mle-genetic"
+    libraries: ClassVar[tuple[str, ...]] = ("scipy.optimize",)
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
         """None: any recording and any model will do."""
-        # Imported here, before the fit is timed.
-        import scipy.optimize  # noqa: F401
-
         return None
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:

@@ -58,11 +58,10 @@ class MMLE3:
     iterations: int = 60
     tolerance: float = 1e-5
     name: ClassVar[str] = "mmle3"
+    libraries: ClassVar[tuple[str, ...]] = ("scipy.linalg",)
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
         """Why it cannot treat a model: it varies in time."""
-        import scipy.linalg  # noqa: F401, before the fit is timed
-
         return varying(model)
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:

@@ -76,11 +76,10 @@ class RARX:
     points: int = 24
     name: ClassVar[str] = "rarx"
     follows: ClassVar[bool] = True
+    libraries: ClassVar[tuple[str, ...]] = ("scipy.signal",)
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
         """Why it cannot treat a model: it has other channels than one on the error."""
-        import scipy.signal  # noqa: F401, before the fit is timed: it takes longer than the fit
-
         if len(model.channels) != 1 or model.channels[0].input != "error":
             return (
                 f"model {model.name} is more than one channel on the error, and recursive ARX is "

@@ -92,12 +92,10 @@ class SINDy:
     highest: float = 16.0
     points: int = 20
     name: ClassVar[str] = "sindy"
+    libraries: ClassVar[tuple[str, ...]] = ("pysindy",)
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
         """Why no black box can tell the pilot: the inputs are one signal, or hold the control."""
-        # Imported here, before the fit is timed, since it takes longer than the fit.
-        import pysindy  # noqa: F401
-
         if constant_only := varying(model):
             return constant_only
         if dependent := dependent_signals(model):

@@ -92,12 +92,10 @@ class UKF:
     kept: int = 8
     name: ClassVar[str] = "ukf"
     follows: ClassVar[bool] = True
+    libraries: ClassVar[tuple[str, ...]] = ("scipy.interpolate",)
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
         """Why it cannot treat a model: other channels or dynamics than it knows."""
-        # Imported here, before the fit is timed.
-        import scipy.interpolate  # noqa: F401
-
         return unsuited(model) or no_reduction(model)
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:

@@ -6,9 +6,11 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from pilotid.datasets import POPULATIONS, SCENARIOS, Scenario, simulate
 from pilotid.estimates.estimate import Estimate, Outcome
@@ -26,8 +28,14 @@ from pilotid.pilot.element import (
     integrator_with_lag,
     single_integrator,
 )
+from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import SIGNALS, Recording
+from pilotid.report.content import Section, markdown
+from pilotid.report.page import TITLE, report_sections, write_report
 from pilotid.seeds import fit_rng, recording_rng, start_rng
+from pilotid.study.comparison import Comparison
+from pilotid.study.store import Store
+from pilotid.time_domain.prediction import Prediction
 from pilotid.types import FloatArray
 
 NOMINAL = SCENARIOS["nominal"]
@@ -182,3 +190,46 @@ class Answer:
 
 
 Run = Callable[..., Answer]
+
+
+def predict_circular(recording: Recording, model: PilotModel) -> Prediction:
+    """The exact prediction of a recording that is one whole period, without remnant.
+
+    Such a recording has no edges: its transform is the steady state itself.  The model must not
+    vary in time.
+    """
+    length = recording.samples
+    s = 2j * np.pi * np.fft.rfftfreq(length, recording.dt)
+    return Prediction(
+        model=model,
+        dt=recording.dt,
+        s=s,
+        spectra=tuple(
+            channel.sign
+            * np.fft.rfft(recording.window(recording.input(channel.input)))
+            * s**channel.derivative
+            for channel in model.channels
+        ),
+        control_spectrum=np.fft.rfft(recording.window(recording.u)),
+        length=length,
+        first=0,
+        scored=length,
+        terms=(),
+        fine=(None,) * len(model.channels),
+        penalty=None,
+        weighting=None,
+    )
+
+
+def written(folder: Path, store: Store, study: Comparison) -> tuple[Path, str]:
+    """The page of a study's report, and all its sections as Markdown, drawn only once."""
+    drawn = []
+
+    def sections(*given: Any) -> list[Section]:
+        drawn.append(report_sections(*given))
+        return drawn[-1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pilotid.report.page.report_sections", sections)
+        page = write_report(folder, store, study)
+    return page, markdown(TITLE, drawn[-1])

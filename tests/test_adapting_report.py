@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import written
 
-from pilotid.report.content import markdown
-from pilotid.report.page import TITLE, report_sections, write_report
 from pilotid.report.recording_figures import paths
 from pilotid.study.comparison import Comparison, comparison_of
 from pilotid.study.entries import (
@@ -64,8 +63,7 @@ def filled(folder: Path, methods: dict[str, tuple[float, float, float]], count: 
                 )  # fmt: skip
                 store.add(result)
         study = comparison_of(store)
-        write_report(folder, store, study)
-        text = markdown(TITLE, report_sections(study, store))
+        _, text = written(folder, store, study)
     return Made(study, text, folder)
 
 
@@ -98,6 +96,7 @@ def test_numbers_in_the_table_are_those_of_the_scores(tmp_path: Path) -> None:
     assert "90.0" in row or "| 90" in row
 
 
+@pytest.mark.long
 def test_the_figure_has_a_panel_for_each_method_and_what_changes(tmp_path: Path) -> None:
     many = {f"m{i}": (0.1, 0.0, 0.95) for i in range(6)}
     made = filled(tmp_path, many, count=3)

@@ -113,34 +113,26 @@ def test_models_say_which_was_chosen_and_why(analysed: Path) -> None:
         assert float(row["change_size"]) >= 0.0
 
 
-def test_a_second_call_does_nothing_again(
-    analysed: Path, folder: Path, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_damaged_store_costs_time_and_a_second_call_does_nothing_again(
+    folder: Path, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    before = (analysed / "estimates.csv").read_bytes()
-    again = shutil.copytree(analysed, tmp_path / "again")
+    (tmp_path / "analysis.sqlite").write_bytes(b"no database at all" * 100)
+    file = folder / "s1_A.csv"
+    command = ("analyse", file, "--pattern", PATTERN, "--model", "single", *ALONE)
+    answer = run(*command, "--out", tmp_path)
+    assert answer.status == 0, answer.err
+    with sqlite3.connect(tmp_path / "analysis.sqlite") as base:
+        assert base.execute("SELECT count(*) FROM results").fetchone() == (2,)
+    base.close()
+    before = (tmp_path / "estimates.csv").read_bytes()
 
     def refuse(*_: object, **__: object) -> None:
         raise AssertionError("work was done again")
 
     monkeypatch.setattr("pilotid.analysis.analyse.run_tasks", refuse)
-    files = sorted(folder.glob("s[12]_*.csv"))
-    answer = run("analyse", *files, "--pattern", PATTERN, *OPTIONS, "--out", again)
+    answer = run(*command, "--out", tmp_path)
     assert answer.status == 0, answer.err
-    assert (again / "estimates.csv").read_bytes() == before
-
-
-def test_a_damaged_store_costs_time_and_nothing_else(
-    analysed: Path, folder: Path, run: Run, tmp_path: Path
-) -> None:
-    (tmp_path / "analysis.sqlite").write_bytes(b"no database at all" * 100)
-    file = folder / "s1_A.csv"
-    answer = run(
-        "analyse", file, "--pattern", PATTERN, "--model", "single", *ALONE, "--out", tmp_path
-    )  # fmt: skip
-    assert answer.status == 0, answer.err
-    with sqlite3.connect(tmp_path / "analysis.sqlite") as base:
-        assert base.execute("SELECT count(*) FROM results").fetchone() == (2,)
-    base.close()
+    assert (tmp_path / "estimates.csv").read_bytes() == before
 
 
 @pytest.mark.numerical
@@ -262,6 +254,7 @@ def test_the_report_says_what_was_found(analysed: Path) -> None:
     assert "http://" not in re.sub(r"http://www\.w3\.org/\S+", "", page)
 
 
+@pytest.mark.long
 def test_the_same_analysis_gives_the_same_bytes(
     analysed: Path, folder: Path, run: Run, tmp_path: Path
 ) -> None:
@@ -283,6 +276,7 @@ def test_contrasts_that_make_no_sense_are_refused(folder: Path, run: Run, text: 
     assert "--contrast" in answer.err
 
 
+@pytest.mark.long
 def test_without_a_pattern_every_file_is_on_its_own(folder: Path, run: Run, tmp_path: Path) -> None:
     files = [folder / "s1_A.csv", folder / "s2_A.csv"]
     answer = run("analyse", *files, "--model", "single,gain", *ALONE, "--out", tmp_path)
@@ -310,6 +304,7 @@ def test_every_recording_has_a_page(analysed: Path) -> None:
     }
 
 
+@pytest.mark.long
 def test_a_page_that_is_missing_is_made_again(
     analysed: Path, folder: Path, run: Run, tmp_path: Path
 ) -> None:
@@ -322,6 +317,7 @@ def test_a_page_that_is_missing_is_made_again(
     assert {path.name for path in (again / "recordings").iterdir()} == kept.keys()
 
 
+@pytest.mark.long
 def test_own_models_and_methods_go_along(folder: Path, run: Run, tmp_path: Path) -> None:
     """What comes from a file is known in the other processes."""
     code = tmp_path / "mine.py"

@@ -73,6 +73,7 @@ def test_holds_on_pilots_drawn_at_random_or_says_that_it_does_not() -> None:
     assert sum(e.outcome not in allowed for _, e in fits) <= 3
 
 
+@pytest.mark.long
 def test_the_structure_that_a_search_settles_for_is_biased() -> None:
     keys, truth = SINGLE.keys, SINGLE_LOOP.values
     short = np.mean([e.values for e in monte_carlo(ARX(memory=None), SINGLE_LOOP, 20)], axis=0)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers import predict_circular
 
 from pilotid.datasets import scenario_named, simulate
 from pilotid.datasets.experiments import experiment_of
@@ -30,7 +31,7 @@ from pilotid.time_domain.band_likelihood import (
     weighting_of,
 )
 from pilotid.time_domain.maximum_likelihood import maximum_from
-from pilotid.time_domain.prediction import Prediction, predict, predict_circular
+from pilotid.time_domain.prediction import Prediction, predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.reduced import Reduced, reduced
 from pilotid.time_domain.remnant_choice import guessed

@@ -207,6 +207,7 @@ def log_spread(draws: Draws) -> FloatArray:
     return np.asarray(np.sqrt(draws.weights @ (logs - draws.weights @ logs) ** 2))
 
 
+@pytest.mark.long
 def test_both_samplers_give_the_same_posterior() -> None:
     quick = fit(Bayes(sampler="importance", draws=30_000))
     slow = fit(Bayes(sampler="emcee", run=replace(SHORT, effective=1500.0)))
@@ -249,6 +250,7 @@ def test_importance_sampling_that_fails_gives_way_to_emcee() -> None:
     assert np.isfinite(alone.values).all()
 
 
+@pytest.mark.long
 def test_a_posterior_that_no_single_distribution_follows_is_drawn_by_mixtures() -> None:
     # A single distribution has some tens of effective draws here.
     name = "population-usual"

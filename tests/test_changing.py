@@ -28,7 +28,7 @@ from pilotid.pilot.catalogue import ADAPTING, SINGLE
 from pilotid.pilot.changing import Changing
 from pilotid.pilot.element import double_integrator
 from pilotid.pilot.factors import Delay, Differentiator, Gain, Lag, Lead, Neuromuscular
-from pilotid.pilot.frozen import before_and_after, frozen, frozen_values
+from pilotid.pilot.frozen import before_and_after, frozen, frozen_over
 from pilotid.pilot.model import Channel, PilotModel
 from pilotid.pilot.own import fault_of
 from pilotid.show.page import html_report
@@ -98,13 +98,11 @@ def test_frozen_it_is_the_constant_pilot_of_each_time() -> None:
     before, after = before_and_after(ADAPTING, SLOW.values)
     np.testing.assert_allclose(before, [0.09, 0.4, 0.28, 11.25, 0.35])
     np.testing.assert_allclose(after, [0.07, 1.2, 0.28, 11.25, 0.35])
-    np.testing.assert_allclose(
-        frozen_values(ADAPTING, SLOW.values, 41.92), 0.5 * (before + after), rtol=1e-12
-    )
-    for time, share in ((41.92 - 4.0, 1.0 / (1.0 + np.exp(2.0))), (41.92 + 4.0, 0.880797)):
-        np.testing.assert_allclose(
-            frozen_values(ADAPTING, SLOW.values, time), before + share * (after - before), rtol=1e-6
-        )
+    times = np.array([41.92, 41.92 - 4.0, 41.92 + 4.0])
+    halfway, early, late = frozen_over(ADAPTING, SLOW.values, times).T
+    np.testing.assert_allclose(halfway, 0.5 * (before + after), rtol=1e-12)
+    for values, share in ((early, 1.0 / (1.0 + np.exp(2.0))), (late, 0.880797)):
+        np.testing.assert_allclose(values, before + share * (after - before), rtol=1e-6)
 
 
 @pytest.mark.parametrize("band", [None, 120.0, 50.0])
@@ -296,6 +294,7 @@ def test_mle_finds_the_change(fit: Estimate, bound: FloatArray) -> None:
     assert {"Kvis1*tlead1", "Kvis2*tlead2"} <= {q.key for q in fit.quantities}
 
 
+@pytest.mark.long
 def test_bayes_agrees_with_mle(fit: Estimate) -> None:
     found = identify(Bayes(), recording_of(SLOW), ADAPTING, np.random.default_rng(2))
     assert found.outcome.usable

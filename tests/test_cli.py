@@ -135,6 +135,7 @@ def test_simulate_draws_a_pilot_of_a_population(run: Run, tmp_path: Path) -> Non
     assert again.read_bytes() == (tmp_path / "2.csv").read_bytes()
 
 
+@pytest.mark.long
 def test_compare_on_a_population_writes_its_table(run: Run, tmp_path: Path) -> None:
     name = "population-short(models=(single,), intervals=(0.02,))"
     out = tmp_path / "study"
@@ -263,6 +264,7 @@ def test_mapping(run: Run, simulated: Path, tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.long
 def test_report_is_one_file_and_the_same_bytes_each_time(
     run: Run, simulated: Path, tmp_path: Path
 ) -> None:
@@ -393,6 +395,7 @@ def test_failing_recording_is_no_bad_input(run: Run, tmp_path: Path) -> None:
 # --------------------------------------------------------------------------------- compare
 
 
+@pytest.mark.long
 def test_compare_gives_the_same_numbers_with_any_number_of_workers(
     run: Run, tmp_path: Path
 ) -> None:
@@ -424,6 +427,7 @@ def test_compare_gives_the_same_numbers_with_any_number_of_workers(
     assert {name: (one / name).read_bytes() for name in names} == before
 
 
+@pytest.mark.long
 def test_compare_goes_on_where_it_stopped_and_does_not_mix(run: Run, tmp_path: Path) -> None:
     options = ("compare", "--scenario", "single", "--method", "mle-white", "--out", tmp_path)
     assert run(*options, "--replications", 1).status == 0

@@ -101,6 +101,7 @@ def test_a_worker_of_other_code_is_refused(started: Callable[..., Process], tmp_
     assert "runs other code of pilotid (digest 0ther" in lines[0]
 
 
+@pytest.mark.long
 def test_a_scheduler_that_dies_is_a_sentence(
     started: Callable[..., Process], tmp_path: Path
 ) -> None:

@@ -27,7 +27,6 @@ from pilotid.pilot.frozen import (
     before_and_after,
     frozen,
     frozen_over,
-    frozen_values,
     searched,
     unfrozen,
 )
@@ -89,15 +88,16 @@ def test_a_free_parameter_is_its_values_at_the_knots() -> None:
     assert searched(ADAPTING) is ADAPTING
     model, values = ADAPTING_FREE.over(60.0), varied(ADAPTING_FREE)
     assert model.over(60.0) == model
+    at_knots = frozen_over(model, values, 5.0 * np.arange(13))
     for knot in (0, 5, 12):
-        found = frozen_values(model, values, 5.0 * knot)
-        np.testing.assert_allclose(found[:, 0], values[:, knot], rtol=1e-12)
-        np.testing.assert_allclose(found[:, 1], values[:, 13 + knot], rtol=1e-12)
+        np.testing.assert_allclose(at_knots[:, 0, knot], values[:, knot], rtol=1e-12)
+        np.testing.assert_allclose(at_knots[:, 1, knot], values[:, 13 + knot], rtol=1e-12)
     first, last = before_and_after(ADAPTING_FREE, values)
-    np.testing.assert_allclose(frozen_values(model, values, -4.0), first, rtol=1e-12)
-    np.testing.assert_allclose(frozen_values(model, values, 64.0), last, rtol=1e-12)
+    beyond = frozen_over(model, values, np.array([-4.0, 64.0]))
+    np.testing.assert_allclose(beyond[..., 0], first, rtol=1e-12)
+    np.testing.assert_allclose(beyond[..., 1], last, rtol=1e-12)
     with pytest.raises(ValueError, match="once the model is `over` some seconds"):
-        frozen_values(ADAPTING_FREE, values, 1.0)
+        frozen_over(ADAPTING_FREE, values, np.array([1.0]))
 
 
 def test_roughness_is_the_integral_of_the_squared_second_derivative() -> None:

@@ -16,7 +16,6 @@ from pilotid.cli.main import main
 from pilotid.datasets import scenario_named
 from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.forcing import PERIOD, Multisine
-from pilotid.datasets.remnant import Remnant
 from pilotid.designing.design import Design, RemnantPower, design, wrong_pilots
 from pilotid.designing.limits import Limits, linear
 from pilotid.designing.lines import chosen_lines, reference_lines, shares_like
@@ -78,29 +77,6 @@ def test_slopes_are_those_of_the_bound() -> None:
         found = (ahead - behind) / (2.0 * step[j])
         # Entries that all but vanish have the error of the largest.
         np.testing.assert_allclose(found, slopes[j], rtol=1e-4, atol=1e-5 * abs(slopes[j]).max())
-
-
-def test_remnant_that_is_a_share_of_the_control() -> None:
-    """The bound, from the scenario with other powers, and its slopes, from differences."""
-    sharing = replace(NOMINAL, remnant=Remnant(level=0.15, level_is="ratio"))
-    loop = loop_of(sharing, reference_lines(sharing))
-    usual, powers, control = powers_of(sharing), changed(), loop.gains["u"]
-    forced = float(control @ usual)
-    found = loop.information.scaled_to_control(powers, control, forced)
-    expected = bounds(experiment_of(with_powers(sharing, powers))).low_pass
-    np.testing.assert_allclose(
-        found, expected / np.outer(sharing.values, sharing.values), rtol=1e-3
-    )
-    slopes = loop.information.slopes_scaled_to_control(powers, control, forced)
-    for j in (0, 11, 12, 23):
-        step = np.eye(24)[j] * 1e-4 * powers[j]
-        ahead, behind = (
-            loop.information.scaled_to_control(powers + s, control, forced) for s in (step, -step)
-        )
-        difference = (ahead - behind) / (2.0 * step[j])
-        np.testing.assert_allclose(
-            difference, slopes[j], rtol=1e-4, atol=1e-5 * abs(slopes[j]).max()
-        )
 
 
 def test_variances_are_those_of_the_simulation() -> None:

@@ -13,7 +13,6 @@ from pilotid.datasets import Scenario
 from pilotid.estimates.estimate import Estimate, Outcome, failed, symmetric_intervals
 from pilotid.estimates.loop import LoopElement
 from pilotid.estimates.loops import (
-    loop_quantities,
     loops_of,
     margin_slopes,
     traced_loops,
@@ -75,7 +74,7 @@ def test_slopes_of_margins_are_their_differences(scenario: Scenario) -> None:
 def test_quantities_have_keys_units_and_the_margins_of_the_values() -> None:
     element = NOMINAL.element
     estimate = fit_of(MLE(), NOMINAL)
-    quantities = loop_quantities(estimate, element)
+    quantities = loops_of(estimate, element).quantities
     assert [(q.key, q.unit) for q in quantities] == [
         ("target_crossover", "rad/s"),
         ("target_phase_margin", "deg"),
@@ -95,7 +94,7 @@ def test_quantities_have_keys_units_and_the_margins_of_the_values() -> None:
 def test_claimed_errors_are_the_scatter_over_replications() -> None:
     count = 100
     fits = monte_carlo(MLE(), SINGLE_LOOP, count)
-    found = [loop_quantities(fit, SINGLE_LOOP.element)[:2] for fit in fits]
+    found = [loops_of(fit, SINGLE_LOOP.element).quantities[:2] for fit in fits]
     target, _ = margins(SINGLE, SINGLE_LOOP.values, SINGLE_LOOP.element)
     for i, truth in enumerate((target.crossover, target.phase_margin)):
         values = np.array([pair[i].value for pair in found])
@@ -114,8 +113,12 @@ def test_errors_over_draws_are_those_to_first_order(scenario: Scenario) -> None:
     ratios = []
     true = LowPass(2)  # a band-pass that chance prefers has a corner for draws to spread over
     for replication in range(3):
-        first = loop_quantities(fit_of(MLE(noise=true), scenario, replication), scenario.element)
-        drawn = loop_quantities(fit_of(Bayes(noise=true), scenario, replication), scenario.element)
+        first = loops_of(
+            fit_of(MLE(noise=true), scenario, replication), scenario.element
+        ).quantities
+        drawn = loops_of(
+            fit_of(Bayes(noise=true), scenario, replication), scenario.element
+        ).quantities
         ratios.append([b.std_error / a.std_error for a, b in zip(first, drawn, strict=True)])
         for a, b in zip(first, drawn, strict=True):
             assert abs(a.value - b.value) < 0.5 * a.std_error, a.key
@@ -140,7 +143,7 @@ def test_draws_keep_to_the_estimate_s_crossing() -> None:
     assert np.abs(target.crossover / at.crossover - 1.0).max() < 0.25
     # To first order the same.
     errors = ERRORS * np.array([1.0, 1.0, 1.0, 1.0, 3.0])
-    crossover, phase_margin = loop_quantities(estimate_of(RESONANT, errors), element)[:2]
+    crossover, phase_margin = loops_of(estimate_of(RESONANT, errors), element).quantities[:2]
     assert crossover.std_error == pytest.approx(target.crossover.std(), rel=0.2)
     assert phase_margin.std_error == pytest.approx(target.phase_margin.std(), rel=0.2)
     assert phase_margin.std_error < 10.0

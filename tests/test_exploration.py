@@ -235,6 +235,7 @@ def test_a_profile_that_comes_upon_a_better_optimum_says_where() -> None:
     assert profile_intervals(gram, Line(), lower, 1.0, 2).better is None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["population-usual", "population-exotic"])
 def test_pilots_drawn_at_random_are_found(name: str) -> None:
     """Far below what 200 recordings show (.95 and .93), so that chance does not fail it."""

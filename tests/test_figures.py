@@ -262,6 +262,7 @@ def test_every_method_has_a_stroke_of_its_own() -> None:
 # ------------------------------------------------------------------------------- as files
 
 
+@pytest.mark.long
 def test_figures_are_files_of_the_same_bytes_each_time(tmp_path: Path) -> None:
     fit = fitted("mle")
     kept = []

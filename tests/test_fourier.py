@@ -172,6 +172,7 @@ def test_the_remnant_in_the_inputs_no_longer_biases_the_gain() -> None:
     assert errors[0.5] > errors[0.0] + 0.25
 
 
+@pytest.mark.long
 def test_holds_on_pilots_drawn_at_random() -> None:
     fits = population_fits(Fourier(), "population-usual", 20)
     covered, errors = population_scores(fits)

@@ -111,6 +111,7 @@ def run(*arguments: object) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.long
 def test_a_study_of_hostile_methods_ends_with_its_report(tmp_path: Path) -> None:
     deadly = ("interrupt", "vanish", "kill", "eat", "leave", "nan", "good")
     methods = ",".join(hostile(how) for how in deadly)

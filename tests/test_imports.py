@@ -8,10 +8,15 @@ import re
 import subprocess
 import sys
 import tomllib
+from collections.abc import Sequence
 from graphlib import TopologicalSorter
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from pilotid.datasets import scenario_named, simulate
+from pilotid.recordings.files import save_recording
 
 ROOT = Path(__file__).parent.parent
 SOURCE = ROOT / "src" / "pilotid"
@@ -90,32 +95,34 @@ def test_the_map_shows_every_room() -> None:
     assert set(listed["tool"]["setuptools"]["packages"]) == packages
 
 
-@pytest.mark.parametrize("module", sorted(MODULES))
-def test_no_arrow_runs_against_the_order_of_the_house(module: str) -> None:
-    order, here = list(HOUSE), room(module)
-    beneath = set(order[: order.index(here)]) - HOUSE[here]
-    allowed = beneath | {here}
-    wrong = sorted(name for name in own_modules(MODULES[module]) if room(name) not in allowed)
-    assert not wrong, f"{module} must not import {', '.join(wrong)}; see the map in CONTRIBUTING.md"
+ARROWS = {name: own_modules(path) - {name} for name, path in MODULES.items()}
+
+
+def test_no_arrow_runs_against_the_order_of_the_house() -> None:
+    order, wrong = list(HOUSE), []
+    for module, used in sorted(ARROWS.items()):
+        here = room(module)
+        allowed = set(order[: order.index(here)]) - HOUSE[here] | {here}
+        wrong += [f"{module} imports {name}" for name in sorted(used) if room(name) not in allowed]
+    assert not wrong, "the map in CONTRIBUTING.md forbids: " + "; ".join(wrong)
 
 
 def test_no_module_imports_itself_in_a_circle() -> None:
-    arrows = {name: own_modules(path) - {name} for name, path in MODULES.items()}
-    TopologicalSorter(arrows).prepare()
+    TopologicalSorter(ARROWS).prepare()
 
 
-@pytest.mark.parametrize("module", sorted(m for m in MODULES if room(m) == "methods"))
-def test_methods_do_not_import_one_another(module: str) -> None:
-    if module != "pilotid.methods":
-        assert not {m for m in own_modules(MODULES[module]) if room(m) == "methods"}
+def test_methods_do_not_import_one_another() -> None:
+    methods = {m for m in MODULES if room(m) == "methods" and m != "pilotid.methods"}
+    wrong = [f"{m} imports {n}" for m in methods for n in ARROWS[m] if room(n) == "methods"]
+    assert not wrong, "; ".join(sorted(wrong))
 
 
-@pytest.mark.parametrize(
-    "path", [*MODULES.values(), *sorted(Path(__file__).parent.rglob("*.py"))], ids=str
-)
-def test_nothing_imports_the_top_level_folders(path: Path) -> None:
+def test_nothing_imports_the_top_level_folders() -> None:
     # They would be a second copy of the same modules, with classes that are not equal.
-    assert not {n for n in imported(path) if n.split(".")[0] in ("methods", "datasets", "src")}
+    paths = [*MODULES.values(), *sorted(Path(__file__).parent.rglob("*.py"))]
+    tops = ("methods", "datasets", "src")
+    wrong = [f"{p}: {n}" for p in paths for n in imported(p) if n.split(".")[0] in tops]
+    assert not wrong, "; ".join(wrong)
 
 
 @pytest.mark.parametrize(
@@ -129,7 +136,21 @@ def test_nothing_imports_the_top_level_folders(path: Path) -> None:
     ids=["pilotid", "subpackages", "list", "help"],
 )
 def test_heavy_libraries_wait_until_they_are_used(statement: str) -> None:
-    check = f"{statement}\nimport sys; print('HEAVY', [m for m in {HEAVY!r} if m in sys.modules])"
+    assert_light(statement, HEAVY)
+
+
+@pytest.mark.parametrize("command", ["check", "fit"])
+def test_heavy_libraries_are_for_what_is_asked(command: str, tmp_path: Path) -> None:
+    recording = tmp_path / "one.csv"
+    save_recording(simulate(scenario_named("nominal"), np.random.default_rng(1)), recording)
+    run = f"{COMMAND}main([{command!r}, {str(recording)!r}])\nexcept SystemExit as end: "
+    assert_light(f"{run}assert not end.code", (*HEAVY, "scipy.stats", "statsmodels"))
+
+
+def assert_light(statement: str, libraries: Sequence[str]) -> None:
+    """What a statement imports, in a process of its own, is none of these."""
+    found = f"[m for m in {libraries!r} if m in sys.modules]"
+    check = f"{statement}\nimport sys; print('HEAVY', {found})"
     done = subprocess.run(
         [sys.executable, "-c", check], capture_output=True, text=True, check=True, timeout=60
     )

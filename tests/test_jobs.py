@@ -80,6 +80,7 @@ def test_all_tasks_are_answered_by_any_number_of_processes() -> None:
         assert sorted(answers) == [2 * i for i in range(30)]
 
 
+@pytest.mark.long
 def test_processes_of_joblib_start_processes_too() -> None:
     """Their way to start processes is one that Python does not know by itself."""
     joblib = pytest.importorskip("joblib")

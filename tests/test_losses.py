@@ -128,7 +128,7 @@ def test_a_recording_that_a_method_objects_to_is_no_try() -> None:
 # ---------------------------------------------------------------------------- the intervals
 
 
-@pytest.mark.parametrize("count", [25, 100])
+@pytest.mark.parametrize("count", [25, pytest.param(100, marks=pytest.mark.long)])
 @pytest.mark.parametrize("correlation", [0.0, 0.5])
 def test_intervals_of_the_loss_cover(count: int, correlation: float) -> None:
     rng = np.random.default_rng(8)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import FrozenInstanceError, fields, replace
 from functools import cache
@@ -19,7 +20,16 @@ from pilotid.methods.ukf import UKF
 from pilotid.pilot.catalogue import MULTI, SINGLE
 from pilotid.posterior.ensembles import Run
 from pilotid.recordings.recording import SIGNALS, Recording
-from pilotid.testing import DIFFICULT, bare, check_estimate, check_settings, recording_for, tiny
+from pilotid.testing import (
+    DIFFICULT,
+    bare,
+    check_estimate,
+    check_settings,
+    control_follows_nothing_but_itself,
+    control_is_noise,
+    recording_for,
+    tiny,
+)
 
 pytestmark = pytest.mark.numerical
 
@@ -122,9 +132,22 @@ def test_the_recording_stays_as_it_is(method: Method) -> None:
         assert not signal.flags.writeable
 
 
+#: Of two channels of no pilot a search takes seconds.
+NO_PILOT = (control_is_noise, control_follows_nothing_but_itself)
+
+
 @every_method
-@every_model
-@pytest.mark.parametrize("spoil", DIFFICULT, ids=lambda f: f.__name__)
+@pytest.mark.parametrize(
+    ("model", "spoil"),
+    [
+        pytest.param(
+            *(model, spoil),
+            marks=[pytest.mark.long] if model == "multi" and spoil in NO_PILOT else [],
+            id=f"{spoil.__name__}-{model}",
+        )
+        for model, spoil in itertools.product(MODELS, DIFFICULT)
+    ],
+)
 def test_a_difficult_recording_gives_an_outcome_and_no_exception(
     method: Method, model: str, spoil: Callable[[Recording], Recording]
 ) -> None:

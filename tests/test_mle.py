@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import NOMINAL, fit_of, part_of, without_remnant
+from helpers import NOMINAL, fit_of, part_of, predict_circular, without_remnant
 
 from pilotid.chance import CHI_SQUARED_95, Z95
 from pilotid.datasets import SCENARIOS, Scenario, simulate
@@ -21,7 +21,7 @@ from pilotid.solve.least_squares import minimise
 from pilotid.solve.walk import walk
 from pilotid.time_domain.band import Band
 from pilotid.time_domain.output_error import OutputErrors
-from pilotid.time_domain.prediction import predict, predict_circular
+from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.reduced import reduced
 from pilotid.time_domain.remnant_models import Autoregressive, LowPass, NoiseModel
@@ -238,6 +238,7 @@ def test_bias_of_the_white_residual_is_gone() -> None:
     )
 
 
+@pytest.mark.long
 def test_starts_anywhere_inside_the_bounds_reach_the_best_optimum() -> None:
     rng = np.random.default_rng(4)
     for seed in range(12):

@@ -49,6 +49,7 @@ def test_a_white_remnant_leaves_no_bias() -> None:
         assert abs(bias) < finite_length + LIMIT * error, key
 
 
+@pytest.mark.long
 def test_a_white_remnant_leaves_the_intervals_honest() -> None:
     estimates = monte_carlo(MLEWhite(), WHITE, REPLICATIONS)
     low, high = np.moveaxis(np.array([e.intervals for e in estimates]), 2, 0)

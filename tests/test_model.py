@@ -206,21 +206,18 @@ def test_parameter_used_twice_in_a_channel_by_hand() -> None:
 
 
 @pytest.mark.parametrize("model", EVERY_MODEL, ids=name_of)
-def test_terms_of_many_parameter_sets_equal_those_of_one_by_one(model: PilotModel) -> None:
+def test_many_parameter_sets_evaluate_as_one_by_one(model: PilotModel) -> None:
     s = 1j * OMEGA
     sets = points(model.parameters, 5, seed=4)
-    for channel, (responses, slopes) in enumerate(model.terms(s, sets)):
-        shape = (len(sets), s.size)
-        for i, point in enumerate(sets):
-            response, own_slopes = model.terms(s, point)[channel]
-            np.testing.assert_allclose(
-                np.broadcast_to(responses, shape)[i], response, rtol=1e-12, atol=0.0
-            )
-            assert [index for index, _ in slopes] == [index for index, _ in own_slopes]
-            for (_, together), (_, alone) in zip(slopes, own_slopes, strict=True):
+    together = model.evaluated(s, sets)
+    for i, point in enumerate(sets):
+        for (responses, slopes), (response, own) in zip(
+            together, model.evaluated(s, point), strict=True
+        ):
+            for many, one in zip([responses, *slopes], [response, *own], strict=True):
                 np.testing.assert_allclose(
-                    np.broadcast_to(together, shape)[i],
-                    np.broadcast_to(alone, s.shape),
+                    np.broadcast_to(many, (len(sets), s.size))[i],
+                    np.broadcast_to(one, s.shape),
                     rtol=1e-12,
                     atol=0.0,
                 )

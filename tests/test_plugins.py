@@ -88,6 +88,7 @@ def test_a_package_s_method_is_listed_and_a_broken_one_costs_a_line(
     assert done.stderr == LEFT_OUT
 
 
+@pytest.mark.long
 def test_a_package_s_method_goes_through_a_study_to_its_report(
     python: Path, tmp_path: Path
 ) -> None:
@@ -109,6 +110,7 @@ def test_a_package_s_method_goes_through_a_study_to_its_report(
     assert pilotid(python, *more, "mmle3", cwd=tmp_path).returncode == 0
 
 
+@pytest.mark.long
 def test_its_rows_stand_beside_those_of_others_on_pages(python: Path, tmp_path: Path) -> None:
     options = ("--scenario", "single", "--replications", 2, "--workers", 1)
     for name, chosen in (("usual", "mle,fourier"), ("mine", "line-fit,fourier")):

@@ -135,6 +135,7 @@ def rows(folder: Path, name: str) -> list[dict[str, str]]:
         return list(csv.DictReader(stream))
 
 
+@pytest.mark.long
 def test_any_number_of_workers_and_any_stop_give_the_same_bytes(
     finished: Path, tmp_path: Path
 ) -> None:
@@ -222,6 +223,7 @@ def test_scores_are_in_units_of_the_claim_and_of_the_bound(finished: Path) -> No
     assert score_of(cell, "fnm").beyond.value == 1.0
 
 
+@pytest.mark.long
 def test_wrong_optima_are_found_by_the_study(finished: Path, tmp_path: Path) -> None:
     cells = {c.method: c for c in held(finished).populations}
     models = Counter(r.draw.model for r in cells["fake"].results if r.draw)

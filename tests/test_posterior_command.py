@@ -31,6 +31,7 @@ def inference() -> Inference:
     return Bayes().infer(RECORDING, SINGLE, np.random.default_rng(1))
 
 
+@pytest.mark.long
 def test_the_command_writes_draws_summary_and_figures(run: Run, tmp_path: Path) -> None:
     file, out = tmp_path / "run.csv", tmp_path / "out"
     save_recording(RECORDING, file)

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from pilotid.estimates.draws import Draws, quantiles, shortest_interval
-from pilotid.posterior.convergence import autocorrelation_times, effective_sizes, r_hat
+from pilotid.posterior.convergence import autocorrelation_times, r_hat
 from pilotid.posterior.ensembles import Run, ensembles
 from pilotid.posterior.importance import LogDensity, importance
 from pilotid.posterior.mixtures import StudentT, fitted
@@ -180,7 +180,6 @@ def test_the_autocorrelation_time_is_that_of_known_chains(phi: float) -> None:
     chains = autoregressive(np.random.default_rng(6), phi, (4, 1500, 20))
     expected = (1.0 + phi) / (1.0 - phi)
     assert autocorrelation_times(chains)[0] == pytest.approx(expected, rel=0.06)
-    assert effective_sizes(chains)[0] == pytest.approx(120_000 / expected, rel=0.06)
     assert r_hat(chains)[0] < 1.002
 
 

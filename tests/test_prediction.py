@@ -7,7 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import NOMINAL, PILOTS, SINGLE_LOOP, part_of, recording_of, without_remnant
+from helpers import (
+    NOMINAL,
+    PILOTS,
+    SINGLE_LOOP,
+    part_of,
+    predict_circular,
+    recording_of,
+    without_remnant,
+)
 from scipy.fft import next_fast_len
 
 from pilotid.datasets import SCENARIOS, Scenario, simulate
@@ -18,7 +26,7 @@ from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import minimise
 from pilotid.time_domain.extension import fast_length
 from pilotid.time_domain.output_error import OutputErrors
-from pilotid.time_domain.prediction import predict, predict_circular
+from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prepare import decimation, prepare
 from pilotid.types import FloatArray
 

@@ -133,6 +133,7 @@ def test_rows_and_figures_can_be_taken_along(site: Path) -> None:
     assert read_study(site / "mine").study.methods == ("mle", "wls")
 
 
+@pytest.mark.long
 def test_equal_stores_give_equal_bytes(tmp_path: Path) -> None:
     with_plugin(tmp_path / "studies" / "mine", truths=(1.5,))
     for name in ("once", "twice"):

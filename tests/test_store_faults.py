@@ -58,6 +58,7 @@ def refused(answer: Answer, *words: str) -> None:
 # -------------------------------------------------------------------------- changed bytes
 
 
+@pytest.mark.long
 def test_no_changed_byte_changes_a_number_in_silence(tmp_path: Path) -> None:
     rng = np.random.default_rng(12)
     # Half as many fits as elsewhere: 19 pages, of which damage often leaves some and not all.

@@ -319,6 +319,7 @@ def children(pid: int) -> list[str]:
     return Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="there is no /proc")
 def test_a_study_that_was_killed_goes_on_and_ends_as_if_nothing_had_been(
     tmp_path: Path, unhurried: list[str]

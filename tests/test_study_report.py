@@ -13,10 +13,11 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from helpers import written
 
 from pilotid.numbers import decimals, number, plus_minus, printed, share, signed
-from pilotid.report.content import inline_html, markdown, terminal_table
-from pilotid.report.page import TITLE, overview, report_sections, write_report
+from pilotid.report.content import inline_html, terminal_table
+from pilotid.report.page import overview
 from pilotid.study.comparison import Cell, comparison_of
 from pilotid.study.entries import MethodEntry, ParameterTruth, Result, ScenarioEntry, Unit
 from pilotid.study.store import Store
@@ -122,14 +123,12 @@ def report(folder: Path, fill: Callable[[Store], None], methods: Sequence[str]) 
                 store.add_method(MethodEntry(name, position, settings, typed=TYPED.get(name, "")))
             fill(store)
         study = comparison_of(store)
-        page = write_report(folder, store, study)
+        page, whole = written(folder, store, study)
         console = make_console()
         with console.capture() as captured:
             for table in overview(study)[1]:
                 console.print(terminal_table(table))
     assert page == folder / "report.html"
-    with Store(folder) as store:
-        whole = markdown(TITLE, report_sections(study, store))
     short = (folder / "report.md").read_text(encoding="utf-8")
     assert len(short) <= len(whole)
     return Made(folder, page.read_text(encoding="utf-8"), plain(whole), captured.get())
@@ -247,6 +246,7 @@ def full(tmp_path_factory: pytest.TempPathFactory) -> Made:
     return report(folder, fill, methods)
 
 
+@pytest.mark.long
 def test_equal_stores_give_equal_bytes(full: Made) -> None:
     files = [full.folder / "report.md", *sorted((full.folder / "figures").iterdir())]
     before = [file.read_bytes() for file in files]

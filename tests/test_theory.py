@@ -207,6 +207,7 @@ def test_the_paper_s_biases_have_the_size_and_sign_known() -> None:
     assert np.median(overconfident) > 1.5
 
 
+@pytest.mark.long
 def test_the_limit_is_stationary_in_recordings_and_its_scores_have_the_covariance_stated() -> None:
     """Gradient and its covariance at the limit, from recordings of 16 periods.
 

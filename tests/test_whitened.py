@@ -15,6 +15,7 @@ from pilotid.methods.mle import MLE
 from pilotid.pilot.catalogue import MODELS, MULTI
 from pilotid.recordings.recording import Recording
 from pilotid.time_domain.maximum_likelihood import Maximum, maximise_likelihood
+from pilotid.time_domain.remnant_choice import NOISE_MODELS
 from pilotid.time_domain.residual_tests import portmanteau
 from pilotid.time_domain.whitened import correlations, prediction_errors
 
@@ -42,6 +43,7 @@ def test_they_are_those_of_the_likelihood() -> None:
     errors = found().joint.rows(found().end.values[:1])[0, -1]
     own = prediction_errors(recording(), estimate())
     assert own.own
+    assert own.noise == found().remnant.model
     assert own.errors.shape == errors.shape
     assert own.dt == pytest.approx(found().joint.prediction.dt)
     # Nuisance terms that the fit left out are projected out here: that is all the difference.
@@ -53,7 +55,7 @@ def test_they_are_those_of_the_likelihood() -> None:
 def test_without_a_model_of_the_remnant_one_is_chosen_that_whitens() -> None:
     own = prediction_errors(recording(), replace(estimate(), remnant=None))
     assert not own.own
-    assert own.noise
+    assert own.noise in {noise.name for noise in NOISE_MODELS}
     # 40 lags; the residual itself is far from white.
     assert portmanteau(own.errors, 40) < 100.0
     assert np.std(own.errors) == pytest.approx(

@@ -11,7 +11,7 @@ from pilotid.disk import path_shown
 from pilotid.element.choice import chosen_element
 from pilotid.estimates.estimate import Outcome, failed
 from pilotid.estimates.fitted import Fitted
-from pilotid.estimates.method import all_remarks, motionless_input
+from pilotid.estimates.method import all_remarks, import_libraries, motionless_input
 from pilotid.methods.bayes import Bayes
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
@@ -80,7 +80,7 @@ def infer(
         nothing = failed(method.name, model, Outcome.NOT_APPLICABLE, objection)
         print_posterior(Fitted(recording, model, (nothing,), told), [], [], None)
         return
-    method.objection(recording, model)  # imports emcee before the run is timed
+    import_libraries(method)
     choice = chosen_element(recording, element)
     begin = time.perf_counter()
     with sampling_bar() as watch:

@@ -280,13 +280,7 @@ class Estimate:
         return result
 
     def to_dataframe(self) -> DataFrame:
-        """A row for each quantity: key, unit, value, standard error and 95 % interval.
-
-        Raises
-        ------
-        ImportError
-            Without pandas, which ``pip install 'pilotid[tables]'`` brings.
-        """
+        """A row for each quantity: key, unit, value, standard error and 95 % interval."""
         from pandas import DataFrame
 
         columns = ["parameter", "unit", "value", "std_error", "lower_95", "upper_95"]

@@ -42,11 +42,6 @@ CHANGES = (
 LOST = 0.02  # share of draws without the crossing that is worth a word
 
 
-def loop_quantities(estimate: Estimate, element: ControlledElement) -> list[Quantity]:
-    """Four quantities, of the loops that an estimate makes with an element; see `loops_of`."""
-    return loops_of(estimate, element).quantities
-
-
 def loops_of(estimate: Estimate, element: ControlledElement) -> Loops:
     """The loops that an estimate makes with a controlled element, with errors.
 

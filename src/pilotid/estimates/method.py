@@ -8,6 +8,7 @@ import re
 import time
 import traceback
 from dataclasses import replace
+from importlib import import_module
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -109,6 +110,15 @@ def follows(method: Method) -> bool:
     return bool(getattr(method, "follows", False))
 
 
+def import_libraries(method: Method) -> None:
+    """Import what a fit uses, so that its time has none of it: some take longer than the fit.
+
+    A method's class may name what it imports where it is used, as ``libraries = ("pysindy",)``.
+    """
+    for library in ("scipy.special", *getattr(method, "libraries", ())):
+        import_module(library)
+
+
 def identify(
     method: Method, recording: Recording, model: PilotModel, rng: np.random.Generator
 ) -> Estimate:
@@ -117,14 +127,13 @@ def identify(
     Whatever the method does, the answer is an estimate: what it raises, and what it returns
     that makes no sense, are outcomes.  Only an interruption by the user passes through.
     """
-    import scipy.special  # noqa: F401, before the fit is timed
-
     name, begin = method.name, None
     try:
         objection = motionless_input(recording, model) or method.objection(recording, model)
         if objection:
             why = one_line(str(objection))
             return failed(name, model, Outcome.NOT_APPLICABLE, why)
+        import_libraries(method)
         begin = time.perf_counter()
         estimate = method.fit(recording, model, rng)
         fault = fault_of(estimate, model)

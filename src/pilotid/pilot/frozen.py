@@ -22,25 +22,6 @@ def frozen(model: PilotModel) -> PilotModel:
     return replace(plain, overrides=kept)
 
 
-def frozen_values(model: PilotModel, values: FloatArray, time: float) -> FloatArray:
-    """Parameters of the frozen model at a time from the start of the window [s].
-
-    Parameters
-    ----------
-    model
-        The model that changes.
-    values
-        Its parameters, shape (..., parameters).
-    time
-        The time.
-
-    Returns
-    -------
-    Array of shape (..., parameters of the frozen model).
-    """
-    return np.asarray(frozen_over(model, values, np.array([time]))[..., 0])
-
-
 def frozen_over(model: PilotModel, values: FloatArray, time: FloatArray) -> FloatArray:
     """Parameters of the frozen model at several times from the start of the window [s].
 

@@ -93,10 +93,6 @@ class Channel:
         return next((f for f in self.factors if isinstance(f, Changing)), None)
 
 
-#: Response of a channel without its differentiators and without its sign, and
-#: its log-derivatives by parameter index.
-ChannelTerms = tuple[ComplexArray, list[tuple[int, Response]]]
-
 #: A factor and the indices of its parameters.
 Placed = tuple[Factor, tuple[int, ...]]
 
@@ -258,7 +254,7 @@ class PilotModel:
     def evaluated(
         self, s: ComplexArray, values: FloatArray, delayed: Delayed | None = None
     ) -> list[Evaluated]:
-        """Responses and log-derivatives of `moving`, of shapes that broadcast to those of `terms`.
+        """Responses and log-derivatives of `moving`, of shapes that broadcast to (sets, n).
 
         Parameters
         ----------
@@ -373,30 +369,6 @@ class PilotModel:
             for factor, indices in layout:
                 response = response * factor.response(s, [values[i, None] for i in indices])
             result.append(response)
-        return result
-
-    def terms(self, s: ComplexArray, values: FloatArray) -> list[ChannelTerms]:
-        """Responses, as `responses` has them, and their log-derivatives.
-
-        Parameters
-        ----------
-        s
-            Laplace variable [rad/s], shape (n,).
-        values
-            Parameters in model order, shape (parameters,), or (sets, parameters) for
-            several parameter sets at once; what comes back then broadcasts to (sets, n).
-        """
-        found = self.evaluated(s, values)
-        result: list[ChannelTerms] = []
-        for places, fixed in zip(self.places, self.fixed_responses(s), strict=True):
-            own = (found[place][0] for place in places)
-            response = reduce(np.multiply, own, np.ones_like(s) * fixed)
-            slopes = [
-                term
-                for place in places
-                for term in zip(self.moving[place][1], found[place][1], strict=True)
-            ]
-            result.append((np.asarray(response, dtype=complex), slopes))
         return result
 
     def response(self, omega: FloatArray, values: FloatArray) -> ComplexArray:

@@ -40,18 +40,6 @@ def autocorrelation_times(chains: FloatArray) -> FloatArray:
     return times
 
 
-def effective_sizes(chains: FloatArray) -> FloatArray:
-    """Number of independent draws as good as these, shape (parameters,).
-
-    Parameters
-    ----------
-    chains
-        Shape (ensembles, steps, walkers, parameters).
-    """
-    ensembles, steps, walkers, _ = chains.shape
-    return np.asarray(ensembles * steps * walkers / autocorrelation_times(chains))
-
-
 def r_hat(chains: FloatArray) -> FloatArray:
     """Rank-normalised split R-hat across ensembles, shape (parameters,).
 

@@ -537,11 +537,6 @@ class Comparison:
         ----------
         summary
             A row for each scenario, method and parameter in place of one for each fit.
-
-        Raises
-        ------
-        ImportError
-            Without pandas, which ``pip install 'pilotid[tables]'`` brings.
         """
         from pandas import DataFrame
 

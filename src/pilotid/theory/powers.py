@@ -70,47 +70,6 @@ class LineInformation:
         seen = np.einsum("pq,jqa->jpa", self.covariance(powers), self.factors)
         return np.asarray(-self.runs * np.einsum("jpa,jqa->jpq", seen, seen))
 
-    def scaled_to_control(
-        self, powers: FloatArray, control: FloatArray, forced: float
-    ) -> FloatArray:
-        """Bound where the remnant's power is a share of the control's.
-
-        The remnant grows with the forced control, and what it circulates tells as much as
-        before: only ratios of powers count.
-
-        Parameters
-        ----------
-        powers
-            Powers of the lines, shape (lines,).
-        control
-            Variance of the control that unit power of each line forces, shape (lines,).
-        forced
-            Variance of the control that was forced when the remnant had the power that
-            `factors` were computed with.
-        """
-        return self.covariance(forced / float(control @ powers) * powers)
-
-    def slopes_scaled_to_control(
-        self, powers: FloatArray, control: FloatArray, forced: float
-    ) -> FloatArray:
-        """Derivatives of `scaled_to_control` by each line's power.
-
-        Parameters
-        ----------
-        powers, control, forced
-            As for `scaled_to_control`.
-
-        Returns
-        -------
-        FloatArray
-            Shape (lines, parameters, parameters).
-        """
-        total = float(control @ powers)
-        slopes = self.slopes(forced / total * powers)
-        # More power of any line makes the remnant louder, to the loss of all lines.
-        lost = np.einsum("j,jpq->pq", powers, slopes)
-        return np.asarray(forced / total * (slopes - np.multiply.outer(control / total, lost)))
-
 
 def line_information(
     experiment: Experiment,

@@ -502,34 +502,5 @@ def weighted(
     return replace(prediction, weighting=weighting)
 
 
-def predict_circular(recording: Recording, model: PilotModel) -> Prediction:
-    """The exact prediction of a recording that is one whole period, without remnant.
-
-    Such a recording has no edges: its transform is the steady state itself.  The model must not
-    vary in time.
-    """
-    length = recording.samples
-    s = _laplace(length, recording.dt)
-    return Prediction(
-        model=model,
-        dt=recording.dt,
-        s=s,
-        spectra=tuple(
-            channel.sign
-            * np.fft.rfft(recording.window(recording.input(channel.input)))
-            * s**channel.derivative
-            for channel in model.channels
-        ),
-        control_spectrum=np.fft.rfft(recording.window(recording.u)),
-        length=length,
-        first=0,
-        scored=length,
-        terms=(),
-        fine=(None,) * len(model.channels),
-        penalty=None,
-        weighting=None,
-    )
-
-
 def _laplace(length: int, dt: float) -> ComplexArray:
     return np.asarray(2j * np.pi * np.fft.rfftfreq(length, dt), dtype=complex)

@@ -82,9 +82,9 @@ def prediction_errors(recording: Recording, estimate: Estimate) -> Whitened:
     prepared = prepare(recording, estimate.model, rate)
     scored = np.round(prepared.time[prepared.first :] / recording.dt).astype(int) + recording.run_in
     inputs = {}
-    for name in dict.fromkeys(channel.input for channel in estimate.model.channels):
-        own = _low_passed(recording.input(name), band)[:, scored]
-        inputs[INPUTS[name]] = own - own.mean(axis=1, keepdims=True)
+    for key in dict.fromkeys(channel.input for channel in estimate.model.channels):
+        own = _low_passed(recording.input(key), band)[:, scored]
+        inputs[INPUTS[key]] = own - own.mean(axis=1, keepdims=True)
     return Whitened(band.dt, errors, inputs, name, remnant is not None)
 
 
