@@ -7,8 +7,9 @@ Fourier coefficients.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 from typing import Protocol
 
 import numpy as np
@@ -17,6 +18,7 @@ from pilotid.types import ComplexArray, FloatArray
 
 Response = Callable[[FloatArray], ComplexArray]
 PERIOD = 81.92  # measurement window of AIAA 2008-7109 [s]
+AT_ONCE = 256  # lines whose samples are held in memory together
 
 
 class Forcing(Protocol):
@@ -84,11 +86,23 @@ class Multisine:
         """What systems with these responses answer, see `Forcing.through`."""
         omega = self.omega
         phasors = np.array(self.amplitudes) * np.exp(1j * np.array(self.phases)) * response(omega)
-        return np.imag(phasors @ np.exp(1j * np.outer(omega, time)))
+        parts = [
+            np.imag(phasors[..., i : i + AT_ONCE] @ np.exp(1j * np.outer(own, time)))
+            for i in range(0, omega.size, AT_ONCE)
+            for own in (omega[i : i + AT_ONCE],)
+        ]
+        return np.asarray(sum(parts[1:], parts[0]))
 
     def scaled(self, gain: float) -> Multisine:
         """The same signal times a gain."""
         return replace(self, amplitudes=tuple(gain * a for a in self.amplitudes))
+
+    def at_lines(self, lines: Iterable[int]) -> Multisine:
+        """The part of the signal at some lines."""
+        among = set(lines)
+        kept = [line in among for line in self.lines]
+        each = (tuple(compress(v, kept)) for v in (self.lines, self.amplitudes, self.phases))
+        return Multisine(*each, self.period)
 
     def with_random_phases(self, rng: np.random.Generator) -> Multisine:
         """The same spectrum with phases drawn uniformly."""
