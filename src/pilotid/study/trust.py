@@ -1,0 +1,277 @@
+"""How far a fit of one recording can be trusted: methods on simulations of this very recording.
+
+The fit is taken for the truth, recordings like this one are simulated, and each method fits them: a
+parametric bootstrap.  What it tells holds as far as the pilot is linear and the model right.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from pilotid.datasets import Scenario
+from pilotid.estimates.estimate import Estimate
+from pilotid.estimates.method import Method, identify
+from pilotid.methods import label_of, method_named, methods
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import Recording
+from pilotid.seeds import DEFAULT_SEED, fit_rng
+from pilotid.study.comparison import Cell, Comparison
+from pilotid.study.judge import judge
+from pilotid.study.scores import Mean
+from pilotid.study.study import Study
+from pilotid.types import FloatArray, InputError
+
+REPLICATIONS = 40
+USUAL = "mle"  # fits the recording where nothing else is named, and makes the simulated pilot
+COVERED = 0.95
+#: What no simulation of a fit can tell.
+UNKNOWN = (
+    "This cannot know whether the pilot is linear and constant, and whether model and controlled "
+    "element are right: what is wrong with them is wrong in the simulations too."
+)
+
+
+def length_factor(value: FloatArray, lower: FloatArray, upper: FloatArray, truth: float) -> float:
+    """What lengths of 95 % intervals are to be multiplied by, so that 95 % hold the truth.
+
+    Each interval needs a factor, by which it just reaches the truth when both sides are stretched
+    from the value; of n the ceil(.95 (n + 1))-th smallest will do for 95 % of others.
+
+    Parameters
+    ----------
+    value, lower, upper
+        Values and ends of the intervals, shape (fits,).
+    truth
+        The true value.
+
+    Returns
+    -------
+    float
+        NaN with fewer than 19 intervals.
+    """
+    side = np.where(truth > value, upper - value, value - lower)
+    known = np.isfinite(value) & ~np.isnan(side)
+    missed, side = np.abs(truth - value)[known], side[known]
+    place = math.ceil(COVERED * (missed.size + 1) - 1e-9)
+    if place > missed.size:
+        return math.nan
+    with np.errstate(divide="ignore", invalid="ignore"):
+        needed = np.where(missed == 0.0, 0.0, missed / np.maximum(side, 0.0))
+    return float(np.sort(needed)[place - 1])
+
+
+@dataclass(frozen=True)
+class Trusted:
+    """What simulations say of one parameter of a fit.
+
+    Attributes
+    ----------
+    parameter, unit, value
+        Key, unit, and value in the recording.
+    interval, corrected
+        The claimed 95 % interval, and the one whose length is multiplied by `factor`.
+    bias, bias_claimed
+        Mean error on simulations, in the parameter's unit and in claimed standard errors.
+    coverage, coverage_interval
+        Share of the 95 % intervals that hold the truth on simulations, with its 95 % interval.
+    factor
+        See `length_factor`.
+    """
+
+    parameter: str
+    unit: str
+    value: float
+    interval: tuple[float, float]
+    corrected: tuple[float, float]
+    bias: Mean
+    bias_claimed: Mean
+    coverage: float
+    coverage_interval: tuple[float, float]
+    factor: float
+
+    @property
+    def is_off(self) -> bool:
+        """Whether the coverage is not 95 %, beyond its Monte Carlo error."""
+        low, high = self.coverage_interval
+        return low > COVERED or high < COVERED
+
+    def sentence(self, method: str) -> str:
+        """What to do about an interval whose coverage is off."""
+        low, high = (100.0 * end for end in self.coverage_interval)
+        words = (
+            f"{method}'s interval of {self.parameter} covers {100.0 * self.coverage:.0f} % here "
+            f"({low:.0f} to {high:.0f} %)"
+        )
+        if not math.isfinite(self.factor):
+            return f"{words}, and no length mends it."
+        return f"{words}: multiply its length by {self.factor:.2g}."
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain objects, as `trust.json` has them."""
+        return {
+            "value": self.value,
+            "unit": self.unit,
+            "interval_95": list(self.interval),
+            "corrected_95": list(self.corrected),
+            "length_factor": self.factor,
+            "bias": self.bias.value,
+            "bias_error": self.bias.error,
+            "bias_in_claimed_errors": self.bias_claimed.value,
+            "bias_in_claimed_errors_error": self.bias_claimed.error,
+            "coverage": self.coverage,
+            "coverage_95": list(self.coverage_interval),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Trust:
+    """Methods compared on simulations of one recording.
+
+    Attributes
+    ----------
+    recording
+        Where the recording came from.
+    estimate, label
+        The fit of the recording, and the label of its method.
+    scenario
+        What was simulated.
+    comparison
+        All fits of the simulations.
+    """
+
+    recording: str
+    estimate: Estimate
+    label: str
+    scenario: Scenario
+    comparison: Comparison
+
+    @property
+    def cells(self) -> list[Cell]:
+        """What each method did on the simulations."""
+        return self.comparison.of(self.scenario.name)
+
+    @cached_property
+    def parameters(self) -> tuple[Trusted, ...]:
+        """What the simulations say of each parameter of the fit."""
+        cell = self.comparison.at(self.scenario.name, self.label)
+        if cell is None:
+            return ()
+        known, (lower, upper), good = cell.numbers, cell.intervals, cell.counted
+        found = []
+        for quantity, score in zip(self.estimate.parameters, cell.scores[1:], strict=True):
+            i = cell.keys.index(quantity.key)
+            factor = length_factor(
+                known.value[good, i], lower[good, i], upper[good, i], score.truth
+            )
+            low = quantity.value - factor * (quantity.value - quantity.lower)
+            if self.estimate.model.positive[i]:
+                low = max(low, 0.0)
+            high = quantity.value + factor * (quantity.upper - quantity.value)
+            found.append(
+                Trusted(
+                    quantity.key,
+                    quantity.unit,
+                    quantity.value,
+                    (quantity.lower, quantity.upper),
+                    (low, high),
+                    score.bias,
+                    score.z,
+                    score.coverage.value,
+                    score.coverage_interval,
+                    factor,
+                )
+            )
+        return tuple(found)
+
+    @property
+    def sentences(self) -> list[str]:
+        """A sentence for each parameter whose coverage is off beyond its error."""
+        return [p.sentence(self.label) for p in self.parameters if p.is_off]
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain objects, as `trust.json` has them, but for the scenario."""
+        return {
+            "recording": self.recording,
+            "model": self.estimate.model.name,
+            "method": self.label,
+            "replications": self.comparison.replications([self.scenario.name]),
+            "parameters": {p.parameter: p.to_dict() for p in self.parameters},
+            "methods": {
+                cell.method: {
+                    "loss": cell.overall.loss.value,
+                    "loss_95": [cell.overall.loss.lower, cell.overall.loss.upper],
+                    "coverage": cell.overall.coverage.value,
+                    "verdict": judge(cell.scores).words,
+                }
+                for cell in self.cells
+            },
+            "sentences": self.sentences,
+            "unknown": UNKNOWN,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A fit that is to be tried on simulations of its recording.
+
+    Attributes
+    ----------
+    recording, estimate, label
+        As of `Trust`.
+    scenario, study
+        What is to be simulated, and all that is to be fitted.
+    """
+
+    recording: Recording
+    estimate: Estimate
+    label: str
+    scenario: Scenario
+    study: Study
+
+    def trust(self, comparison: Comparison) -> Trust:
+        """What the fits of the simulations say."""
+        return Trust(self.recording.source, self.estimate, self.label, self.scenario, comparison)
+
+
+def trial_of(
+    recording: Recording,
+    model: PilotModel,
+    tried: Iterable[Method | str] = (),
+    replications: int = REPLICATIONS,
+    seed: int = DEFAULT_SEED,
+) -> Trial:
+    """Fit a recording, and make the study of what its fit is worth.
+
+    Parameters
+    ----------
+    recording, model
+        The recording, and the model to fit.
+    tried
+        Methods; the first is the one whose fit is judged. None for all, and the usual one.
+    replications
+        Simulations.
+    seed
+        Seed of all random numbers.
+
+    Raises
+    ------
+    InputError
+        If the fit failed, or `Scenario.from_fit` refuses it.
+    """
+    named = [method_named(m) if isinstance(m, str) else m for m in tried]
+    first = named[0] if named else method_named(USUAL)
+    label = label_of(first)
+    estimate = identify(first, recording, model, fit_rng(seed, label))
+    if not estimate.outcome.usable:
+        raise InputError(f"{recording.source}: {label}: {estimate.sentence}; nothing to simulate")
+    source = estimate
+    if estimate.remnant is None:
+        source = identify(method_named(USUAL), recording, model, fit_rng(seed, USUAL))
+    scenario = Scenario.from_fit(source, recording)
+    study = Study([scenario], named or list(methods()), replications, seed, sparing=not named)
+    return Trial(recording, estimate, label, scenario, study)
