@@ -57,8 +57,9 @@ def recorded_forcing(recording: Recording, name: str) -> tuple[Multisine | None,
     except NotMultisineError:
         lines = None
     if lines is not None:
-        sines = _sines(mean[recording.run_in :], recording.dt, 0.0).at_lines(lines)
-        if _rms(sines.at(recording.time) + mean.mean() - mean) <= SAME * _rms(mean):
+        window = mean[recording.run_in :]
+        sines = _sines(window, recording.dt, 0.0).at_lines(lines)
+        if _rms(sines.at(recording.time) + window.mean() - mean) <= SAME * _rms(mean):
             return sines, alternating
     turn = np.linspace(0.0, math.pi, round(RETURN / recording.dt), endpoint=False)[1:]
     back = mean[-1] + (mean[0] - mean[-1]) * 0.5 * (1.0 - np.cos(turn))

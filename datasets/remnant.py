@@ -128,10 +128,14 @@ class Remnant:
 
 @dataclass(frozen=True)
 class TabulatedRemnant(Remnant):
-    """A remnant at the control of any spectrum; the attributes of `Remnant` say nothing of it.
+    """A remnant at the control of any spectrum.
 
     Attributes
     ----------
+    order, frequency, damping, level, level_is, enters, shape, second, slope
+        Those of `Remnant` say nothing of it.
+    freedom
+        As of `Remnant`.
     omega
         Frequencies [rad/s], ascending.
     density

@@ -186,8 +186,8 @@ def trust(
 
     chosen = which_model(recording, seed=seed).model if model is None else model
     named = model_named(chosen) if isinstance(chosen, str) else chosen
-    trial = trial_of(recording, named, methods, replications, seed)
-    return trial.trust(trial.study.run_in(Path(out), workers))
+    trial = trial_of(recording, named, methods, seed)
+    return trial.trust(trial.study(replications, seed).run_in(Path(out), workers))
 
 
 def design(

@@ -17,6 +17,7 @@ from pilotid.pilot.element import element_named
 from pilotid.recordings.files import Reading
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.terminal import make_console, print_table
+from pilotid.types import InputError
 
 if TYPE_CHECKING:
     from pilotid.datasets import Scenario
@@ -41,8 +42,8 @@ def scenario_like(path: Path, seed: int) -> Scenario:
 
     if path.suffix.lower() == ".json":
         return designed_scenario(path)
-    recording = Reading().all([path])[0][0]
-    return trial_of(recording, _model(recording, AUTO, seed), ["mle"], 1, seed).scenario
+    recording = Reading().all([path], joint=False)[0][0]
+    return trial_of(recording, _model(recording, AUTO, seed), ["mle"], seed).scenario
 
 
 def _model(recording: Recording, name: str, seed: int) -> PilotModel:
@@ -78,7 +79,7 @@ def trust(
     The first method that is named is the one whose fit is judged, else mle.
     """
     from pilotid.cli.progress import with_progress
-    from pilotid.datasets.designed import model_place, scenario_json
+    from pilotid.datasets.designed import designed_scenario, model_place, scenario_json
     from pilotid.disk import make_folder
     from pilotid.methods import methods
     from pilotid.report.content import plain, terminal_table
@@ -93,13 +94,20 @@ def trust(
     if element is not None:
         recording = replace(recording, controlled_element=element_named(element).name)
     chosen = _model(recording, model, seed)
-    trial = trial_of(recording, chosen, names_of(method, [], list(methods())), replications, seed)
-    scenario = scenario_json(trial.scenario, model_place(model))
+    trial = trial_of(recording, chosen, names_of(method, [], list(methods())), seed)
+    scenario = {"seed": seed, "scenario": scenario_json(trial.scenario, model_place(model))}
     make_folder(out)
+    if (out / TRUST).exists() and designed_scenario(out / TRUST) != trial.scenario:
+        raise InputError(
+            f"{out / TRUST}: is of another recording, model or method; name another folder "
+            "with --out"
+        )
+    write_file(out / TRUST, strict_json(scenario).encode())
+    planned = trial.study(replications, seed, str(out / TRUST))
     with Store(out, create=True) as store:
         try:
-            pending = trial.study.enter(store)
-            for _ in with_progress(trial.study.run(store, pending, workers), pending.counts):
+            pending = planned.enter(store)
+            for _ in with_progress(planned.run(store, pending, workers), pending.counts):
                 pass
         except KeyboardInterrupt:
             raise StoppedError(
@@ -109,8 +117,7 @@ def trust(
         found = trial.trust(study)
         study.write_tables(out)
         page = write_report(out, store, study, first=[trust_section(found)])
-    text = strict_json({**found.to_dict(), "seed": seed, "scenario": scenario})
-    write_file(out / TRUST, text.encode())
+    write_file(out / TRUST, strict_json({**found.to_dict(), **scenario}).encode())
     console = make_console()
     words, tables = overview(study)
     for table in (*tables, trust_table(found)):

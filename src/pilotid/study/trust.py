@@ -107,7 +107,9 @@ class Trusted:
             f"{method}'s interval of {self.parameter} covers {100.0 * self.coverage:.0f} % here "
             f"({low:.0f} to {high:.0f} %)"
         )
-        if not math.isfinite(self.factor):
+        if math.isnan(self.factor):
+            return f"{words}; more simulations tell what its length should be."
+        if math.isinf(self.factor):
             return f"{words}, and no length mends it."
         return f"{words}: multiply its length by {self.factor:.2g}."
 
@@ -221,57 +223,70 @@ class Trial:
 
     Attributes
     ----------
-    recording, estimate, label
+    recording, estimate, label, scenario
         As of `Trust`.
-    scenario, study
-        What is to be simulated, and all that is to be fitted.
+    methods
+        Those that the user named; none for all that apply.
     """
 
-    recording: Recording
+    recording: str
     estimate: Estimate
     label: str
     scenario: Scenario
-    study: Study
+    methods: tuple[Method, ...]
+
+    def study(self, replications: int, seed: int = DEFAULT_SEED, place: str = "") -> Study:
+        """The study whose fits tell what this one is worth.
+
+        Parameters
+        ----------
+        replications, seed
+            Simulations, and the seed of all random numbers.
+        place
+            The file that holds the scenario, if there is one.
+        """
+        tried = self.methods or list(methods().values())
+        sparing = not self.methods
+        return Study([place or self.scenario], tried, replications, seed, sparing=sparing)
 
     def trust(self, comparison: Comparison) -> Trust:
         """What the fits of the simulations say."""
-        return Trust(self.recording.source, self.estimate, self.label, self.scenario, comparison)
+        return Trust(self.recording, self.estimate, self.label, self.scenario, comparison)
 
 
 def trial_of(
     recording: Recording,
     model: PilotModel,
     tried: Iterable[Method | str] = (),
-    replications: int = REPLICATIONS,
     seed: int = DEFAULT_SEED,
 ) -> Trial:
-    """Fit a recording, and make the study of what its fit is worth.
+    """Fit a recording, and make the scenario of the fit.
+
+    The simulated pilot is that of the method whose fit is judged, or of ``mle`` if that method
+    has no estimate of the remnant.
 
     Parameters
     ----------
     recording, model
         The recording, and the model to fit.
     tried
-        Methods; the first is the one whose fit is judged. None for all, and the usual one.
-    replications
-        Simulations.
+        Methods; the fit by the first is judged. None for all, and ``mle``.
     seed
-        Seed of all random numbers.
+        Seed of the fit.
 
     Raises
     ------
     InputError
         If the fit failed, or `Scenario.from_fit` refuses it.
     """
-    named = [method_named(m) if isinstance(m, str) else m for m in tried]
+    named = tuple(method_named(m) if isinstance(m, str) else m for m in tried)
     first = named[0] if named else method_named(USUAL)
     label = label_of(first)
     estimate = identify(first, recording, model, fit_rng(seed, label))
     if not estimate.outcome.usable:
         raise InputError(f"{recording.source}: {label}: {estimate.sentence}; nothing to simulate")
-    source = estimate
+    simulated = estimate
     if estimate.remnant is None:
-        source = identify(method_named(USUAL), recording, model, fit_rng(seed, USUAL))
-    scenario = Scenario.from_fit(source, recording)
-    study = Study([scenario], named or list(methods()), replications, seed, sparing=not named)
-    return Trial(recording, estimate, label, scenario, study)
+        simulated = identify(method_named(USUAL), recording, model, fit_rng(seed, USUAL))
+    scenario = Scenario.from_fit(simulated, recording)
+    return Trial(recording.source, estimate, label, scenario, named)
