@@ -7,9 +7,8 @@ Fourier coefficients.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import compress
 from typing import Protocol
 
 import numpy as np
@@ -96,13 +95,6 @@ class Multisine:
     def scaled(self, gain: float) -> Multisine:
         """The same signal times a gain."""
         return replace(self, amplitudes=tuple(gain * a for a in self.amplitudes))
-
-    def at_lines(self, lines: Iterable[int]) -> Multisine:
-        """The part of the signal at some lines."""
-        among = set(lines)
-        kept = [line in among for line in self.lines]
-        each = (tuple(compress(v, kept)) for v in (self.lines, self.amplitudes, self.phases))
-        return Multisine(*each, self.period)
 
     def with_random_phases(self, rng: np.random.Generator) -> Multisine:
         """The same spectrum with phases drawn uniformly."""

@@ -14,7 +14,7 @@ from pilotid.estimates.remnant import RemnantEstimate
 from pilotid.recordings.floors import floors_of
 from pilotid.recordings.lines import NotMultisineError, forcing_lines
 from pilotid.recordings.recording import Recording
-from pilotid.types import FloatArray, InputError
+from pilotid.types import FloatArray, InputError, IntArray
 
 SAME = 0.02  # rms of the difference of two signals, over their own, up to which they are the same
 RETURN = 5.0  # seconds in which a signal without whole periods returns to where it began
@@ -58,7 +58,7 @@ def recorded_forcing(recording: Recording, name: str) -> tuple[Multisine | None,
         lines = None
     if lines is not None:
         window = mean[recording.run_in :]
-        sines = _sines(window, recording.dt, 0.0).at_lines(lines)
+        sines = _sines(window, recording.dt, 0.0, lines)
         if _rms(sines.at(recording.time) + window.mean() - mean) <= SAME * _rms(mean):
             return sines, alternating
     turn = np.linspace(0.0, math.pi, round(RETURN / recording.dt), endpoint=False)[1:]
@@ -66,19 +66,14 @@ def recorded_forcing(recording: Recording, name: str) -> tuple[Multisine | None,
     return _sines(np.append(mean, back), recording.dt, float(recording.time[0])), alternating
 
 
-def _sines(signal: FloatArray, dt: float, begin: float) -> Multisine:
-    """A sampled period that begins at a time [s], without its mean."""
+def _sines(signal: FloatArray, dt: float, begin: float, lines: IntArray | None = None) -> Multisine:
+    """A sampled period that begins at a time [s], without its mean: at lines, or all that count."""
     phasors = 2j * np.fft.rfft(signal)[1 : (signal.size + 1) // 2] / signal.size
-    lines = np.arange(1, phasors.size + 1)
-    phasors *= np.exp(-2j * math.pi * lines * begin / (signal.size * dt))
-    size, phase = np.abs(phasors), np.angle(phasors)
-    kept = size >= SMALLEST * size.max()
-    return Multisine(
-        tuple(lines[kept].tolist()),
-        tuple(size[kept].tolist()),
-        tuple(phase[kept].tolist()),
-        signal.size * dt,
-    )
+    if lines is None:
+        lines = 1 + np.flatnonzero(np.abs(phasors) >= SMALLEST * np.abs(phasors).max())
+    kept = phasors[lines - 1] * np.exp(-2j * math.pi * lines * begin / (signal.size * dt))
+    size, phase = np.abs(kept).tolist(), np.angle(kept).tolist()
+    return Multisine(tuple(lines.tolist()), tuple(size), tuple(phase), signal.size * dt)
 
 
 def recorded_remnant(
