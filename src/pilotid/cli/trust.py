@@ -87,7 +87,7 @@ def trust(
     from pilotid.report.trust import advice, trust_section, trust_table
     from pilotid.study.comparison import comparison_of
     from pilotid.study.store import Store
-    from pilotid.study.trust import UNKNOWN, trial_of
+    from pilotid.study.trust import UNKNOWN, Trust, trial_of
 
     recordings, _ = Reading(tuple(mapping or ()), dt, detrend).all(files, joint=len(files) > 1)
     recording = recordings[0]
@@ -114,7 +114,7 @@ def trust(
                 f"stopped; {store.path} keeps what is done, and the same command goes on from there"
             ) from None
         study = comparison_of(store)
-        found = trial.trust(study)
+        found = Trust(trial, study)
         study.write_tables(out)
         page = write_report(out, store, study, first=[trust_section(found)])
     write_file(out / TRUST, strict_json({**found.to_dict(), **scenario}).encode())

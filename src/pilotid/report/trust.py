@@ -20,7 +20,7 @@ def trust_table(trust: Trust) -> Table:
         Column("coverage %", hint="of the claimed intervals, with its 95 % interval"),
     ]
     return Table(
-        f"`{trust.label}` on pilots like this one, {trust.recording}",
+        f"`{trust.trial.label}` on pilots like this one, {trust.trial.recording}",
         columns,
         entries(_row(p) for p in trust.parameters),
     )
@@ -33,21 +33,19 @@ def _row(p: Trusted) -> list[str]:
     return [
         f"{p.parameter} {p.unit}".strip(),
         number(p.value),
-        between(p.interval),
-        between(p.corrected) if p.factor == p.factor else NONE,
+        between(p.interval_95),
+        between(p.corrected_95) if p.factor == p.factor else NONE,
         number(p.factor, 2),
         plus_minus(*p.bias),
         plus_minus(*p.bias_claimed),
-        share(p.coverage, p.coverage_interval),
+        share(p.coverage, p.coverage_95),
     ]
 
 
 def advice(trust: Trust) -> list[str]:
     """What to do about the intervals of the fit, in sentences."""
-    return trust.sentences or [
-        f"No interval of {trust.label} covers more or less than 95 % of these simulations, beyond "
-        "Monte Carlo error."
-    ]
+    sound = f"The intervals of {trust.trial.label} cover 95 % here, within Monte Carlo error."
+    return trust.sentences or [sound]
 
 
 def trust_section(trust: Trust) -> Section:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 
 import numpy as np
@@ -73,11 +73,12 @@ class Trusted:
     ----------
     parameter, unit, value
         Key, unit, and value in the recording.
-    interval, corrected
-        The claimed 95 % interval, and the one whose length is multiplied by `factor`.
+    interval_95, corrected_95
+        The claimed interval, and the one whose length is multiplied by `factor`.
     bias, bias_claimed
-        Mean error on simulations, in the parameter's unit and in claimed standard errors.
-    coverage, coverage_interval
+        Mean error on simulations, in the parameter's unit and in claimed standard errors, each
+        with its Monte Carlo error.
+    coverage, coverage_95
         Share of the 95 % intervals that hold the truth on simulations, with its 95 % interval.
     factor
         See `length_factor`.
@@ -86,23 +87,23 @@ class Trusted:
     parameter: str
     unit: str
     value: float
-    interval: tuple[float, float]
-    corrected: tuple[float, float]
+    interval_95: tuple[float, float]
+    corrected_95: tuple[float, float]
     bias: Mean
     bias_claimed: Mean
     coverage: float
-    coverage_interval: tuple[float, float]
+    coverage_95: tuple[float, float]
     factor: float
 
     @property
     def is_off(self) -> bool:
         """Whether the coverage is not 95 %, beyond its Monte Carlo error."""
-        low, high = self.coverage_interval
+        low, high = self.coverage_95
         return low > COVERED or high < COVERED
 
     def sentence(self, method: str) -> str:
         """What to do about an interval whose coverage is off."""
-        low, high = (100.0 * end for end in self.coverage_interval)
+        low, high = (100.0 * end for end in self.coverage_95)
         words = (
             f"{method}'s interval of {self.parameter} covers {100.0 * self.coverage:.0f} % here "
             f"({low:.0f} to {high:.0f} %)"
@@ -113,26 +114,10 @@ class Trusted:
             return f"{words}, and no length mends it."
         return f"{words}: multiply its length by {self.factor:.2g}."
 
-    def to_dict(self) -> dict[str, object]:
-        """Plain objects, as `trust.json` has them."""
-        return {
-            "value": self.value,
-            "unit": self.unit,
-            "interval_95": list(self.interval),
-            "corrected_95": list(self.corrected),
-            "length_factor": self.factor,
-            "bias": self.bias.value,
-            "bias_error": self.bias.error,
-            "bias_in_claimed_errors": self.bias_claimed.value,
-            "bias_in_claimed_errors_error": self.bias_claimed.error,
-            "coverage": self.coverage,
-            "coverage_95": list(self.coverage_interval),
-        }
-
 
 @dataclass(frozen=True, eq=False)
-class Trust:
-    """Methods compared on simulations of one recording.
+class Trial:
+    """A fit that is to be tried on simulations of its recording.
 
     Attributes
     ----------
@@ -141,90 +126,7 @@ class Trust:
     estimate, label
         The fit of the recording, and the label of its method.
     scenario
-        What was simulated.
-    comparison
-        All fits of the simulations.
-    """
-
-    recording: str
-    estimate: Estimate
-    label: str
-    scenario: Scenario
-    comparison: Comparison
-
-    @property
-    def cells(self) -> list[Cell]:
-        """What each method did on the simulations."""
-        return self.comparison.of(self.scenario.name)
-
-    @cached_property
-    def parameters(self) -> tuple[Trusted, ...]:
-        """What the simulations say of each parameter of the fit."""
-        cell = self.comparison.at(self.scenario.name, self.label)
-        if cell is None:
-            return ()
-        known, (lower, upper), good = cell.numbers, cell.intervals, cell.counted
-        found = []
-        for quantity, score in zip(self.estimate.parameters, cell.scores[1:], strict=True):
-            i = cell.keys.index(quantity.key)
-            factor = length_factor(
-                known.value[good, i], lower[good, i], upper[good, i], score.truth
-            )
-            low = quantity.value - factor * (quantity.value - quantity.lower)
-            if self.estimate.model.positive[i]:
-                low = max(low, 0.0)
-            high = quantity.value + factor * (quantity.upper - quantity.value)
-            found.append(
-                Trusted(
-                    quantity.key,
-                    quantity.unit,
-                    quantity.value,
-                    (quantity.lower, quantity.upper),
-                    (low, high),
-                    score.bias,
-                    score.z,
-                    score.coverage.value,
-                    score.coverage_interval,
-                    factor,
-                )
-            )
-        return tuple(found)
-
-    @property
-    def sentences(self) -> list[str]:
-        """A sentence for each parameter whose coverage is off beyond its error."""
-        return [p.sentence(self.label) for p in self.parameters if p.is_off]
-
-    def to_dict(self) -> dict[str, object]:
-        """Plain objects, as `trust.json` has them, but for the scenario."""
-        return {
-            "recording": self.recording,
-            "model": self.estimate.model.name,
-            "method": self.label,
-            "replications": self.comparison.replications([self.scenario.name]),
-            "parameters": {p.parameter: p.to_dict() for p in self.parameters},
-            "methods": {
-                cell.method: {
-                    "loss": cell.overall.loss.value,
-                    "loss_95": [cell.overall.loss.lower, cell.overall.loss.upper],
-                    "coverage": cell.overall.coverage.value,
-                    "verdict": judge(cell.scores).words,
-                }
-                for cell in self.cells
-            },
-            "sentences": self.sentences,
-            "unknown": UNKNOWN,
-        }
-
-
-@dataclass(frozen=True, eq=False)
-class Trial:
-    """A fit that is to be tried on simulations of its recording.
-
-    Attributes
-    ----------
-    recording, estimate, label, scenario
-        As of `Trust`.
+        What is to be simulated.
     methods
         Those that the user named; none for all that apply.
     """
@@ -249,9 +151,85 @@ class Trial:
         sparing = not self.methods
         return Study([place or self.scenario], tried, replications, seed, sparing=sparing)
 
-    def trust(self, comparison: Comparison) -> Trust:
-        """What the fits of the simulations say."""
-        return Trust(self.recording, self.estimate, self.label, self.scenario, comparison)
+
+@dataclass(frozen=True, eq=False)
+class Trust:
+    """Methods compared on simulations of one recording.
+
+    Attributes
+    ----------
+    trial
+        The fit, and what was simulated.
+    comparison
+        All fits of the simulations.
+    """
+
+    trial: Trial
+    comparison: Comparison
+
+    @property
+    def cells(self) -> list[Cell]:
+        """What each method did on the simulations."""
+        return self.comparison.of(self.trial.scenario.name)
+
+    @cached_property
+    def parameters(self) -> tuple[Trusted, ...]:
+        """What the simulations say of each parameter of the fit."""
+        cell = self.comparison.at(self.trial.scenario.name, self.trial.label)
+        if cell is None:
+            return ()
+        known, (lower, upper), good = cell.numbers, cell.intervals, cell.counted
+        found = []
+        for quantity, score in zip(self.trial.estimate.parameters, cell.scores[1:], strict=True):
+            i = cell.keys.index(quantity.key)
+            factor = length_factor(
+                known.value[good, i], lower[good, i], upper[good, i], score.truth
+            )
+            low = quantity.value - factor * (quantity.value - quantity.lower)
+            if self.trial.estimate.model.positive[i]:
+                low = max(low, 0.0)
+            high = quantity.value + factor * (quantity.upper - quantity.value)
+            found.append(
+                Trusted(
+                    quantity.key,
+                    quantity.unit,
+                    quantity.value,
+                    (quantity.lower, quantity.upper),
+                    (low, high),
+                    score.bias,
+                    score.z,
+                    score.coverage.value,
+                    score.coverage_interval,
+                    factor,
+                )
+            )
+        return tuple(found)
+
+    @property
+    def sentences(self) -> list[str]:
+        """A sentence for each parameter whose coverage is off beyond its error."""
+        return [p.sentence(self.trial.label) for p in self.parameters if p.is_off]
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain objects, as `trust.json` has them, but for the scenario."""
+        return {
+            "recording": self.trial.recording,
+            "model": self.trial.estimate.model.name,
+            "method": self.trial.label,
+            "replications": self.comparison.replications([self.trial.scenario.name]),
+            "parameters": {p.parameter: asdict(p) for p in self.parameters},
+            "methods": {
+                cell.method: {
+                    "loss": cell.overall.loss.value,
+                    "loss_95": [cell.overall.loss.lower, cell.overall.loss.upper],
+                    "coverage": cell.overall.coverage.value,
+                    "verdict": judge(cell.scores).words,
+                }
+                for cell in self.cells
+            },
+            "sentences": self.sentences,
+            "unknown": UNKNOWN,
+        }
 
 
 def trial_of(
