@@ -1,4 +1,4 @@
-"""Scenarios as JSON: what `pilotid design` writes, and commands take for a scenario."""
+"""Scenarios as JSON: what `design` and `trust` write, and commands take for a scenario."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from pilotid.datasets.forcing import Forcing, Multisine
-from pilotid.datasets.remnant import Remnant
-from pilotid.datasets.scenarios import Scenario
+from pilotid.datasets.recorder import Recorder
+from pilotid.datasets.remnant import Remnant, TabulatedRemnant
+from pilotid.datasets.scenarios import DEGREES, Scenario
 from pilotid.disk import require_file
 from pilotid.naming.code import is_place, taken
 from pilotid.naming.settings import plain
@@ -75,7 +76,7 @@ def _model(text: str) -> PilotModel:
 
 
 def designed_scenario(path: Path) -> Scenario:
-    """The scenario in a design.json.
+    """The scenario in a design.json or a trust.json.
 
     Raises
     ------
@@ -89,11 +90,20 @@ def designed_scenario(path: Path) -> Scenario:
         element, remnant = _fields(held.pop("element")), _fields(held.pop("remnant"))
         element |= {k: tuple(element[k]) for k in ("numerator", "denominator")}
         target, disturbance = _sines(held.pop("target")), _sines(held.pop("disturbance"))
+        held["truth"] = tuple(float(v) for v in held["truth"])
+        held["units"] = tuple((str(k), str(v)) for k, v in held.get("units", DEGREES))
+        if held.get("recorder"):
+            recorder = _fields(held["recorder"])
+            held["recorder"] = Recorder(**{**recorder, "noise": tuple(recorder["noise"])})
+        kind = Remnant
+        if "density" in remnant:
+            kind = TabulatedRemnant
+            remnant |= {k: tuple(map(float, remnant[k])) for k in ("omega", "density")}
         return Scenario(
-            **{**held, "truth": tuple(float(v) for v in held["truth"])},
+            **held,
             model=model,
             element=ControlledElement(**element),
-            remnant=Remnant(**remnant),
+            remnant=kind(**remnant),
             target=target,
             disturbance=disturbance,
         )

@@ -17,6 +17,7 @@ from pilotid.types import ComplexArray, FloatArray
 
 Response = Callable[[FloatArray], ComplexArray]
 PERIOD = 81.92  # measurement window of AIAA 2008-7109 [s]
+AT_ONCE = 256  # lines whose samples are held in memory together
 
 
 class Forcing(Protocol):
@@ -84,7 +85,12 @@ class Multisine:
         """What systems with these responses answer, see `Forcing.through`."""
         omega = self.omega
         phasors = np.array(self.amplitudes) * np.exp(1j * np.array(self.phases)) * response(omega)
-        return np.imag(phasors @ np.exp(1j * np.outer(omega, time)))
+        parts = [
+            np.imag(phasors[..., i : i + AT_ONCE] @ np.exp(1j * np.outer(own, time)))
+            for i in range(0, omega.size, AT_ONCE)
+            for own in (omega[i : i + AT_ONCE],)
+        ]
+        return np.asarray(sum(parts[1:], parts[0]))
 
     def scaled(self, gain: float) -> Multisine:
         """The same signal times a gain."""

@@ -126,6 +126,37 @@ class Remnant:
         return np.asarray(scale * rng.standard_t(self.freedom, shape))
 
 
+@dataclass(frozen=True)
+class TabulatedRemnant(Remnant):
+    """A remnant at the control of any spectrum.
+
+    Attributes
+    ----------
+    order, frequency, damping, level, level_is, enters, shape, second, slope
+        Those of `Remnant` say nothing of it.
+    freedom
+        As of `Remnant`.
+    omega
+        Frequencies [rad/s], ascending.
+    density
+        One-sided power spectral density there [unit of u, squared, per rad/s]; between them it is
+        interpolated, below the first constant, and above the last zero.
+    """
+
+    omega: tuple[float, ...] = ()
+    density: tuple[float, ...] = ()
+
+    @property
+    def shaped_by(self) -> tuple[str, ...]:
+        """None."""
+        return ()
+
+    def filter(self, omega: FloatArray) -> ComplexArray:
+        """Root of the density at `omega` [rad/s], shape (n,); powers depend on no phase."""
+        log_density = np.interp(omega, self.omega, np.log(self.density), right=-math.inf)
+        return np.asarray(np.exp(0.5 * log_density) + 0j)
+
+
 def white(ratio: float) -> Remnant:
     """White remnant at the control, set by its power ratio var(n)/var(u)."""
     return Remnant(order=0, level=ratio, level_is="ratio")

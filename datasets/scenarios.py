@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -20,13 +21,18 @@ from pilotid.datasets.forcing import (
     paper_disturbance,
     paper_target,
 )
+from pilotid.datasets.recorded import recorded_forcing, recorded_noise, recorded_remnant
 from pilotid.datasets.recorder import Recorder
 from pilotid.datasets.remnant import Remnant, white
 from pilotid.datasets.violations import Kind, Violation
+from pilotid.estimates.estimate import Estimate
 from pilotid.pilot.catalogue import ADAPTING, LEAD2_LAG_MOTION, MULTI, SINGLE
 from pilotid.pilot.element import ControlledElement, double_integrator
 from pilotid.pilot.frozen import before_and_after, frozen
+from pilotid.pilot.loops import pilot_on, unstable_poles
 from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import SIGNALS, Recording
+from pilotid.time_domain.band_likelihood import closing_element
 from pilotid.types import FloatArray, InputError
 
 #: The pilots of AIAA 2008-7109 with motion (Kvis, tlead, tdvis, Kvest, tdvest, fnm, dnm) and
@@ -41,6 +47,8 @@ PILOT_TRAINED = (4.75 * 0.2865, 0.30, 0.95, 0.22, 3.00 * 0.2865, 0.19, 14.0, 0.3
 TRAINED = ControlledElement(
     (10.62, 10.62 * 0.99), (1.0, 2.58, 7.61, 0.0), name="10.62(s+0.99)/(s(s^2+2.58s+7.61))"
 )
+#: Units of signals unless a scenario has others.
+DEGREES = tuple((name, "deg") for name in SIGNALS)
 
 
 @dataclass(frozen=True)
@@ -77,6 +85,8 @@ class Scenario:
         What the controlled element becomes, and when; None for a constant one.
     recorder
         What stands between the loop and its file; None for nothing.
+    units
+        Names of signals and their units.
     family, varied
         Scenarios of one family differ in one number alone, such as ``duration`` or
         ``remnant.level``; reports draw errors over it.  Those of the family ``violation``
@@ -101,8 +111,79 @@ class Scenario:
     violation: Violation | None = None
     change: ElementChange | None = None
     recorder: Recorder | None = None
+    units: tuple[tuple[str, str], ...] = DEGREES
     family: str = ""
     varied: str = ""
+
+    @classmethod
+    def from_fit(cls, estimate: Estimate, recording: Recording) -> Scenario:
+        """The scenario of a recording: what would be recorded if its fit were the truth.
+
+        The forcing functions are those that were recorded, the remnant has the estimated
+        spectrum, and the recorder adds as much to e and x as was found there.
+
+        Parameters
+        ----------
+        estimate
+            A fit whose method estimates the remnant, such as ``mle``.
+        recording
+            The recording that was fitted.
+
+        Raises
+        ------
+        InputError
+            If the fit failed or has no remnant; if the pilot varies in time, no controlled
+            element is known, or the loop of the two is unstable; if the forcing functions differ
+            from run to run.
+        """
+        model, source = estimate.model, recording.source
+        if not estimate.outcome.usable or estimate.remnant is None:
+            why = "has no remnant" if estimate.outcome.usable else estimate.sentence
+            raise InputError(f"{source}: the fit by {estimate.method} cannot be simulated: {why}")
+        if model.changes:
+            raise InputError(
+                f"{source}: model {model.name} varies in time, and its fit cannot be simulated; "
+                "name a model of a constant pilot"
+            )
+        element, unknown = closing_element(recording)
+        if element is None:
+            raise InputError(
+                f"{source}: no controlled element is known, so that the loop cannot be simulated; "
+                "name it, for example --element 4/s^2"
+            )
+        if unstable_poles(model, estimate.values, element):
+            raise InputError(
+                f"{source}: the loop of the fitted pilot and {element.name} is unstable and cannot "
+                "be simulated; check the signs of the signals, the element and the model"
+            )
+
+        def to_control(omega: FloatArray) -> FloatArray:
+            loop = element.response(omega) * sum(pilot_on(model, omega, estimate.values))
+            return np.asarray(1.0 / np.abs(1.0 + loop) ** 2)
+
+        target, _ = recorded_forcing(recording, "ft")
+        disturbance, alternating = recorded_forcing(recording, "fd")
+        stem = re.sub(r"[^\w.]+", "-", Path(source).stem, flags=re.ASCII).strip("-.")
+        return checked(
+            cls(
+                f"like-{stem or 'recording'}"[:100],
+                f"pilots like that of {source}, as {estimate.method} fits it",
+                model,
+                tuple(estimate.values.tolist()),
+                # Methods have to find what the recording does not name.
+                replace(element, name="") if unknown else element,
+                target,
+                disturbance,
+                recorded_remnant(estimate.remnant, recording, to_control),
+                duration=recording.duration,
+                run_in=recording.run_in * recording.dt,
+                dt=recording.dt,
+                runs=recording.runs,
+                alternating=alternating,
+                recorder=recorded_noise(recording),
+                units=tuple(recording.units.items()),
+            )
+        )
 
     @property
     def values(self) -> FloatArray:

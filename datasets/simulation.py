@@ -16,7 +16,7 @@ import numpy as np
 
 from pilotid.datasets.forcing import Forcing, Multisine, Response
 from pilotid.datasets.recorder import FASTER
-from pilotid.datasets.remnant import UNIT_LEVEL
+from pilotid.datasets.remnant import UNIT_LEVEL, TabulatedRemnant
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.stepping import stepped
 from pilotid.pilot.factors import Neuromuscular
@@ -228,6 +228,8 @@ def _level(
 ) -> float:
     """Standard deviation of the sampled white noise that drives the remnant."""
     remnant = scenario.remnant
+    if isinstance(remnant, TabulatedRemnant):
+        return float(np.sqrt(np.pi / scenario.dt))  # of white noise with the density 1
     if remnant.level_is == "gain":
         return UNIT_LEVEL * remnant.level
     power_n, power_u = _power(to_n), _power(to_u)
@@ -324,7 +326,7 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> Recording:
         lines={
             name: lines_in(f, scenario.duration) for name, f in forcing.items() if f is not None
         },
-        units={"e": "deg", "u": "deg", "x": "deg", "ft": "deg", "fd": "deg"},
+        units=dict(scenario.units),
         source=f"simulation {scenario.name}",
         controlled_element=scenario.element.name,
     )

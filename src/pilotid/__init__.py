@@ -19,7 +19,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from pilotid.api import compare, design, identify, simulate, which_model
+    from pilotid.api import compare, design, identify, simulate, trust, which_model
     from pilotid.datasets.population import POPULATIONS, Population
     from pilotid.datasets.scenarios import SCENARIOS, Scenario
     from pilotid.estimates.estimate import Estimate, Outcome
@@ -80,13 +80,14 @@ __all__ = [
     "plot",
     "save_recording",
     "simulate",
+    "trust",
     "which_model",
 ]
 
 #: The modules that hold the names of `__all__`: `import pilotid` is instant, since a name is
 #: fetched when it is first used.
 _HOMES = {
-    "api": ("compare", "design", "identify", "simulate", "which_model"),
+    "api": ("compare", "design", "identify", "simulate", "trust", "which_model"),
     "datasets.population": ("POPULATIONS", "Population"),
     "datasets.scenarios": ("SCENARIOS", "Scenario"),
     "estimates.estimate": ("Estimate", "Outcome"),

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from pilotid.analysis.choice import Selection
     from pilotid.designing.design import Design
     from pilotid.study.comparison import Comparison
+    from pilotid.study.trust import Trust
 
 DEFAULT_METHOD = "mle"
 
@@ -149,6 +150,44 @@ def compare(
     from pilotid.study.study import Study
 
     return Study(scenarios, methods, replications, seed).run_in(Path(out), workers)
+
+
+def trust(
+    recording: Recording,
+    model: PilotModel | str | None = None,
+    methods: Iterable[Method | str] = (),
+    replications: int = 40,
+    *,
+    out: str | Path,
+    seed: int = DEFAULT_SEED,
+    workers: int | None = None,
+) -> Trust:
+    """Try a fit on simulations of its recording: ``trust(recording, out="trust").sentences``.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    model
+        A model or its name; None for what `which_model` chooses.
+    methods
+        Objects or names; the fit by the first is judged. None for all, and ``mle``.
+    replications
+        Simulations of the recording.
+    out, seed, workers
+        As for `compare`.
+
+    Returns
+    -------
+    Trust
+        Bias, coverage and corrected interval of each parameter, and the comparison of methods.
+    """
+    from pilotid.study.trust import Trust, trial_of
+
+    chosen = which_model(recording, seed=seed).model if model is None else model
+    named = model_named(chosen) if isinstance(chosen, str) else chosen
+    trial = trial_of(recording, named, methods, seed)
+    return Trust(trial, trial.study(replications, seed).run_in(Path(out), workers))
 
 
 def design(

@@ -10,6 +10,7 @@ import typer
 
 from pilotid.cli.arguments import MethodOption, ScenarioOption, SeedOption, names_of
 from pilotid.cli.stopping import StoppedError
+from pilotid.cli.trust import LikeOption, scenario_like
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.terminal import make_console, print_table
 from pilotid.types import InputError
@@ -36,6 +37,7 @@ def compare(
         ),
     ] = "quick",
     scenario: ScenarioOption = None,
+    like: LikeOption = None,
     method: MethodOption = None,
     replications: Annotated[
         int | None, typer.Option(min=1, help="Recordings of each scenario.")
@@ -88,8 +90,9 @@ def compare(
         if not 0.0 <= number < math.inf:
             raise InputError(f"{option} {number}: must be a number of at least 0")
     default, count = PROFILES[profile]
+    like_it = [] if like is None else [scenario_like(like, seed)]
     study = Study(
-        names_of(scenario, default, list(CATALOGUE)),
+        [*like_it, *names_of(scenario, () if like_it else default, list(CATALOGUE))],
         names_of(method, list(methods()), list(methods())),
         replications or count,
         seed,

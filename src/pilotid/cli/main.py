@@ -39,6 +39,7 @@ from pilotid.cli.reading import (
     MapOption,
 )
 from pilotid.cli.stopping import STATUS, heeding_interruptions
+from pilotid.cli.trust import LikeOption, scenario_like, trust
 from pilotid.disk import strict_json, write_file
 from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.method import Method
@@ -154,8 +155,11 @@ def _first_line(method: Method) -> str:
 
 @app.command()
 def simulate(
-    scenario: Annotated[str, typer.Argument(metavar="SCENARIO", help="See `pilotid list`.")],
     out: Annotated[Path, typer.Option(metavar="F.csv", help="Recording to write, .csv or .mat.")],
+    scenario: Annotated[
+        str | None, typer.Argument(metavar="SCENARIO", help="See `pilotid list`.")
+    ] = None,
+    like: LikeOption = None,
     seed: SeedOption = DEFAULT_SEED,
     runs: Annotated[
         int | None, typer.Option(min=1, help="Runs, each with its own remnant.")
@@ -166,7 +170,9 @@ def simulate(
     from pilotid.datasets import simulate as simulated
     from pilotid.datasets.truth import truth
 
-    named = scenario_named(scenario)
+    if (scenario is None) == (like is None):
+        raise InputError("name a scenario, or a recording with --like, and not both")
+    named = scenario_named(scenario or "") if like is None else scenario_like(like, seed)
     chosen = named.drawn(draw_rng(seed, named.name))
     chosen = replace(chosen, runs=runs or chosen.runs)
     recording = simulated(chosen, recording_rng(seed, chosen.name))
@@ -332,6 +338,7 @@ app.command()(check)
 app.command()(analyse)
 app.command()(design)
 app.command()(compare)
+app.command()(trust)
 app.command()(report)
 app.command()(publish)
 app.command()(compare_studies)

@@ -78,7 +78,13 @@ NUMBERS = "Numbers: [summary.csv](summary.csv), each fit: [estimates.csv](estima
 
 
 def write_report(
-    folder: Path, store: Store, study: Comparison, *, pdf: bool = False, above: str = ""
+    folder: Path,
+    store: Store,
+    study: Comparison,
+    *,
+    pdf: bool = False,
+    above: str = "",
+    first: Sequence[Section] = (),
 ) -> Path:
     """Write report.html, report.md and the figures; equal stores give equal bytes.
 
@@ -96,13 +102,15 @@ def write_report(
         Whether figures are written as PDF too.
     above
         The page above this one, if there is one.
+    first
+        Sections in front of the comparison.
 
     Returns
     -------
     Path
         The page.
     """
-    sections = report_sections(study, store)
+    sections = [*first, *report_sections(study, store)]
     if pdf:
         sections = [section.with_pdfs() for section in sections]
     write_pictures(folder, sections)

@@ -1,0 +1,127 @@
+"""The command `trust`, and scenarios made of recordings."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pilotid.cli.arguments import ElementOption, MethodOption, SeedOption, names_of
+from pilotid.cli.reading import DetrendOption, IntervalOption, MapOption
+from pilotid.cli.stopping import StoppedError
+from pilotid.disk import strict_json, write_file
+from pilotid.pilot.catalogue import AUTO, model_named
+from pilotid.pilot.element import element_named
+from pilotid.recordings.files import Reading
+from pilotid.seeds import DEFAULT_SEED
+from pilotid.terminal import make_console, print_table
+from pilotid.types import InputError
+
+if TYPE_CHECKING:
+    from pilotid.datasets import Scenario
+    from pilotid.pilot.model import PilotModel
+    from pilotid.recordings.recording import Recording
+
+TRUST = "trust.json"
+LikeOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--like",
+        metavar="FILE",
+        help="The scenario of a recording as mle fits it, or of the trust.json of `trust`.",
+    ),
+]
+
+
+def scenario_like(path: Path, seed: int) -> Scenario:
+    """The scenario of a recording, or the one in a `trust.json`."""
+    from pilotid.datasets.designed import designed_scenario
+    from pilotid.study.trust import trial_of
+
+    if path.suffix.lower() == ".json":
+        return designed_scenario(path)
+    recording = Reading().all([path], joint=False)[0][0]
+    return trial_of(recording, _model(recording, AUTO, seed), ["mle"], seed).scenario
+
+
+def _model(recording: Recording, name: str, seed: int) -> PilotModel:
+    from pilotid.analysis.choice import select
+
+    return select(recording, seed=seed).model if name == AUTO else model_named(name)
+
+
+def trust(
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="F.csv|F.mat", help="Recording; several are runs of one."),
+    ],
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Folder of the results; goes on where it stopped.")
+    ],
+    model: Annotated[
+        str, typer.Option(metavar="NAME|auto", help="Pilot model; auto takes the best.")
+    ] = AUTO,
+    method: MethodOption = None,
+    replications: Annotated[int, typer.Option(min=1, help="Simulations of the recording.")] = 40,
+    mapping: MapOption = None,
+    dt: IntervalOption = None,
+    detrend: DetrendOption = False,
+    element: ElementOption = None,
+    seed: SeedOption = DEFAULT_SEED,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes; default: one for each processor.")
+    ] = None,
+) -> None:
+    """Compare methods on simulations of a recording, and correct the intervals of its fit.
+
+    The first method that is named is the one whose fit is judged, else mle.
+    """
+    from pilotid.cli.progress import with_progress
+    from pilotid.datasets.designed import designed_scenario, model_place, scenario_json
+    from pilotid.disk import make_folder
+    from pilotid.methods import methods
+    from pilotid.report.content import plain, terminal_table
+    from pilotid.report.page import overview, write_report
+    from pilotid.report.trust import advice, trust_section, trust_table
+    from pilotid.study.comparison import comparison_of
+    from pilotid.study.store import Store
+    from pilotid.study.trust import UNKNOWN, Trust, trial_of
+
+    recordings, _ = Reading(tuple(mapping or ()), dt, detrend).all(files, joint=len(files) > 1)
+    recording = recordings[0]
+    if element is not None:
+        recording = replace(recording, controlled_element=element_named(element).name)
+    chosen = _model(recording, model, seed)
+    trial = trial_of(recording, chosen, names_of(method, [], list(methods())), seed)
+    scenario = {"seed": seed, "scenario": scenario_json(trial.scenario, model_place(model))}
+    make_folder(out)
+    if (out / TRUST).exists() and designed_scenario(out / TRUST) != trial.scenario:
+        raise InputError(
+            f"{out / TRUST}: is of another recording, model or method; name another folder "
+            "with --out"
+        )
+    write_file(out / TRUST, strict_json(scenario).encode())
+    planned = trial.study(replications, seed, str(out / TRUST))
+    with Store(out, create=True) as store:
+        try:
+            pending = planned.enter(store)
+            for _ in with_progress(planned.run(store, pending, workers), pending.counts):
+                pass
+        except KeyboardInterrupt:
+            raise StoppedError(
+                f"stopped; {store.path} keeps what is done, and the same command goes on from there"
+            ) from None
+        study = comparison_of(store)
+        found = Trust(trial, study)
+        study.write_tables(out)
+        page = write_report(out, store, study, first=[trust_section(found)])
+    write_file(out / TRUST, strict_json({**found.to_dict(), **scenario}).encode())
+    console = make_console()
+    words, tables = overview(study)
+    for table in (*tables, trust_table(found)):
+        print_table(console, terminal_table(table))
+    for sentence in (*words, *advice(found), UNKNOWN):
+        console.print(plain(sentence), soft_wrap=True)
+    console.print(f"scenario and numbers: {out / TRUST}, report: {page}", soft_wrap=True)
