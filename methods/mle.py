@@ -45,6 +45,11 @@ NOT_CLOSED = (
     "the controlled element is not known, so that noise of the recorder on e and x counts as "
     "signal and delays may be biased: name the element, for example --element 4/s^2"
 )
+#: Said where nothing stands above the recorder's floor.
+HIDDEN = (
+    "what the pilot acts on (e, x) hardly stands above the noise of the recorder at any frequency: "
+    "the values mean little; record these signals with less noise or more bits"
+)
 #: How often a profile that comes upon a better optimum moves the estimate there.
 MOVES = 3
 
@@ -133,11 +138,11 @@ class MLE(LikelihoodSettings):
         )
 
     def _not_closed(self, found: Maximum) -> list[str]:
-        """What to say where no controlled element is known to close the loop."""
+        """What to say where the recording does not allow for the likelihood of a band."""
         prediction = found.joint.prediction
-        if not self.loop or prediction.weighting is not None or prediction.model.changes:
-            return []
-        return [NOT_CLOSED]
+        if prediction.weighting is not None:
+            return [HIDDEN] if prediction.weighting.hidden else []
+        return [NOT_CLOSED] if self.loop and not prediction.model.changes else []
 
     def criteria_from(
         self, recording: Recording, model: PilotModel, sets: FloatArray

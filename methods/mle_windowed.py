@@ -180,10 +180,8 @@ class Windows:
             products = flat @ flat.transpose(0, 2, 1)
             if terms is not None:
                 loop = self.prediction.loop.row_spectra(values[some])[:, :, 0]
-                taps = np.broadcast_to(
-                    np.ones(1) if self.taps is None else self.taps,
-                    (len(rows), 1 if self.taps is None else self.taps.size),
-                )
+                own = np.ones(1) if self.taps is None else self.taps
+                taps = np.broadcast_to(own, (len(rows), own.size))
                 none = np.zeros((len(rows), 0, taps.shape[1]))
                 share = self._inside[which[some]].mean(axis=1)
                 products = terms.closed(products, loop, taps, none, share)

@@ -12,7 +12,9 @@ from pilotid.datasets import scenario_named, simulate
 from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.population import POPULATIONS
 from pilotid.datasets.scenarios import Scenario
+from pilotid.estimates.method import identify
 from pilotid.methods import MLE
+from pilotid.methods.mle import HIDDEN
 from pilotid.pilot.element import double_integrator
 from pilotid.pilot.loops import pilot_on
 from pilotid.posterior.likelihood import Likelihood
@@ -22,6 +24,7 @@ from pilotid.seeds import recording_rng
 from pilotid.solve.covariance import covariance_of
 from pilotid.solve.least_squares import minimise
 from pilotid.theory.experiment import View
+from pilotid.time_domain import band_likelihood
 from pilotid.time_domain.adjoint import AdjointErrors
 from pilotid.time_domain.band import analysis_band
 from pilotid.time_domain.band_likelihood import (
@@ -215,6 +218,20 @@ def test_what_is_not_known_of_the_element_is_in_the_intervals() -> None:
 def with_weighting(joint: PredictionErrors, weighting: Weighting) -> PredictionErrors:
     prediction = replace(joint.prediction, weighting=weighting)
     return PredictionErrors(prediction, joint.noise, joint.band)
+
+
+def test_a_recorder_that_hides_the_pilot_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario, recording = recorded("single")
+    sound = identify(MLE(), recording, scenario.model, np.random.default_rng(1))
+    assert HIDDEN not in sound.remarks
+    assert sound.band is not None
+    assert sound.band.half == sound.band.highest
+    own = floors_of(recording)
+    flat = {name: np.full(own.omega.size, floor) for name, floor in own.floor.items()}
+    monkeypatch.setattr(band_likelihood, "floors_of", lambda recording: replace(own, power=flat))
+    hidden = identify(MLE(), recording, scenario.model, np.random.default_rng(1))
+    assert hidden.outcome.usable
+    assert HIDDEN in hidden.remarks
 
 
 def test_without_an_element_prediction_errors_are_direct() -> None:

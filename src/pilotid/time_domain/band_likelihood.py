@@ -38,7 +38,7 @@ from pilotid.types import ComplexArray, FloatArray
 TOP = 0.8
 #: Weight of what does not count in the remnant's model; from .02 to 1 the coverage is the same.
 OUTSIDE = 0.1
-#: Bins that count in all must weigh so much; else all up to the top count in full.
+#: Bins must weigh so much in all; else the recorder hides the pilot, and all up to the top count.
 FEWEST = 20.0
 #: Weights below this are none.
 LEAST = 1e-3
@@ -67,6 +67,8 @@ class Weighting:
     element, unknown
         The controlled element, which closes the loop, and the relative standard error of its
         response; 0 for an element that was named.
+    hidden
+        Whether the inputs hardly stand above the recorder's floor anywhere.
     """
 
     omega: FloatArray
@@ -74,6 +76,7 @@ class Weighting:
     control: FloatArray
     element: ControlledElement
     unknown: float
+    hidden: bool
 
     def weights(self, omega: FloatArray) -> FloatArray:
         """Weights of bins at other frequencies, shape (n,)."""
@@ -101,8 +104,6 @@ class Weighting:
         omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(scored, dt)[1:], dtype=float)
         weights = self.weights(omega)
         weights[weights < LEAST] = 0.0
-        if weights.sum() < FEWEST:
-            weights = np.where(omega <= TOP * omega[-1], 1.0, 0.0)
         outside = OUTSIDE * (1.0 - weights)
         control = np.interp(omega, self.omega, self.control)
         begins = group_begins(omega)
@@ -395,4 +396,9 @@ def weighting_of(
     inputs = (INPUTS[channel.input] for channel in model.channels)
     share = floors.share(tuple(dict.fromkeys((*inputs, *others))))[inside]
     power = np.interp(omega, *running_median(*periodogram(control, dt))) * nyquist
-    return Weighting(omega, np.where(omega <= TOP * nyquist, share, 0.0), power, element, unknown)
+    share = np.where(omega <= TOP * nyquist, share, 0.0)
+    share[share < LEAST] = 0.0
+    hidden = float(np.mean(share)) * control.shape[1] / 2.0 < FEWEST
+    if hidden:
+        share = np.where(omega <= TOP * nyquist, 1.0, 0.0)
+    return Weighting(omega, share, power, element, unknown, hidden)
