@@ -116,7 +116,7 @@ class Maximum:
         prediction = self.joint.prediction
         return 1.0 + SHORT / (prediction.runs * prediction.scored * prediction.dt)
 
-    @property
+    @cached_property
     def by_element(self) -> FloatArray:
         """Factor on the variances of the pilot for what is not known of the element's gain."""
         joint, prediction = self.joint, self.joint.prediction

@@ -19,6 +19,7 @@ from pilotid.solve.least_squares import Problem
 from pilotid.solve.smoothing import Penalty
 from pilotid.time_domain.band import Band
 from pilotid.time_domain.prediction import Prediction
+from pilotid.time_domain.reduced import Reduced
 from pilotid.time_domain.remnant_models import NoiseModel
 from pilotid.types import BoolArray, ComplexArray, FloatArray
 
@@ -105,7 +106,7 @@ class PredictionErrors(Problem):
         """Weighted inner products of `rows` in the band, and of the remnant's model outside it."""
         prediction = self.prediction
         regressed = self.noise.regressive and prediction.block > 1 and not any(prediction.terms)
-        if regressed and prediction.s.size == prediction.length // 2 + 1:
+        if regressed and not isinstance(prediction, Reduced):
             rows = self._regressed_in_band(values)
         else:
             rows = prediction.weighed(self.rows(values))
