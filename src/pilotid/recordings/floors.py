@@ -38,11 +38,14 @@ class Floors:
         Smoothed power density by signal, the unit of the signal squared per rad/s, shape (n,).
     floor
         The recorder's, of the same unit, by signal.
+    variance
+        Mean over runs, by signal.
     """
 
     omega: FloatArray
     power: dict[str, FloatArray]
     floor: dict[str, float]
+    variance: dict[str, float]
 
     def share(self, names: tuple[str, ...]) -> FloatArray:
         """Share of the power of signals that is not the recorder's, of the worst, shape (n,).
@@ -72,7 +75,8 @@ def floors_of(recording: Recording) -> Floors:
     if recording.ft is not None:  # a target that steps has all frequencies, and is no noise
         own = periodogram(recording.e - recording.ft, recording.dt)[0][:, top]
         floor["e"] = min(floor["e"], float(own.mean()))
-    return Floors(omega, power, floor)
+    variance = {name: float(np.mean(np.var(own, axis=1))) for name, own in signals.items()}
+    return Floors(omega, power, floor, variance)
 
 
 def periodogram(signals: FloatArray, dt: float) -> tuple[FloatArray, float]:

@@ -48,9 +48,7 @@ def band(
     acted = dict.fromkeys(INPUTS[channel.input] for channel in estimate.model.channels)
     for name in (*acted, "u"):
         colour, stroke = SIGNALS[name]
-        own = next((key for key, signal in INPUTS.items() if signal == name), None)
-        signal = recording.u if own is None else recording.input(own)
-        variance = float(np.mean(np.var(signal, axis=1)))
+        variance = floors.variance[name]
         if variance == 0.0:
             continue
         above.plot(

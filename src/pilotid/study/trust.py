@@ -26,7 +26,6 @@ from pilotid.study.scores import Mean
 from pilotid.study.study import Study
 from pilotid.types import FloatArray, InputError
 
-REPLICATIONS = 40
 USUAL = "mle"  # fits the recording where nothing else is named, and makes the simulated pilot
 COVERED = 0.95
 #: What no simulation of a fit can tell.
