@@ -35,6 +35,8 @@ from pilotid.report.content import (
     web_page,
     write_pictures,
 )
+from pilotid.report.trust import trust_blocks
+from pilotid.study.trust import UNKNOWN
 from pilotid.time_domain.constancy import LEVEL as CHANGES
 
 TITLE = "Pilot models of recorded subjects"
@@ -60,6 +62,7 @@ def write_report(folder: Path, results: Results, command: str, about: Mapping[st
         *estimates(results),
         *conditions(results),
         *runs(results),
+        *_tried(results, folder),
         *_left_out(results, command, about),
         _recordings(results.analysis),
         _origin(results, command, about),
@@ -255,6 +258,17 @@ def _recordings(analysis: Analysis) -> Section:
             )
     caption = "Every recording, all runs together; the names lead to pages with figures"
     return Section("recordings", "Recordings", [Table(caption, columns, entries(rows))])
+
+
+def _tried(results: Results, folder: Path) -> Iterator[Section]:
+    """What simulations say of the fits; nothing where that was not asked for."""
+    if results.tried:
+        blocks: list[Block] = []
+        for own in results.tried:
+            page = (own.folder / "report.html").relative_to(folder).as_posix()
+            blocks += [Text(f"**{own.words}**: [all methods]({page})")]
+            blocks += trust_blocks(own.trust.to_dict())
+        yield Section("trust", "What the fits are worth", [*blocks, Text(UNKNOWN)])
 
 
 def _left_out(results: Results, command: str, about: Mapping[str, str]) -> Iterator[Section]:

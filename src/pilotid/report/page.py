@@ -35,6 +35,7 @@ from pilotid.report.tables import (
     remark_table,
     track_table,
 )
+from pilotid.report.trust import read_trust, trust_section
 from pilotid.study.comparison import Cell, Comparison, loss_ratio
 from pilotid.study.entries import TRAJECTORY
 from pilotid.study.judge import RULES, USABLE, judge, sentence
@@ -84,9 +85,10 @@ def write_report(
     *,
     pdf: bool = False,
     above: str = "",
-    first: Sequence[Section] = (),
 ) -> Path:
     """Write report.html, report.md and the figures; equal stores give equal bytes.
+
+    What a `trust.json` beside the store says comes first.
 
     The Markdown is the report in short: what the page folds, it leaves out.
 
@@ -102,15 +104,14 @@ def write_report(
         Whether figures are written as PDF too.
     above
         The page above this one, if there is one.
-    first
-        Sections in front of the comparison.
 
     Returns
     -------
     Path
         The page.
     """
-    sections = [*first, *report_sections(study, store)]
+    told = read_trust(store.path.parent)
+    sections = [*([trust_section(told)] if told else []), *report_sections(study, store)]
     if pdf:
         sections = [section.with_pdfs() for section in sections]
     write_pictures(folder, sections)
