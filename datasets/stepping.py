@@ -16,9 +16,9 @@ import numpy as np
 from pilotid.datasets.changing import SteppedElement
 from pilotid.datasets.forcing import Forcing
 from pilotid.datasets.scenarios import Scenario
-from pilotid.pilot.changing import Changing
 from pilotid.pilot.factors import Derivative, TimeDelay
 from pilotid.pilot.model import Channel
+from pilotid.pilot.timevarying import Changing
 from pilotid.types import FloatArray, InputError, IntArray
 
 STEP = 0.005  # seconds, at most

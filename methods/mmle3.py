@@ -26,7 +26,7 @@ from pilotid.pilot.factors import Rational
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_of
-from pilotid.time_domain.conclusion import concluded
+from pilotid.time_domain.output_error import concluded
 from pilotid.time_domain.prepare import prepare
 from pilotid.types import ComplexArray, FloatArray
 

@@ -14,11 +14,11 @@ from helpers import NOMINAL, SINGLE_LOOP
 
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.pilot.catalogue import GAIN_ONLY, LEAD_LAG, MODELS, MULTI, RATE, SINGLE, model_named
-from pilotid.pilot.delayed import Delayed
 from pilotid.pilot.factors import (
     AtOnce,
     Canals,
     Delay,
+    Delayed,
     Differentiator,
     Factor,
     Gain,
@@ -31,7 +31,7 @@ from pilotid.pilot.factors import (
     pade,
 )
 from pilotid.pilot.model import Channel, PilotModel
-from pilotid.time_domain.fast_residuals import Residuals
+from pilotid.time_domain.output_error import Residuals
 from pilotid.time_domain.prediction import predict
 from pilotid.types import ComplexArray, FloatArray, InputError
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate
-from pilotid.pilot.courses import STEEP
+from pilotid.pilot.timevarying import STEEP
 
 
 def steps(estimate: Estimate) -> list[str]:

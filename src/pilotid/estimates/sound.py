@@ -12,8 +12,7 @@ from pilotid.estimates.estimate import Estimate, Outcome, Starts
 from pilotid.estimates.remnant import RemnantEstimate
 from pilotid.estimates.response import FrequencyResponse
 from pilotid.estimates.trajectory import Trajectory
-from pilotid.pilot.frozen import frozen
-from pilotid.pilot.model import PilotModel
+from pilotid.pilot.model import PilotModel, frozen
 
 #: Rounding that a correlation matrix may show: Kvis and tlead are correlated at -0.99.
 ROUNDING = 1e-6
