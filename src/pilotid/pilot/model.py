@@ -6,21 +6,17 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
 from pilotid.pilot.factors import (
-    AtOnce,
     Delayed,
-    Derivative,
     Evaluated,
     Factor,
     Parameter,
     Rational,
     Response,
-    TimeDelay,
-    Values,
 )
 from pilotid.pilot.timevarying import Changing, Curve
 from pilotid.types import BoolArray, ComplexArray, FloatArray, InputError, IntArray
@@ -69,23 +65,26 @@ class Channel:
                 f"channel {self.name}: the sign must be 1 or -1, not {self.sign!r}; "
                 "its size belongs to a gain"
             )
+        for factor in self.factors:
+            if not isinstance(factor, Factor | Changing):
+                raise ValueError(
+                    f"channel {self.name}: {type(factor).__name__} must derive from "
+                    "pilotid.pilot.factors.Factor"
+                )
         if sum(isinstance(f, Changing) for f in self.factors) > 1:
             raise ValueError(
                 f"channel {self.name}: put all factors that vary in time into one Changing"
             )
 
-    # Asking a factor what it is takes as long as its response: asked once.
     @cached_property
     def derivative(self) -> int:
         """Order of the input's derivative that the channel acts on."""
-        return sum(f.derivative for f in self.factors if isinstance(f, Derivative))
+        return sum(f.derivative for f in self.factors if isinstance(f, Factor))
 
     @cached_property
     def dynamics(self) -> tuple[Factor, ...]:
         """The factors apart from the differentiators and from what varies in time."""
-        return tuple(
-            f for f in self.factors if not isinstance(f, Changing) and not isinstance(f, Derivative)
-        )
+        return tuple(f for f in self.factors if isinstance(f, Factor) and not f.derivative)
 
     @cached_property
     def changing(self) -> Changing | None:
@@ -95,9 +94,6 @@ class Channel:
 
 #: A factor and the indices of its parameters.
 Placed = tuple[Factor, tuple[int, ...]]
-
-#: Evaluates a factor at s, by the values of its parameters; delays by a way of their own.
-Evaluator = Callable[[Any, ComplexArray, Values, Delayed | None], Evaluated]
 
 
 @dataclass(frozen=True)
@@ -238,11 +234,6 @@ class PilotModel:
             for place in range(len(self.moving))
         )
 
-    @cached_property
-    def _evaluators(self) -> tuple[Evaluator, ...]:
-        """What evaluates each of `moving`."""
-        return tuple(_evaluator(factor) for factor, _ in self.moving)
-
     def fixed_responses(self, s: ComplexArray) -> list[ComplexArray]:
         """Per channel, the response of its dynamics without parameters, shape (n,) or (1,)."""
         result = []
@@ -265,10 +256,15 @@ class PilotModel:
         delayed
             Evaluates delays, at the frequencies of `s` = i omega; None for any `s`.
         """
-        return [
-            evaluate(factor, s, [values[..., i, None] for i in indices], delayed)
-            for evaluate, (factor, indices) in zip(self._evaluators, self.moving, strict=True)
-        ]
+        found = []
+        for factor, indices in self.moving:
+            own = [values[..., i, None] for i in indices]
+            seconds = factor.seconds(own) if delayed else None
+            if delayed is None or seconds is None:
+                found.append(factor.response_and_slopes(s, own))
+            else:
+                found.append((delayed(seconds), factor.log_derivative(s, own)))
+        return found
 
     def responses_of(self, found: Sequence[Evaluated]) -> list[Response]:
         """Per channel, the response of all its dynamics that have parameters.
@@ -394,23 +390,6 @@ class PilotModel:
                 for channel, response in zip(self.channels, self.responses(s, values), strict=True)
             ]
         )
-
-    def jacobian(self, omega: FloatArray, values: FloatArray) -> ComplexArray:
-        """Derivative of `response` by each parameter, see `response_and_jacobian`.
-
-        Parameters
-        ----------
-        omega
-            Frequencies [rad/s], shape (n,).
-        values
-            Parameters in model order, shape (parameters,).
-
-        Returns
-        -------
-        ComplexArray
-            Shape (channels, parameters, n).
-        """
-        return self.response_and_jacobian(omega, values)[1]
 
     def response_and_jacobian(
         self, omega: FloatArray, values: FloatArray
@@ -539,27 +518,6 @@ def _multiplied(first: Sequence[float], second: Sequence[float]) -> list[float]:
         for j, b in enumerate(second):
             product[i + j] += a * b
     return product
-
-
-def _evaluator(factor: Factor) -> Evaluator:
-    """How a factor is evaluated fastest."""
-    if isinstance(factor, TimeDelay):
-        return _delay
-    return _at_once if isinstance(factor, AtOnce) else _one_by_one
-
-
-def _delay(factor: Any, s: ComplexArray, values: Values, delayed: Delayed | None) -> Evaluated:
-    response = factor.response(s, values) if delayed is None else delayed(factor.seconds(values))
-    return response, factor.log_derivative(s, values)
-
-
-def _at_once(factor: Any, s: ComplexArray, values: Values, _: Delayed | None) -> Evaluated:
-    found: Evaluated = factor.response_and_slopes(s, values)
-    return found
-
-
-def _one_by_one(factor: Factor, s: ComplexArray, values: Values, _: Delayed | None) -> Evaluated:
-    return factor.response(s, values), factor.log_derivative(s, values)
 
 
 def frozen(model: PilotModel) -> PilotModel:

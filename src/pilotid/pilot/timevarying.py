@@ -11,11 +11,11 @@ for each.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol, cast, runtime_checkable
+from typing import NamedTuple, Protocol, cast
 
 import numpy as np
 
-from pilotid.pilot.factors import Factor, Parameter, Values
+from pilotid.pilot.factors import Factor, Parameter, Polynomial
 from pilotid.types import FloatArray
 
 #: Rate [1/s] from which on a change is a step: it takes less than half a second.
@@ -304,18 +304,6 @@ class Spline:
             [(j // count, own[:, j // count] * basis[j % count] / values[:, j, None])]
             for j in range(values.shape[1])
         ]
-
-
-@runtime_checkable
-class Polynomial(Protocol):
-    """A factor that is a polynomial in s, each of whose coefficients is affine in its parameters.
-
-    Such a factor may vary in time: it takes derivatives of the input and has no memory.
-    """
-
-    def coefficients(self, values: Values) -> tuple[FloatArray, ...]:
-        """Coefficients, lowest power of s first."""
-        ...
 
 
 @dataclass(frozen=True)

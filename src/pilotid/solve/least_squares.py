@@ -224,8 +224,10 @@ class Problem(Protocol):
         return np.asarray(flat @ flat.transpose(0, 2, 1))
 
     def penalised(self, penalty: Penalty | None) -> Self:
-        """The same problem with a penalty, or without."""
-        raise NotImplementedError
+        """The same problem with a penalty, or without; those of curves alone can have one."""
+        if penalty is not None:
+            raise TypeError(f"{type(self).__name__} has no penalty")
+        return self
 
 
 class Space(Protocol):

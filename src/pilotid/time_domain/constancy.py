@@ -25,8 +25,8 @@ from itertools import pairwise
 import numpy as np
 
 from pilotid.chance import chi_squared_tail
+from pilotid.pilot.factors import Polynomial
 from pilotid.pilot.model import PilotModel
-from pilotid.pilot.timevarying import Polynomial
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import SINGULAR, covariance_of
 from pilotid.time_domain.maximum_likelihood import Maximum, maximise_likelihood

@@ -12,7 +12,7 @@ import numpy as np
 
 from pilotid.chance import SELDOM, chi_squared_limit
 from pilotid.estimates.estimate import Estimate, Outcome, failed, outcome_of, symmetric_intervals
-from pilotid.pilot.factors import Delayed, OnAxis, Response, TimeDelay
+from pilotid.pilot.factors import Delayed, Response
 from pilotid.pilot.model import PilotModel, Placed, unfrozen
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_of, sandwich
@@ -129,16 +129,6 @@ def simulated_vaf(
 CACHED = 6000  # bins evaluated at once: about what the processor's cache holds
 
 
-class _Layout:
-    """Factors with their parameters, sorted once by how they are evaluated."""
-
-    def __init__(self, placed: list[Placed]) -> None:
-        self.delays = [(f, own) for f, own in placed if isinstance(f, TimeDelay)]
-        rest = [(f, own) for f, own in placed if not isinstance(f, TimeDelay)]
-        self.on_axis = [(f, own) for f, own in rest if isinstance(f, OnAxis)]
-        self.others = [(f, own) for f, own in rest if not isinstance(f, OnAxis)]
-
-
 class Residuals:
     """Transforms of the residual u - u_hat, before whitening, for many parameter sets.
 
@@ -157,18 +147,17 @@ class Residuals:
         self.prediction = prediction
         model = prediction.model
         shared = reduce(and_, (Counter(p for p in layout if p[1]) for layout in model.layout))
-        self._common = _Layout(list(shared.elements())) if shared else None
-        self._channels: list[tuple[_Layout, ComplexArray]] = []
+        self._common = list(shared.elements())
+        self._channels: list[tuple[list[Placed], ComplexArray]] = []
         for layout, spectrum in zip(model.layout, prediction.inputs, strict=True):
             moving = list((Counter(p for p in layout if p[1]) - shared).elements())
-            self._channels.append((_Layout(moving), spectrum[None]))
+            self._channels.append((moving, spectrum[None]))
         #: Per channel, the linear parameters that it depends on: place among those, and index.
         self._scaling = [
             [(i, index) for i, index in enumerate(model.linear) if any(index in p for _, p in own)]
             for own in model.layout
         ]
-        self._omega = prediction.s.imag
-        self._delayed = Delayed(self._omega)
+        self._delayed = Delayed(prediction.s.imag)
 
     def linear_gram(self, values: FloatArray) -> FloatArray:
         """Inner products of the derivatives by linear parameters, and of the residual.
@@ -194,7 +183,7 @@ class Residuals:
         for begin in range(0, len(values), block):
             own = values[begin : begin + block]
             rows = np.empty((len(own), channels, *prediction.control_spectrum.shape), dtype=complex)
-            common = None if self._common is None else self._product(self._common, own)
+            common = self._product(self._common, own) if self._common else None
             for row, (layout, spectrum) in enumerate(self._channels):
                 part = self._product(layout, own)
                 if common is not None:
@@ -229,34 +218,33 @@ class Residuals:
                 part = part * varying
             total = part if total is None else np.add(total, part, out=total)
         assert total is not None
-        if self._common is not None:
+        if self._common:
             total *= self._product(self._common, values)[:, None, :]
         return np.subtract(self.prediction.control_spectrum, total, out=total)
 
-    def _product(self, layout: _Layout, values: FloatArray) -> ComplexArray:
+    def _product(self, placed: list[Placed], values: FloatArray) -> ComplexArray:
         """Product of factors, shape (sets, bins) or, without any that varies, (sets, 1)."""
-        gain = np.ones((len(values), 1))
+        s, gain = self.prediction.s, np.ones((len(values), 1))
+        delay: FloatArray | None = None
         responses: list[Response] = []
-        for axial, indices in layout.on_axis:
+        for factor, indices in placed:
             own = [values[:, i, None] for i in indices]
-            responses.append(axial.response_on_axis(self._omega, own))
-        for factor, indices in layout.others:
-            response = factor.response(self.prediction.s, [values[:, i, None] for i in indices])
+            seconds = factor.seconds(own)
+            if seconds is not None:
+                delay = seconds if delay is None else delay + seconds
+                continue
+            response = factor.response_on_axis(s, own)
             if response.shape[-1] == 1:
                 gain = gain * np.real(response)
             else:
                 responses.append(response)
-        if layout.delays:
-            delays = [f.seconds([values[:, i, None] for i in own]) for f, own in layout.delays]
-            responses.append(self._delayed(sum(delays[1:], delays[0]), gain))
+        if delay is not None:
+            responses.append(self._delayed(delay, gain))
         elif responses:
             responses[0] = responses[0] * gain
         else:
             return gain.astype(complex)
-        result = responses[0]
-        for response in responses[1:]:
-            result = result * response
-        return np.asarray(result, dtype=complex)
+        return np.asarray(reduce(np.multiply, responses), dtype=complex)
 
 
 def concluded(

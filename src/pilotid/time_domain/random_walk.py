@@ -17,9 +17,8 @@ from typing import cast
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from pilotid.pilot.factors import Delay, Factor, Neuromuscular
+from pilotid.pilot.factors import Delay, Factor, Neuromuscular, Polynomial
 from pilotid.pilot.model import PilotModel, frozen
-from pilotid.pilot.timevarying import Polynomial
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Scale
 from pilotid.time_domain.prepare import decimation, derivative_kernel
