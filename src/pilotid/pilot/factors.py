@@ -100,27 +100,21 @@ class Factor:
 
     A factor of one's own derives from this class and must be hashable (a frozen dataclass).  It
     gives `parameters`, `response`, `log_derivative` and `rational`; the rest has defaults.
-
-    Attributes
-    ----------
-    parameters
-        Free parameters, in the order in which `values` are passed.
-    fixed_poles
-        Real poles that do not depend on parameters [rad/s, negative].
-    derivative
-        Order n of a factor s^n: the channel acts on the n-th derivative of its input.
     """
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
+        """Free parameters, in the order in which `values` are passed."""
         return ()
 
     @property
     def fixed_poles(self) -> tuple[float, ...]:
+        """Real poles that do not depend on parameters [rad/s, negative]."""
         return ()
 
     @property
     def derivative(self) -> int:
+        """Order n of a factor s^n: the channel acts on the n-th derivative of its input."""
         return 0
 
     def response(self, s: ComplexArray, values: Values) -> Response:
@@ -175,15 +169,34 @@ class Factor:
         raise NotImplementedError
 
     def seconds(self, values: Values) -> FloatArray | None:
-        """T [s] of a factor e^{-T s}, which is evaluated faster if T is known; None for others."""
+        """T [s] of a factor e^{-T s}, which is evaluated faster if T is known; None for others.
+
+        It has the shape of its parameter.
+        """
         return None
 
     def response_on_axis(self, s: ComplexArray, values: Values) -> Response:
-        """`response` where s = i omega, for a factor that is evaluated faster there."""
+        """`response` where s = i omega, for a factor that is evaluated faster there.
+
+        Parameters
+        ----------
+        s
+            Laplace variable [rad/s], shape (n,).
+        values
+            One array for each parameter, which broadcasts against `s`.
+        """
         return self.response(s, values)
 
     def response_and_slopes(self, s: ComplexArray, values: Values) -> Evaluated:
-        """`response` and `log_derivative`, for a factor that is evaluated faster at once."""
+        """`response` and `log_derivative`, for a factor that is evaluated faster at once.
+
+        Parameters
+        ----------
+        s
+            Laplace variable [rad/s], shape (n,).
+        values
+            One array for each parameter, which broadcasts against `s`.
+        """
         return self.response(s, values), self.log_derivative(s, values)
 
 
@@ -194,7 +207,7 @@ class Polynomial(Factor):
     """
 
     def coefficients(self, values: Values) -> tuple[FloatArray, ...]:
-        """Coefficients, lowest power of s first."""
+        """Coefficients, lowest power of s first, each of the shape of a parameter."""
         raise NotImplementedError
 
     def rational(self, values: Sequence[float], pade_order: int) -> Rational:
