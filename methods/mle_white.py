@@ -20,8 +20,8 @@ import numpy as np
 from pilotid.estimates.estimate import Estimate
 from pilotid.pilot.model import PilotModel, searched
 from pilotid.recordings.recording import Recording
-from pilotid.solve.search import record, search
-from pilotid.time_domain.output_error import OutputErrors, WhiteLikelihood
+from pilotid.solve.search import search
+from pilotid.time_domain.output_error import OutputErrors, WhiteLikelihood, record
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.search import SearchSettings
 

@@ -162,6 +162,11 @@ class PilotModel:
         return np.array([p.start for p in self.parameters])
 
     @cached_property
+    def usual(self) -> FloatArray:
+        """Lower and upper ends of the ranges of published values, shape (2, parameters)."""
+        return np.array([p.usual for p in self.parameters]).reshape(-1, 2).T
+
+    @cached_property
     def positive(self) -> BoolArray:
         """Which parameters are searched on a logarithmic scale, shape (parameters,)."""
         return np.array([p.positive for p in self.parameters])
@@ -171,7 +176,7 @@ class PilotModel:
         """Indices of the parameters that are time delays."""
         return tuple(i for i, p in enumerate(self.parameters) if p.delay)
 
-    @property
+    @cached_property
     def linear(self) -> tuple[int, ...]:
         """Indices of the parameters that the response is proportional to."""
         return tuple(i for i, p in enumerate(self.parameters) if p.linear)

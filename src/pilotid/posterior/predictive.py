@@ -68,7 +68,7 @@ def predictive_band(
 
     joint = likelihood.joint
     prediction, pilot = joint.prediction, joint.pilot
-    values = draws.equally_weighted(COUNT)
+    values = draws.equally_weighted(SIMULATED)
     if likelihood.integrated:
         shapes = likelihood.coefficients(values)
         values = np.concatenate([values, shapes], axis=1)

@@ -53,7 +53,7 @@ def off_bounds(found: Maximum) -> FloatArray:
     joint, optimum = found.joint, found.end.values[0]
     model = joint.prediction.model
     at_bound = np.flatnonzero(held(model, found.pilot))
-    low, high = np.array([p.usual for p in model.parameters]).T
+    low, high = model.usual
     middle = np.where(model.positive, np.sqrt(np.abs(low * high)), 0.5 * (low + high))
     bases = [optimum.copy()]
     if found.known is not None:

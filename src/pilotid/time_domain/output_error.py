@@ -247,6 +247,12 @@ class Residuals:
         return np.asarray(reduce(np.multiply, responses), dtype=complex)
 
 
+def record(minima: Minima, same: float = 3e-3) -> Starts:
+    """How many starts ended in the best optimum, costs within the share `same` of it."""
+    relative = minima.cost / minima.cost[0] if minima.cost[0] > 0.0 else np.ones(len(minima.cost))
+    return Starts(cost=relative, agreeing=int(np.sum(relative <= 1.0 + same)))
+
+
 def concluded(
     method: str,
     recording: Recording,

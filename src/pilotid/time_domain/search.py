@@ -271,7 +271,7 @@ def _starts(
 
     A delay that is wrong by a period of the strongest line is the commonest wrong optimum.
     """
-    low, high = np.array([p.usual for p in model.parameters]).T
+    low, high = model.usual
     moved = []
     for index, parameter in enumerate(model.parameters):
         if not parameter.linear:  # gains are solved for
