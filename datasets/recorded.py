@@ -10,7 +10,7 @@ import numpy as np
 from pilotid.datasets.forcing import Multisine
 from pilotid.datasets.recorder import Recorder
 from pilotid.datasets.remnant import TabulatedRemnant
-from pilotid.estimates.remnant import RemnantEstimate
+from pilotid.estimates.parts import RemnantEstimate
 from pilotid.recordings.floors import floors_of
 from pilotid.recordings.lines import NotMultisineError, forcing_lines
 from pilotid.recordings.recording import Recording

@@ -19,7 +19,7 @@ from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.fitted import Fitted
 from pilotid.estimates.loops import loops_of
 from pilotid.estimates.method import identify
-from pilotid.estimates.remarks import remarks_on
+from pilotid.estimates.warnings import remarks_on
 from pilotid.methods import methods
 from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pilotid.element.fit import OMEGA, IdentifiedElement, identified_element
-from pilotid.estimates.loop import LoopElement
+from pilotid.estimates.loops import LoopElement
 from pilotid.pilot.element import ControlledElement, parsed_element
 from pilotid.recordings.recording import Recording
 from pilotid.remarks import Remark

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate
-from pilotid.estimates.loop import LoopElement, Loops
-from pilotid.estimates.loops import loops_of
+from pilotid.estimates.loops import LoopElement, Loops, loops_of
 from pilotid.estimates.method import Method, identify
 from pilotid.estimates.tables import quantity_table, side_by_side
 from pilotid.pilot.model import PilotModel

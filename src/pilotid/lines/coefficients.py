@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pilotid.estimates.response import FrequencyResponse, circular
+from pilotid.estimates.parts import FrequencyResponse, circular
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.lines import forcing_lines
 from pilotid.recordings.recording import Recording

@@ -103,7 +103,7 @@ def fit_lines(
     Parameters
     ----------
     recording, model
-        What is fitted; `pilotid.lines.objection.objection` has none.
+        What is fitted; `pilotid.estimates.applicability.lines_objection` has none.
     rng
         Draws the random starts.
     starts
