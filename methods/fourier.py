@@ -40,7 +40,7 @@ from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.parts import AnalysedBand, FrequencyResponse
 from pilotid.frequency.second_step import second_step
 from pilotid.lines.coefficients import NEIGHBOURS, TREND, Coefficients, coefficients_of
-from pilotid.lines.equations import Equations
+from pilotid.lines.fit import Equations
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import minimise

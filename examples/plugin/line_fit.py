@@ -21,11 +21,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.applicability import lines_objection
+from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.lines import forcing_lines
 from pilotid.recordings.recording import Recording
+from pilotid.recordings.spectra import forcing_lines
 from pilotid.solve.covariance import covariance_of
 from pilotid.solve.least_squares import Problem, minimise
 from pilotid.solve.search import search

@@ -21,7 +21,7 @@ from pilotid.cli.reading import (
     MapOption,
 )
 from pilotid.disk import strict_json, write_file
-from pilotid.element.choice import ElementChoice, chosen_element
+from pilotid.element.fit import ElementChoice, chosen_element
 from pilotid.estimates.applicability import lines_objection, motionless_input
 from pilotid.estimates.method import Method
 from pilotid.methods import methods

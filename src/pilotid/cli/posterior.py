@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from pilotid.disk import path_shown
-from pilotid.element.choice import chosen_element
+from pilotid.element.fit import chosen_element
 from pilotid.estimates.applicability import motionless_input
 from pilotid.estimates.estimate import Outcome, failed
 from pilotid.estimates.fitted import Fitted

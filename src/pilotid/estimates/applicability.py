@@ -6,8 +6,8 @@ import numpy as np
 
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
-from pilotid.recordings.lines import NotMultisineError, forcing_lines
 from pilotid.recordings.recording import INPUTS, Recording
+from pilotid.recordings.spectra import NotMultisineError, forcing_lines
 from pilotid.types import FloatArray
 
 #: Standard deviation of a forcing function over that of another signal below which there is none.

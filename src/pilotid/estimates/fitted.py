@@ -154,7 +154,7 @@ def fit_all(
         What is fitted to what.
     loop_element
         The controlled element that loops are drawn with, see
-        `pilotid.element.choice.chosen_element`; None for no loops.
+        `pilotid.element.fit.chosen_element`; None for no loops.
     """
     closed = recording if loop_element is None else loop_element.named_in(recording)
     estimates = (

@@ -12,8 +12,8 @@ from pilotid.estimates.applicability import one_signal, shared_signals
 from pilotid.estimates.estimate import Estimate, Outcome, at_bounds
 from pilotid.pilot.courses import STEEP
 from pilotid.pilot.factors import Factor, Lag, Lead, Neuromuscular, Parameter
-from pilotid.recordings.lines import NotMultisineError, forcing_lines
 from pilotid.recordings.recording import Recording
+from pilotid.recordings.spectra import NotMultisineError, forcing_lines
 from pilotid.remarks import Remark, remark_of
 from pilotid.types import ComplexArray, FloatArray
 

@@ -19,8 +19,8 @@ from pilotid.estimates.parts import AnalysedBand, RemnantEstimate
 from pilotid.lines.fit import fit_lines
 from pilotid.pilot.frozen import frozen, unfrozen
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.floors import floors_of
 from pilotid.recordings.recording import Recording
+from pilotid.recordings.spectra import floors_of
 from pilotid.solve.covariance import covariance_of
 from pilotid.solve.least_squares import Minima, minimise
 from pilotid.time_domain.adjoint import for_search
