@@ -95,8 +95,7 @@ def inputs_of(
     scenario: Scenario, omega: FloatArray, cause: str
 ) -> tuple[ComplexArray, ComplexArray]:
     """Error and output for each unit of a cause: target, disturbance or remnant."""
-    loop = closed_loop(scenario, omega)
-    output: ComplexArray = getattr(loop, f"x_of_{cause}")
+    output = closed_loop(scenario, omega).x[cause]
     return (1.0 if cause == "target" else 0.0) - output, output
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers import recording_of, without_remnant
 
-from pilotid.datasets import SCENARIOS, Scenario, linearised, simulate
+from pilotid.datasets import SCENARIOS, Scenario, experiments, simulate
 from pilotid.datasets.experiments import bound_of, experiment_of
 from pilotid.datasets.named import truth
 from pilotid.datasets.simulation import linear_rms, remnant_ratio
@@ -249,7 +249,7 @@ RECORDINGS = 8
 @pytest.fixture(scope="module")
 def bound() -> FloatArray:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(linearised, "RECORDINGS", RECORDINGS)
+        patch.setattr(experiments, "RECORDINGS", RECORDINGS)
         return bound_of(BOUNDED)
 
 
@@ -259,7 +259,7 @@ def test_bounds_of_four_runs_are_half_those_of_one(
 ) -> None:
     assert [t.bound for t in truths_of(BOUNDED)] == pytest.approx(bound.tolist(), rel=1e-3)
     # As many runs as one for each recording.
-    monkeypatch.setattr(linearised, "RECORDINGS", RECORDINGS // 4)
+    monkeypatch.setattr(experiments, "RECORDINGS", RECORDINGS // 4)
     ratio = bound_of(replace(BOUNDED, runs=4)) / bound
     np.testing.assert_allclose(ratio, 0.5, rtol=0.1)
 
