@@ -13,9 +13,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pilotid.datasets.changing import SteppedElement
 from pilotid.datasets.forcing import Forcing
 from pilotid.datasets.scenarios import Scenario
+from pilotid.datasets.violations import SteppedElement
 from pilotid.pilot.model import Channel
 from pilotid.pilot.timevarying import Changing
 from pilotid.types import FloatArray, InputError, IntArray

@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from pilotid.estimates.response import FrequencyResponse, real_parts
+from pilotid.estimates.parts import FrequencyResponse, real_parts
 from pilotid.pilot.model import Channel, PilotModel
 from pilotid.time_domain.prediction import Prediction
 from pilotid.types import ComplexArray, FloatArray, IntArray
@@ -353,7 +353,7 @@ def discrete_response(
 
     Returns
     -------
-    Responses (inputs, n), and the covariance of `pilotid.estimates.response.real_parts` of them.
+    Responses (inputs, n), and the covariance of `pilotid.estimates.parts.real_parts` of them.
     """
     structure = fit.structure
     delay = np.exp(-1j * omega * dt)

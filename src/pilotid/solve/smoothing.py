@@ -19,6 +19,7 @@ from typing import TypeVar
 import numpy as np
 
 from pilotid.pilot.timevarying import Curve
+from pilotid.remarks import Remark
 from pilotid.solve.least_squares import Minima, Penalty, Problem, Scale, Space, minimise
 from pilotid.types import FloatArray
 
@@ -117,9 +118,10 @@ class Restricted:
 
 
 #: What must be known of curves whose smoothness was judged by a white residual.
-AGAINST_WHITE = (
+AGAINST_WHITE = Remark(
+    "white-remnant",
     "how smooth the curves are was judged as if the remnant were white, so that they follow the "
-    "remnant and their bands are far too narrow; use mle or bayes"
+    "remnant and their bands are far too narrow; use mle or bayes",
 )
 
 ROUNDS = 25  # of weights and optimum in turn, at the most

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from pilotid.chance import CHI_SQUARED_95, CHI_SQUARED_95_OF_TWO
-from pilotid.estimates.bounds import held
+from pilotid.estimates.estimate import is_at_bound
 from pilotid.solve.intervals import Held
 from pilotid.solve.least_squares import minimise
 from pilotid.time_domain.maximum_likelihood import Maximum
@@ -52,7 +52,7 @@ def off_bounds(found: Maximum) -> FloatArray:
     """
     joint, optimum = found.joint, found.end.values[0]
     model = joint.prediction.model
-    at_bound = np.flatnonzero(held(model, found.pilot))
+    at_bound = np.flatnonzero(is_at_bound(model, found.pilot))
     low, high = model.usual
     middle = np.where(model.positive, np.sqrt(np.abs(low * high)), 0.5 * (low + high))
     bases = [optimum.copy()]

@@ -11,7 +11,14 @@ from typing import Literal, Self
 import numpy as np
 
 from pilotid.chance import SELDOM, chi_squared_limit
-from pilotid.estimates.estimate import Estimate, Outcome, failed, outcome_of, symmetric_intervals
+from pilotid.estimates.estimate import (
+    Estimate,
+    Outcome,
+    Starts,
+    failed,
+    outcome_of,
+    symmetric_intervals,
+)
 from pilotid.pilot.factors import Delayed, Response
 from pilotid.pilot.model import PilotModel, Placed, unfrozen
 from pilotid.recordings.recording import Recording

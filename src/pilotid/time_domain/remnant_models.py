@@ -16,7 +16,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from pilotid.estimates.remnant import RemnantEstimate
+from pilotid.estimates.parts import RemnantEstimate
 from pilotid.time_domain.prepare import (
     FAR,
     REACH,
