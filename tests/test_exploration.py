@@ -23,7 +23,7 @@ from pilotid.pilot.element import position_control
 from pilotid.seeds import recording_rng
 from pilotid.solve.intervals import profile_intervals
 from pilotid.solve.least_squares import Minima, minimise
-from pilotid.time_domain import reduced as reduction
+from pilotid.time_domain import prediction_errors as reduction
 from pilotid.time_domain.maximum_likelihood import EDGE, SHORT, maximise_likelihood
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction, predict

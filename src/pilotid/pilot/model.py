@@ -303,7 +303,7 @@ class PilotModel:
         )
 
     def over(self, seconds: float) -> PilotModel:
-        """The model over a measurement window of so many seconds, see `Course.over`."""
+        """The model over a measurement window of so many seconds, see `Spline.over`."""
         if not self.changes:
             return self
         channels = tuple(
@@ -329,7 +329,7 @@ class PilotModel:
         return tuple(found.values())
 
     def elsewhere(self, values: FloatArray) -> list[FloatArray]:
-        """Other parameter sets near which the optimum may be, see `Course.elsewhere`.
+        """Other parameter sets near which the optimum may be, see `Sigmoid.elsewhere`.
 
         None for a model that does not vary in time.
 

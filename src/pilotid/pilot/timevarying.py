@@ -11,11 +11,11 @@ for each.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol, cast
+from typing import NamedTuple
 
 import numpy as np
 
-from pilotid.pilot.factors import Factor, Parameter, Polynomial
+from pilotid.pilot.factors import Parameter, Polynomial
 from pilotid.types import FloatArray
 
 #: Rate [1/s] from which on a change is a step: it takes less than half a second.
@@ -44,56 +44,6 @@ class Curve(NamedTuple):
     key: str
     indices: tuple[int, ...]
     matrix: FloatArray
-
-
-class Course(Protocol):
-    """How parameters go over time; it must be hashable (a frozen dataclass)."""
-
-    @property
-    def when(self) -> tuple[str, ...]:
-        """Keys of middle and rate of a change; empty where the course has none."""
-        ...
-
-    def parameters(self, changed: tuple[Parameter, ...]) -> tuple[Parameter, ...]:
-        """The parameters that describe how some parameters go over time."""
-        ...
-
-    def ends(self, key: str) -> tuple[str, str]:
-        """Keys of what a parameter is at the beginning and at the end."""
-        ...
-
-    def over(self, seconds: float) -> Course:
-        """The course over a measurement window of so many seconds."""
-        ...
-
-    def at(self, time: FloatArray, values: FloatArray) -> FloatArray:
-        """What varies at some times, shape (..., changed, n).
-
-        Parameters
-        ----------
-        time
-            Times from the start of the measurement window [s], shape (n,).
-        values
-            Sets of the course's parameters, shape (..., parameters).
-        """
-        ...
-
-    def moved(self, time: FloatArray, values: FloatArray) -> list[Moved]:
-        """The derivatives of `at` by each parameter, `values` of shape (sets, parameters)."""
-        ...
-
-    def elsewhere(self, values: FloatArray) -> list[FloatArray]:
-        """Other parameter sets near which an optimum may be, from one of shape (parameters,)."""
-        ...
-
-    def constant(self, values: FloatArray) -> FloatArray:
-        """The parameters of what does not vary, (..., parameters), from (..., changed)."""
-        ...
-
-    @property
-    def roughness(self) -> FloatArray | None:
-        """What is penalised, of each parameter that varies: see `Spline.roughness`."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -171,18 +121,26 @@ class Sigmoid:
         return np.concatenate([np.repeat(values, 2, axis=-1), np.broadcast_to(when, shape)], -1)
 
     def share(self, time: FloatArray, values: FloatArray) -> FloatArray:
-        """How much of the change has passed, 0 to 1, shape (..., n); see `Course.at`."""
+        """How much of the change has passed, 0 to 1, shape (..., n); see `at`."""
         middle, rate = values[..., -2, None], values[..., -1, None]
         return np.asarray(0.5 + 0.5 * np.tanh(0.5 * rate * (time - middle)))
 
     def at(self, time: FloatArray, values: FloatArray) -> FloatArray:
-        """See `Course.at`."""
+        """What varies at some times, shape (..., changed, n).
+
+        Parameters
+        ----------
+        time
+            Times from the start of the measurement window [s], shape (n,).
+        values
+            Sets of the course's parameters, shape (..., parameters).
+        """
         before, after = values[..., :-2:2, None], values[..., 1:-2:2, None]
         share = self.share(time, values)[..., None, :]
         return np.asarray(before + (after - before) * share)
 
     def moved(self, time: FloatArray, values: FloatArray) -> list[Moved]:
-        """See `Course.moved`."""
+        """The derivatives of `at` by each parameter, `values` of shape (sets, parameters)."""
         share = self.share(time, values)
         slope = share * (1.0 - share)
         middle, rate = values[:, -2, None], values[:, -1, None]
@@ -291,12 +249,12 @@ class Spline:
         return np.asarray(second.T @ np.linalg.solve(between, second))
 
     def at(self, time: FloatArray, values: FloatArray) -> FloatArray:
-        """See `Course.at`."""
+        """See `Sigmoid.at`."""
         logs = np.log(values).reshape(*values.shape[:-1], -1, self.intervals + 1)
         return np.asarray(np.exp(logs @ self.basis(time)))
 
     def moved(self, time: FloatArray, values: FloatArray) -> list[Moved]:
-        """See `Course.moved`."""
+        """See `Sigmoid.moved`."""
         basis = self.basis(time)
         own = np.exp(np.log(values).reshape(len(values), -1, self.intervals + 1) @ basis)
         count = self.intervals + 1
@@ -304,6 +262,10 @@ class Spline:
             [(j // count, own[:, j // count] * basis[j % count] / values[:, j, None])]
             for j in range(values.shape[1])
         ]
+
+
+#: How parameters go over time.
+Course = Sigmoid | Spline
 
 
 @dataclass(frozen=True)
@@ -321,7 +283,7 @@ class Changing:
         How their parameters go over time: `Sigmoid` or `Spline` of `pilotid.pilot.timevarying`.
     """
 
-    factors: tuple[Factor, ...]
+    factors: tuple[Polynomial, ...]
     course: Course = SIGMOID
     fixed_poles = ()
 
@@ -433,11 +395,10 @@ class Changing:
         for factor in self.factors:
             last = first + len(factor.parameters)
             own = [np.asarray(value, dtype=float) for value in parameters[first:last]]
-            given = cast("Polynomial", factor)
-            coefficients = given.coefficients(own)
+            coefficients = factor.coefficients(own)
             if by is not None and first <= by < last:
                 own[by - first] = own[by - first] + 1.0
-                further = given.coefficients(own)
+                further = factor.coefficients(own)
                 coefficients = tuple(b - a for a, b in zip(coefficients, further, strict=True))
             result.append(coefficients)
             first = last

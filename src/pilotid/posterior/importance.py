@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -28,18 +27,6 @@ DEFENCE = 0.1  # share of the wide copies, which find what the narrow ones miss
 
 #: What draws random numbers here; emcee has one of the legacy kind.
 Generator = np.random.Generator | np.random.RandomState
-
-
-class Proposal(Protocol):
-    """A distribution that can be drawn from."""
-
-    def draw(self, rng: Generator, count: int) -> FloatArray:
-        """Random points, shape (count, dimensions)."""
-        ...
-
-    def log_density(self, points: FloatArray) -> FloatArray:
-        """Up to a constant that all proposals share."""
-        ...
 
 
 class StudentT:
@@ -152,6 +139,8 @@ def fitted(
     shares = np.concatenate([(1.0 - DEFENCE) * shares, DEFENCE * shares])
     return Mixture(shares / shares.sum(), parts + wide)
 
+
+Proposal = StudentT | Mixture
 
 SCOUTS = 0.25  # share of the draws that the first distribution gives
 STAGES = 4  # single distributions at most

@@ -481,14 +481,6 @@ def _minimise(
         near = reached > 0.99 * cost
         near &= better
         eased = np.maximum(damping / 10.0, 1e-9)
-        if better.all():
-            if near.any():
-                learned = _secant(curvature, grams, trial_grams, trial - values, trial_scale)
-                curvature = learned if near.all() else np.where(near[:, None, None], learned, 0.0)
-            else:
-                curvature = np.zeros_like(curvature)
-            values, grams, scale, damping = trial, trial_grams, trial_scale, eased
-            continue
         if near.any():
             # Of the others nothing is kept, and what their numbers are does not matter.
             new = np.where(near[:, None, None], trial_grams, grams)

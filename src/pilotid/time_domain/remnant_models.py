@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,74 +28,6 @@ from pilotid.time_domain.prepare import (
 from pilotid.types import BoolArray, FloatArray
 
 SPECTRA = 64  # spectra evaluated at once: about what the processor's cache holds
-
-
-class NoiseModel(Protocol):
-    """A family of remnant spectra, up to the power, which is estimated apart.
-
-    It is also a space for `pilotid.solve.least_squares.minimise`.
-    """
-
-    @property
-    def name(self) -> str:
-        """As reports print it."""
-        ...
-
-    @property
-    def keys(self) -> tuple[str, ...]:
-        """Names of its parameters."""
-        ...
-
-    @property
-    def lower(self) -> FloatArray: ...
-
-    @property
-    def upper(self) -> FloatArray: ...
-
-    @property
-    def positive(self) -> BoolArray: ...
-
-    def taps(self, values: FloatArray, band: Band) -> tuple[FloatArray, FloatArray]:
-        """Whitening filters and their derivatives.
-
-        Parameters
-        ----------
-        values
-            Parameter sets, shape (sets, parameters).
-        band
-            The analysis band.
-
-        Returns
-        -------
-        Taps, shape (sets, taps), the first of which is one, and their derivatives,
-        shape (sets, parameters, taps).
-        """
-        ...
-
-    def filters(self, values: FloatArray, band: Band) -> FloatArray:
-        """The whitening filters alone, fast for very many parameter sets, shape (sets, taps)."""
-        ...
-
-    def guess(self, products: FloatArray, band: Band) -> tuple[FloatArray, float]:
-        """Parameters that suit a residual, from its `lagged_products`, and the power they leave.
-
-        Parameters
-        ----------
-        products
-            Lagged products of the residual.
-        band
-            The analysis band.
-
-        Returns
-        -------
-        Parameters, shape (parameters,), and the mean square of the whitened residual.
-        """
-        ...
-
-    @property
-    def regressive(self) -> bool:
-        """Whether the parameters are those of a regression of the residual on its own past."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -161,6 +93,20 @@ class LowPass:
         return power, (2.0 * ratio * by_ratio / values[:, :1], by_damping)
 
     def taps(self, values: FloatArray, band: Band) -> tuple[FloatArray, FloatArray]:
+        """Whitening filters and their derivatives.
+
+        Parameters
+        ----------
+        values
+            Parameter sets, shape (sets, parameters).
+        band
+            The analysis band.
+
+        Returns
+        -------
+        Taps, shape (sets, taps), the first of which is one, and their derivatives,
+        shape (sets, parameters, taps).
+        """
         if self.order == 0 and band.factor == 1:
             return np.ones((len(values), 1)), np.zeros((len(values), 0, 1))
         power, log_slopes = self.power(band.folded[0], values)
@@ -185,6 +131,7 @@ class LowPass:
         return (np.geomspace(0.5, 60.0, 40), np.geomspace(0.12, 1.8, 12))[: len(self.keys)]
 
     def guess(self, products: FloatArray, band: Band) -> tuple[FloatArray, float]:
+        """Parameters that suit a residual, shape (parameters,), and the power that they leave."""
         grid, taps = _catalogue(self, band)
         reach = taps.shape[1]
         power = np.sum((taps @ products[:reach, :reach]) * taps, axis=1)
@@ -295,6 +242,14 @@ class Autoregressive:
             values = np.zeros(self.order)
         taps = np.concatenate([[1.0], values])
         return values, float(taps @ own @ taps)
+
+
+#: A family of remnant spectra, up to the power, which is estimated apart.  It has the bounds of
+#: its parameters, so that it can be searched by `pilotid.solve.least_squares.minimise`; whitening
+#: filters with their derivatives (`taps`) and alone, fast for many sets (`filters`); and a `guess`
+#: from a residual's `lagged_products`.  The parameters of a `regressive` one are coefficients of
+#: the residual's own past.
+NoiseModel = LowPass | Autoregressive
 
 
 @lru_cache(maxsize=32)
