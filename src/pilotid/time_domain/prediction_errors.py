@@ -69,14 +69,13 @@ class Reduced(Prediction):
         return self._with(self.s.imag < band)
 
     def _with(self, chosen: BoolArray) -> Reduced:
-        given = {field.name: getattr(self, field.name) for field in fields(self)}
-        given |= {
-            "s": self.s[chosen],
-            "spectra": tuple(spectrum[:, chosen] for spectrum in self.spectra),
-            "control_spectrum": self.control_spectrum[:, chosen],
-            "weights": self.weights[chosen],
-        }
-        return Reduced(**given)
+        return replace(
+            self,
+            s=self.s[chosen],
+            spectra=tuple(spectrum[:, chosen] for spectrum in self.spectra),
+            control_spectrum=self.control_spectrum[:, chosen],
+            weights=self.weights[chosen],
+        )
 
 
 def reduced(prediction: Prediction) -> Prediction:
