@@ -5,6 +5,12 @@ analytic Jacobian, bounds and several starts.  A first step may know fewer combi
 its responses than it lists (two channels interpolated between the lines of two forcing
 functions, a black-box model of few parameters); only those are fitted, each with its own
 weight.
+
+A black-box model is biased where its lags do not hold the pilot, or where its denominator serves
+the remnant as well, and the errors claimed for it do not know.  The recording does: one more
+fit, of prediction errors whitened by the estimate's own residual (generalised least squares;
+Clarke, IFAC symposium Prague 1967), moves a biased estimate away and leaves a sound one where
+it is.  Hausman (Econometrica 46, 1978) tests specifications by such a difference.
 """
 
 from __future__ import annotations
