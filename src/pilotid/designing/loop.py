@@ -14,7 +14,7 @@ from pilotid.designing.lines import Lines, multisine
 from pilotid.pilot.loops import margins
 from pilotid.theory.bounds import LineInformation, line_information
 from pilotid.theory.experiment import GRID
-from pilotid.time_domain.maximum_likelihood import SHORT
+from pilotid.time_domain.maximum_likelihood import BARTLETT_SECONDS
 from pilotid.types import FloatArray
 
 #: Error and control, and their rates.
@@ -131,7 +131,7 @@ def widening(runs: int, seconds: float) -> float:
 
     Bounds hold for long recordings.
     """
-    return 1.0 + SHORT / (runs * seconds)
+    return 1.0 + BARTLETT_SECONDS / (runs * seconds)
 
 
 def powers_of(scenario: Scenario) -> FloatArray:
