@@ -10,7 +10,6 @@ from helpers import recording_of, without_remnant
 from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 
-from pilotid.analysis.candidates import sensible
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.fitted import Fitted
@@ -19,6 +18,7 @@ from pilotid.methods import methods
 from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
+from pilotid.model_choice import sensible
 from pilotid.pilot.catalogue import ADAPTING, ADAPTING_FREE, SINGLE
 from pilotid.pilot.changing import Changing, Fading
 from pilotid.pilot.courses import Curve, Sigmoid, Spline

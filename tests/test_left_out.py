@@ -11,9 +11,8 @@ import pytest
 from helpers import Run
 
 from pilotid.analysis.board import BOARD, Board, read_board
-from pilotid.analysis.left_out import LeftOut, log_likelihood, predicted, standings
-from pilotid.analysis.pattern import Part
-from pilotid.analysis.source import alone, without
+from pilotid.analysis.cross_validation import LeftOut, log_likelihood, predicted, standings
+from pilotid.analysis.recordings import Part, alone, without
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.disk import strict_json
 from pilotid.methods.mle_white import MLEWhite

@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 from helpers import NOMINAL, PILOTS, SINGLE_LOOP
 
-from pilotid.analysis.candidates import Candidate, compared, sensible
-from pilotid.analysis.choice import chosen
-from pilotid.analysis.forced import forced
 from pilotid.datasets import simulate
+from pilotid.model_choice import Candidate, chosen, compared, forced, sensible
 from pilotid.pilot.catalogue import MODELS
 from pilotid.recordings.files import load_recording
 from pilotid.recordings.recording import Recording

@@ -9,8 +9,8 @@ import pytest
 from scipy.stats import chi2, norm, t
 from tidy_rows import row
 
-from pilotid.analysis.columns import SPREAD_COLUMNS, spread_table
 from pilotid.analysis.combine import ratio_of
+from pilotid.analysis.results import SPREAD_COLUMNS, table_of
 from pilotid.analysis.rows import Row
 from pilotid.analysis.spread import (
     RunSpread,
@@ -147,6 +147,6 @@ def test_intervals_with_the_variation_hold(between: float) -> None:
 
 
 def test_its_table() -> None:
-    head, (line,) = spread_table(run_spreads(runs(VALUES)))
+    head, (line,) = table_of(run_spreads(runs(VALUES)), SPREAD_COLUMNS)
     assert head == list(SPREAD_COLUMNS)
     assert dict(zip(head, line, strict=True))["runs"] == 5

@@ -9,8 +9,8 @@ import pytest
 from scipy.stats import ttest_rel
 from tidy_rows import row
 
+from pilotid.analysis.contrasts import parted, within_fits
 from pilotid.analysis.rows import Row
-from pilotid.analysis.within import parted, within_fits
 from pilotid.types import InputError
 
 BEFORE, AFTER = (0.4, 0.5, 0.7), (0.9, 1.3, 1.2)

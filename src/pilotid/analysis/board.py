@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pilotid.analysis.left_out import COLUMNS, LeftOut, left_out_rows
-from pilotid.analysis.pattern import Part
+from pilotid.analysis.cross_validation import COLUMNS, LeftOut, left_out_rows
+from pilotid.analysis.recordings import Part
 from pilotid.types import InputError
 
 #: The file, in the folder of an analysis.

@@ -8,9 +8,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from pilotid.analysis.cells import Chosen, Layout, Stratum, by_table, layouts, mean_and_spread
 from pilotid.analysis.contrasts import Contrast
-from pilotid.analysis.rows import Row, in_order
+from pilotid.analysis.rows import (
+    Chosen,
+    Layout,
+    Row,
+    Stratum,
+    by_table,
+    in_order,
+    layouts,
+    mean_and_spread,
+)
 from pilotid.numbers import decimals
 from pilotid.types import printable
 

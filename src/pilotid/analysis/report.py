@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from pilotid.analysis.analyse import Analysis, group_of
+from pilotid.analysis.analyse import PAGES, Analysis, group_of
 from pilotid.analysis.report_estimates import (
     LEVEL,
     chance,
@@ -19,7 +19,6 @@ from pilotid.analysis.report_left_out import left_out_blocks
 from pilotid.analysis.results import Results
 from pilotid.analysis.rows import SUBJECT
 from pilotid.analysis.spread import ConditionSpread, spread_sentence
-from pilotid.analysis.tasks import PAGES
 from pilotid.disk import write_file
 from pilotid.numbers import NONE, number
 from pilotid.report.content import (

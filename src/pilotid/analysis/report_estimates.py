@@ -8,10 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pilotid.analysis.cells import Layout, Stratum, by_table, layouts, mean_and_spread
 from pilotid.analysis.contrasts import Contrast
 from pilotid.analysis.figures import estimates_figure, spread_figure
 from pilotid.analysis.results import Results
+from pilotid.analysis.rows import Layout, Stratum, by_table, layouts, mean_and_spread
 from pilotid.analysis.spread import ConditionSpread
 from pilotid.numbers import MINUS, NONE, decimals, number
 from pilotid.report.content import Block, Column, Entry, Picture, Section, Table, Text, entries

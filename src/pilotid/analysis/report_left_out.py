@@ -9,7 +9,7 @@ import numpy as np
 
 from pilotid.analysis.analyse import Group, group_of
 from pilotid.analysis.board import Board
-from pilotid.analysis.left_out import LeftOut, Standing, standings
+from pilotid.analysis.cross_validation import LeftOut, Standing, standings
 from pilotid.analysis.report_estimates import group_words
 from pilotid.numbers import NONE, number, plus_minus
 from pilotid.report.content import Block, Column, Entry, Table, Text

@@ -14,9 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pilotid.analysis.cells import Stratum
 from pilotid.analysis.combine import NAN, Ratio, random_effects, ratio_of
-from pilotid.analysis.rows import CONDITION, Row
+from pilotid.analysis.rows import CONDITION, Row, Stratum
 from pilotid.chance import Z95
 from pilotid.types import FloatArray
 

@@ -6,11 +6,16 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pilotid.analysis.analyse import Analysis, group_of
-from pilotid.analysis.columns import contrast_table, repeated_table, spread_table
+from pilotid.analysis.cross_validation import COLUMNS as LEFT_OUT_COLUMNS
 from pilotid.analysis.latex import tables_tex
-from pilotid.analysis.left_out import COLUMNS as LEFT_OUT_COLUMNS
-from pilotid.analysis.pattern import Part
-from pilotid.analysis.results import Results
+from pilotid.analysis.recordings import Part
+from pilotid.analysis.results import (
+    CONTRAST_COLUMNS,
+    REPEATED_COLUMNS,
+    SPREAD_COLUMNS,
+    Results,
+    table_of,
+)
 from pilotid.analysis.rows import Row
 from pilotid.disk import table_bytes, write_file
 
@@ -53,11 +58,11 @@ def write_tables(folder: Path, results: Results, command: str) -> None:
     write_file(folder / LOOPS, table_bytes(head, loops))
     models = [cells for part in analysis.parts for cells in _model_cells(analysis, part, names)]
     write_file(folder / MODELS, table_bytes(["file", *names, *MODEL_COLUMNS], models))
-    write_file(folder / CONTRASTS, table_bytes(*contrast_table(results.contrasts)))
+    write_file(folder / CONTRASTS, table_bytes(*table_of(results.contrasts, CONTRAST_COLUMNS)))
     if results.repeated:
-        write_file(folder / CONDITIONS, table_bytes(*repeated_table(results.repeated)))
+        write_file(folder / CONDITIONS, table_bytes(*table_of(results.repeated, REPEATED_COLUMNS)))
     if results.spreads:
-        write_file(folder / RUNS, table_bytes(*spread_table(results.spreads)))
+        write_file(folder / RUNS, table_bytes(*table_of(results.spreads, SPREAD_COLUMNS)))
     if analysis.left_out:
         head = ["file", *names, *LEFT_OUT_COLUMNS]
         lines = [[e.part.name, *dict(e.part.fields).values(), *e.cells] for e in analysis.left_out]

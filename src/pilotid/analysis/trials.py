@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from pilotid.analysis.analyse import Analysis, Fit, Group, group_of
-from pilotid.analysis.source import Source
+from pilotid.analysis.recordings import Source
 from pilotid.pilot.catalogue import MODELS
 from pilotid.report.page import write_report
 from pilotid.study.store import Store

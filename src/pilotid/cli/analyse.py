@@ -9,15 +9,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pilotid.cli.arguments import (
+from pilotid.cli.options import (
+    DetrendOption,
     ElementOption,
+    IntervalOption,
+    LeadInOption,
+    MapOption,
     MethodOption,
     SeedOption,
     default_method,
     methods_of,
     names_of,
 )
-from pilotid.cli.reading import DetrendOption, IntervalOption, LeadInOption, MapOption
 from pilotid.cli.stopping import StoppedError
 from pilotid.recordings.files import Reading
 from pilotid.recordings.recording import LEAD_IN
@@ -94,10 +97,9 @@ def analyse(
     from pilotid.analysis.analyse import Settings
     from pilotid.analysis.analyse import analyse as analysed
     from pilotid.analysis.board import BOARD
-    from pilotid.analysis.pattern import Pattern, parts_of
+    from pilotid.analysis.recordings import Pattern, Source, parts_of
     from pilotid.analysis.report import write_report
     from pilotid.analysis.results import results_of
-    from pilotid.analysis.source import Source
     from pilotid.analysis.tables import write_tables
     from pilotid.analysis.trials import tried_conditions
     from pilotid.cli.progress import with_progress
@@ -105,7 +107,7 @@ def analyse(
     from pilotid.disk import make_folder, strict_json, write_file
     from pilotid.pilot.catalogue import AUTO, model_named
     from pilotid.pilot.element import element_named
-    from pilotid.study.facts import about_this
+    from pilotid.study.study import about_this
 
     names = names_of(model, [AUTO], [AUTO])
     models = {m.name: m for m in (model_named(name) for name in names if name != AUTO)}

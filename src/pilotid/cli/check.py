@@ -10,21 +10,21 @@ from typing import TYPE_CHECKING, Annotated, Any, TypedDict
 import numpy as np
 import typer
 
-from pilotid.analysis.candidates import sensible
-from pilotid.analysis.choice import select
-from pilotid.cli.arguments import methods_of, require_writable
-from pilotid.cli.reading import (
+from pilotid.cli.options import (
     DetrendOption,
     IntervalOption,
     JointOption,
     LeadInOption,
     MapOption,
+    methods_of,
+    require_writable,
 )
 from pilotid.disk import strict_json, write_file
 from pilotid.element.choice import ElementChoice, chosen_element
 from pilotid.estimates.method import Method, motionless_input
 from pilotid.lines.objection import objection
 from pilotid.methods import methods
+from pilotid.model_choice import select, sensible
 from pilotid.naming.settings import split_list
 from pilotid.pilot.catalogue import model_named
 from pilotid.pilot.element import ControlledElement, element_named

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pilotid.cli.arguments import MethodOption, ScenarioOption, SeedOption, names_of
+from pilotid.cli.options import MethodOption, ScenarioOption, SeedOption, names_of
 from pilotid.cli.stopping import StoppedError
 from pilotid.cli.trust import LikeOption, scenario_like
 from pilotid.seeds import DEFAULT_SEED

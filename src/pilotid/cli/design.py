@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pilotid.cli.arguments import SeedOption
+from pilotid.cli.options import SeedOption
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.terminal import make_console
 from pilotid.types import InputError
@@ -197,7 +197,7 @@ def _scenario(
     name: str, model: PilotModel | None, truth: str | None, seconds: float | None, runs: int | None
 ) -> Scenario:
     from pilotid.datasets import Scenario, scenario_named
-    from pilotid.designing.loop import with_held_remnant
+    from pilotid.designing.lines import with_held_remnant
     from pilotid.designing.pilots import with_model, with_truth
 
     chosen = scenario_named(name)

@@ -17,8 +17,16 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from pilotid.cli.analyse import analyse
-from pilotid.cli.arguments import (
+from pilotid.cli.check import check
+from pilotid.cli.comparison import compare, report
+from pilotid.cli.design import design
+from pilotid.cli.options import (
+    DetrendOption,
     ElementOption,
+    IntervalOption,
+    JointOption,
+    LeadInOption,
+    MapOption,
     MethodOption,
     SeedOption,
     default_method,
@@ -27,17 +35,7 @@ from pilotid.cli.arguments import (
     require_writable,
     started,
 )
-from pilotid.cli.check import check
-from pilotid.cli.comparison import compare, report
-from pilotid.cli.design import design
 from pilotid.cli.publishing import compare_studies, publish
-from pilotid.cli.reading import (
-    DetrendOption,
-    IntervalOption,
-    JointOption,
-    LeadInOption,
-    MapOption,
-)
 from pilotid.cli.stopping import STATUS, heeding_interruptions
 from pilotid.cli.trust import LikeOption, scenario_like, trust
 from pilotid.disk import strict_json, write_file
@@ -276,7 +274,7 @@ def _selected(
     """The model that was named, or the one that the recording speaks for, and why."""
     if named is not None:
         return named, "", ()
-    from pilotid.analysis.choice import select
+    from pilotid.model_choice import select
 
     found = select(recording, seed=seed)
     return found.model, found.reason, tuple(c.to_dict() for c in found.candidates)

@@ -38,7 +38,7 @@ def compare_studies(
     ] = None,
 ) -> None:
     """Say what changed from one study to another of the same scenarios, and how surely."""
-    from pilotid.cli.arguments import require_writable
+    from pilotid.cli.options import require_writable
     from pilotid.disk import strict_json, table_bytes, write_file
     from pilotid.publishing.changes import COLUMNS, find_changes
     from pilotid.publishing.studies import read_study

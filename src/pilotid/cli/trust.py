@@ -8,8 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pilotid.cli.arguments import ElementOption, MethodOption, SeedOption, names_of
-from pilotid.cli.reading import DetrendOption, IntervalOption, MapOption
+from pilotid.cli.options import (
+    DetrendOption,
+    ElementOption,
+    IntervalOption,
+    MapOption,
+    MethodOption,
+    SeedOption,
+    names_of,
+)
 from pilotid.cli.stopping import StoppedError
 from pilotid.pilot.catalogue import AUTO, model_named
 from pilotid.pilot.element import element_named
@@ -44,7 +51,7 @@ def scenario_like(path: Path, seed: int) -> Scenario:
 
 
 def _model(recording: Recording, name: str, seed: int) -> PilotModel:
-    from pilotid.analysis.choice import select
+    from pilotid.model_choice import select
 
     return select(recording, seed=seed).model if name == AUTO else model_named(name)
 

@@ -18,7 +18,7 @@ from pilotid.datasets.population import (
 )
 from pilotid.datasets.remnant import Remnant
 from pilotid.datasets.scenarios import Scenario
-from pilotid.designing.loop import with_held_remnant
+from pilotid.designing.lines import with_held_remnant
 from pilotid.disk import require_file
 from pilotid.pilot.catalogue import model_named
 from pilotid.pilot.element import element_named

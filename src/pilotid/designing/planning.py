@@ -17,8 +17,7 @@ import numpy as np
 
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.simulation import require_stable
-from pilotid.designing.lines import reference_lines
-from pilotid.designing.loop import loop_of, powers_of, widening, with_held_remnant
+from pilotid.designing.lines import loop_of, powers_of, reference_lines, widening, with_held_remnant
 from pilotid.types import InputError
 
 LEVEL = 0.05  # of the two-sided test

@@ -2,33 +2,138 @@
 
 from __future__ import annotations
 
+import json
+import platform
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from importlib.metadata import version
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-from pilotid.datasets import CATALOGUE, AnyScenario, Population, Scenario, scenarios_named
+import numpy as np
+
+from pilotid.datasets import CATALOGUE, AnyScenario, Population, Scenario, scenarios_named, simulate
 from pilotid.datasets.named import sound
 from pilotid.datasets.simulation import remnant_ratio
 from pilotid.disk import make_folder
 from pilotid.estimates.method import Method, follows
 from pilotid.jobs import USUAL_LIMITS, Limits, run_tasks
-from pilotid.methods import label_of, method_named
-from pilotid.naming.code import packed, reason
+from pilotid.methods import label_of, method_named, methods
+from pilotid.naming.code import code_digest, own_digest, packed, place_of, reason
+from pilotid.naming.settings import labelled, plain
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.study.comparison import Comparison, comparison_of
-from pilotid.study.draws import scenario_of
-from pilotid.study.entries import MethodEntry, Result, ScenarioEntry, Unit
-from pilotid.study.facts import about_this, method_entry, scenario_entry, trajectory_fact
+from pilotid.study.draws import scenario_of, truths_of
+from pilotid.study.entries import (
+    TRAJECTORY,
+    MethodEntry,
+    ParameterTruth,
+    Result,
+    ScenarioEntry,
+    Unit,
+)
 from pilotid.study.fits import OUTSIDE, Task, given_up, run_task
 from pilotid.study.store import Store
+from pilotid.study.tracks import truth_over_time
 from pilotid.types import InputError
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+
+LIBRARIES = ("numpy", "scipy", "control", "pysindy", "emcee")
+
+
+def about_this(seed: int) -> dict[str, str]:
+    """Code, versions and seed: what two results must share to be compared."""
+    return {
+        "seed": str(seed),
+        "code": own_digest(),
+        "pilotid": version("pilotid"),
+        "python": ".".join(platform.python_version_tuple()[:2]),
+        **{name: version(name) for name in LIBRARIES},
+    }
+
+
+def method_entry(method: Method, position: int = 0, typed: str = "") -> MethodEntry:
+    """A method for the store.
+
+    Parameters
+    ----------
+    method
+        The method.
+    position
+        Its place behind those that are registered.
+    typed
+        What the user typed for it, if anything.
+    """
+    known, label = list(methods()), label_of(method)
+    registered = method.name in known
+    place = known.index(method.name) if registered else len(known) + position
+    if not typed:
+        typed = label if registered else labelled(place_of(type(method)), method)
+    return MethodEntry(label, place, plain(method), code_digest(method), typed)
+
+
+def scenario_entry(scenario: AnyScenario, position: int = 0, typed: str = "") -> ScenarioEntry:
+    """A scenario with its truth and its bounds, for the store; see `method_entry`.
+
+    The bound is that of the whole record with the remnant's spectrum known: the floor under
+    every unbiased method.  A population has neither: its replications have their own.
+
+    Raises
+    ------
+    InputError
+        If no bounds can be given, for example because the loop is unstable, or if a population
+        cannot be drawn from.
+    """
+    known = list(CATALOGUE)
+    try:
+        if isinstance(scenario, Population):
+            model, family = ", ".join(dict.fromkeys(scenario.models)), ""
+            _try_out(scenario)
+            parameters: tuple[ParameterTruth, ...] = ()
+        else:
+            model, family = scenario.model.name, scenario.family
+            parameters = truths_of(scenario)
+    except InputError:
+        raise
+    except Exception as error:  # a scenario of the user's own may be anything
+        raise InputError(
+            f"scenario {scenario.name}: cannot be simulated ({reason(error)}); check its settings"
+        ) from error
+    return ScenarioEntry(
+        scenario.name,
+        known.index(scenario.name) if scenario.name in known else len(known) + position,
+        scenario.description,
+        model,
+        plain(scenario),
+        parameters,
+        family,
+        code_digest(scenario),
+        typed or scenario.name,
+    )
+
+
+def trajectory_fact(scenario: Scenario) -> dict[str, str]:
+    """What a report needs of the truth of a pilot who changes; nothing for one who stays."""
+    truth = truth_over_time(scenario)
+    if truth is None:
+        return {}
+    values = dict(zip(truth.keys, truth.values.tolist(), strict=True))
+    return {f"{TRAJECTORY} {scenario.name}": json.dumps({"time": truth.time.tolist(), **values})}
+
+
+def _try_out(population: Population) -> None:
+    """Draw a pilot and a recording that nobody keeps, so that what cannot be is told at once."""
+    rng = np.random.default_rng(0)
+    scenario = population.drawn(rng)
+    simulate(scenario, rng)
+    truths_of(scenario)
+
 
 #: Scenarios and replications of each, by name of the profile.
 PROFILES: dict[str, tuple[tuple[str, ...], int]] = {

@@ -18,8 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from pilotid.analysis.pattern import Part
-from pilotid.analysis.source import alone, without
+from pilotid.analysis.recordings import Part, alone, without
 from pilotid.estimates.method import Method, identify
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
