@@ -232,10 +232,11 @@ def _look(task: Task) -> Content:
 
 def candidates_of(look: Content) -> list[Candidate]:
     """The models compared, from what a look at a recording gave."""
-    return [
-        Candidate(**{k: tuple(v) if isinstance(v, list) else v for k, v in held.items()})
-        for held in look["candidates"]
-    ]
+    found = []
+    for held in look["candidates"]:
+        fields: Content = {k: tuple(v) if isinstance(v, list) else v for k, v in held.items()}
+        found.append(Candidate(**fields))
+    return found
 
 
 def _fit(task: Task) -> Content:

@@ -2,24 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypedDict
 
 import numpy as np
 import typer
 
-from pilotid.cli.options import (
-    DetrendOption,
-    IntervalOption,
-    JointOption,
-    LeadInOption,
-    MapOption,
-    methods_of,
-    require_writable,
-)
-from pilotid.disk import strict_json, write_file
+from pilotid.cli import options
 from pilotid.element.choice import ElementChoice, chosen_element
 from pilotid.estimates.method import Method, motionless_input
 from pilotid.lines.objection import objection
@@ -30,7 +19,6 @@ from pilotid.pilot.catalogue import model_named
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
-from pilotid.recordings.files import Reading
 from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.recordings.understood import Forcing, Understood, understood
 from pilotid.seeds import DEFAULT_SEED, fit_rng
@@ -56,50 +44,37 @@ MUCH_REST = 0.2  # share of the time from which a control that rests is worth a 
 
 
 def check(
-    files: Annotated[
-        list[Path], typer.Argument(metavar="F.csv|F.mat ...", help="Recordings to look at.")
-    ],
+    files: options.FilesArgument,
     model: Annotated[
         str,
         typer.Option(metavar="NAME,...", help="Models of which is told what methods can do."),
     ] = "single,multi",
-    mapping: MapOption = None,
-    dt: IntervalOption = None,
-    joint: JointOption = False,
-    detrend: DetrendOption = False,
-    lead_in: LeadInOption = LEAD_IN,
+    mapping: options.MapOption = None,
+    dt: options.IntervalOption = None,
+    joint: options.JointOption = False,
+    detrend: options.DetrendOption = False,
+    lead_in: options.LeadInOption = LEAD_IN,
     element: Annotated[
         str | None,
         typer.Option(metavar="4/s^2", help="Controlled element, to compare with what is seen."),
     ] = None,
-    json: Annotated[
-        str | None, typer.Option(metavar="F.json|-", help="Write it as JSON; - prints.")
-    ] = None,
+    json: options.JsonOption = None,
 ) -> None:
-    """Tell what was understood of recordings, and what is wrong with them."""
+    """Summarise recordings and report problems."""
     plant = element_named(element) if element else None
     models = [model_named(name) for name in split_list(model, names=True)]
-    json_file = None if json in (None, "-") else Path(str(json))
-    if json_file is not None:
-        require_writable(json_file, files)
-    recordings, refused = Reading(tuple(mapping or ()), dt, detrend, lead_in).all(
-        files, joint=joint
-    )
-    known = methods_of(None, list(methods()))
+    options.require_writable(files, json)
+    recordings, refused = options.recordings_of(files, mapping, dt, detrend, lead_in, joint=joint)
+    known = options.methods_of(None, list(methods()))
     found = [_checked(recording, models, known, plant) for recording in recordings]
-    text = strict_json(found[0][1] if len(found) == 1 else [entry for _, entry in found])
-    if json_file is not None:
-        write_file(json_file, text.encode())
-    if json == "-":
-        sys.stdout.write(text)
-    else:
+    entries = [entry for _, entry in found]
+    if not options.write_json(json, entries[0] if len(entries) == 1 else entries):
         console = make_console()
         for number, (facts, entry) in enumerate(found):
             if number:
                 console.print()
             _print(console, recordings[number], facts, entry)
-    if refused:
-        raise InputError("; ".join(refused))
+    options.raise_refused(refused)
 
 
 def _checked(

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import inspect
 import math
-import shlex
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pilotid.cli.options import SeedOption
+from pilotid.cli.options import (
+    SeedOption,
+    typed_command,
+)
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.terminal import make_console
 from pilotid.types import InputError
@@ -167,7 +168,7 @@ def design(
             plans.append((name, plan(experiment, *effect, between=between, within=within)))
 
     make_folder(out)
-    command = _command(given)
+    command = typed_command(design, given)
     about = {
         "pilotid": version("pilotid"),
         "command": command,
@@ -179,18 +180,6 @@ def design(
     console = make_console()
     console.print(f"design: {out / 'design.json'}, signals: {out / 'forcing.csv'}", soft_wrap=True)
     console.print(f"report: {page}", soft_wrap=True)
-
-
-def _command(given: dict[str, object]) -> str:
-    """The command that makes the same again, from the values of the options that differ."""
-    words = ["pilotid", "design", str(given["scenario"])]
-    for name, parameter in inspect.signature(design).parameters.items():
-        value = given[name]
-        if name == "scenario" or value == parameter.default:
-            continue
-        option = "--from" if name == "estimates" else f"--{name.replace('_', '-')}"
-        words += [option] if value is True else [option, str(value)]
-    return shlex.join(words)
 
 
 def _scenario(

@@ -8,26 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pilotid.cli.options import (
-    DetrendOption,
-    ElementOption,
-    IntervalOption,
-    MapOption,
-    MethodOption,
-    SeedOption,
-    names_of,
-)
-from pilotid.cli.stopping import StoppedError
-from pilotid.pilot.catalogue import AUTO, model_named
+from pilotid.cli import options
+from pilotid.pilot.catalogue import AUTO
 from pilotid.pilot.element import element_named
-from pilotid.recordings.files import Reading
+from pilotid.recordings.files import load_recording
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.terminal import make_console, print_table
 
 if TYPE_CHECKING:
     from pilotid.datasets import Scenario
-    from pilotid.pilot.model import PilotModel
-    from pilotid.recordings.recording import Recording
 
 LikeOption = Annotated[
     Path | None,
@@ -46,14 +35,10 @@ def scenario_like(path: Path, seed: int) -> Scenario:
 
     if path.suffix.lower() == ".json":
         return designed_scenario(path)
-    recording = Reading().all([path], joint=False)[0][0]
-    return trial_of(recording, _model(recording, AUTO, seed), ["mle"], seed).scenario
-
-
-def _model(recording: Recording, name: str, seed: int) -> PilotModel:
-    from pilotid.model_choice import select
-
-    return select(recording, seed=seed).model if name == AUTO else model_named(name)
+    recording = load_recording(path)
+    return trial_of(
+        recording, options.selected_model(recording, AUTO, seed), ["mle"], seed
+    ).scenario
 
 
 def trust(
@@ -61,28 +46,24 @@ def trust(
         list[Path],
         typer.Argument(metavar="F.csv|F.mat", help="Recording; several are runs of one."),
     ],
-    out: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder of the results; goes on where it stopped.")
-    ],
+    out: options.OutOption,
     model: Annotated[
         str, typer.Option(metavar="NAME|auto", help="Pilot model; auto takes the best.")
     ] = AUTO,
-    method: MethodOption = None,
+    method: options.MethodOption = None,
     replications: Annotated[int, typer.Option(min=1, help="Simulations of the recording.")] = 40,
-    mapping: MapOption = None,
-    dt: IntervalOption = None,
-    detrend: DetrendOption = False,
-    element: ElementOption = None,
-    seed: SeedOption = DEFAULT_SEED,
-    workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes; default: one for each processor.")
-    ] = None,
+    mapping: options.MapOption = None,
+    dt: options.IntervalOption = None,
+    detrend: options.DetrendOption = False,
+    element: options.ElementOption = None,
+    seed: options.SeedOption = DEFAULT_SEED,
+    workers: options.WorkersOption = None,
 ) -> None:
     """Compare methods on simulations of a recording, and correct the intervals of its fit.
 
     The first method that is named is the one whose fit is judged, else mle.
     """
-    from pilotid.cli.progress import with_progress
+    from pilotid.cli.running import with_progress
     from pilotid.datasets.designed import model_place
     from pilotid.methods import methods
     from pilotid.report.content import plain, terminal_table
@@ -91,18 +72,14 @@ def trust(
     from pilotid.study.store import Store
     from pilotid.study.trust import TRUST, UNKNOWN, trial_of
 
-    recordings, _ = Reading(tuple(mapping or ()), dt, detrend).all(files, joint=len(files) > 1)
+    recordings, _ = options.recordings_of(files, mapping, dt, detrend, joint=len(files) > 1)
     recording = recordings[0]
     if element is not None:
         recording = replace(recording, controlled_element=element_named(element).name)
-    chosen = _model(recording, model, seed)
-    trial = trial_of(recording, chosen, names_of(method, [], list(methods())), seed)
-    try:
+    chosen = options.selected_model(recording, model, seed)
+    trial = trial_of(recording, chosen, options.names_of(method, [], list(methods())), seed)
+    with options.resumable(out):
         found = trial.run(out, replications, seed, workers, model_place(model), with_progress)
-    except KeyboardInterrupt:
-        raise StoppedError(
-            f"stopped; {out} keeps what is done, and the same command goes on from there"
-        ) from None
     with Store(out) as store:
         page = write_report(out, store, found.comparison)
     console, told = make_console(), found.to_dict()

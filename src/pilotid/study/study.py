@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 import platform
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.metadata import version
+from itertools import count
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
@@ -135,6 +136,8 @@ def _try_out(population: Population) -> None:
     truths_of(scenario)
 
 
+#: Shows results as they come: the results, and how many there will be by method.
+Bar = Callable[[Iterator[Result], Mapping[str, int]], Iterable[Result]]
 #: Scenarios and replications of each, by name of the profile.
 PROFILES: dict[str, tuple[tuple[str, ...], int]] = {
     "quick": (("nominal", "population-usual"), 25),
@@ -142,7 +145,6 @@ PROFILES: dict[str, tuple[tuple[str, ...], int]] = {
 }
 
 
-@dataclass(frozen=True, init=False)
 class Study:
     """What is to be compared.
 
@@ -155,18 +157,10 @@ class Study:
     seed
         Seed of all random numbers.
     sparing
-        Whether methods for pilots who change are left out where pilots stay as they are.
+        Whether methods for time-varying pilots are left out where pilots do not vary.
     labels
         The methods' labels, which identify them in tables and in the store.
     """
-
-    scenarios: tuple[AnyScenario, ...]
-    methods: tuple[Method, ...]
-    replications: int
-    seed: int
-    sparing: bool
-    labels: tuple[str, ...] = field(init=False, repr=False, compare=False)
-    _typed: tuple[list[str], list[str]] = field(init=False, repr=False, compare=False)
 
     def __init__(
         self,
@@ -179,21 +173,14 @@ class Study:
     ) -> None:
         typed = [(s, text) for given in _each(scenarios) for s, text in _scenarios_of(given)]
         tried = [(method_named(m), m) if isinstance(m, str) else (m, "") for m in _each(methods)]
-        names = [sound(scenario).name for scenario, _ in typed]
-        labels = [label_of(method) for method, _ in tried]
-        _require_different("scenarios", names)
-        _require_different("methods", labels)
-        for name, value in (
-            ("scenarios", tuple(scenario for scenario, _ in typed)),
-            ("methods", tuple(method for method, _ in tried)),
-            ("replications", replications),
-            ("seed", seed),
-            ("sparing", sparing),
-            ("labels", tuple(labels)),
-            # What to type for each again, in the order of scenarios and methods.
-            ("_typed", ([text for _, text in typed], [text for _, text in tried])),
-        ):
-            object.__setattr__(self, name, value)
+        self.labels = tuple(label_of(method) for method, _ in tried)
+        _require_different("scenarios", [sound(scenario).name for scenario, _ in typed])
+        _require_different("methods", self.labels)
+        self.scenarios: tuple[AnyScenario, ...] = tuple(scenario for scenario, _ in typed)
+        self.methods: tuple[Method, ...] = tuple(method for method, _ in tried)
+        self.replications, self.seed, self.sparing = replications, seed, sparing
+        # What to type for each again.
+        self._typed = [text for _, text in typed], [text for _, text in tried]
 
     @property
     def size(self) -> int:
@@ -238,18 +225,8 @@ class Study:
             If the store holds results of other code or settings.
         """
         about = about_this(self.seed)
-        scenarios = [
-            scenario_entry(scenario, position, text)
-            for position, (scenario, text) in enumerate(
-                zip(self.scenarios, self._typed[0], strict=True)
-            )
-        ]
-        methods = [
-            method_entry(method, position, text)
-            for position, (method, text) in enumerate(
-                zip(self.methods, self._typed[1], strict=True)
-            )
-        ]
+        scenarios = list(map(scenario_entry, self.scenarios, count(), self._typed[0]))
+        methods = list(map(method_entry, self.methods, count(), self._typed[1]))
         held = store.about()
         changed = [key for key in about if key in held and held[key] != about[key]]
         changed += _changed({m.label: m for m in methods}, store.methods())
@@ -306,7 +283,9 @@ class Study:
             return result
         return replace(result, draw=draw)
 
-    def run_in(self, folder: Path, workers: int | None = None) -> Comparison:
+    def run_in(
+        self, folder: Path, workers: int | None = None, bar: Bar = lambda results, _: results
+    ) -> Comparison:
         """Fit what a folder's store lacks, and return all that it holds then.
 
         Parameters
@@ -315,10 +294,13 @@ class Study:
             Where the store is, or is to be.
         workers
             Processes; None for one for each processor.
+        bar
+            Shows results as they come.
         """
         make_folder(folder)
         with Store(folder, create=True) as store:
-            for _ in self.run(store, self.enter(store), workers):
+            pending = self.enter(store)
+            for _ in bar(self.run(store, pending, workers), pending.counts):
                 pass
             return comparison_of(store)
 
@@ -345,15 +327,7 @@ class Study:
 
 @dataclass(frozen=True)
 class Pending:
-    """The fits of a study that its store lacks; they may be more than any list can hold.
-
-    Attributes
-    ----------
-    study
-        The study.
-    done
-        The fits in its store.
-    """
+    """The fits of a study that its store lacks; they may be more than any list can hold."""
 
     study: Study
     done: frozenset[Unit]
@@ -376,17 +350,7 @@ class Pending:
 
 
 def remaining_seconds(store: Store, counts: Mapping[str, int], workers: int) -> float:
-    """About how long fits will take, by what fits of each method took so far.
-
-    Parameters
-    ----------
-    store
-        The fits so far.
-    counts
-        Fits to come by the method's label.
-    workers
-        Processes that share them.
-    """
+    """About how long fits by the counts of each method take, from those in the store so far."""
     took: dict[str, list[float]] = {}
     for result in store.results():
         if result.seconds is not None:
