@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import NOMINAL, SINGLE_LOOP
+from helpers import NOMINAL, SINGLE_LOOP, simulated_chance
 from scipy.optimize import linprog, minimize
 
 import pilotid
@@ -45,7 +45,7 @@ from pilotid.designing.optimum import (
 )
 from pilotid.designing.output import forcing_table
 from pilotid.designing.pilots import drawn_pilots, studied, with_truth
-from pilotid.designing.planning import plan, read_effect, simulated_chance
+from pilotid.designing.planning import plan, read_effect
 from pilotid.theory.bounds import bounds
 from pilotid.types import FloatArray, InputError
 

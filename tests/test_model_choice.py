@@ -29,7 +29,7 @@ def candidate(model: str, pilot: int, left_out: tuple[float, ...], vaf: float = 
     """A candidate that lines judge."""
     return Candidate(
         model=model,
-        pilot=pilot,
+        pilot_parameters=pilot,
         parameters=pilot + 3,
         remnant="AR(2)",
         samples=1000,
@@ -39,9 +39,9 @@ def candidate(model: str, pilot: int, left_out: tuple[float, ...], vaf: float = 
         vaf=vaf,
         left_out_vaf=vaf,
         left_out_log_likelihood=tuple(-0.5 * number for number in left_out),
-        misfit=30.0,
+        chi_squared=30.0,
         freedom=30,
-        left_out_misfit=left_out,
+        left_out_chi_squared=left_out,
         bounds="",
         overdamped=False,
     )
@@ -98,14 +98,14 @@ def test_recordings_of_a_condition_are_judged_together() -> None:
 def test_a_single_run_is_judged_by_a_criterion() -> None:
     simple = candidate("single", 5, ())
     for misfit, taken in ((25.0, "single"), (20.0, "multi")):
-        richer = replace(candidate("multi", 7, ()), misfit=misfit)
+        richer = replace(candidate("multi", 7, ()), chi_squared=misfit)
         assert chosen([[simple, richer]]).model == taken
 
 
 def test_what_describes_the_loop_and_not_the_pilot_is_not_taken() -> None:
     """Where no line judges, a likelihood without a simulated response counts for nothing."""
-    pilot = replace(candidate("single", 5, ()), misfit=float("nan"), freedom=0)
-    loop = replace(pilot, model="multi", pilot=7, aicc=-1000.0, bic=-1000.0, vaf=3.0)
+    pilot = replace(candidate("single", 5, ()), chi_squared=float("nan"), freedom=0)
+    loop = replace(pilot, model="multi", pilot_parameters=7, aicc=-1000.0, bic=-1000.0, vaf=3.0)
     choice = chosen([[pilot, loop]])
     assert choice.model == "single"
     assert "describes the loop, not the pilot" in choice.reason
@@ -117,7 +117,7 @@ def test_misfits_are_those_of_chance_for_the_true_model() -> None:
         forced(simulate(SINGLE_LOOP, recording_rng(11, "single", k)), [MODELS["single"]], 0)[0]
         for k in range(20)
     ]
-    excess = np.array([f.excess for f in found])
+    excess = np.array([f.misfit / f.freedom for f in found])
     # Powers of the remnant are estimated from bins beside the lines.
     assert abs(excess.mean() - 1.0) < 3.0 * excess.std(ddof=1) / np.sqrt(20.0) + 0.05
 

@@ -1,10 +1,22 @@
-"""Candidates: what a recording says for each of several models."""
+"""Which pilot model: what recordings say for each of several, and the choice in words.
+
+At the lines of multisines the control is compared with what a model in its loop makes of the
+forcing functions alone.  That judges the pilot and nothing else.  The likelihood of the whole
+control does not: a channel on the output can also predict the control as the inverse of the
+controlled element does, x = Hc (u + fd), with a likelihood beyond that of any pilot and without a
+pilot in it; on recordings of people without motion such a fit has won by 1500 in deviance while
+its simulated response explained nothing of the control.
+
+People never follow a model to within the errors of twenty lines.  Misfits are therefore set
+against that of the best candidate (a quasi-likelihood: Burnham & Anderson, *Model Selection and
+Multimodel Inference*, 2nd ed., sec. 2.5), and against that of runs left out of the fit.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -30,6 +42,8 @@ ASKED_FOR = ("lead2-lag", "lead2-lag-motion")
 
 #: A neuromuscular system of a higher damping ratio is a lag in disguise.
 OVERDAMPED = 1.0
+#: What JSON does not have of a candidate.
+NOT_SHOWN = ("remnant", "samples", "overdamped")
 
 
 @dataclass(frozen=True)
@@ -40,7 +54,7 @@ class Candidate:
     ----------
     model
         Name of the model.
-    pilot, parameters
+    pilot_parameters, parameters
         Number of the pilot's parameters, and of all that were estimated.
     remnant
         Name of the remnant's model.
@@ -52,10 +66,10 @@ class Candidate:
         Variance accounted for, and in runs left out of the fit [%].
     left_out_log_likelihood
         Of each run under what the others say; empty where there is one run alone.
-    misfit, freedom
+    chi_squared, freedom
         Chi-squared of the forcing functions' lines and its degrees of freedom; NaN and 0 where
         there are no lines.
-    left_out_misfit
+    left_out_chi_squared
         Chi-squared of each run's lines under what the others say; empty where there is none.
     bounds
         The bounds that parameters reached, in words.
@@ -68,7 +82,7 @@ class Candidate:
     """
 
     model: str
-    pilot: int
+    pilot_parameters: int
     parameters: int = 0
     remnant: str = ""
     samples: int = 0
@@ -78,9 +92,9 @@ class Candidate:
     vaf: float = math.nan
     left_out_vaf: float = math.nan
     left_out_log_likelihood: tuple[float, ...] = ()
-    misfit: float = math.nan
+    chi_squared: float = math.nan
     freedom: int = 0
-    left_out_misfit: tuple[float, ...] = ()
+    left_out_chi_squared: tuple[float, ...] = ()
     bounds: str = ""
     overdamped: bool = False
     change_p: float = math.nan
@@ -95,35 +109,19 @@ class Candidate:
     @property
     def excess(self) -> float:
         """Chi-squared per degree of freedom of the lines."""
-        return self.misfit / self.freedom if self.freedom > 0 else math.nan
+        return self.chi_squared / self.freedom if self.freedom > 0 else math.nan
 
     @property
     def left_out(self) -> tuple[float, ...]:
         """What each run left out of the fit is not explained by, in units of deviance."""
         if self.freedom > 0:
-            return self.left_out_misfit
+            return self.left_out_chi_squared
         return tuple(-2.0 * likelihood for likelihood in self.left_out_log_likelihood)
 
     def to_dict(self) -> dict[str, object]:
         """Plain objects, as JSON has them; NaN where there is none."""
-        return {
-            "model": self.model,
-            "pilot_parameters": self.pilot,
-            "parameters": self.parameters,
-            "log_likelihood": self.log_likelihood,
-            "aicc": self.aicc,
-            "bic": self.bic,
-            "vaf": self.vaf,
-            "left_out_vaf": self.left_out_vaf,
-            "left_out_log_likelihood": list(self.left_out_log_likelihood),
-            "chi_squared": self.misfit,
-            "freedom": self.freedom,
-            "left_out_chi_squared": list(self.left_out_misfit),
-            "bounds": self.bounds,
-            "change_p": self.change_p,
-            "change_size": self.change_size,
-            "change_time": self.change_time,
-        }
+        found = {k: v for k, v in asdict(self).items() if k not in NOT_SHOWN}
+        return {k: list(v) if isinstance(v, tuple) else v for k, v in found.items()}
 
 
 def sensible(recording: Recording) -> list[PilotModel]:
@@ -188,7 +186,7 @@ def compared(
 def _by_likelihood(found: Evidence) -> Candidate:
     return Candidate(
         model=found.model.name,
-        pilot=len(found.model.parameters),
+        pilot_parameters=len(found.model.parameters),
         parameters=found.parameters,
         remnant=found.remnant,
         samples=found.samples,
@@ -210,9 +208,9 @@ def _with_lines(candidate: Candidate, lines: Forced) -> Candidate:
     """A candidate with what the lines say of its model."""
     return replace(
         candidate,
-        misfit=lines.misfit,
+        chi_squared=lines.misfit,
         freedom=lines.freedom,
-        left_out_misfit=tuple(lines.left_out.tolist()),
+        left_out_chi_squared=tuple(lines.left_out.tolist()),
         bounds=bounds_reached(lines.model, lines.values),
         overdamped=_overdamped(lines.model, lines.values),
     )
@@ -252,11 +250,6 @@ class Forced:
     misfit: float
     freedom: int
     left_out: FloatArray
-
-    @property
-    def excess(self) -> float:
-        """Chi-squared per degree of freedom; NaN where none is left."""
-        return self.misfit / self.freedom if self.freedom > 0 else math.nan
 
 
 def forced(recording: Recording, models: Sequence[PilotModel], seed: int) -> list[Forced]:
@@ -376,10 +369,10 @@ def chosen(recordings: Sequence[Sequence[Candidate]]) -> Choice:
     runs = sum(len(own[names[0]].left_out) for own in held)
     many = runs >= RUNS and all(own[name].left_out for own in held for name in names)
     deficits = _deficits(held, credible, by_lines=by_lines, left_out=many)
-    best = min(credible, key=lambda name: (sum(deficits[name]), held[0][name].pilot))
+    best = min(credible, key=lambda name: (sum(deficits[name]), held[0][name].pilot_parameters))
     least = {n: [a - b for a, b in zip(deficits[n], deficits[best], strict=True)] for n in credible}
     close = [n for n in credible if n == best or not _clear(least[n], many=many)]
-    taken = min(close, key=lambda name: (held[0][name].pilot, sum(least[name])))
+    taken = min(close, key=lambda name: (held[0][name].pilot_parameters, sum(least[name])))
     told = _reason(held, taken, least, by_lines=by_lines, left_out=many)
     told += _warnings(held, names, credible, taken)
     return Choice(taken, " ".join(told))
@@ -408,7 +401,7 @@ def _deficits(
             if left_out:
                 found[name] += [m / size for m in candidate.left_out]
             elif by_lines:
-                found[name].append(candidate.misfit / size + 2.0 * candidate.pilot)
+                found[name].append(candidate.chi_squared / size + 2.0 * candidate.pilot_parameters)
             else:
                 found[name].append(candidate.aicc)
     return found
@@ -445,7 +438,7 @@ def _reason(
     judge = f"{len(least[taken])} runs, each left out of its fit" if left_out else criterion
     names = sorted(least, key=lambda name: sum(least[name]))
     told = [f"{taken} was chosen among {listed(names)} {what} ({judge})."]
-    own, pilot = held[0], held[0][taken].pilot
+    own, pilot = held[0], held[0][taken].pilot_parameters
     for name in names:
         differences = [a - b for a, b in zip(least[name], least[taken], strict=True)]
         size = f"{abs(sum(differences)):.0f}"
@@ -453,7 +446,7 @@ def _reason(
         if name != taken and sum(differences) < 0.0:
             told.append(
                 f"{name} leaves {size} less of the deviance unexplained, which is no clear gain "
-                f"for {own[name].pilot} parameters instead of {pilot}."
+                f"for {own[name].pilot_parameters} parameters instead of {pilot}."
             )
         elif name != taken:
             told.append(f"{name} leaves {size} more.")

@@ -21,6 +21,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from helpers import simulated_chance
 from planned_fits import planned_fits
 
 from pilotid.datasets import Scenario, scenario_named, simulate
@@ -30,7 +34,7 @@ from pilotid.designing.figures import spectra_figure
 from pilotid.designing.limits import Limits
 from pilotid.designing.lines import chosen_lines, reference_lines
 from pilotid.designing.pilots import drawn_pilots
-from pilotid.designing.planning import plan, simulated_chance
+from pilotid.designing.planning import plan
 from pilotid.estimates.method import identify
 from pilotid.methods.mle import MLE
 from pilotid.seeds import fit_rng, recording_rng

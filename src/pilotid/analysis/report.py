@@ -191,7 +191,7 @@ def _model_rows(analysis: Analysis, group: Sequence[tuple[str, str]]) -> Iterato
     parts = [part for part in analysis.parts if group_of(part) == tuple(group)]
     held = [{c.model: c for c in analysis.candidates(part)} for part in parts]
     names = [name for name in held[0] if all(name in own for own in held)]
-    left = {n: sum(sum(own[n].left_out_misfit) for own in held) for n in names}
+    left = {n: sum(sum(own[n].left_out_chi_squared) for own in held) for n in names}
     aicc = {n: sum(own[n].aicc for own in held) for n in names}
     bic = {n: sum(own[n].bic for own in held) for n in names}
     for name in sorted(names, key=lambda n: left[n] or aicc[n]):
@@ -200,8 +200,8 @@ def _model_rows(analysis: Analysis, group: Sequence[tuple[str, str]]) -> Iterato
         yield [
             Entry(group_words(group)),
             Entry(name, mark),
-            Entry(str(own[0].pilot)),
-            Entry(number(sum(c.misfit for c in own) / max(sum(c.freedom for c in own), 1))),
+            Entry(str(own[0].pilot_parameters)),
+            Entry(number(sum(c.chi_squared for c in own) / max(sum(c.freedom for c in own), 1))),
             Entry(number(left[name] - min(left.values())) if left[name] else NONE),
             Entry(number(aicc[name] - min(aicc.values()))),
             Entry(number(bic[name] - min(bic.values()))),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 from pilotid.analysis.analyse import Analysis, group_of
@@ -103,30 +104,17 @@ def _loop_cells(row: Row, names: Sequence[str], element: str) -> list[object]:
 def _model_cells(analysis: Analysis, part: Part, names: Sequence[str]) -> list[list[object]]:
     fields = dict(part.fields)
     chosen = analysis.choices[group_of(part)].model
-    return [
-        [
-            part.name,
-            *(fields[name] for name in names),
-            c.model,
-            "yes" if c.model == chosen else "no",
-            c.pilot,
-            c.parameters,
-            c.remnant,
-            c.samples,
-            c.log_likelihood,
-            c.aicc,
-            c.bic,
-            c.vaf,
-            c.left_out_vaf,
-            sum(c.left_out_log_likelihood) if c.left_out_log_likelihood else "",
-            c.misfit,
-            c.freedom or "",
-            c.excess,
-            sum(c.left_out_misfit) if c.left_out_misfit else "",
-            c.change_p,
-            c.change_size,
-            c.change_time,
-            c.bounds,
-        ]
-        for c in analysis.candidates(part)
-    ]
+    rows = []
+    for c in analysis.candidates(part):
+        known = {
+            **asdict(c),
+            "chosen": "yes" if c.model == chosen else "no",
+            "freedom": c.freedom or "",
+            "chi_squared_per_freedom": c.excess,
+            "left_out_log_likelihood": sum(c.left_out_log_likelihood) or "",
+            "left_out_chi_squared": sum(c.left_out_chi_squared) or "",
+            "remarks": c.bounds,
+        }
+        places = (fields[name] for name in names)
+        rows.append([part.name, *places, *(known[column] for column in MODEL_COLUMNS)])
+    return rows

@@ -14,7 +14,8 @@ from pilotid.analysis.recordings import Source
 from pilotid.pilot.catalogue import MODELS
 from pilotid.report.page import write_report
 from pilotid.study.store import Store
-from pilotid.study.trust import Bar, Trust, trial_of
+from pilotid.study.study import Bar
+from pilotid.study.trust import Trust, trial_of
 from pilotid.types import InputError
 
 FOLDER = "trust"

@@ -9,10 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pilotid.cli.options import (
-    SeedOption,
-    typed_command,
-)
+from pilotid.cli.options import SeedOption, numbers_in, typed_command
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.terminal import make_console
 from pilotid.types import InputError
@@ -187,7 +184,7 @@ def _scenario(
 ) -> Scenario:
     from pilotid.datasets import Scenario, scenario_named
     from pilotid.designing.lines import with_held_remnant
-    from pilotid.designing.pilots import with_model, with_truth
+    from pilotid.designing.pilots import with_truth
 
     chosen = scenario_named(name)
     if not isinstance(chosen, Scenario):
@@ -199,11 +196,9 @@ def _scenario(
         raise InputError(
             f"scenario {chosen.name}: a design cannot be made for what methods break on"
         )
-    values = {} if truth is None else _pairs("--truth", truth)
-    if model is not None:
-        chosen = with_model(chosen, model, values)
-    if values:
-        chosen = with_truth(chosen, values)
+    values = {} if truth is None else numbers_in("--truth", truth)
+    if model is not None or values:
+        chosen = with_truth(chosen, values, model)
     if seconds is not None:
         chosen = replace(with_held_remnant(chosen), duration=seconds, family="", varied="")
     return replace(chosen, runs=runs or chosen.runs)
@@ -225,23 +220,10 @@ def _pilots(
     return drawn_pilots(scenario, count, seed) if count is not None else ()
 
 
-def _pairs(option: str, text: str) -> dict[str, float]:
-    """Numbers by key in a text such as ``tlead=2,Kvest=1``; a % divides by 100."""
-    found = {}
-    for pair in text.split(","):
-        key, _, value = (part.strip() for part in pair.partition("="))
-        try:
-            share = value.endswith("%")
-            found[key] = float(value.removesuffix("%")) / (100.0 if share else 1.0)
-        except ValueError:
-            raise InputError(f"{option} {text}: '{pair}' is not PARAMETER=NUMBER") from None
-    return found
-
-
 def _wishes(text: str | None) -> dict[str, float]:
     if text is None:
         return {}
-    wishes = _pairs("--wanted", text)
+    wishes = numbers_in("--wanted", text)
     for key, share in wishes.items():
         if not 0.0 < share < 1.0:
             raise InputError(f"--wanted {text}: {key} must be between 0 and 100 %, as in {key}=3%")

@@ -128,18 +128,23 @@ def default_method() -> str:
     return "mle" if "mle" in methods() else "mle-white"
 
 
-def started(model: PilotModel, text: str | None) -> PilotModel:
-    """A model with the initial guesses of a text such as ``Kvis=0.2,tlead=1.5``."""
-    values: dict[str, float] = {}
-    for pair in (text or "").split(",") if text is not None else ():
-        key, _, number = (part.strip() for part in pair.partition("="))
+def numbers_in(option: str, text: str) -> dict[str, float]:
+    """Numbers by key in a text such as ``tlead=2,Kvest=3%``; a % divides by 100."""
+    found = {}
+    for pair in text.split(","):
+        key, _, value = (part.strip() for part in pair.partition("="))
         try:
-            values[key] = float(number)
+            found[key] = float(value.removesuffix("%")) / (100.0 if value.endswith("%") else 1.0)
         except ValueError:
             raise InputError(
-                f"--start {text}: '{pair}' is not PARAMETER=NUMBER; write for example "
-                f"{model.keys[0]}={model.start[0]:g}"
+                f"{option} {text}: '{pair}' is not PARAMETER=NUMBER; write for example tlead=1.5"
             ) from None
+    return found
+
+
+def started(model: PilotModel, text: str | None) -> PilotModel:
+    """A model with the initial guesses of a text such as ``Kvis=0.2,tlead=1.5``."""
+    values = {} if text is None else numbers_in("--start", text)
     try:
         return model.with_start(values)
     except InputError:
