@@ -34,7 +34,7 @@ from pilotid.pilot.own import fault_of
 from pilotid.show.page import html_report
 from pilotid.solve.least_squares import minimise
 from pilotid.solve.walk import Held
-from pilotid.study.draws import truths_of
+from pilotid.study.fits import truths_of
 from pilotid.time_domain.change_profile import over_changes
 from pilotid.time_domain.fast_residuals import Residuals
 from pilotid.time_domain.maximum_likelihood import maximise_likelihood

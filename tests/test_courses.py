@@ -18,7 +18,7 @@ from pilotid.methods import methods
 from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.model_choice import sensible
+from pilotid.model_choice import default_candidates
 from pilotid.pilot.catalogue import ADAPTING, ADAPTING_FREE, SINGLE
 from pilotid.pilot.changing import Changing, Fading
 from pilotid.pilot.courses import Curve, Sigmoid, Spline
@@ -319,7 +319,7 @@ def test_methods_that_know_constant_pilots_alone_say_so_and_nobody_is_asked_unaw
     }
     assert {"mmle3", "fourier", "arx", "sindy"} <= refusing
     assert not {"mle", "mle-white", "mle-genetic", "bayes"} & refusing
-    assert not any(model.changes for model in sensible(recording))
+    assert not any(model.changes for model in default_candidates(recording))
 
 
 # ------------------------------------------------------------------ a pilot who becomes another

@@ -124,7 +124,7 @@ class Candidate:
         return {k: list(v) if isinstance(v, tuple) else v for k, v in found.items()}
 
 
-def sensible(recording: Recording) -> list[PilotModel]:
+def default_candidates(recording: Recording) -> list[PilotModel]:
     """The catalogue's models that a recording can tell apart, the simplest first.
 
     A channel on the output beside one on the error needs two forcing functions.  Channels on
@@ -147,7 +147,7 @@ def sensible(recording: Recording) -> list[PilotModel]:
     return sorted(found, key=lambda model: len(model.parameters))
 
 
-def compared(
+def compare_models(
     recording: Recording, models: Sequence[PilotModel], seed: int, *, likelihood: bool = True
 ) -> list[Candidate]:
     """What a recording says for each of several models, in their order.
@@ -174,7 +174,7 @@ def compared(
         raise InputError(f"{recording.source}: none of the models has its inputs in the recording")
     if any(objection(recording, model) is not None for model in models):
         return [_by_likelihood(found) for found in evidence(recording, models, seed)]
-    lines = forced(recording, models, seed)
+    lines = fit_forced_response(recording, models, seed)
     if not likelihood:
         return [_by_lines(recording, found) for found in lines]
     # The likelihood's search begins where the lines lead, and with the model that they favour.
@@ -252,7 +252,9 @@ class Forced:
     left_out: FloatArray
 
 
-def forced(recording: Recording, models: Sequence[PilotModel], seed: int) -> list[Forced]:
+def fit_forced_response(
+    recording: Recording, models: Sequence[PilotModel], seed: int
+) -> list[Forced]:
     """What the lines say of several models, in their order, with the same weights for all.
 
     Parameters
@@ -347,7 +349,7 @@ class Choice:
     reason: str
 
 
-def chosen(recordings: Sequence[Sequence[Candidate]]) -> Choice:
+def choose_model(recordings: Sequence[Sequence[Candidate]]) -> Choice:
     """The simplest model that explains recordings as well as any.
 
     Runs left out of the fit judge: of the models whose misfit there is not clearly above the
@@ -359,7 +361,7 @@ def chosen(recordings: Sequence[Sequence[Candidate]]) -> Choice:
     Parameters
     ----------
     recordings
-        For each recording the candidates, see `compared`.
+        For each recording the candidates, see `compare_models`.
     """
     names = [c.model for c in recordings[0]]
     names = [name for name in names if all(name in [c.model for c in held] for held in recordings)]
@@ -523,10 +525,10 @@ def select(
     seed
         Seed of the searches' random starts.
     """
-    among = {model.name: model for model in models or sensible(recording)}
+    among = {model.name: model for model in models or default_candidates(recording)}
     if all(motionless_input(recording, model) for model in among.values()):
         first = next(iter(among.values()))
         return Selection(first, "No model has all its inputs in the recording.", ())
-    candidates = compared(recording, list(among.values()), seed, likelihood=False)
-    choice = chosen([candidates])
+    candidates = compare_models(recording, list(among.values()), seed, likelihood=False)
+    choice = choose_model([candidates])
     return Selection(among[choice.model], choice.reason, tuple(candidates))

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from pilotid.analysis.cross_validation import LeftOut, failed_rows, left_out_rows, predicted
+from pilotid.analysis.cross_validation import LeftOut, failed_rows, left_out_rows, predict_left_out
 from pilotid.analysis.recordings import Part, Source
 from pilotid.analysis.rows import SUBJECT, Row, rows_of
 from pilotid.database import DamagedError, checksum, in_words, open_to_write
@@ -25,7 +25,7 @@ from pilotid.estimates.quantities import Quantity
 from pilotid.estimates.sound import one_line
 from pilotid.jobs import Loss, run_tasks
 from pilotid.methods.fourier import first_step_of
-from pilotid.model_choice import Candidate, Choice, chosen, compared, sensible
+from pilotid.model_choice import Candidate, Choice, choose_model, compare_models, default_candidates
 from pilotid.naming.code import code_digest, own_digest, packed, reason, unpacked
 from pilotid.naming.settings import plain
 from pilotid.pilot.catalogue import MODELS
@@ -221,8 +221,10 @@ def _look(task: Task) -> Content:
     named, auto, element = unpacked(task.code)
     recording = task.source.recording()
     choice = chosen_element(recording, element)
-    models = {model.name: model for model in (*(sensible(recording) if auto else ()), *named)}
-    candidates = compared(choice.named_in(recording), list(models.values()), task.seed)
+    models = {
+        model.name: model for model in (*(default_candidates(recording) if auto else ()), *named)
+    }
+    candidates = compare_models(choice.named_in(recording), list(models.values()), task.seed)
     return {
         "recording": recording.to_dict(),
         "remarks": [*remarks(recording), *choice.remarks],
@@ -252,7 +254,7 @@ def _fit(task: Task) -> Content:
 def _leave_out(task: Task) -> Content:
     model, methods, _ = unpacked(task.code)
     assert task.run is not None
-    fits = predicted(task.source.recording(), model, methods, task.run, task.seed)
+    fits = predict_left_out(task.source.recording(), model, methods, task.run, task.seed)
     return {"model": model.name, "left_out": fits}
 
 
@@ -416,7 +418,7 @@ def analyse(
         groups: dict[Group, list[list[Candidate]]] = {}
         for source, look in looked.items():
             groups.setdefault(group_of(source.part), []).append(candidates_of(look))
-        choices = {group: chosen(candidates) for group, candidates in groups.items()}
+        choices = {group: choose_model(candidates) for group, candidates in groups.items()}
         fits, left = [], []
         for source, look in looked.items():
             count = int(look["recording"]["runs"])

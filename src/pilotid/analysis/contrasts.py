@@ -260,7 +260,7 @@ def _weighted(contrast: Contrast) -> Contrast:
     )
 
 
-def parted(
+def split_pairs(
     rows: Sequence[Row], pairs: Sequence[tuple[str, str]]
 ) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
     """Pairs of conditions, and pairs of parameters.

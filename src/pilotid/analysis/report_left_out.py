@@ -9,7 +9,7 @@ import numpy as np
 
 from pilotid.analysis.analyse import Group, group_of
 from pilotid.analysis.board import Board
-from pilotid.analysis.cross_validation import LeftOut, Standing, standings
+from pilotid.analysis.cross_validation import LeftOut, Standing, rank_methods
 from pilotid.analysis.report_estimates import group_words
 from pilotid.numbers import NONE, number, plus_minus
 from pilotid.report.content import Block, Column, Entry, Table, Text
@@ -46,7 +46,7 @@ def left_out_blocks(board: Board) -> list[Block]:
     rows = [
         _row(board, group, own, standing)
         for group, own in groups.items()
-        for standing in standings(own)
+        for standing in rank_methods(own)
     ]
     caption = "Runs predicted by the fit of the others, the likeliest first"
     filters = (0, 1, 2) if len(rows) > 12 else ()

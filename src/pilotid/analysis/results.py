@@ -8,7 +8,7 @@ from operator import attrgetter
 
 from pilotid.analysis.analyse import Analysis
 from pilotid.analysis.board import Board
-from pilotid.analysis.contrasts import Contrast, contrasts, parted, within_fits
+from pilotid.analysis.contrasts import Contrast, contrasts, split_pairs, within_fits
 from pilotid.analysis.repeated import Repeated, repeated
 from pilotid.analysis.rows import CONDITION, SUBJECT, Chosen, Row
 from pilotid.analysis.spread import (
@@ -167,7 +167,7 @@ def results_of(
             "Conditions are not compared: that needs a pattern with {subject} and {condition}."
         )
     else:
-        between, within = parted(both, pairs)
+        between, within = split_pairs(both, pairs)
         if between or not within:
             differences = contrasts(both, between, chosen)
         differences += within_fits(both, within, chosen)

@@ -13,7 +13,7 @@ from pilotid.element.choice import ElementChoice, chosen_element
 from pilotid.estimates.method import Method, motionless_input
 from pilotid.lines.objection import objection
 from pilotid.methods import methods
-from pilotid.model_choice import select, sensible
+from pilotid.model_choice import default_candidates, select
 from pilotid.naming.settings import split_list
 from pilotid.pilot.catalogue import model_named
 from pilotid.pilot.element import ControlledElement, element_named
@@ -113,7 +113,7 @@ def _constancy(recording: Recording) -> dict[str, object] | None:
 
     None where no model has its inputs, or where the signals allow no fit.
     """
-    able = [m for m in sensible(recording) if motionless_input(recording, m) is None]
+    able = [m for m in default_candidates(recording) if motionless_input(recording, m) is None]
     if not able:
         return None
     try:

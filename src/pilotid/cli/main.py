@@ -16,14 +16,12 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
-from pilotid.cli import options
+from pilotid.cli import options, studies
 from pilotid.cli.analyse import analyse
 from pilotid.cli.check import check
 from pilotid.cli.design import design
 from pilotid.cli.posterior import posterior
 from pilotid.cli.running import STATUS, heeding_interruptions
-from pilotid.cli.studies import compare, compare_studies, publish, report
-from pilotid.cli.trust import LikeOption, scenario_like, trust
 from pilotid.disk import strict_json, write_file
 from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.method import Method
@@ -134,7 +132,7 @@ def simulate(
     scenario: Annotated[
         str | None, typer.Argument(metavar="SCENARIO", help="See `pilotid list`.")
     ] = None,
-    like: LikeOption = None,
+    like: studies.LikeOption = None,
     seed: options.SeedOption = DEFAULT_SEED,
     runs: Annotated[
         int | None, typer.Option(min=1, help="Runs, each with its own remnant.")
@@ -147,7 +145,7 @@ def simulate(
 
     if (scenario is None) == (like is None):
         raise InputError("name a scenario, or a recording with --like, and not both")
-    named = scenario_named(scenario or "") if like is None else scenario_like(like, seed)
+    named = scenario_named(scenario or "") if like is None else studies.scenario_like(like, seed)
     chosen = named.drawn(draw_rng(seed, named.name))
     chosen = replace(chosen, runs=runs or chosen.runs)
     recording = simulated(chosen, recording_rng(seed, chosen.name))
@@ -187,7 +185,7 @@ def fit(
 ) -> None:
     """Identify a pilot model from recordings."""
     plant = element_named(element) if element else None
-    named = None if model == AUTO else options.started(model_named(model), start)
+    named = None if model == AUTO else options.with_start(model_named(model), start)
     true = options.read_truth(truth, named) if truth is not None and named is not None else None
     methods = options.methods_of(method, [options.default_method()])
     options.require_writable(files, json, report)
@@ -232,16 +230,12 @@ def _fitted(
     from pilotid.model_choice import select
 
     found = select(choice.named_in(recording), seed=seed)
-    fits = fit_all(recording, options.started(found.model, start), methods, seed, choice)
+    fits = fit_all(recording, options.with_start(found.model, start), methods, seed, choice)
     return replace(fits, choice=found.reason, compared=tuple(c.to_dict() for c in found.candidates))
 
 
-app.command()(check)
-app.command()(posterior)
-app.command()(analyse)
-app.command()(design)
-app.command()(compare)
-app.command()(trust)
-app.command()(report)
-app.command()(publish)
-app.command()(compare_studies)
+for command in (
+    *(check, posterior, analyse, design, studies.compare, studies.trust, studies.report),
+    *(studies.publish, studies.compare_studies),
+):
+    app.command()(command)

@@ -142,7 +142,7 @@ def numbers_in(option: str, text: str) -> dict[str, float]:
     return found
 
 
-def started(model: PilotModel, text: str | None) -> PilotModel:
+def with_start(model: PilotModel, text: str | None) -> PilotModel:
     """A model with the initial guesses of a text such as ``Kvis=0.2,tlead=1.5``."""
     values = {} if text is None else numbers_in("--start", text)
     try:
@@ -238,12 +238,13 @@ def resumable(place: Path) -> Iterator[None]:
 def typed_command(command: Callable[..., None], given: Mapping[str, object]) -> str:
     """The command that does the same again: its arguments, and the options that differ."""
     first, rest = [], []
-    for name, parameter in signature(command, eval_str=True).parameters.items():
-        value, known = given[name], parameter.annotation.__metadata__[0]
+    parameters = signature(command, eval_str=True).parameters.values()
+    for parameter in sorted(parameters, key=lambda each: each.name == "out"):
+        value, known = given[parameter.name], parameter.annotation.__metadata__[0]
         values = [str(v) for v in value] if isinstance(value, list) else [str(value)]
         if isinstance(known, ArgumentInfo):
             first += values
         elif value is not None and value != parameter.default:
-            declared = known.param_decls or (f"--{name.replace('_', '-')}",)
+            declared = known.param_decls or (f"--{parameter.name.replace('_', '-')}",)
             rest += [w for v in values for w in (declared[0], *([] if value is True else [v]))]
     return shlex.join(["pilotid", command.__name__, *first, *rest])

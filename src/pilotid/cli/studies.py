@@ -1,26 +1,25 @@
-"""The commands on studies: `compare`, `report`, `publish` and `compare-studies`."""
+"""The commands on studies: `compare`, `trust`, `report`, `publish` and `compare-studies`."""
 
 from __future__ import annotations
 
 import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pilotid.cli import options
-from pilotid.cli.options import (
-    JsonOption,
-    require_writable,
-    write_json,
-)
-from pilotid.cli.trust import LikeOption, scenario_like
+from pilotid.pilot.catalogue import AUTO
+from pilotid.pilot.element import element_named
+from pilotid.recordings.files import load_recording
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.terminal import make_console, print_table
 from pilotid.types import InputError
 
 if TYPE_CHECKING:
+    from pilotid.datasets import Scenario
     from pilotid.publishing.changes import Changes
     from pilotid.study.store import Store
     from pilotid.study.study import Pending
@@ -208,14 +207,14 @@ def compare_studies(
     csv: Annotated[
         str | None, typer.Option(metavar="F.csv|-", help="Write all comparisons; - prints.")
     ] = None,
-    json: JsonOption = None,
+    json: options.JsonOption = None,
 ) -> None:
     """Say what changed from one study to another of the same scenarios, and how surely."""
     from pilotid.disk import table_bytes, write_file
     from pilotid.publishing.changes import COLUMNS, find_changes
     from pilotid.publishing.studies import read_study
 
-    require_writable((), csv, json)
+    options.require_writable((), csv, json)
     if csv == "-" and json == "-":
         raise InputError("--csv - and --json - would print both; write one of them to a file")
     studies = [read_study(folder) for folder in (first, second)]
@@ -225,7 +224,7 @@ def compare_studies(
         sys.stdout.write(table.decode())
     elif csv is not None:
         write_file(Path(csv), table)
-    if not write_json(json, as_json(found)) and csv != "-":
+    if not options.write_json(json, as_json(found)) and csv != "-":
         _print(found)
 
 
@@ -276,3 +275,76 @@ def _print(found: Changes) -> None:
     }
     for sentence in (found.words, *sorted(changed), *found.notes):
         console.print(sentence, soft_wrap=True)
+
+
+LikeOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--like",
+        metavar="FILE",
+        help="The scenario of a recording as mle fits it, or of the trust.json of `trust`.",
+    ),
+]
+
+
+def scenario_like(path: Path, seed: int) -> Scenario:
+    """The scenario of a recording, or the one in a `trust.json`."""
+    from pilotid.datasets.designed import designed_scenario
+    from pilotid.study.trust import trial_of
+
+    if path.suffix.lower() == ".json":
+        return designed_scenario(path)
+    recording = load_recording(path)
+    return trial_of(
+        recording, options.selected_model(recording, AUTO, seed), ["mle"], seed
+    ).scenario
+
+
+def trust(
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="F.csv|F.mat", help="Recording; several are runs of one."),
+    ],
+    out: options.OutOption,
+    model: Annotated[
+        str, typer.Option(metavar="NAME|auto", help="Pilot model; auto takes the best.")
+    ] = AUTO,
+    method: options.MethodOption = None,
+    replications: Annotated[int, typer.Option(min=1, help="Simulations of the recording.")] = 40,
+    mapping: options.MapOption = None,
+    dt: options.IntervalOption = None,
+    detrend: options.DetrendOption = False,
+    element: options.ElementOption = None,
+    seed: options.SeedOption = DEFAULT_SEED,
+    workers: options.WorkersOption = None,
+) -> None:
+    """Compare methods on simulations of a recording, and correct the intervals of its fit.
+
+    The first method that is named is the one whose fit is judged, else mle.
+    """
+    from pilotid.cli.running import with_progress
+    from pilotid.datasets.designed import model_place
+    from pilotid.methods import methods
+    from pilotid.report.content import plain, terminal_table
+    from pilotid.report.page import overview, write_report
+    from pilotid.report.trust import advice, trust_table
+    from pilotid.study.store import Store
+    from pilotid.study.trust import TRUST, UNKNOWN, trial_of
+
+    recordings, _ = options.recordings_of(files, mapping, dt, detrend, joint=len(files) > 1)
+    recording = recordings[0]
+    if element is not None:
+        recording = replace(recording, controlled_element=element_named(element).name)
+    chosen = options.selected_model(recording, model, seed)
+    trial = trial_of(recording, chosen, options.names_of(method, [], list(methods())), seed)
+    with options.resumable(out):
+        found = trial.run(out, replications, seed, workers, model_place(model), with_progress)
+    with Store(out) as store:
+        page = write_report(out, store, found.comparison)
+    console, told = make_console(), found.to_dict()
+    words, tables = overview(found.comparison)
+    for table in (*tables, trust_table(told)):
+        print_table(console, terminal_table(table))
+    for sentence in (*words, *advice(told), UNKNOWN):
+        console.print(plain(sentence), soft_wrap=True)
+    console.print(f"scenario and numbers: {out / TRUST}, report: {page}", soft_wrap=True)

@@ -6,6 +6,7 @@ they are and whatever happens to the file.  A digest of it tells whether it has 
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 import functools
 import hashlib
@@ -18,7 +19,6 @@ import re
 import sys
 from collections import ChainMap
 from collections.abc import Mapping
-from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 from types import FunctionType, ModuleType
@@ -265,12 +265,26 @@ def _typed_in(kind: type | FunctionType) -> bytes:
 
 def _with_imports(file: Path) -> set[Path]:
     """A file, and what it imports that lies beside it."""
-    if file.parent.name in ("site-packages", "dist-packages"):
-        return {file}
-    from modulefinder import ModuleFinder
+    found: set[Path] = set()
+    waiting = [file]
+    while waiting:
+        path = waiting.pop()
+        if path in found or not path.is_file():
+            continue
+        found.add(path)
+        if file.parent.name in ("site-packages", "dist-packages"):
+            break
+        for name in _imported(path):
+            waiting += [file.parent / f"{name}.py", *(file.parent / name).rglob("*.py")]
+    return found
 
-    finder = ModuleFinder([str(file.parent)])
-    with suppress(SyntaxError):  # of what it is now: it ran when it was read
-        finder.run_script(str(file))
-    found = [getattr(module, "__file__", None) for module in finder.modules.values()]
-    return {file, *map(Path, filter(None, found))}
+
+def _imported(path: Path) -> set[str]:
+    """First names of the modules that a file imports."""
+    try:
+        nodes = list(ast.walk(ast.parse(path.read_bytes())))
+    except (SyntaxError, ValueError):
+        return set()
+    names = {alias.name for n in nodes if isinstance(n, ast.Import) for alias in n.names}
+    names |= {n.module or "" for n in nodes if isinstance(n, ast.ImportFrom) and not n.level}
+    return {name.partition(".")[0] for name in names} - KNOWN - {""}

@@ -6,7 +6,7 @@ import json
 import platform
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib.metadata import version
 from itertools import count
@@ -27,7 +27,6 @@ from pilotid.naming.code import code_digest, own_digest, packed, place_of, reaso
 from pilotid.naming.settings import labelled, plain
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.study.comparison import Comparison, comparison_of
-from pilotid.study.draws import scenario_of, truths_of
 from pilotid.study.entries import (
     TRAJECTORY,
     MethodEntry,
@@ -36,7 +35,7 @@ from pilotid.study.entries import (
     ScenarioEntry,
     Unit,
 )
-from pilotid.study.fits import OUTSIDE, Task, given_up, run_task
+from pilotid.study.fits import OUTSIDE, Task, given_up, run_task, scenario_of, truths_of
 from pilotid.study.store import Store
 from pilotid.study.tracks import truth_over_time
 from pilotid.types import InputError
@@ -145,6 +144,7 @@ PROFILES: dict[str, tuple[tuple[str, ...], int]] = {
 }
 
 
+@dataclass(init=False)
 class Study:
     """What is to be compared.
 
@@ -162,6 +162,13 @@ class Study:
         The methods' labels, which identify them in tables and in the store.
     """
 
+    scenarios: tuple[AnyScenario, ...]
+    methods: tuple[Method, ...]
+    replications: int
+    seed: int
+    sparing: bool
+    labels: tuple[str, ...] = field(init=False, repr=False, compare=False)
+
     def __init__(
         self,
         scenarios: Iterable[AnyScenario | str],
@@ -176,8 +183,8 @@ class Study:
         self.labels = tuple(label_of(method) for method, _ in tried)
         _require_different("scenarios", [sound(scenario).name for scenario, _ in typed])
         _require_different("methods", self.labels)
-        self.scenarios: tuple[AnyScenario, ...] = tuple(scenario for scenario, _ in typed)
-        self.methods: tuple[Method, ...] = tuple(method for method, _ in tried)
+        self.scenarios = tuple(scenario for scenario, _ in typed)
+        self.methods = tuple(method for method, _ in tried)
         self.replications, self.seed, self.sparing = replications, seed, sparing
         # What to type for each again.
         self._typed = [text for _, text in typed], [text for _, text in tried]
