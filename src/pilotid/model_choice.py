@@ -204,21 +204,21 @@ def _by_likelihood(found: Evidence) -> Candidate:
     )
 
 
-def _with_lines(candidate: Candidate, lines: Forced) -> Candidate:
+def _with_lines(candidate: Candidate, fit: LinesFit) -> Candidate:
     """A candidate with what the lines say of its model."""
     return replace(
         candidate,
-        chi_squared=lines.misfit,
-        freedom=lines.freedom,
-        left_out_chi_squared=tuple(lines.left_out.tolist()),
-        bounds=bounds_reached(lines.model, lines.values),
-        overdamped=_overdamped(lines.model, lines.values),
+        chi_squared=fit.misfit,
+        freedom=fit.freedom,
+        left_out_chi_squared=_left_out_misfits(fit),
+        bounds=bounds_reached(fit.model, fit.values),
+        overdamped=_overdamped(fit.model, fit.values),
     )
 
 
-def _by_lines(recording: Recording, found: Forced) -> Candidate:
-    vaf = simulated_vaf(recording, found.model, found.values)
-    return _with_lines(Candidate(found.model.name, len(found.model.parameters), vaf=vaf), found)
+def _by_lines(recording: Recording, fit: LinesFit) -> Candidate:
+    vaf = simulated_vaf(recording, fit.model, fit.values)
+    return _with_lines(Candidate(fit.model.name, len(fit.model.parameters), vaf=vaf), fit)
 
 
 def _overdamped(model: PilotModel, values: FloatArray) -> bool:
@@ -226,35 +226,9 @@ def _overdamped(model: PilotModel, values: FloatArray) -> bool:
     return bool(damping > OVERDAMPED)
 
 
-@dataclass(frozen=True, eq=False)
-class Forced:
-    """One model's account of a recording's lines.
-
-    Attributes
-    ----------
-    model
-        The pilot model.
-    values
-        Its parameters, shape (parameters,).
-    misfit
-        Chi-squared of the lines of all runs, averaged in phase.
-    freedom
-        Its degrees of freedom.
-    left_out
-        Chi-squared of each run's lines under what the other runs say, shape (runs,); empty
-        where there is one run alone.
-    """
-
-    model: PilotModel
-    values: FloatArray
-    misfit: float
-    freedom: int
-    left_out: FloatArray
-
-
 def fit_forced_response(
     recording: Recording, models: Sequence[PilotModel], seed: int
-) -> list[Forced]:
+) -> list[LinesFit]:
     """What the lines say of several models, in their order, with the same weights for all.
 
     Parameters
@@ -279,7 +253,7 @@ def fit_forced_response(
     fits = [found[model.name] for model in models]
     # The power of the remnant as the model has it that leaves the least.
     power = min(fits, key=lambda fit: fit.misfit).power
-    return [_account(replace(fit, power=power)) for fit in fits]
+    return [replace(fit, power=power).minimised() for fit in fits]
 
 
 def _widened(simpler: LinesFit, model: PilotModel) -> FloatArray:
@@ -288,11 +262,11 @@ def _widened(simpler: LinesFit, model: PilotModel) -> FloatArray:
     return np.array([known.get(key, own) for key, own in zip(model.keys, model.start, strict=True)])
 
 
-def _account(fit: LinesFit) -> Forced:
-    fit = fit.minimised()
+def _left_out_misfits(fit: LinesFit) -> tuple[float, ...]:
+    """Chi-squared of each run's lines under what the other runs say; none of one run alone."""
     coefficients = fit.coefficients
     runs = len(coefficients.control)
-    left_out = []
+    found = []
     for run in range(runs) if runs > 1 else ():
         others = replace(
             fit,
@@ -300,14 +274,8 @@ def _account(fit: LinesFit) -> Forced:
             power=fit.power * runs / (runs - 1),
         )
         alone = replace(fit, coefficients=_of_runs(coefficients, [run]), power=fit.power * runs)
-        left_out.append(float(alone.misfits(others.minimised().values[None])[0]))
-    return Forced(
-        model=fit.model,
-        values=fit.values,
-        misfit=fit.misfit,
-        freedom=fit.freedom,
-        left_out=np.array(left_out),
-    )
+        found.append(float(alone.misfits(others.minimised().values[None])[0]))
+    return tuple(found)
 
 
 def _of_runs(coefficients: Coefficients, runs: list[int]) -> Coefficients:

@@ -153,7 +153,7 @@ def contrasts(
         wanted = pairs or list(combinations(layout.conditions, 2))
         if chosen is not None:  # what only one of the two models has cannot be compared
             wanted = [pair for pair in wanted if set(pair) <= set(layout.conditions)]
-        made = [_contrast(layout, a, b) for a, b in wanted]
+        made = [_contrast(layout, a, layout, b) for a, b in wanted]
         plain, weighted = holm([c.p for c in made]), holm([c.weighted_p for c in made])
         result += [
             replace(contrast, p_holm=p, weighted_p_holm=q)
@@ -174,35 +174,42 @@ def _require(pair: tuple[str, str], known: Sequence[str]) -> None:
         raise InputError(f"the contrast {':'.join(pair)} names one condition twice; name two")
 
 
-def _contrast(layout: Layout, a: str, b: str) -> Contrast:
-    subjects, out = layout.split((a, b))
+def _contrast(first: Layout, a: str, second: Layout, b: str) -> Contrast:
+    """One quantity in two conditions, or two quantities in one condition."""
+    within = first is not second
+    everyone = in_order([*first.cells.get(a, {}), *second.cells.get(b, {})])
+    faults = {s: first.missing(s, a) or second.missing(s, b) for s in everyone}
+    out = [fault for fault in faults.values() if fault]
     notes = [f"left out: {'; '.join(out)}"] if out else []
     pairs = []
-    for subject in subjects:
-        one, two = layout.cells[a][subject], layout.cells[b][subject]
-        pairs.append(Pair(subject, one.value, two.value, one.std_error, two.std_error))
-        for condition, cell in ((a, one), (b, two)):
-            where = f"{who(subject)} in {condition}"
+    for subject in (s for s in everyone if not faults[s]):
+        one, two = first.cells[a][subject], second.cells[b][subject]
+        # Errors of one fit are correlated, and say nothing of a difference.
+        errors = (NAN, NAN) if within else (one.std_error, two.std_error)
+        pairs.append(Pair(subject, one.value, two.value, *errors))
+        for condition, cell in {a: one, b: two}.items():
+            where = who(subject) if within else f"{who(subject)} in {condition}"
             notes += [f"{where}: mean of {cell.recordings} recordings"] * (cell.recordings > 1)
             notes += [f"{where}: a parameter is at its bound"] * cell.at_bound
-    some_model = next(iter(layout.models.values()))
+    some_model = next(iter(first.models.values()))
     contrast = Contrast(
-        layout.stratum,
+        first.stratum,
         a,
         b,
-        layout.models.get(a, some_model),
-        layout.models.get(b, some_model),
-        layout.method,
-        layout.parameter,
-        layout.unit,
+        first.models.get(a, some_model),
+        second.models.get(b, some_model),
+        first.method,
+        f"{second.parameter} - {first.parameter}" if within else first.parameter,
+        ", ".join(dict.fromkeys((first.unit, second.unit))),
         tuple(pairs),
     )
+    if "," in contrast.unit and (within or len(pairs) > 1):
+        return replace(contrast, notes=(*notes, f"the units differ ({contrast.unit}): no test"))
     if len(pairs) < 2:
-        notes.append(f"{len(pairs) or 'no'} subject in both conditions: a test takes two")
-    elif "," in layout.unit:
-        notes.append(f"the units differ ({layout.unit}): no test")
-        return replace(contrast, notes=tuple(notes))
-    return _weighted(plain(replace(contrast, notes=tuple(notes))))
+        where = "the condition" if within else "both conditions"
+        notes.append(f"{len(pairs) or 'no'} subject in {where}: a test takes two")
+    made = plain(replace(contrast, notes=tuple(notes)))
+    return made if within else _weighted(made)
 
 
 def plain(contrast: Contrast) -> Contrast:
@@ -315,36 +322,7 @@ def within_fits(
         for a, b in pairs:
             if a not in own or b not in own:
                 continue
-            made = [_within(own[a], own[b], condition) for condition in own[a].conditions]
+            made = [_contrast(own[a], c, own[b], c) for c in own[a].conditions]
             corrected = holm([c.p for c in made])
             result += [replace(c, p_holm=p) for c, p in zip(made, corrected, strict=True)]
     return result
-
-
-def _within(first: Layout, second: Layout, condition: str) -> Contrast:
-    subjects, out = first.split((condition,))
-    also, others = second.split((condition,))
-    subjects = [subject for subject in subjects if subject in also]
-    out = list(dict.fromkeys([*out, *others]))
-    notes = [f"left out: {'; '.join(out)}"] if out else []
-    pairs = []
-    for subject in subjects:
-        one, two = (layout.cells[condition][subject] for layout in (first, second))
-        pairs.append(Pair(subject, one.value, two.value, NAN, NAN))
-        notes += [f"{who(subject)}: a parameter is at its bound"] * one.at_bound
-    contrast = Contrast(
-        first.stratum,
-        condition,
-        condition,
-        first.models[condition],
-        first.models[condition],
-        first.method,
-        f"{second.parameter} - {first.parameter}",
-        ", ".join(dict.fromkeys((first.unit, second.unit))),
-        tuple(pairs),
-    )
-    if first.unit != second.unit:
-        return replace(contrast, notes=(*notes, f"the units differ ({contrast.unit}): no test"))
-    if len(pairs) < 2:
-        notes.append(f"{len(pairs) or 'no'} subject in the condition: a test takes two")
-    return plain(replace(contrast, notes=tuple(notes)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any, TypedDict
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
@@ -30,15 +30,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
-class Entry(TypedDict):
-    """What JSON has of one recording."""
-
-    recording: dict[str, object]
-    understood: dict[str, Any]
-    remarks: list[str]
-    methods: dict[str, dict[str, str]]
-
-
+#: What JSON has of one recording.
+Entry = dict[str, Any]
 YES = "yes"
 MUCH_REST = 0.2  # share of the time from which a control that rests is worth a line
 
@@ -97,11 +90,7 @@ def _checked(
     }
     entry: Entry = {
         "recording": {**recording.to_dict(), "remarks": told},
-        "understood": {
-            **facts.to_dict(),
-            "element": _element(choice),
-            "constancy": constancy,
-        },
+        "understood": {**facts.to_dict(), "element": _element(choice), "constancy": constancy},
         "remarks": told,
         "methods": able,
     }
@@ -136,7 +125,8 @@ def _constancy(recording: Recording) -> dict[str, object] | None:
     if found.changes:
         words = (
             f"{what} change during the recording, most about t = {found.time:.0f} s ({found}; "
-            f"{p} of a constant pilot): fit the parts apart, or the model adapting"
+            f"{p} under constant parameters). Fit the segments separately, or use the model "
+            "adapting"
         )
     return {**found.to_dict(), "model": model.name, "words": words}
 
@@ -149,12 +139,7 @@ def _element(choice: ElementChoice) -> str:
     return f"{choice.element.name} ({how.get(choice.origin, choice.origin)})"
 
 
-def _print(
-    console: Console,
-    recording: Recording,
-    facts: Understood,
-    entry: Entry,
-) -> None:
+def _print(console: Console, recording: Recording, facts: Understood, entry: Entry) -> None:
     console.print(recording.description, style="bold", soft_wrap=True)
     console.print()
     table = make_table()
@@ -192,8 +177,8 @@ def _lines(facts: Understood) -> list[str]:
         lines.append("all of the window is scored: the run-in is long enough")
     if facts.rest >= MUCH_REST:
         lines.append(
-            f"u rests at one value for {100.0 * facts.rest:.0f} % of the time, as on a breakout: a "
-            "non-linearity, which linear models take for remnant"
+            f"u is constant for {100.0 * facts.rest:.0f} % of the time (stiction or breakout "
+            "force?). Linear models will attribute this to remnant"
         )
     return lines
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -51,7 +51,7 @@ def design(
         int | None, typer.Option(min=1, help="Lines of each signal; default: the reference's.")
     ] = None,
     pick: Annotated[
-        str, typer.Option(metavar="any|odd|prime", help="Which lines may be taken.")
+        Literal["any", "odd", "prime"], typer.Option(help="Which lines may be taken.")
     ] = "any",
     period: Annotated[
         float | None, typer.Option(metavar="S", help="Period of line 1; default: the reference's.")
@@ -74,7 +74,7 @@ def design(
         int | None, typer.Option(min=2, help="Pilots of the populations' ranges to suit.")
     ] = None,
     over: Annotated[
-        str, typer.Option(metavar="mean|worst", help="What counts of several pilots.")
+        Literal["mean", "worst"], typer.Option(help="What counts of several pilots.")
     ] = "mean",
     power: Annotated[
         str | None,
@@ -97,7 +97,7 @@ def design(
         typer.Option(metavar="NAME|file.py:NAME", help="Another model; --truth has its values."),
     ] = None,
     remnant: Annotated[
-        str, typer.Option(metavar="held|share", help="The remnant's power, or a share of u's.")
+        Literal["held", "share"], typer.Option(help="The remnant's power, or a share of u's.")
     ] = "held",
     seed: SeedOption = DEFAULT_SEED,
 ) -> None:
@@ -117,18 +117,8 @@ def design(
     from pilotid.naming.settings import made as configured
     from pilotid.pilot.catalogue import model_named
 
-    for option, word, words in (
-        ("--over", over, ("mean", "worst")),
-        ("--remnant", remnant, ("held", "share")),
-    ):
-        if word not in words:
-            raise InputError(f"{option} {word}: must be {' or '.join(words)}")
-    for option, value in (
-        ("--at-most", at_most),
-        ("--period", period),
-        ("--seconds", seconds),
-        ("--rate", rate),
-    ):
+    positive = {"--at-most": at_most, "--period": period, "--seconds": seconds, "--rate": rate}
+    for option, value in positive.items():
         if value is not None and not 0.0 < value < math.inf:
             raise InputError(f"{option} {value:g}: must be a number above 0")
     for option, value in (("--between", between), ("--within", within), ("--fade", fade)):
@@ -146,16 +136,10 @@ def design(
         minimise,
         wanted=_wishes(wanted),
         limits=configured(Limits, limit, f"--limit {limit}"),
-        lines=chosen_lines(
-            reference_lines(chosen),
-            lines,
-            pick,  # type: ignore[arg-type]
-            period,
-            shared=shared,
-        ),
+        lines=chosen_lines(reference_lines(chosen), lines, pick, period, shared=shared),
         pilots=everyone,
-        over=over,  # type: ignore[arg-type]
-        remnant=remnant,  # type: ignore[arg-type]
+        over=over,
+        remnant=remnant,
         at_most=at_most,
         seed=seed,
     )
