@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import groupby
 
 import numpy as np
@@ -124,10 +124,7 @@ class IdentifiedElement:
             "parameters": {q.key: q.to_dict() for q in self.parameters},
             "explained": self.explained,
             "response_error": self.response_error,
-            "candidates": [
-                {"form": c.form, "criterion": c.criterion, "explained": c.explained}
-                for c in self.candidates
-            ],
+            "candidates": [asdict(candidate) for candidate in self.candidates],
             "remark": self.remark,
         }
 

@@ -45,25 +45,23 @@ def forcing_lines(recording: Recording) -> dict[str, IntArray]:
     NotMultisineError
         If a forcing function is not periodic in the window, or no sum of a few sines.
     """
-    found = {}
-    for name in ("ft", "fd"):
-        given, signal = recording.lines.get(name), getattr(recording, name)
-        if given:
-            lines = np.unique(np.array(given, dtype=int))
-            if lines[0] < 1 or lines[-1] >= recording.samples / 2:
-                raise NotMultisineError(
-                    f"the lines of {name} must lie between 1 and half the number of samples"
-                )
-        elif signal is not None:
-            lines = _found(name, recording.window(signal))
-        else:
-            continue
-        if lines.size:
-            found[name] = lines
-    return found
+    each = {name: lines_of(recording, name) for name in ("ft", "fd")}
+    return {name: lines for name, lines in each.items() if lines.size}
 
 
-def _found(name: str, signal: FloatArray) -> IntArray:
+def lines_of(recording: Recording, name: str) -> IntArray:
+    """The lines of one forcing function, see `forcing_lines`; none if it does not force."""
+    given, forcing = recording.lines.get(name), getattr(recording, name)
+    if given:
+        lines = np.unique(np.array(given, dtype=int))
+        if lines[0] < 1 or lines[-1] >= recording.samples / 2:
+            raise NotMultisineError(
+                f"the lines of {name} must lie between 1 and half the number of samples"
+            )
+        return lines
+    if forcing is None:
+        return np.zeros(0, dtype=int)
+    signal = recording.window(forcing)
     power = np.mean(np.abs(np.fft.rfft(signal)[:, 1:-1]) ** 2, axis=0)
     # A constant leaves rounding errors.
     if power.max() <= (1e-12 * signal.shape[1] * np.max(np.abs(signal), initial=0.0)) ** 2:
