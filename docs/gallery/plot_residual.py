@@ -14,7 +14,7 @@ import pilotid
 from pilotid import plot
 from pilotid.show.style import journal_style
 from pilotid.time_domain.residual_tests import portmanteau
-from pilotid.time_domain.whitened import prediction_errors
+from pilotid.time_domain.residual_tests import prediction_errors
 
 LAGS = 40
 recording = pilotid.simulate("nominal", 5)

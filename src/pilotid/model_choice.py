@@ -20,11 +20,10 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from pilotid.estimates.bounds import bounds_reached
-from pilotid.estimates.method import motionless_input
+from pilotid.estimates.applicability import lines_objection, motionless_input
+from pilotid.estimates.estimate import bounds_reached
 from pilotid.lines.coefficients import Coefficients
 from pilotid.lines.fit import LinesFit, fit_lines
-from pilotid.lines.objection import objection
 from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
@@ -32,7 +31,7 @@ from pilotid.recordings.names import listed
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import DEFAULT_SEED, fit_rng
 from pilotid.time_domain.constancy import changes
-from pilotid.time_domain.evidence import Evidence, evidence
+from pilotid.time_domain.information_criteria import Evidence, evidence
 from pilotid.time_domain.output_error import simulated_vaf
 from pilotid.types import FloatArray, InputError
 
@@ -172,7 +171,7 @@ def compare_models(
     models = [model for model in models if motionless_input(recording, model) is None]
     if not models:
         raise InputError(f"{recording.source}: none of the models has its inputs in the recording")
-    if any(objection(recording, model) is not None for model in models):
+    if any(lines_objection(recording, model) is not None for model in models):
         return [_by_likelihood(found) for found in evidence(recording, models, seed)]
     lines = fit_forced_response(recording, models, seed)
     if not likelihood:
@@ -235,7 +234,7 @@ def fit_forced_response(
     ----------
     recording
         A recording whose lines can judge all of the models, see
-        `pilotid.lines.objection.objection`.
+        `pilotid.estimates.applicability.lines_objection`.
     models
         The models, at least one.
     seed

@@ -17,12 +17,11 @@ from pilotid.analysis.recordings import Part, Source
 from pilotid.analysis.rows import SUBJECT, Row, rows_of
 from pilotid.database import DamagedError, checksum, in_words, open_to_write
 from pilotid.disk import make_folder, write_file
-from pilotid.element.choice import chosen_element
+from pilotid.element.fit import chosen_element
 from pilotid.estimates.estimate import Outcome, failed
 from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.method import Method
 from pilotid.estimates.quantities import Quantity
-from pilotid.estimates.sound import one_line
 from pilotid.jobs import Loss, run_tasks
 from pilotid.methods.fourier import first_step_of
 from pilotid.model_choice import Candidate, Choice, choose_model, compare_models, default_candidates
@@ -33,7 +32,7 @@ from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.study.entries import number
-from pilotid.types import InputError
+from pilotid.types import InputError, one_line
 
 #: What is done already, as JSON by the key of its task.
 STORE = "analysis.sqlite"

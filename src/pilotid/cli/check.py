@@ -9,9 +9,9 @@ import numpy as np
 import typer
 
 from pilotid.cli import options
-from pilotid.element.choice import ElementChoice, chosen_element
-from pilotid.estimates.method import Method, motionless_input
-from pilotid.lines.objection import objection
+from pilotid.element.fit import ElementChoice, chosen_element
+from pilotid.estimates.applicability import lines_objection, motionless_input
+from pilotid.estimates.method import Method
 from pilotid.methods import methods
 from pilotid.model_choice import default_candidates, select
 from pilotid.naming.settings import split_list
@@ -21,6 +21,7 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.recordings.understood import Forcing, Understood, understood
+from pilotid.remarks import codes_of
 from pilotid.seeds import DEFAULT_SEED, fit_rng
 from pilotid.terminal import make_console, make_table, print_table
 from pilotid.time_domain.constancy import LEVEL, constancy_of
@@ -77,7 +78,7 @@ def _checked(
     element: ControlledElement | None,
 ) -> tuple[Understood, Entry]:
     facts = understood(recording)
-    told = list(remarks(recording))
+    told: list[str] = list(remarks(recording))
     choice = chosen_element(recording, element)
     told += choice.remarks
     constancy = _constancy(recording)
@@ -89,9 +90,10 @@ def _checked(
         for m in models
     }
     entry: Entry = {
-        "recording": {**recording.to_dict(), "remarks": told},
+        "recording": {**recording.to_dict(), "remarks": told, "codes": codes_of(told)},
         "understood": {**facts.to_dict(), "element": _element(choice), "constancy": constancy},
         "remarks": told,
+        "codes": codes_of(told),
         "methods": able,
     }
     return facts, entry
@@ -108,7 +110,7 @@ def _constancy(recording: Recording) -> dict[str, object] | None:
     try:
         with np.errstate(all="ignore"):  # signals may be anything
             # Without lines a choice takes long; the model with the most parameters misses least.
-            quick = all(objection(recording, m) is None for m in able)
+            quick = all(lines_objection(recording, m) is None for m in able)
             model = select(recording, able).model if quick else able[-1]
             found = constancy_of(recording, model, fit_rng(DEFAULT_SEED, "constancy"))
     except (InputError, np.linalg.LinAlgError):

@@ -87,13 +87,19 @@ def infer(
     folder: Path | None,
 ) -> None:
     """Sample a posterior with emcee, write draws, summary and figures, and print what it says."""
-    from pilotid.element.choice import chosen_element
+    from pilotid.element.fit import chosen_element
+    from pilotid.estimates.applicability import motionless_input
     from pilotid.estimates.estimate import Outcome, failed
     from pilotid.estimates.fitted import Fitted
-    from pilotid.estimates.method import all_remarks, import_libraries, motionless_input
+    from pilotid.estimates.method import import_libraries
+    from pilotid.estimates.warnings import all_remarks
     from pilotid.methods.bayes import Bayes
-    from pilotid.posterior.derived import derived_spreads, loop_notes, parameter_spreads
-    from pilotid.posterior.predictive import predictive_band
+    from pilotid.posterior.predictive import (
+        derived_spreads,
+        loop_notes,
+        parameter_spreads,
+        predictive_band,
+    )
     from pilotid.recordings.checks import remarks
     from pilotid.show.posterior import print_posterior, sampling_bar, write_posterior
 

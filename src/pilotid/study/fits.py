@@ -8,25 +8,25 @@ from functools import lru_cache
 import numpy as np
 
 from pilotid.datasets import Population, Scenario, simulate
-from pilotid.datasets.experiments import experiment_of
+from pilotid.datasets.experiments import bound_of, experiment_of
 from pilotid.datasets.forcing import Multisine
-from pilotid.datasets.linearised import bound_of
 from pilotid.datasets.named import AnyScenario
 from pilotid.datasets.simulation import lines_in
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import Method, Searching, identify
-from pilotid.estimates.remarks import what_is_open
-from pilotid.estimates.sound import one_line
+from pilotid.estimates.warnings import OPEN
 from pilotid.jobs import Loss
 from pilotid.naming.code import reason, unpacked
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import Recording
+from pilotid.remarks import codes_of
 from pilotid.seeds import draw_rng, fit_rng, recording_rng, start_rng
 from pilotid.study.entries import Draw, ParameterTruth, Result, Track, Unit, number
 from pilotid.study.tracks import tracks_of
 from pilotid.theory.bounds import bounds
+from pilotid.types import one_line
 
 LOST = {Loss.DIED: Outcome.DIED, Loss.TIMED_OUT: Outcome.TIMED_OUT}
 
@@ -112,9 +112,7 @@ def told(remarked: tuple[str, ...], estimate: Estimate) -> str:
     estimate
         The estimate.
     """
-    left_open = what_is_open(estimate) if estimate.outcome.usable else []
-    told_of = {one_line(remark) for remark in left_open}
-    own = [remark for remark in estimate.remarks if remark not in told_of]
+    own = [remark for remark in estimate.remarks if codes_of([remark])[0] not in OPEN]
     found = [*(f"recording: {remark}" for remark in remarked), *own]
     line = " | ".join(found)
     return line if len(line) <= LONGEST_TOLD else f"{line[: LONGEST_TOLD - 4]} ..."
