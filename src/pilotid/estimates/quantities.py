@@ -12,6 +12,16 @@ from pilotid.estimates.draws import Draws, Spread, spread_of
 from pilotid.numbers import decimals
 from pilotid.types import BoolArray, FloatArray
 
+LARGEST = 100.0  # standard error of a logarithm; exp of twice as much is a number still
+#: Correlation from which two parameters count as one.  To know the other would then divide a
+#: variance by 10, at which regressors are by custom called collinear (Marquardt,
+#: Technometrics 12, 1970): 1/(1 - r^2) = 10.
+COLLINEAR = math.sqrt(0.9)
+#: Relative standard error below which a parameter is known well enough, whatever it goes with.
+WELL_KNOWN = 0.1
+#: How many times better a product or ratio must be known than either of its two parameters.
+BETTER = 3.0
+
 
 @dataclass(frozen=True)
 class Quantity:
@@ -140,17 +150,6 @@ def products_by_delta(
             Quantity(product.key, product.unit, value, error, value - reach, value + reach)
         )
     return result
-
-
-LARGEST = 100.0  # standard error of a logarithm; exp of twice as much is a number still
-#: Correlation from which two parameters count as one.  To know the other would then divide a
-#: variance by 10, at which regressors are by custom called collinear (Marquardt,
-#: Technometrics 12, 1970): 1/(1 - r^2) = 10.
-COLLINEAR = math.sqrt(0.9)
-#: Relative standard error below which a parameter is known well enough, whatever it goes with.
-WELL_KNOWN = 0.1
-#: How many times better a product or ratio must be known than either of its two parameters.
-BETTER = 3.0
 
 
 @dataclass(frozen=True)
