@@ -27,7 +27,7 @@ from pilotid.lines.fit import LinesFit, fit_lines
 from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
-from pilotid.recordings.names import listed
+from pilotid.recordings.contents import listed
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import DEFAULT_SEED, fit_rng
 from pilotid.time_domain.constancy import changes
