@@ -31,7 +31,7 @@ from pilotid.pilot.factors import Delay, Differentiator, Gain, Lag, Lead, Neurom
 from pilotid.pilot.frozen import before_and_after, frozen, frozen_over
 from pilotid.pilot.model import Channel, PilotModel
 from pilotid.pilot.own import fault_of
-from pilotid.show.page import html_report
+from pilotid.report.fit import html_report
 from pilotid.solve.least_squares import minimise
 from pilotid.solve.walk import Held
 from pilotid.study.draws import truths_of

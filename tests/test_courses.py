@@ -34,7 +34,7 @@ from pilotid.pilot.model import Channel, PilotModel
 from pilotid.pilot.own import fault_of
 from pilotid.posterior.priors import LogUniform, priors_of
 from pilotid.recordings.recording import Recording
-from pilotid.show.page import html_report
+from pilotid.report.fit import html_report
 from pilotid.solve.smoothing import Penalty, Restricted
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.remnant_models import LowPass

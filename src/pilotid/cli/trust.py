@@ -16,7 +16,7 @@ from pilotid.pilot.catalogue import AUTO, model_named
 from pilotid.pilot.element import element_named
 from pilotid.recordings.files import Reading
 from pilotid.seeds import DEFAULT_SEED
-from pilotid.terminal import make_console, print_table
+from pilotid.terminal import make_console
 from pilotid.types import InputError
 
 if TYPE_CHECKING:
@@ -81,9 +81,9 @@ def trust(
     from pilotid.cli.progress import with_progress
     from pilotid.datasets.designed import designed_scenario, model_place, scenario_json
     from pilotid.disk import make_folder
+    from pilotid.document import Bullets, print_blocks
     from pilotid.methods import methods
-    from pilotid.report.content import plain, terminal_table
-    from pilotid.report.page import overview, write_report
+    from pilotid.report.study import overview, write_report
     from pilotid.report.trust import advice, trust_section, trust_table
     from pilotid.study.comparison import comparison_of
     from pilotid.study.store import Store
@@ -118,10 +118,7 @@ def trust(
         study.write_tables(out)
         page = write_report(out, store, study, first=[trust_section(found)])
     write_file(out / TRUST, strict_json({**found.to_dict(), **scenario}).encode())
-    console = make_console()
     words, tables = overview(study)
-    for table in (*tables, trust_table(found)):
-        print_table(console, terminal_table(table))
-    for sentence in (*words, *advice(found), UNKNOWN):
-        console.print(plain(sentence), soft_wrap=True)
-    console.print(f"scenario and numbers: {out / TRUST}, report: {page}", soft_wrap=True)
+    written = f"scenario and numbers: {out / TRUST}, report: {page}"
+    told = Bullets([*words, *advice(found), UNKNOWN, written])
+    print_blocks(make_console(), *tables, trust_table(found), told)

@@ -2,44 +2,51 @@
 
 from __future__ import annotations
 
-from pilotid.numbers import NONE, number, plus_minus, share
-from pilotid.report.content import Bullets, Column, Section, Table, Text, entries
+import math
+
+from pilotid.document import Bullets, Column, Section, Table, Text
+from pilotid.numbers import number, plus_minus, share
 from pilotid.study.trust import UNKNOWN, Trust, Trusted
 
 
-def trust_table(trust: Trust) -> Table:
+def trust_table(trust: Trust) -> Table[Trusted]:
     """Claimed and corrected intervals, bias and coverage of each parameter."""
-    columns = [
-        Column("parameter", text=True),
-        Column("value"),
-        Column("claimed 95 %", hint="interval that the method gives for the recording"),
-        Column("corrected 95 %", hint="its length multiplied so that 95 % hold the truth here"),
-        Column("length times"),
-        Column("bias", hint="mean error on simulations, with its Monte Carlo error"),
-        Column("bias / claim", hint="in claimed standard errors"),
-        Column("coverage %", hint="of the claimed intervals, with its 95 % interval"),
+
+    def between(low: float, high: float) -> str:
+        return f"{number(low)} to {number(high)}"
+
+    columns: list[Column[Trusted]] = [
+        Column("parameter", lambda p: f"{p.parameter} {p.unit}".strip()),
+        Column("value", lambda p: p.value, number),
+        Column(
+            "claimed 95 %",
+            lambda p: p.interval_95,
+            between,
+            "interval that the method gives for the recording",
+        ),
+        Column(
+            "corrected 95 %",
+            lambda p: None if math.isnan(p.factor) else p.corrected_95,
+            between,
+            "its length multiplied so that 95 % hold the truth here",
+        ),
+        Column("length times", lambda p: (p.factor, 2), number),
+        Column(
+            "bias",
+            lambda p: p.bias,
+            plus_minus,
+            "mean error on simulations, with its Monte Carlo error",
+        ),
+        Column("bias / claim", lambda p: p.bias_claimed, plus_minus, "in claimed standard errors"),
+        Column(
+            "coverage %",
+            lambda p: (p.coverage, p.coverage_95),
+            share,
+            "of the claimed intervals, with its 95 % interval",
+        ),
     ]
-    return Table(
-        f"`{trust.trial.label}` on pilots like this one, {trust.trial.recording}",
-        columns,
-        entries(_row(p) for p in trust.parameters),
-    )
-
-
-def _row(p: Trusted) -> list[str]:
-    def between(ends: tuple[float, float]) -> str:
-        return f"{number(ends[0])} to {number(ends[1])}"
-
-    return [
-        f"{p.parameter} {p.unit}".strip(),
-        number(p.value),
-        between(p.interval_95),
-        between(p.corrected_95) if p.factor == p.factor else NONE,
-        number(p.factor, 2),
-        plus_minus(*p.bias),
-        plus_minus(*p.bias_claimed),
-        share(p.coverage, p.coverage_95),
-    ]
+    caption = f"`{trust.trial.label}` on pilots like this one, {trust.trial.recording}"
+    return Table(caption, columns, trust.parameters)
 
 
 def advice(trust: Trust) -> list[str]:
