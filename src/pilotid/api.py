@@ -182,12 +182,12 @@ def trust(
     Trust
         Bias, coverage and corrected interval of each parameter, and the comparison of methods.
     """
-    from pilotid.study.trust import Trust, trial_of
+    from pilotid.study.trust import trial_of
 
     chosen = which_model(recording, seed=seed).model if model is None else model
     named = model_named(chosen) if isinstance(chosen, str) else chosen
     trial = trial_of(recording, named, methods, seed)
-    return Trust(trial, trial.study(replications, seed).run_in(Path(out), workers))
+    return trial.run(Path(out), replications, seed, workers)
 
 
 def design(

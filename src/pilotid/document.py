@@ -35,7 +35,7 @@ Kinds = Sequence[Literal["svg", "pdf"]]
 #: The folder of figures beside a page.
 FIGURES = "figures"
 MINUS, DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
-LINK = r"\[([^\]]+)\]\((#[\w-]+|(?:\.\./)?[\w-]+/[\w.+-]+|\.\./[\w.+-]+|[\w-]+\.csv)\)"
+LINK = r"\[([^\]]+)\]\((#[\w-]+|(?:[\w.-]+/)+[\w.+-]+|[\w-]+\.csv)\)"
 #: Text of figures stays text; a reader's machine sets it in the first of these that it has.
 FONTS = ("DejaVu Sans", "Verdana", "sans-serif")
 POINTS = 72.0  # an inch, in which matplotlib writes SVG

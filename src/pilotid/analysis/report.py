@@ -24,6 +24,8 @@ from pilotid.analysis.rows import SUBJECT
 from pilotid.analysis.spread import ConditionSpread, spread_sentence
 from pilotid.analysis.tasks import PAGES
 from pilotid.document import Block, Bullets, Command, Figure, Section, Text, write_page
+from pilotid.report.trust import trust_blocks
+from pilotid.study.trust import UNKNOWN
 from pilotid.time_domain.constancy import LEVEL as CHANGES
 
 TITLE = "Pilot models of recorded subjects"
@@ -75,12 +77,14 @@ def write_report(folder: Path, results: Results, command: str, about: Mapping[st
     """
     _clear(folder, results.analysis)
     path = folder / "report.html"
-    sections = list(report_sections(results, command, about))
+    sections = list(report_sections(folder, results, command, about))
     write_page(path, TITLE, sections, kinds=("svg", "pdf"))
     return path
 
 
-def report_sections(results: Results, command: str, about: Mapping[str, str]) -> Iterator[Section]:
+def report_sections(
+    folder: Path, results: Results, command: str, about: Mapping[str, str]
+) -> Iterator[Section]:
     """The sections of a report, without those that have nothing to say."""
     yield _summary(results)
     yield _models(results.analysis)
@@ -90,6 +94,8 @@ def report_sections(results: Results, command: str, about: Mapping[str, str]) ->
         yield _conditions(results)
     if results.by_condition:
         yield Section("runs", "From run to run", [Text(RUNS), *_runs(results)])
+    if results.tried:
+        yield Section("trust", "What the fits are worth", [*_tried(results, folder), Text(UNKNOWN)])
     if results.analysis.left_out:
         board = results.board(command, about)
         yield Section("left-out", "Runs left out", left_out_blocks(board))
@@ -224,6 +230,14 @@ def _runs(results: Results) -> Iterator[Block]:
             "claimed."
         )
         yield Figure(f"runs-{place}", spread_figure(own), caption)
+
+
+def _tried(results: Results, folder: Path) -> Iterator[Block]:
+    """What simulations say of the fits."""
+    for own in results.tried:
+        page = (own.folder / "report.html").relative_to(folder).as_posix()
+        yield Text(f"**{own.words}**: [all methods]({page})")
+        yield from trust_blocks(own.trust.to_dict())
 
 
 def _by_condition(results: Results) -> list[list[ConditionSpread]]:

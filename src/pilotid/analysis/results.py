@@ -18,6 +18,7 @@ from pilotid.analysis.spread import (
     run_spreads,
     with_variation,
 )
+from pilotid.analysis.trials import Tried
 from pilotid.analysis.within import parted, within_fits
 from pilotid.types import InputError
 
@@ -44,6 +45,8 @@ class Results:
         Runs compared, of each recording and over subjects.
     notes
         What could not be worked out, a sentence each.
+    tried
+        What simulations say of the fits of each condition, where that was asked for.
     """
 
     analysis: Analysis
@@ -56,6 +59,7 @@ class Results:
     spreads: Sequence[RunSpread]
     by_condition: Sequence[ConditionSpread]
     notes: Sequence[str]
+    tried: Sequence[Tried] = ()
 
     def board(self, command: str, versions: Mapping[str, str]) -> Board:
         """Runs left out, with the command and the versions that made them."""
@@ -70,7 +74,12 @@ class Results:
         return self.wider or [row for row in (*self.rows, *self.loops) if row.run is None]
 
 
-def results_of(analysis: Analysis, pairs: Sequence[tuple[str, str]] = ()) -> Results:
+def results_of(
+    analysis: Analysis,
+    pairs: Sequence[tuple[str, str]] = (),
+    tried: Sequence[Tried] = (),
+    untried: Sequence[str] = (),
+) -> Results:
     """Work out what follows from an analysis.
 
     Parameters
@@ -79,6 +88,8 @@ def results_of(analysis: Analysis, pairs: Sequence[tuple[str, str]] = ()) -> Res
         What was fitted.
     pairs
         Conditions to compare, all pairs if none are given; or parameters of the same fits.
+    tried, untried
+        What `tried_conditions` gave.
 
     Raises
     ------
@@ -88,7 +99,7 @@ def results_of(analysis: Analysis, pairs: Sequence[tuple[str, str]] = ()) -> Res
     rows, loops = analysis.rows, analysis.loop_rows
     both = [*rows, *loops]
     spreads = run_spreads(both)
-    notes: list[str] = []
+    notes: list[str] = list(untried)
     differences: list[Contrast] = []
     together: list[Repeated] = []
     chosen = _chosen(analysis) if analysis.settings.auto else None
@@ -120,6 +131,7 @@ def results_of(analysis: Analysis, pairs: Sequence[tuple[str, str]] = ()) -> Res
         spreads=spreads,
         by_condition=condition_spreads(spreads),
         notes=notes,
+        tried=tried,
     )
 
 

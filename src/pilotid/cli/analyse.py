@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -24,6 +24,9 @@ from pilotid.recordings.recording import LEAD_IN
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.terminal import make_console, with_bar
 from pilotid.types import InputError
+
+if TYPE_CHECKING:
+    from pilotid.analysis.trials import Tried
 
 
 def analyse(
@@ -64,6 +67,16 @@ def analyse(
         bool,
         typer.Option("--left-out", help="Predict every run by the fit of the others, too."),
     ] = False,
+    trust: Annotated[
+        bool,
+        typer.Option(
+            "--trust",
+            help="Simulate a typical recording of each condition, and say what its fit is worth.",
+        ),
+    ] = False,
+    replications: Annotated[
+        int, typer.Option(min=1, help="Simulations of each condition, with --trust.")
+    ] = 40,
     mapping: MapOption = None,
     dt: IntervalOption = None,
     detrend: DetrendOption = False,
@@ -84,6 +97,9 @@ def analyse(
     from pilotid.analysis.results import results_of
     from pilotid.analysis.source import Source
     from pilotid.analysis.tables import write_tables
+    from pilotid.analysis.trials import tried_conditions
+    from pilotid.cli.progress import with_progress
+    from pilotid.datasets.designed import model_place
     from pilotid.disk import make_folder, strict_json, write_file
     from pilotid.document import Bullets, print_blocks
     from pilotid.pilot.catalogue import AUTO, model_named
@@ -108,22 +124,30 @@ def analyse(
     if not parts:
         raise InputError("; ".join(refused))
     make_folder(out)
+    sources = {part.name: Source(part, reading) for part in parts}
     try:
         analysis = analysed(
-            [Source(part, reading) for part in parts],
+            list(sources.values()),
             settings,
             out,
             with_bar,
             workers,
             refused=refused,
         )
+        tried: list[Tried] = []
+        untried: list[str] = []
+        if trust:
+            places = {model_named(n).name: model_place(n) for n in names if n != AUTO}
+            tried, untried = tried_conditions(
+                analysis, sources, out, replications, places, with_progress, workers
+            )
     except KeyboardInterrupt:
         raise StoppedError(
             f"stopped; {out} keeps what is done, and the same command goes on from there"
         ) from None
     if not analysis.parts:
         raise InputError("; ".join(analysis.refused))
-    results = results_of(analysis, pairs)
+    results = results_of(analysis, pairs, tried, untried)
     options = {
         "--pattern": [pattern] if pattern else [],
         "--model": model or [],
@@ -136,7 +160,13 @@ def analyse(
     said = [word for name, values in options.items() for value in values for word in (name, value)]
     said += [] if dt is None else ["--dt", f"{dt:g}"]
     said += [] if lead_in == LEAD_IN else ["--lead-in", f"{lead_in:g}"]
-    flags = (("--detrend", detrend), ("--per-run", per_run), ("--left-out", left_out))
+    said += ["--replications", str(replications)] if trust and replications != 40 else []
+    flags = (
+        ("--detrend", detrend),
+        ("--per-run", per_run),
+        ("--left-out", left_out),
+        ("--trust", trust),
+    )
     said += [flag for flag, on in flags if on]
     command = shlex.join(["pilotid", "analyse", *map(str, files), *said, "--out", str(out)])
     write_tables(out, results, command)
@@ -153,8 +183,9 @@ def analyse(
         if choice.reason
     ]
     tables = [contrast_overview(results)] if results.contrasts else []
-    told = Bullets([*results.notes, f"report: {path}"])
-    print_blocks(make_console(), Bullets(choices), *tables, told)
+    told = [f"{own.words}: {words}" for own in results.tried for words in own.trust.sentences]
+    sentences = Bullets([*told, *results.notes, f"report: {path}"])
+    print_blocks(make_console(), Bullets(choices), *tables, sentences)
     if analysis.refused:
         raise InputError("; ".join(analysis.refused))
 

@@ -11,20 +11,17 @@ import typer
 from pilotid.cli.arguments import ElementOption, MethodOption, SeedOption, names_of
 from pilotid.cli.reading import DetrendOption, IntervalOption, MapOption
 from pilotid.cli.stopping import StoppedError
-from pilotid.disk import strict_json, write_file
 from pilotid.pilot.catalogue import AUTO, model_named
 from pilotid.pilot.element import element_named
 from pilotid.recordings.files import Reading
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.terminal import make_console
-from pilotid.types import InputError
 
 if TYPE_CHECKING:
     from pilotid.datasets import Scenario
     from pilotid.pilot.model import PilotModel
     from pilotid.recordings.recording import Recording
 
-TRUST = "trust.json"
 LikeOption = Annotated[
     Path | None,
     typer.Option(
@@ -79,15 +76,13 @@ def trust(
     The first method that is named is the one whose fit is judged, else mle.
     """
     from pilotid.cli.progress import with_progress
-    from pilotid.datasets.designed import designed_scenario, model_place, scenario_json
-    from pilotid.disk import make_folder
+    from pilotid.datasets.designed import model_place
     from pilotid.document import Bullets, print_blocks
     from pilotid.methods import methods
     from pilotid.report.study import overview, write_report
-    from pilotid.report.trust import advice, trust_section, trust_table
-    from pilotid.study.comparison import comparison_of
+    from pilotid.report.trust import advice, trust_table
     from pilotid.study.store import Store
-    from pilotid.study.trust import UNKNOWN, Trust, trial_of
+    from pilotid.study.trust import TRUST, UNKNOWN, trial_of
 
     recordings, _ = Reading(tuple(mapping or ()), dt, detrend).all(files, joint=len(files) > 1)
     recording = recordings[0]
@@ -95,30 +90,16 @@ def trust(
         recording = replace(recording, controlled_element=element_named(element).name)
     chosen = _model(recording, model, seed)
     trial = trial_of(recording, chosen, names_of(method, [], list(methods())), seed)
-    scenario = {"seed": seed, "scenario": scenario_json(trial.scenario, model_place(model))}
-    make_folder(out)
-    if (out / TRUST).exists() and designed_scenario(out / TRUST) != trial.scenario:
-        raise InputError(
-            f"{out / TRUST}: is of another recording, model or method; name another folder "
-            "with --out"
-        )
-    write_file(out / TRUST, strict_json(scenario).encode())
-    planned = trial.study(replications, seed, str(out / TRUST))
-    with Store(out, create=True) as store:
-        try:
-            pending = planned.enter(store)
-            for _ in with_progress(planned.run(store, pending, workers), pending.counts):
-                pass
-        except KeyboardInterrupt:
-            raise StoppedError(
-                f"stopped; {store.path} keeps what is done, and the same command goes on from there"
-            ) from None
-        study = comparison_of(store)
-        found = Trust(trial, study)
-        study.write_tables(out)
-        page = write_report(out, store, study, first=[trust_section(found)])
-    write_file(out / TRUST, strict_json({**found.to_dict(), **scenario}).encode())
-    words, tables = overview(study)
+    try:
+        found = trial.run(out, replications, seed, workers, model_place(model), with_progress)
+    except KeyboardInterrupt:
+        raise StoppedError(
+            f"stopped; {out} keeps what is done, and the same command goes on from there"
+        ) from None
+    with Store(out) as store:
+        page = write_report(out, store, found.comparison)
+    told = found.to_dict()
+    words, tables = overview(found.comparison)
     written = f"scenario and numbers: {out / TRUST}, report: {page}"
-    told = Bullets([*words, *advice(found), UNKNOWN, written])
-    print_blocks(make_console(), *tables, trust_table(found), told)
+    sentences = Bullets([*words, *advice(told), UNKNOWN, written])
+    print_blocks(make_console(), *tables, trust_table(told), sentences)

@@ -40,6 +40,7 @@ from pilotid.report.study_tables import (
     remark_table,
     track_table,
 )
+from pilotid.report.trust import read_trust, trust_section
 from pilotid.study.comparison import Cell, Comparison, loss_ratio
 from pilotid.study.entries import TRAJECTORY, ScenarioEntry
 from pilotid.study.judge import RULES, USABLE, judge, sentence
@@ -89,9 +90,10 @@ def write_report(
     *,
     kinds: Kinds = ("svg",),
     above: str = "",
-    first: Sequence[Section] = (),
 ) -> Path:
     """Write report.html, report.md and the figures; equal stores give equal bytes.
+
+    What a `trust.json` beside the store says comes first.
 
     The Markdown is the report in short: what the page folds, it leaves out.
 
@@ -107,15 +109,14 @@ def write_report(
         Files of each figure.
     above
         The page above this one, if there is one.
-    first
-        Sections in front of the comparison.
 
     Returns
     -------
     Path
         The page.
     """
-    sections = [*first, *report_sections(study, store)]
+    told = read_trust(store.path.parent)
+    sections = [*([trust_section(told)] if told else []), *report_sections(study, store)]
     page = folder / "report.html"
     write_page(page, TITLE, sections, above, kinds)
     short = to_markdown(TITLE, [section.in_short() for section in sections if not section.folded])

@@ -7,27 +7,36 @@ parametric bootstrap.  What it tells holds as far as the pilot is linear and the
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
-from pilotid.datasets import Scenario
+from pilotid.datasets import AnyScenario, Scenario
+from pilotid.datasets.designed import designed_scenario, scenario_json
+from pilotid.disk import make_folder, strict_json, write_file
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.method import Method, identify
 from pilotid.methods import label_of, method_named, methods
+from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import DEFAULT_SEED, fit_rng
-from pilotid.study.comparison import Cell, Comparison
+from pilotid.study.comparison import Cell, Comparison, comparison_of
+from pilotid.study.entries import Result
 from pilotid.study.judge import judge
 from pilotid.study.scores import Mean
+from pilotid.study.store import Store
 from pilotid.study.study import Study
 from pilotid.types import FloatArray, InputError
 
 USUAL = "mle"  # fits the recording where nothing else is named, and makes the simulated pilot
 COVERED = 0.95
+TRUST = "trust.json"
+#: Shows results as they come: the results, and how many there will be by method.
+Bar = Callable[[Iterator[Result], Mapping[str, int]], Iterable[Result]]
 #: What no simulation of a fit can tell.
 UNKNOWN = (
     "This cannot know whether the pilot is linear and constant, and whether model and controlled "
@@ -136,19 +145,58 @@ class Trial:
     scenario: Scenario
     methods: tuple[Method, ...]
 
-    def study(self, replications: int, seed: int = DEFAULT_SEED, place: str = "") -> Study:
-        """The study whose fits tell what this one is worth.
+    def run(
+        self,
+        folder: Path,
+        replications: int,
+        seed: int = DEFAULT_SEED,
+        workers: int | None = None,
+        place: str = "",
+        bar: Bar = lambda results, _: results,
+    ) -> Trust:
+        """Simulate and fit in a folder, which holds the study and `trust.json` then.
 
         Parameters
         ----------
+        folder
+            Where; what was done there is not done again.
         replications, seed
             Simulations, and the seed of all random numbers.
+        workers
+            Processes; None for one for each processor.
         place
-            The file that holds the scenario, if there is one.
+            Where a model that is not the catalogue's is found, ``file.py:NAME``.
+        bar
+            Shows results as they come: the results, and how many there will be by method.
+
+        Raises
+        ------
+        InputError
+            If the folder holds another trial.
         """
-        tried = self.methods or list(methods().values())
-        sparing = not self.methods
-        return Study([place or self.scenario], tried, replications, seed, sparing=sparing)
+        make_folder(folder)
+        path, known = folder / TRUST, MODELS.get(self.scenario.model.name) == self.scenario.model
+        scenario: AnyScenario | str = self.scenario
+        held: dict[str, object] = {"seed": seed}
+        if known or place:  # otherwise no file can name the model
+            held["scenario"] = scenario_json(self.scenario, place)
+            if path.exists() and designed_scenario(path) != self.scenario:
+                raise InputError(
+                    f"{path}: is of another recording, model or method; name another folder "
+                    "with --out"
+                )
+            write_file(path, strict_json(held).encode())
+            scenario = str(path)
+        tried, sparing = self.methods or list(methods().values()), not self.methods
+        study = Study([scenario], tried, replications, seed, sparing=sparing)
+        with Store(folder, create=True) as store:
+            pending = study.enter(store)
+            for _ in bar(study.run(store, pending, workers), pending.counts):
+                pass
+            found = Trust(self, comparison_of(store))
+        found.comparison.write_tables(folder)
+        write_file(path, strict_json({**found.to_dict(), **held}).encode())
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,9 +233,10 @@ class Trust:
                 known.value[good, i], lower[good, i], upper[good, i], score.truth
             )
             low = quantity.value - factor * (quantity.value - quantity.lower)
-            if self.trial.estimate.model.positive[i]:
-                low = max(low, 0.0)
             high = quantity.value + factor * (quantity.upper - quantity.value)
+            if math.isfinite(factor):  # no end lies outside the bounds of the search
+                model = self.trial.estimate.model
+                low, high = max(low, model.lower[i]), min(high, model.upper[i])
             found.append(
                 Trusted(
                     quantity.key,
