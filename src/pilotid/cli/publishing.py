@@ -40,8 +40,7 @@ def compare_studies(
     """Say what changed from one study to another of the same scenarios, and how surely."""
     from pilotid.cli.arguments import require_writable
     from pilotid.disk import strict_json, table_bytes, write_file
-    from pilotid.publishing.changes import COLUMNS, find_changes
-    from pilotid.publishing.studies import read_study
+    from pilotid.publishing.changes import COLUMNS, find_changes, read_study
 
     files = [Path(text) for text in (csv, json) if text not in (None, "-") and text is not None]
     for file in files:

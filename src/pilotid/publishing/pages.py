@@ -21,7 +21,7 @@ from pilotid.document import (
     write_page,
 )
 from pilotid.naming.settings import shown
-from pilotid.publishing.studies import StudyData, difference, names_for, read_study
+from pilotid.publishing.changes import StudyData, difference, names_for, read_study
 from pilotid.report.study import COLUMNS, LOSS, command, details, mixed, write_report
 from pilotid.report.study_tables import key_of, ranked, ranking, ranking_columns
 from pilotid.study.archive import KEPT

@@ -16,7 +16,6 @@ from pilotid.estimates.quantities import Quantity
 from pilotid.estimates.response import FrequencyResponse
 from pilotid.pilot.element import ControlledElement, parsed_element
 from pilotid.recordings.recording import INPUTS, Recording
-from pilotid.show.named import leading
 from pilotid.show.panels import (
     band_figure,
     correlation_figure,
@@ -29,6 +28,7 @@ from pilotid.show.panels import (
 )
 from pilotid.show.responses import BANDS
 from pilotid.show.spectra import RESIDUALS
+from pilotid.show.style import leading
 from pilotid.types import FloatArray
 
 TITLE = "Identified pilot models"

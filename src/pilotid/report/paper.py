@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from pilotid.document import Block, Figure, Section, Text
-from pilotid.report.figures import starts, sweep
+from pilotid.report.study_figures import errors, sweep
 from pilotid.report.study_tables import bias_table, starts_table
 from pilotid.study.comparison import Comparison
 from pilotid.study.entries import ScenarioEntry
@@ -133,11 +133,11 @@ def _starts(study: Comparison, own: Sequence[ScenarioEntry]) -> list[Block]:
         "common end if every parameter lies within a tenth of the bound of the median end."
     )
     caption = (
-        "Ends of the search, a dot for each start; behind the method's name the starts that reach "
-        f"the common end. Dotted: {PAPER}, Fig. 5."
+        "Ends of the search: mean and standard deviation over the starts; crosses: "
+        f"{PAPER}, Fig. 5."
     )
     return [
         Text(text),
-        Figure("starts", starts(cells, paper), caption),
+        Figure("starts", errors(cells, [(end, 0.0) for end in paper], PAPER), caption),
         starts_table(cells, paper),
     ]

@@ -25,7 +25,7 @@ from pilotid.document import (
 )
 from pilotid.naming.settings import shown
 from pilotid.numbers import number, share
-from pilotid.report import figures, recording_figures
+from pilotid.report import study_figures as figures
 from pilotid.report.paper import PAPER, paper_of, paper_sections
 from pilotid.report.study_tables import (
     VIOLATION,
@@ -299,7 +299,7 @@ def _population(key: str, cells: Sequence[Cell], source: str) -> list[Block]:
         *blocks,
         Figure(
             f"coverage-{key}",
-            recording_figures.by_stratum(cells),
+            figures.by_stratum(cells),
             f"`{name}`: share of the 95 % intervals that hold the truth, over all parameters, in "
             "parts of the recordings. Bars: 95 % Monte Carlo intervals; grey: 93.5 to 96.5 %; a "
             f"hollow triangle marks a share to the left of the axis. {parts}".rstrip(),
@@ -307,7 +307,7 @@ def _population(key: str, cells: Sequence[Cell], source: str) -> list[Block]:
         ),
         Figure(
             f"errors-{key}",
-            recording_figures.by_parameter(cells),
+            figures.by_parameter(cells),
             f"`{name}`: error over claimed error in ascending order, against the quantiles of a "
             "normal distribution, where an exact method lies on the line. Grey: where 95 % of each "
             f"quantile would lie for as many recordings. {source}".rstrip(),
@@ -344,7 +344,7 @@ def _varying(name: str, every: Sequence[Cell], truth: Mapping[str, Sequence[floa
         Text(f"{VARYING} Numbers: [trajectories.csv](trajectories.csv)."),
         Figure(
             f"trajectories-{name}",
-            recording_figures.paths(cells, truth),
+            figures.paths(cells, truth),
             f"Scenario {name}: median (line) and range from 5 to 95 % (shaded) of the estimated "
             "trajectories, at each time; dashed: the truth.",
             f"Gain and lead over time by each method in scenario {name}, beside the truth",
