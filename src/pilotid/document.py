@@ -484,6 +484,8 @@ def print_blocks(console: Console, *blocks: Text | Bullets | Table[Any]) -> None
         if isinstance(block, Table):
             if lines:
                 console.print()
+            if block.caption:
+                console.print(plain(block.caption), soft_wrap=True)
             print_table(console, table_rich(block, console.encoding))
             lines = -1
             continue
@@ -508,14 +510,13 @@ def table_rich(table: Table[Any], encoding: str = "utf-8") -> RichTable:
 
     shown = [(column, cells) for column, cells in table.shown if not column.axis]
     found = RichTable(box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
-    found.title, found.title_justify = plain(table.caption) or None, "left"
-    found.title_style = ""
     sign = "±" if encoding == "utf-8" else "+-"
     for place, (column, _) in enumerate(shown):
         # What rows are about is kept whole, and so are numbers.
         whole = place < table.heads or column.form is not None
         justify: Literal["left", "right"] = "right" if column.form else "left"
-        found.add_column(plain(column.title), justify=justify, no_wrap=whole)
+        title = plain(column.title)
+        found.add_column(title, justify=justify, no_wrap=whole, overflow="fold")
     for row in zip(*(cells for _, cells in shown), strict=True):
         found.add_row(*(plain(printable(cell.text)).replace("±", sign) for cell in row))
     return found

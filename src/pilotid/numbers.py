@@ -47,19 +47,21 @@ def plus_minus(value: float, error: float) -> str:
     return f"+{text}" if known and math.isfinite(error) else text
 
 
+def percent(value: float, error: float = math.nan) -> str:
+    """A share in %, with its error if there is one."""
+    return unsigned(100.0 * value, 100.0 * error)
+
+
 def signed(value: float) -> str:
     """A percentage with its sign, and a decimal where that matters."""
     return f"{value:+.{0 if abs(value) >= 9.95 else 1}f}"
 
 
-def share(value: float, interval: tuple[float, float] | None = None) -> str:
-    """A share in %, with its interval if there is one."""
+def share(value: float, interval: tuple[float, float]) -> str:
+    """A share in %, with its interval."""
     if not math.isfinite(value):
         return NONE
-    text = f"{100.0 * value:.0f}"
-    if interval is None:
-        return text
-    return f"{text} ({100.0 * interval[0]:.0f}-{100.0 * interval[1]:.0f})"
+    return f"{100.0 * value:.0f} ({100.0 * interval[0]:.0f}-{100.0 * interval[1]:.0f})"
 
 
 def p_value(p: float) -> str:

@@ -123,48 +123,41 @@ class Ranked(NamedTuple):
 
     kind: str
     standing: Standing
-    ratio: float | None
+    ratio: float
+
+    @property
+    def vaf(self) -> tuple[float, float]:
+        """Mean over the runs [%], and its standard error."""
+        return self.standing.vaf, self.standing.vaf_error
 
     @property
     def behind(self) -> tuple[float, float]:
         """Log-likelihood less that of the best, and its standard error."""
         return self.standing.behind, self.standing.behind_error
 
-    @property
-    def is_best(self) -> bool:
-        """Whether it is the likeliest, which the others are compared with."""
-        return self.behind[0] == 0.0 and not math.isfinite(self.behind[1])
+
+def _is_best(behind: float, error: float) -> bool:
+    return behind == 0.0 and not math.isfinite(error)
 
 
 def left_out_blocks(board: Board) -> list[Block]:
     """What runs left out are, and models and methods by them, within each kind of recording."""
+
+    def behind(value: float, error: float) -> str:
+        return "best" if _is_best(value, error) else plus_minus(value, error)
+
+    def best(row: Ranked) -> str:
+        return "good" if _is_best(*row.behind) else ""
+
     columns: list[Column[Ranked]] = [
         Column("recordings", lambda r: r.kind),
         Column("model", lambda r: r.standing.model),
         Column("method", lambda r: r.standing.method),
         Column("runs", lambda r: r.standing.runs, str, "left out of a fit"),
         Column("failed", lambda r: r.standing.failed, str, "fits of the others that do not count"),
-        Column(
-            "VAF %",
-            lambda r: (r.standing.vaf, r.standing.vaf_error),
-            unsigned,
-            hint="of the runs left out",
-        ),
-        Column(
-            "likelihood",
-            lambda r: (
-                "best" if r.is_best else plus_minus(r.standing.behind, r.standing.behind_error)
-            ),
-            str,
-            hint="log-likelihood of a run left out, less that of the best",
-            mark=lambda r: "good" if r.is_best else "",
-        ),
-        Column(
-            "runs / claims",
-            lambda r: r.ratio and (r.ratio, 2),
-            number,
-            hint="scatter of single runs over their claimed errors",
-        ),
+        Column("VAF %", lambda r: r.vaf, unsigned, "of runs left out"),
+        Column("likelihood", lambda r: r.behind, behind, "of a run left out, less the best", best),
+        Column("runs / claims", lambda r: (r.ratio, 2), number, "scatter over claimed errors"),
     ]
     groups: dict[Group, list[LeftOut]] = {}
     for each in board.lines:
@@ -180,7 +173,9 @@ def left_out_blocks(board: Board) -> list[Block]:
                 for ratio in found
                 if math.isfinite(ratio)
             ]
-            rows.append(Ranked(group_words(group), s, float(np.median(ratios)) if ratios else None))
+            rows.append(
+                Ranked(group_words(group), s, float(np.median(ratios)) if ratios else math.nan)
+            )
     caption = "Runs predicted by the fit of the others, the likeliest first"
     filters = (0, 1, 2) if len(rows) > 12 else ()
     return [Text(TEXT), Table(caption, columns, rows, heads=2, filters=filters)]

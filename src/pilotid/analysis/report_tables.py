@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -16,7 +16,7 @@ from pilotid.analysis.repeated import Repeated
 from pilotid.analysis.results import Results
 from pilotid.analysis.rows import Row, in_order
 from pilotid.document import Column, Table, table_latex
-from pilotid.numbers import NONE, number, p_value, to_error, unsigned
+from pilotid.numbers import NONE, number, p_value, percent, to_error, unsigned
 from pilotid.time_domain.constancy import LEVEL as CHANGES
 from pilotid.types import printable
 
@@ -93,6 +93,10 @@ def _compared(c: Contrast) -> str:
     return c.condition_a if c.within else f"{c.condition_a}:{c.condition_b}"
 
 
+def _significant(c: Contrast) -> str:
+    return "good" if c.p_holm < LEVEL else ""
+
+
 #: What is compared, the paired test, and the mean weighted by claimed errors.
 FRONT: list[Column[Contrast]] = [
     Column("conditions", _compared),
@@ -105,30 +109,14 @@ TEST: list[Column[Contrast]] = [
     Column("95 % interval", lambda c: (c.lower, c.upper, _error(c)), _ends),
     Column("t (df)", lambda c: f"{c.t:.2f} ({c.freedom:.0f})" if math.isfinite(c.t) else None, str),
     Column("p", lambda c: c.p, p_value),
-    Column(
-        "p Holm",
-        lambda c: c.p_holm,
-        p_value,
-        "corrected for the number of comparisons",
-        mark=lambda c: "good" if c.p_holm < LEVEL else "",
-    ),
+    Column("p Holm", lambda c: c.p_holm, p_value, "for all comparisons", _significant),
     Column("d_z", lambda c: (c.effect_size, 2), number, "Cohen's, with Hedges' correction"),
 ]
 WEIGHTED: list[Column[Contrast]] = [
     Column("weighted", lambda c: (c.weighted_difference, _error(c)), to_error),
     Column("p weighted", lambda c: c.weighted_p, p_value),
-    Column(
-        "between subjects",
-        lambda c: (c.between_subjects, _error(c)),
-        to_error,
-        "spread of the true differences",
-    ),
-    Column(
-        "claimed",
-        lambda c: (c.claimed_error, _error(c)),
-        to_error,
-        "typical error of one difference",
-    ),
+    Column("between subjects", lambda c: (c.between_subjects, _error(c)), to_error, "true spread"),
+    Column("claimed", lambda c: (c.claimed_error, _error(c)), to_error, "error of a difference"),
 ]
 
 
@@ -163,7 +151,8 @@ def contrast_overview(results: Results) -> Table[Contrast]:
         Column("", lambda c: " ".join(value for _, value in c.stratum)),
         Column("method", lambda c: c.method),
     ]
-    return Table(caption, [*front, *FRONT, *TEST], shown, heads=4)
+    size: Column[Contrast] = Column("difference", lambda c: (c.difference, _error(c)), unsigned)
+    return Table(caption, [*front, *FRONT, size, *TEST[2:]], shown, heads=4)
 
 
 def _pairs(own: Sequence[Contrast]) -> set[tuple[str, str]]:
@@ -204,12 +193,7 @@ def repeated_table(found: Sequence[Repeated]) -> Table[Repeated]:
         Column("df", lambda r: f"{r.df1:.0f}, {r.df2:.0f}" if math.isfinite(r.df2) else None, str),
         Column("p", lambda r: r.p, p_value),
         Column("p corrected", lambda r: r.p_corrected, p_value, "Greenhouse and Geisser"),
-        Column(
-            "p mixed",
-            lambda r: r.mixed_p,
-            p_value,
-            "likelihood ratio of a mixed model with a random intercept",
-        ),
+        Column("p mixed", lambda r: r.mixed_p, p_value, "mixed model with a random intercept"),
     ]
     caption = "All conditions together: repeated-measures analysis of variance and mixed model"
     return Table(caption, columns, found, heads=3, folded=True)
@@ -248,7 +232,7 @@ class Model(NamedTuple):
 def model_table(analysis: Analysis) -> Table[Model]:
     """What recordings say for each model, in groups of recordings."""
 
-    def above_best(place: int) -> Any:
+    def above_best(place: int) -> Callable[[Model], float | None]:
         def value(m: Model) -> float | None:
             own = m.criteria[place]
             return None if place == 0 and not own else own - m.best[place]
@@ -259,32 +243,12 @@ def model_table(analysis: Analysis) -> Table[Model]:
         Column("recordings", lambda m: group_words(m.group)),
         Column("model", lambda m: m.name, mark=lambda m: "good" if m.chosen else ""),
         Column("parameters", lambda m: m.candidates[0].pilot, str, "of the pilot"),
-        Column(
-            "misfit",
-            lambda m: m.misfit,
-            number,
-            "chi-squared of the forcing functions' lines per degree of freedom",
-        ),
-        Column(
-            "left out",
-            above_best(0),
-            number,
-            "the same of runs left out of the fit, summed, over the best",
-        ),
+        Column("misfit", lambda m: m.misfit, number, "chi-squared of lines per degree of freedom"),
+        Column("left out", above_best(0), number, "of runs left out of the fit, over the best"),
         Column("ΔAICc", above_best(1), number, "of pilot and remnant, over the best"),
         Column("ΔBIC", above_best(2), number, "of pilot and remnant, over the best"),
-        Column(
-            "VAF %",
-            lambda m: m.mean("vaf"),
-            number,
-            "variance accounted for by the simulated response",
-        ),
-        Column(
-            "VAF left out %",
-            lambda m: m.mean("left_out_vaf"),
-            number,
-            "the same in runs left out of the fit",
-        ),
+        Column("VAF %", lambda m: m.mean("vaf"), number, "of the simulated response"),
+        Column("VAF left out %", lambda m: m.mean("left_out_vaf"), number, "in runs left out"),
     ]
     caption = (
         "What recordings say for each model, summed over the recordings of a group (VAF: mean); "
@@ -322,30 +286,19 @@ class Fit(NamedTuple):
 
 def recording_table(analysis: Analysis) -> Table[Fit]:
     """Every recording, all runs together."""
+
+    def change(name: str) -> Callable[[Fit], float | None]:
+        return lambda f: getattr(f.candidate, name) if f.candidate else None
+
     columns: list[Column[Fit]] = [
         Column("recording", lambda f: f.name),
         Column("model", lambda f: f.model),
         Column("method", lambda f: f.estimate["method"]),
         Column("runs", lambda f: f.runs, str),
         Column("VAF %", lambda f: f.estimate["vaf"], number),
-        Column(
-            "p constant",
-            lambda f: f.candidate and f.candidate.change_p,
-            p_value,
-            "p-value of the hypothesis that the pilot is constant",
-        ),
-        Column(
-            "by %",
-            lambda f: f.candidate and 100.0 * f.candidate.change_size,
-            number,
-            "how much a gain or lead changes at most",
-        ),
-        Column(
-            "at s",
-            _change_time,
-            number,
-            "when that change is seen best, from the start of the window",
-        ),
+        Column("p constant", change("change_p"), p_value, "of a constant pilot"),
+        Column("by %", change("change_size"), percent, "how much a gain or lead changes at most"),
+        Column("at s", _change_time, number, "when that is seen best"),
         Column("outcome", lambda f: f.estimate["outcome"]),
         Column("remarks", lambda f: "; ".join(f.remarks) or NONE),
     ]

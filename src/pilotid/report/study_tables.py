@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from pilotid.document import Column, LogAxis, Table
 from pilotid.estimates.estimate import Outcome
-from pilotid.numbers import number, plus_minus, share, signed, unsigned
+from pilotid.numbers import number, percent, plus_minus, share, signed, unsigned
 from pilotid.study.comparison import Cell, Comparison, Score, loss_ratio
 from pilotid.study.judge import EFFICIENT, FEWEST, USABLE, judge
 from pilotid.study.scores import Interval, loss_text
@@ -70,9 +70,6 @@ def ranking_columns(best: Cell, axis: LogAxis) -> list[Column[Cell]]:
             return None
         return "best" if cell is best else str(loss_ratio(cell, best))
 
-    def objections(cell: Cell) -> str | None:
-        return _of(cell.overall.objections, cell.overall.objections + cell.overall.tried)
-
     return [
         Column("method", lambda c: c.method),
         Column("loss (95 %)", _loss, str, hint="interval score over an efficient estimator's"),
@@ -84,27 +81,12 @@ def ranking_columns(best: Cell, axis: LogAxis) -> list[Column[Cell]]:
             axis=axis,
         ),
         Column("times best", times_best, str, "ratio to the first row's loss, same recordings"),
-        Column(
-            "verdict",
-            lambda c: judge(c.scores).words,
-            hint="by fixed limits, see below",
-            mark=lambda c: GRADES.get(judge(c.scores).grade, "none"),
-        ),
+        Column("verdict", lambda c: judge(c.scores).words, None, "by fixed limits", _grade),
         Column("bias", _largest_bias, str, "mean error in claimed standard errors"),
-        Column(
-            "coverage %",
-            lambda c: (c.overall.coverage.value, c.overall.coverage_interval),
-            share,
-            hint="of 95 % intervals, with its 95 % interval",
-        ),
+        Column("coverage %", lambda c: covered(c.overall), share, "of 95 % intervals"),
         Column("failed", _failed, str, "in parentheses the loss of the other fits"),
-        Column("objects", objections, str, "recordings that it objects to"),
-        Column(
-            "warned",
-            lambda c: _warned(c) if c.scenario.family == VIOLATION else None,
-            str,
-            hint="recordings with a remark or a failure",
-        ),
+        Column("objects", _objections, of, "recordings that it objects to"),
+        Column("warned", _warned_of_violation, str, "recordings with a remark or a failure"),
         Column("lag", _lags, hint="of what varies, if certainly above 1 s"),
         Column("s per fit", lambda c: (c.seconds, 2), number, "median"),
     ]
@@ -122,19 +104,39 @@ def _largest_bias(cell: Cell) -> str | None:
     return f"{worst.parameter} {plus_minus(*worst.z)}" if worst else None
 
 
-def _of(count: int, total: int) -> str:
+def of(count: int, total: int) -> str:
+    """A share as two counts."""
     return f"{count} of {total}" if count else "0"
+
+
+def covered(score: Score) -> tuple[float, tuple[float, float]]:
+    """Coverage with its 95 % interval."""
+    return score.coverage.value, score.coverage_interval
+
+
+def _grade(cell: Cell) -> str:
+    return GRADES.get(judge(cell.scores).grade, "none")
+
+
+def _objections(cell: Cell) -> tuple[int, int]:
+    count = cell.overall.objections
+    return count, count + cell.overall.tried
 
 
 def _warned(cell: Cell) -> str:
     """Recordings that the method can treat of which a user is told something."""
-    return _of(sum(bool(r.remarks) or not r.usable for r in cell.attempts), cell.tried)
+    return of(sum(bool(r.remarks) or not r.usable for r in cell.attempts), cell.tried)
+
+
+def _warned_of_violation(cell: Cell) -> str | None:
+    """Warnings where an assumption is violated."""
+    return _warned(cell) if cell.scenario.family == VIOLATION else None
 
 
 def _failed(cell: Cell) -> str:
     """Fits that failed, and the loss of the others."""
     own = cell.overall
-    return _of(own.failures, own.tried) + (
+    return of(own.failures, own.tried) + (
         f" ({number(own.loss_ended_well)})" if own.failures else ""
     )
 
@@ -287,11 +289,13 @@ def all_numbers(cells: Sequence[Cell], paper: Sequence[tuple[float, float]] = ()
     """All scores of a scenario: a row for each parameter and method."""
     entry = cells[0].scenario
 
-    def shape(title: str, of: str, hint: str) -> Column[Row]:
+    def of_paper(which: int) -> Callable[[Row], float | None]:
+        return lambda r: paper[r.place][which] if paper else None
+
+    def shape(title: str, name: str, hint: str, form: Callable[..., str] = unsigned) -> Column[Row]:
         """A score of the distribution of errors, which only a population has."""
-        return Column(
-            title, lambda r: getattr(r.score, of) if entry.population else None, unsigned, hint
-        )
+        population = entry.population
+        return Column(title, lambda r: getattr(r.score, name) if population else None, form, hint)
 
     columns: list[Column[Row]] = [
         *FRONT,
@@ -299,41 +303,16 @@ def all_numbers(cells: Sequence[Cell], paper: Sequence[tuple[float, float]] = ()
         Column("loss", lambda r: r.score.loss, with_interval, "with its 95 % interval"),
         Column("bias / claim", lambda r: r.score.z, plus_minus, "mean standardised error"),
         Column("rmse / bound", lambda r: r.score.ratio, unsigned, "with its error"),
-        Column(
-            "coverage %",
-            lambda r: (r.score.coverage.value, r.score.coverage_interval),
-            share,
-            hint="of the 95 % intervals, with its 95 % interval",
-        ),
+        Column("coverage %", lambda r: covered(r.score), share, "of the 95 % intervals"),
         shape("rms", "rms", "of error over claim"),
         shape("trimmed", "trimmed", "by 1 %"),
-        Column(
-            "beyond 3 %",
-            lambda r: (100.0 * r.score.beyond.value, 2) if entry.population else None,
-            number,
-            hint="share of errors beyond 3 claimed errors",
-        ),
-        Column(
-            "median",
-            lambda r: r.score.typical if entry.population else None,
-            number,
-            hint="of error over bound",
-        ),
-        Column(
-            "wrong optima",
-            lambda r: f"{r.score.wrong} of {r.score.optima}" if r.score.optima else None,
-            str,
-            hint="of the fits for which it is known",
-        ),
+        shape("beyond 3 %", "beyond", "share of errors beyond 3 claimed errors", percent),
+        shape("median", "typical", "of error over bound", number),
+        Column("wrong optima", lambda r: (r.score.wrong, r.score.optima), of, "where it is known"),
         Column("bias %", lambda r: r.score.bias, plus_minus, "of the true value"),
-        Column("paper: bias %", lambda r: paper[r.place][0] if paper else None, signed, paper=True),
+        Column("paper: bias %", of_paper(0), signed, paper=True),
         Column("std %", lambda r: r.score.std, unsigned, "standard deviation"),
-        Column(
-            "paper: std %",
-            lambda r: paper[r.place][1] if paper else None,
-            "{:g}".format,
-            paper=True,
-        ),
+        Column("paper: std %", of_paper(1), "{:g}".format, paper=True),
         Column("claimed %", lambda r: r.score.claimed, number, "mean standard error"),
         Column("posterior %", lambda r: r.score.posterior, number, "mean spread"),
         Column("bound %", lambda r: r.score.bound, number, "of Cramér and Rao"),
@@ -356,19 +335,22 @@ def bias_table(
 
         return Column(method, of, plus_minus, "bias % with its Monte Carlo error")
 
+    def of_paper(item: tuple[str, int]) -> float | None:
+        name, place = item
+        return paper[name][place] if name in paper else None
+
     columns: list[Column[tuple[str, int]]] = [
         Column("scenario", lambda i: i[0]),
         Column("parameter", lambda i: study.entry(i[0]).parameters[i[1]].parameter),
-        Column(
-            "paper: bias %",
-            lambda i: paper[i[0]][i[1]] if i[0] in paper else None,
-            signed,
-            paper=True,
-        ),
+        Column("paper: bias %", of_paper, signed, paper=True),
         *map(bias, study.methods),
     ]
     items = [(name, i) for name in scenarios for i in range(len(study.entry(name).parameters))]
     return Table(caption, columns, items, heads=2)
+
+
+def _common_end(row: Row) -> str:
+    return f"{row.cell.agreeing} of {row.cell.tried}"
 
 
 def starts_table(cells: Sequence[Cell], paper: Sequence[float]) -> Table[Row]:
@@ -382,12 +364,7 @@ def starts_table(cells: Sequence[Cell], paper: Sequence[float]) -> Table[Row]:
         *FRONT,
         Column("n", lambda r: r.score.n, str, "fits that count"),
         Column("failed", lambda r: r.score.failures, str, "of those tried"),
-        Column(
-            "common end",
-            lambda r: f"{r.cell.agreeing} of {r.cell.tried}",
-            str,
-            hint="starts that end within a tenth of the bound of the median end",
-        ),
+        Column("common end", _common_end, str, "starts within a tenth of the bound of the median"),
         Column("error %", middle, number, "of the median end"),
         Column("paper: error %", lambda r: paper[r.place] if paper else None, signed, paper=True),
         Column("spread %", lambda r: r.score.std.value, number, "standard deviation over starts"),
@@ -412,8 +389,8 @@ def track_table(
     def error(period: int, name: str) -> Column[tuple[str, TrackScore]]:
         return Column(
             name,
-            lambda i: (100.0 * i[1].rmse[period], 100.0 * i[1].rmse_se[period]),
-            unsigned,
+            lambda i: (i[1].rmse[period], i[1].rmse_se[period]),
+            percent,
             hint="rms of relative errors with its Monte Carlo standard error",
         )
 
@@ -422,24 +399,9 @@ def track_table(
         Column("method", lambda i: i[0]),
         Column("n", lambda i: i[1].n, str, "trajectories"),
         *(error(i, n) for i, n in enumerate(("before %", "during %", "after %", "whole %"))),
-        Column(
-            "median %",
-            lambda i: 100.0 * i[1].median,
-            number,
-            "of the recordings' root mean squares over the whole window",
-        ),
-        Column(
-            "lag s",
-            lambda i: (i[1].lag, i[1].lag_se),
-            plus_minus,
-            "median with its Monte Carlo standard error",
-        ),
-        Column(
-            "in band %",
-            lambda i: (100.0 * i[1].coverage, 100.0 * i[1].coverage_se),
-            unsigned,
-            "share of the time, with its Monte Carlo standard error",
-        ),
+        Column("median %", lambda i: i[1].median, percent, "of root mean squares"),
+        Column("lag s", lambda i: (i[1].lag, i[1].lag_se), plus_minus, "median with its error"),
+        Column("in band %", lambda i: (i[1].coverage, i[1].coverage_se), percent, "of the time"),
     ]
     return Table(caption, columns, items, heads=2, folded=not moving)
 

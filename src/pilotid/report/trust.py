@@ -34,6 +34,9 @@ def trust_table(told: Mapping[str, Any]) -> Table[Mapping[str, Any]]:
     def pair(key: str) -> Callable[[Mapping[str, Any]], tuple[float, ...]]:
         return lambda p: tuple(map(known, p[key]))
 
+    def coverage(p: Mapping[str, Any]) -> tuple[float, tuple[float, ...]]:
+        return known(p["coverage"]), pair("coverage_95")(p)
+
     columns: list[Column[Mapping[str, Any]]] = [
         Column("parameter", lambda p: f"{p['parameter']} {p['unit']}".strip()),
         Column("value", lambda p: p["value"], number),
@@ -42,12 +45,7 @@ def trust_table(told: Mapping[str, Any]) -> Table[Mapping[str, Any]]:
         Column("length times", lambda p: (known(p["factor"]), 2), number),
         Column("bias", pair("bias"), plus_minus, "mean error on simulations, with its own error"),
         Column("bias / claim", pair("bias_claimed"), plus_minus, "in claimed standard errors"),
-        Column(
-            "coverage %",
-            lambda p: (known(p["coverage"]), pair("coverage_95")(p)),
-            share,
-            hint="of the claimed intervals, with its 95 % interval",
-        ),
+        Column("coverage %", coverage, share, "of the claimed intervals, with its 95 % interval"),
     ]
     caption = f"`{told['method']}` on pilots like this one, {Path(told['recording']).name}"
     return Table(caption, columns, list(told["parameters"].values()))
