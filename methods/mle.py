@@ -21,34 +21,35 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.chance import CHI_SQUARED_95
-from pilotid.estimates.bounds import held
-from pilotid.estimates.estimate import Estimate, Outcome, failed
+from pilotid.estimates.estimate import Estimate, Outcome, failed, is_at_bound
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
+from pilotid.remarks import Remark
 from pilotid.solve.covariance import covariance_at_bounds, covariance_of
 from pilotid.solve.intervals import Profile, profile_intervals
-from pilotid.time_domain.change_profile import deviances, over_changes
-from pilotid.time_domain.conclusion import concluded
+from pilotid.time_domain.competing_optima import deviances, off_bounds, over_changes, rivals
 from pilotid.time_domain.maximum_likelihood import (
     Maximum,
     criteria_from,
     in_wide_band,
     maximise_likelihood,
 )
-from pilotid.time_domain.other_summits import off_bounds, rivals
+from pilotid.time_domain.output_error import concluded
 from pilotid.time_domain.residual_tests import tested
-from pilotid.time_domain.settings import LikelihoodSettings
+from pilotid.time_domain.search import LikelihoodSettings
 from pilotid.types import FloatArray
 
 #: Said where direct prediction errors take the place of the likelihood of a band.
-NOT_CLOSED = (
+NOT_CLOSED = Remark(
+    "element-unknown",
     "the controlled element is not known, so that noise of the recorder on e and x counts as "
-    "signal and delays may be biased: name the element, for example --element 4/s^2"
+    "signal and delays may be biased: name the element, for example --element 4/s^2",
 )
 #: Said where nothing stands above the recorder's floor.
-HIDDEN = (
+HIDDEN = Remark(
+    "hidden-signal",
     "what the pilot acts on (e, x) hardly stands above the noise of the recorder at any frequency: "
-    "the values mean little; record these signals with less noise or more bits"
+    "the values mean little; record these signals with less noise or more bits",
 )
 #: How often a profile that comes upon a better optimum moves the estimate there.
 MOVES = 3
@@ -61,7 +62,7 @@ class MLE(LikelihoodSettings):
     Attributes
     ----------
     search_band, candidates, refined, band, wide, rounds, noise, loop, weighed
-        See `pilotid.time_domain.settings.LikelihoodSettings`.
+        See `pilotid.time_domain.search.LikelihoodSettings`.
     """
 
     name: ClassVar[str] = "mle"
@@ -121,7 +122,7 @@ class MLE(LikelihoodSettings):
             errors = length / (2.0 * np.sqrt(sought / widened))
             known = errors if (errors > 0.0).all() else None
             estimate = replace(estimate, intervals=intervals, errors=known)
-            at_bound = held(model, estimate.values)
+            at_bound = is_at_bound(model, estimate.values)
             if at_bound.any():
                 information = np.asarray(np.linalg.inv(covariance[pilot, pilot]))
                 inside = covariance_at_bounds(information, at_bound, profile.intervals)
@@ -137,7 +138,7 @@ class MLE(LikelihoodSettings):
             remarks=(*self._not_closed(found), *_not_followed(found), *tested(found, recording)),
         )
 
-    def _not_closed(self, found: Maximum) -> list[str]:
+    def _not_closed(self, found: Maximum) -> list[Remark]:
         """What to say where the recording does not allow for the likelihood of a band."""
         prediction = found.joint.prediction
         if prediction.weighting is not None:
@@ -151,17 +152,20 @@ class MLE(LikelihoodSettings):
         return criteria_from(recording, model, self, sets)
 
 
-def _not_followed(found: Maximum) -> list[str]:
+def _not_followed(found: Maximum) -> list[Remark]:
     """What to say where the likelihood has no optimum that follows the control as a pilot does."""
     if found.follows or found.following is None:
         return []
     own = 100.0 * max(0.0, float(found.following.explained(found.pilot[None])[0]))
     lines = 100.0 * found.following.lines
     return [
-        "the likelihood is largest where the model predicts the control as the inverse of the "
-        f"controlled element, not as a pilot: its response explains {own:.0f} % of the control, "
-        f"that of a pilot fitted to the forcing functions' lines {lines:.0f} %; the values mean "
-        "nothing, choose a simpler model or the method fourier"
+        Remark(
+            "inverse-plant",
+            "the likelihood is largest where the model predicts the control as the inverse of the "
+            f"controlled element, not as a pilot: its response explains {own:.0f} % of the "
+            f"control, that of a pilot fitted to the forcing functions' lines {lines:.0f} %; the "
+            "values mean nothing, choose a simpler model or the method fourier",
+        )
     ]
 
 

@@ -34,19 +34,25 @@ import numpy as np
 from pilotid.chance import SELDOM, Z95, chi_squared_limit
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.trajectory import Trajectory, times_of
-from pilotid.pilot.courses import Sigmoid
-from pilotid.pilot.frozen import frozen
-from pilotid.pilot.model import PilotModel
+from pilotid.pilot.model import PilotModel, frozen
+from pilotid.pilot.timevarying import Sigmoid
 from pilotid.recordings.recording import Recording
-from pilotid.solve.scale import Scale
+from pilotid.remarks import Remark
+from pilotid.solve.least_squares import Scale
 from pilotid.solve.search import search
-from pilotid.time_domain.noise_levels import Found, Walks, likeliest
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.over_time import TrajectoryFit, estimated_over_time, no_reduction
 from pilotid.time_domain.prediction import predict
+from pilotid.time_domain.random_walk import (
+    Found,
+    WalkingPilot,
+    Walks,
+    likeliest,
+    unsuited,
+    walking_pilot,
+)
 from pilotid.time_domain.residual_tests import LAGS, portmanteau, ratio_of_halves
 from pilotid.time_domain.unscented import Smoothed, smoothed
-from pilotid.time_domain.walking import WalkingPilot, unsuited, walking_pilot
 from pilotid.types import FloatArray
 
 SEARCH_BAND = 26.0  # rad/s, of the constant pilot that the filter starts at
@@ -166,15 +172,21 @@ def _remarks(errors: FloatArray) -> tuple[str, ...]:
     statistic = portmanteau(errors, LAGS)
     if statistic > chi_squared_limit(LAGS, SELDOM):
         found.append(
-            f"the innovations are not white (Ljung-Box over {LAGS} lags: {statistic:.0f}, where "
-            f"chance gives {LAGS}): the remnant is another than the filter knows, or the pilot "
-            "changes faster than it follows, and the band may be too narrow"
+            Remark(
+                "residual-not-white",
+                f"the innovations are not white (Ljung-Box over {LAGS} lags: {statistic:.0f}, "
+                f"where chance gives {LAGS}): the remnant is another than the filter knows, or "
+                "the pilot changes faster than it follows, and the band may be too narrow",
+            )
         )
     ratio, deviations = ratio_of_halves(errors)
     if deviations**2 > chi_squared_limit(1, SELDOM):
         found.append(
-            f"the innovations of the second half have {ratio:.2g} times the variance of those of "
-            "the first: the remnant changes, which the filter takes for constant"
+            Remark(
+                "residual-variance-changes",
+                f"the innovations of the second half have {ratio:.2g} times the variance of those "
+                "of the first: the remnant changes, which the filter takes for constant",
+            )
         )
     return tuple(found)
 

@@ -14,8 +14,8 @@ from rich.console import Console
 from pilotid.disk import strict_json
 from pilotid.document import print_blocks
 from pilotid.estimates.estimate import Estimate, Outcome, Starts, failed, symmetric_intervals
+from pilotid.estimates.parts import FrequencyResponse
 from pilotid.estimates.quantities import Quantity, abreast, quantity_tables
-from pilotid.estimates.response import FrequencyResponse
 from pilotid.pilot.catalogue import MODELS, SINGLE
 
 

@@ -22,9 +22,9 @@ from pilotid.cli.reading import (
 )
 from pilotid.disk import strict_json, write_file
 from pilotid.document import Bullets, Column, Table, Text, print_blocks
-from pilotid.element.choice import ElementChoice, chosen_element
-from pilotid.estimates.method import Method, motionless_input
-from pilotid.lines.objection import objection
+from pilotid.element.fit import ElementChoice, chosen_element
+from pilotid.estimates.applicability import lines_objection, motionless_input
+from pilotid.estimates.method import Method
 from pilotid.methods import methods
 from pilotid.naming.settings import split_list
 from pilotid.pilot.catalogue import model_named
@@ -34,6 +34,7 @@ from pilotid.recordings.checks import remarks
 from pilotid.recordings.files import Reading
 from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.recordings.understood import Forcing, Signal, Understood, understood
+from pilotid.remarks import codes_of
 from pilotid.seeds import DEFAULT_SEED, fit_rng
 from pilotid.terminal import make_console
 from pilotid.time_domain.constancy import LEVEL, constancy_of
@@ -46,6 +47,7 @@ class Entry(TypedDict):
     recording: dict[str, object]
     understood: dict[str, Any]
     remarks: list[str]
+    codes: list[str]
     methods: dict[str, dict[str, str]]
 
 
@@ -107,7 +109,7 @@ def _checked(
     element: ControlledElement | None,
 ) -> tuple[Understood, Entry]:
     facts = understood(recording)
-    told = list(remarks(recording))
+    told: list[str] = list(remarks(recording))
     choice = chosen_element(recording, element)
     told += choice.remarks
     constancy = _constancy(recording)
@@ -119,13 +121,14 @@ def _checked(
         for m in models
     }
     entry: Entry = {
-        "recording": {**recording.to_dict(), "remarks": told},
+        "recording": {**recording.to_dict(), "remarks": told, "codes": codes_of(told)},
         "understood": {
             **facts.to_dict(),
             "element": _element(choice),
             "constancy": constancy,
         },
         "remarks": told,
+        "codes": codes_of(told),
         "methods": able,
     }
     return facts, entry
@@ -142,7 +145,7 @@ def _constancy(recording: Recording) -> dict[str, object] | None:
     try:
         with np.errstate(all="ignore"):  # signals may be anything
             # Without lines a choice takes long; the model with the most parameters misses least.
-            quick = all(objection(recording, m) is None for m in able)
+            quick = all(lines_objection(recording, m) is None for m in able)
             model = select(recording, able).model if quick else able[-1]
             found = constancy_of(recording, model, fit_rng(DEFAULT_SEED, "constancy"))
     except (InputError, np.linalg.LinAlgError):

@@ -43,7 +43,6 @@ from pilotid.cli.trust import LikeOption, scenario_like, trust
 from pilotid.disk import strict_json, write_file
 from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.method import Method
-from pilotid.estimates.sound import one_line
 from pilotid.naming.code import PluginWarning
 from pilotid.naming.settings import labelled
 from pilotid.pilot.catalogue import AUTO, MODELS, model_named
@@ -53,7 +52,7 @@ from pilotid.recordings.files import Reading, save_recording
 from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.seeds import DEFAULT_SEED, draw_rng, recording_rng
 from pilotid.terminal import make_console, with_bar
-from pilotid.types import InputError
+from pilotid.types import InputError, one_line
 
 app = typer.Typer(
     help="Identify pilot models from tracking recordings with every standard method.",
@@ -168,7 +167,7 @@ def simulate(
     """Simulate a scenario, or a pilot drawn from a population; truth goes to F.truth.json."""
     from pilotid.datasets import scenario_named
     from pilotid.datasets import simulate as simulated
-    from pilotid.datasets.truth import truth
+    from pilotid.datasets.named import truth
 
     if (scenario is None) == (like is None):
         raise InputError("name a scenario, or a recording with --like, and not both")
@@ -260,7 +259,7 @@ def _fitted(
     plant: ControlledElement | None,
 ) -> Fitted:
     """All fits of a recording, and their loops with the controlled element, if it is known."""
-    from pilotid.element.choice import chosen_element
+    from pilotid.element.fit import chosen_element
 
     choice = chosen_element(recording, plant)
     model, why, candidates = _selected(choice.named_in(recording), named, seed)

@@ -12,25 +12,27 @@ import numpy as np
 
 from pilotid.chance import Z95
 from pilotid.document import table_html, table_text
-from pilotid.estimates.band import AnalysedBand
-from pilotid.estimates.bounds import bounds_reached
 from pilotid.estimates.draws import Draws
-from pilotid.estimates.inseparable import Pair, inseparable
+from pilotid.estimates.parts import AnalysedBand, FrequencyResponse, RemnantEstimate
 from pilotid.estimates.quantities import (
+    Pair,
     Quantity,
+    inseparable,
     product_spreads,
     products_by_delta,
     quantity_of,
     quantity_tables,
 )
-from pilotid.estimates.remnant import RemnantEstimate
-from pilotid.estimates.response import FrequencyResponse
 from pilotid.estimates.trajectory import Trajectory
 from pilotid.pilot.model import PilotModel
+from pilotid.remarks import codes_of
 from pilotid.types import FloatArray
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+
+from pilotid.types import BoolArray
 
 
 class Outcome(enum.Enum):
@@ -271,6 +273,7 @@ class Estimate:
             "seconds": self.seconds,
             "band": self.band and self.band.to_dict(),
             "remarks": list(self.remarks),
+            "codes": codes_of(self.remarks),
         }
         if self.remnant is not None:
             result["remnant"] = self.remnant.to_dict()
@@ -343,3 +346,38 @@ def outcome_of(model: PilotModel, values: FloatArray, converged: bool) -> tuple[
     if not converged:
         return Outcome.NOT_CONVERGED, bounds
     return (Outcome.AT_BOUND if bounds else Outcome.CONVERGED), bounds
+
+
+def at_bounds(
+    model: PilotModel, lower: FloatArray, upper: FloatArray
+) -> tuple[BoolArray, BoolArray]:
+    """Which parameters reach their lower and their upper bound, shapes (parameters,).
+
+    Parameters
+    ----------
+    model
+        The model.
+    lower, upper
+        Ends of intervals, or twice the values, shape (parameters,).
+    """
+    margin = 1e-6 * (model.upper - model.lower)
+    low = lower <= model.lower + np.minimum(margin, 1e-6 * np.abs(model.lower) + 1e-9)
+    return low, upper >= model.upper - margin
+
+
+def is_at_bound(model: PilotModel, values: FloatArray) -> BoolArray:
+    """Which parameters lie at a bound, shape (parameters,), as `values` do."""
+    return np.logical_or(*at_bounds(model, values, values))
+
+
+def bounds_reached(model: PilotModel, values: FloatArray) -> str:
+    """Names of the parameters that lie at a bound, empty if none does."""
+    low, high = at_bounds(model, values, values)
+    named = [
+        f"{key} at its {'lower' if is_low else 'upper'} bound {bound:g}"
+        for key, is_low, is_high, bound in zip(
+            model.keys, low, high, np.where(low, model.lower, model.upper), strict=True
+        )
+        if is_low or is_high
+    ]
+    return ", ".join(named)

@@ -11,13 +11,13 @@ import numpy as np
 
 from pilotid.document import Bullets, Table, Text, print_blocks
 from pilotid.estimates.estimate import Estimate
-from pilotid.estimates.loop import LoopElement, Loops
-from pilotid.estimates.loops import loops_of
+from pilotid.estimates.loops import LoopElement, Loops, loops_of
 from pilotid.estimates.method import Method, identify
 from pilotid.estimates.quantities import abreast, quantity_tables
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import Recording
+from pilotid.remarks import OTHER, codes_of
 from pilotid.seeds import fit_rng
 
 if TYPE_CHECKING:
@@ -67,7 +67,11 @@ class Fitted:
     def to_dict(self) -> dict[str, object]:
         """Plain objects, in the form that `pilotid fit --json` writes."""
         return {
-            "recording": {**self.recording.to_dict(), "remarks": list(self.remarks)},
+            "recording": {
+                **self.recording.to_dict(),
+                "remarks": list(self.remarks),
+                "codes": codes_of(self.remarks),
+            },
             "model": self.model.name,
             **({"choice": self.choice, "models": list(self.compared)} if self.choice else {}),
             "estimates": [
@@ -82,7 +86,10 @@ class Fitted:
         if given is None:
             return [{} for _ in self.estimates]
         if given.element is None:
-            return [{"loops": {"element": None, "remarks": [given.why]}} for _ in self.estimates]
+            return [
+                {"loops": {"element": None, "remarks": [given.why], "codes": [OTHER]}}
+                for _ in self.estimates
+            ]
         return [{"loops": {**loops.to_dict(), "origin": given.origin}} for loops in self.loops]
 
     @property
@@ -148,7 +155,7 @@ def fit_all(
         What is fitted to what.
     loop_element
         The controlled element that loops are drawn with, see
-        `pilotid.element.choice.chosen_element`; None for no loops.
+        `pilotid.element.fit.chosen_element`; None for no loops.
     """
     closed = recording if loop_element is None else loop_element.named_in(recording)
     estimates = (

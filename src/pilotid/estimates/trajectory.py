@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pilotid.chance import Z95
-from pilotid.pilot.frozen import frozen, frozen_over
-from pilotid.pilot.model import PilotModel
+from pilotid.pilot.model import PilotModel, frozen, frozen_over
 from pilotid.types import FloatArray
 
 SPACING = 0.25  # s between times of a trajectory
@@ -23,7 +22,7 @@ DRAWS = 1000
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Parameters of a constant pilot, that of `pilotid.pilot.frozen.frozen`, over time.
+    """Parameters of a constant pilot, that of `pilotid.pilot.model.frozen`, over time.
 
     Attributes
     ----------
@@ -42,6 +41,13 @@ class Trajectory:
     values: FloatArray
     lower: FloatArray
     upper: FloatArray
+
+    def __post_init__(self) -> None:
+        shape = (len(self.keys), self.time.size)
+        if {self.values.shape, self.lower.shape, self.upper.shape} != {shape}:
+            raise ValueError(f"values and bands of a trajectory must have the shape {shape}")
+        if not (np.isfinite(self.time).all() and (np.diff(self.time) > 0.0).all()):
+            raise ValueError("the times of a trajectory must rise")
 
     def at(self, time: FloatArray) -> Trajectory:
         """The trajectory at other times, straight between those known and NaN beyond them.

@@ -15,14 +15,14 @@ import numpy as np
 
 from pilotid.chance import chi_squared_limit
 from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.estimates.response import FrequencyResponse, real_parts
+from pilotid.estimates.parts import FrequencyResponse, real_parts
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_of
 from pilotid.solve.intervals import profile_intervals
 from pilotid.solve.least_squares import Problem, minimise
-from pilotid.solve.search import record, search
-from pilotid.time_domain.conclusion import concluded
+from pilotid.solve.search import search
+from pilotid.time_domain.output_error import concluded, record
 from pilotid.types import FloatArray
 
 #: Combinations of responses whose variance is this far below the largest one are taken for

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -23,8 +23,6 @@ from pilotid.recordings.recording import (
     is_unit,
 )
 from pilotid.types import FloatArray, InputError
-
-T = TypeVar("T")
 
 LARGEST = 1e15  # up to which a float holds every whole number
 #: Magnitudes that instruments and programs write where they have no value; in single precision
@@ -67,40 +65,20 @@ class Notes:
         InputError
             For an unknown key or a value of the wrong kind.
         """
-        known = "runs, run_in, dt, units, lines, controlled_element"
         if not isinstance(raw, dict):
-            raise InputError(f"{where}: must be one object with keys among {known}")
-        for key in raw:
-            if key not in known.split(", "):
+            raise InputError(f"{where}: must be one object with keys among {', '.join(READERS)}")
+        values: dict[str, Any] = {}
+        for key, value in raw.items():
+            if key not in READERS:
                 raise InputError(
-                    f"{where}: unknown key {shown(key)}; the known ones are {known} (rename this "
-                    "file if it is not the description of the recording)"
+                    f"{where}: unknown key {shown(key)}; the known ones are {', '.join(READERS)} "
+                    "(rename this file if it is not the description of the recording)"
                 )
-
-        def value(key: str, read: Callable[[object], T | None], wanted: str) -> T | None:
-            result = read(raw[key]) if key in raw else None
-            if key in raw and result is None:
+            read, wanted = READERS[key]
+            values[key] = read(value)
+            if values[key] is None:
                 raise InputError(f"{where}: {key!r} must be {wanted}; correct it or leave it out")
-            return result
-
-        return cls(
-            where=where,
-            runs=value("runs", _count, "a whole number of at least 1"),
-            run_in=value("run_in", _seconds, "a number of seconds, 0 or more"),
-            dt=value("dt", lambda v: _seconds(v) or None, "a positive number of seconds"),
-            units=value(
-                "units",
-                _units,
-                f"an object of strings (at most {LONGEST_UNIT} printable characters without $), "
-                f"keys among {', '.join(SIGNALS)}",
-            ),
-            lines=value("lines", _lines, "an object {'ft': [...], 'fd': [...]} of whole numbers"),
-            controlled_element=value(
-                "controlled_element",
-                lambda v: v if isinstance(v, str) and is_element(v) else None,
-                f"a string of at most {LONGEST_ELEMENT} printable characters",
-            ),
-        )
+        return cls(where=where, **values)
 
     @classmethod
     def of(cls, recording: Recording, t: FloatArray, where: str) -> Notes:
@@ -124,15 +102,9 @@ class Notes:
         InputError
             If `parsed` would not take them, so that no unreadable file is written.
         """
-        raw: dict[str, object] = {
-            "runs": self.runs,
-            "run_in": self.run_in,
-            "dt": self.dt,
-            "units": self.units,
-            "lines": {k: list(v) for k, v in self.lines.items()} if self.lines else None,
-            "controlled_element": self.controlled_element,
-        }
-        raw = {key: value for key, value in raw.items() if value is not None}
+        raw = {key: getattr(self, key) for key in READERS if getattr(self, key) is not None}
+        if self.lines:
+            raw["lines"] = {name: list(lines) for name, lines in self.lines.items()}
         Notes.parsed(raw, self.where)
         return raw
 
@@ -164,6 +136,25 @@ def _lines(value: object) -> dict[str, tuple[int, ...]] | None:
         if len(lines[signal]) < len(counts):
             return None
     return lines
+
+
+def _element(value: object) -> str | None:
+    return value if isinstance(value, str) and is_element(value) else None
+
+
+#: What reads each of the notes, None for what it is not, and what it must be.
+READERS: dict[str, tuple[Callable[[object], object], str]] = {
+    "runs": (_count, "a whole number of at least 1"),
+    "run_in": (_seconds, "a number of seconds, 0 or more"),
+    "dt": (lambda value: _seconds(value) or None, "a positive number of seconds"),
+    "units": (
+        _units,
+        f"an object of strings (at most {LONGEST_UNIT} printable characters without $), keys among "
+        f"{', '.join(SIGNALS)}",
+    ),
+    "lines": (_lines, "an object {'ft': [...], 'fd': [...]} of whole numbers"),
+    "controlled_element": (_element, f"a string of at most {LONGEST_ELEMENT} printable characters"),
+}
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 from pilotid.chance import Z95
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.trajectory import Trajectory
-from pilotid.pilot.frozen import frozen, frozen_over
+from pilotid.pilot.model import frozen, frozen_over
 from pilotid.recordings.recording import Recording
 from pilotid.show.style import INK, Named, leading, legend, named, new_axes, with_unit
 from pilotid.time_domain.output_error import OutputErrors

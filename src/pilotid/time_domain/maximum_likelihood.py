@@ -13,31 +13,33 @@ from functools import cached_property
 
 import numpy as np
 
-from pilotid.estimates.band import AnalysedBand
-from pilotid.estimates.bounds import held
-from pilotid.estimates.estimate import Starts
-from pilotid.estimates.remnant import RemnantEstimate
+from pilotid.estimates.applicability import lines_objection
+from pilotid.estimates.estimate import Starts, is_at_bound
+from pilotid.estimates.parts import AnalysedBand, RemnantEstimate
 from pilotid.lines.fit import fit_lines
-from pilotid.lines.objection import objection
-from pilotid.pilot.frozen import frozen, unfrozen
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.floors import floors_of
+from pilotid.pilot.model import PilotModel, frozen, unfrozen
 from pilotid.recordings.recording import Recording
+from pilotid.recordings.spectra import floors_of
 from pilotid.solve.covariance import covariance_of
 from pilotid.solve.least_squares import Minima, minimise
-from pilotid.time_domain.adjoint import for_search
-from pilotid.time_domain.band import Band, analysis_band
-from pilotid.time_domain.exploration import FIRST, explore, grouped, terms_at
-from pilotid.time_domain.following import Following
-from pilotid.time_domain.joint_fits import FINE, JointFit, JointFits, optimum
+from pilotid.solve.smoothing import criterion_and_degrees, smoothed
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction, predict, weighted
-from pilotid.time_domain.prediction_errors import PredictionErrors
-from pilotid.time_domain.prepare import decimation
-from pilotid.time_domain.remnant_choice import guessed
-from pilotid.time_domain.remnant_models import remnant_estimate
-from pilotid.time_domain.settings import LikelihoodSettings
-from pilotid.time_domain.smoothness import criterion_and_degrees, smoothed
+from pilotid.time_domain.prediction_errors import PredictionErrors, for_search
+from pilotid.time_domain.prepare import Band, analysis_band, decimation
+from pilotid.time_domain.remnant_models import guessed, remnant_estimate
+from pilotid.time_domain.search import (
+    FINE,
+    FIRST,
+    Following,
+    JointFit,
+    JointFits,
+    LikelihoodSettings,
+    explore,
+    grouped,
+    optimum,
+    terms_at,
+)
 from pilotid.types import FloatArray
 
 #: A band is wide enough if its upper part, from this share on, holds no more than this share of
@@ -100,7 +102,7 @@ class Maximum:
 
     @property
     def follows(self) -> bool:
-        """Whether the control is followed as a pilot does, see `pilotid.time_domain.following`."""
+        """Whether the control is followed as a pilot does, see `pilotid.time_domain.search`."""
         return self.following is None or bool(self.following(self.pilot[None])[0])
 
     @property
@@ -180,7 +182,7 @@ class Maximum:
 
     @cached_property
     def search(self) -> PredictionErrors:
-        """The same problem for searches from here, see `pilotid.time_domain.adjoint`."""
+        """The same problem for searches from here, see `pilotid.time_domain.prediction_errors`."""
         return for_search(self.joint)
 
     @property
@@ -197,7 +199,7 @@ class Maximum:
         One at a bound is no pilot, and whether a search comes upon it is chance.
         """
         model = self.joint.prediction.model
-        inside = [pilot for pilot in self.rivals if not held(model, pilot).any()]
+        inside = [pilot for pilot in self.rivals if not is_at_bound(model, pilot).any()]
         return max(map(self.edge_of, [self.pilot, *inside]))
 
     def edge_of(self, pilot: FloatArray) -> float:
@@ -282,7 +284,7 @@ def _lines_pilot(
     recording: Recording, model: PilotModel, rng: np.random.Generator
 ) -> FloatArray | None:
     """The pilot that the forcing functions' lines show, shape (1, parameters), if they do."""
-    if objection(recording, model):
+    if lines_objection(recording, model):
         return None
     fit = fit_lines(recording, model, rng, candidates=96, refined=8, same=0.01)
     return fit.values[None] if np.isfinite(fit.values).all() else None
@@ -487,12 +489,14 @@ def _smooth_maximum(
     noise = settings.noise or FIRST
     joint = PredictionErrors(prediction, noise, band)
     values = np.concatenate([pilot, guessed(noise, residual, band)])
-    joint, end = smoothed(joint, joint, prediction.model, values, FINE)
+    joint, end = smoothed(joint, joint, prediction.model.curves, values, FINE)
     iterations = end.iterations
     for _ in range(settings.rounds):
         other = _maximum(joint.prediction, band, end.values[0, : joint.pilot], settings)
         if other.joint.noise == joint.noise:
             break
-        joint, end = smoothed(other.joint, other.joint, prediction.model, other.end.values[0], FINE)
+        joint, end = smoothed(
+            other.joint, other.joint, prediction.model.curves, other.end.values[0], FINE
+        )
         iterations += other.iterations + end.iterations
     return Maximum(joint, end, Starts(cost=np.ones(1), agreeing=1), iterations)
