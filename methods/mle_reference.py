@@ -25,8 +25,8 @@ import numpy as np
 from scipy.fft import next_fast_len
 
 from pilotid.chance import CHI_SQUARED_95
+from pilotid.estimates.applicability import varying
 from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.estimates.method import varying
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.loops import pilot_on, unstable_poles
 from pilotid.pilot.model import PilotModel
@@ -35,10 +35,10 @@ from pilotid.solve.covariance import covariance_of
 from pilotid.solve.intervals import profile_intervals
 from pilotid.solve.least_squares import Problem, minimise
 from pilotid.time_domain.band_likelihood import closing_element
-from pilotid.time_domain.conclusion import concluded
 from pilotid.time_domain.maximum_likelihood import Maximum, maximise_likelihood
+from pilotid.time_domain.output_error import concluded
 from pilotid.time_domain.prediction import Prediction, predict
-from pilotid.time_domain.settings import LikelihoodSettings
+from pilotid.time_domain.search import LikelihoodSettings
 from pilotid.types import FloatArray
 
 #: Seconds of zeros behind a recording, in which the loop comes to rest.
@@ -54,7 +54,7 @@ class MLEReference(LikelihoodSettings):
     Attributes
     ----------
     search_band, candidates, refined, band, wide, rounds, noise, loop, weighed
-        See `pilotid.time_domain.settings.LikelihoodSettings`: of the fit by ``mle`` that gives the
+        See `pilotid.time_domain.search.LikelihoodSettings`: of the fit by ``mle`` that gives the
         remnant's spectrum and the instruments.
     """
 
@@ -123,7 +123,7 @@ def references(
     target, disturbance = _forcing(recording)
     samples = target.shape[1]
     length = next_fast_len(samples + round(REST / recording.dt), real=True)
-    omega = 2.0 * np.pi * np.fft.rfftfreq(length, recording.dt)
+    omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(length, recording.dt), dtype=float)
     omega[0] = 1e-3 * omega[1]  # an integrator has no response at rest
     on_error, on_output = pilot_on(model, omega, values)
     plant = element.response(omega)
