@@ -138,7 +138,8 @@ def test_a_fit_that_failed_has_no_figure_and_many_have_readable_ones() -> None:
     lost = Fitted(recording(), MULTI, (failed("mle", MULTI, Outcome.SINGULAR),))
     assert figures_of(lost, element=ELEMENT) == []
     shown = figures_of(many(), element=ELEMENT)
-    assert [f.name for f in shown][-2:] == ["correlations", "correlations-2"]
+    correlations = [f.name for f in shown if f.name.startswith("correlations")]
+    assert correlations[:2] == ["correlations", "correlations-2"]
     for figure in shown:
         assert_readable(figure.drawing)
 
@@ -336,8 +337,12 @@ def test_a_page_numbers_its_figures_and_puts_three_methods_in_a_table() -> None:
     page = html_report([many()], element=ELEMENT)
     good = sum(e.outcome.usable for e in many().estimates)
     assert page.count("<table ") == math.ceil(good / 3)
-    assert page.count("<svg ") == page.count("<figcaption>") == 7
-    assert "<strong>Figure 7.</strong>" in page
+    assert (
+        page.count("<svg ")
+        == page.count("<figcaption>")
+        == len(figures_of(many(), element=ELEMENT))
+    )
+    assert "<strong>Figure 8.</strong>" in page
     assert "sindy failed: the first-step model is unusable." in page
     ids = re.findall(r' id="([^"]+)"', page)
     assert len(ids) == len(set(ids))
