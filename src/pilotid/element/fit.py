@@ -42,6 +42,11 @@ ADVICE = (
 #: Delays from which a search starts where one from none ends badly [s].
 LATER = (0.15, 0.3, 0.45)
 LATE = 0.05  # s, of a delay that a search from none may miss with a simpler form
+#: Root mean square of the relative difference of two responses from which they are different
+#: elements: a delay of a sample or two between the recorder's channels is less.
+DIFFERENT = 0.1
+#: Origins of an element.
+GIVEN, FILE, SIGNALS = "given", "recording", "identified"
 
 
 @dataclass(frozen=True)
@@ -294,13 +299,6 @@ def _changing(
         f"{second.element.name}"
     )
     return replace(whole, remark=whole.remark.replace(ADVICE, halves))
-
-
-#: Root mean square of the relative difference of two responses from which they are different
-#: elements: a delay of a sample or two between the recorder's channels is less.
-DIFFERENT = 0.1
-#: Origins of an element.
-GIVEN, FILE, SIGNALS = "given", "recording", "identified"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

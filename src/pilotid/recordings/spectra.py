@@ -24,6 +24,14 @@ FEWEST = 5  # lines of a target that tell which signal is which
 MEDIAN = 0.64  # of the power of eight bins of noise less their own median, over its mean
 BESIDE = 8  # bins beside a line that tell leakage and noise in it
 LOUD = 4.0  # times the noise from which a line of one run stands out
+#: Shares of half the sampling rate between which the floor is measured.
+FLOOR_FROM, FLOOR_TO = 0.6, 0.95
+#: Half the width of the running median that smooths a spectrum [rad/s]; a line of a forcing
+#: function is one bin of many there, and does not count.
+HALF_WIDTH = 0.75
+#: Multiple of the floor that is taken off a spectrum.  The floor is known from few bins, and a
+#: share of signal that is taken too large does more harm than one too small.
+SAFE = 1.5
 
 
 class NotMultisineError(Exception):
@@ -157,16 +165,6 @@ def _beside(
     around = between[first[:, None] + np.arange(min(2 * BESIDE, between.size))]
     order = np.argsort(np.abs(around - lines[:, None]), axis=1, kind="stable")[:, :BESIDE]
     return spectrum[:, lines], spectrum[:, np.take_along_axis(around, order, axis=1)]
-
-
-#: Shares of half the sampling rate between which the floor is measured.
-FLOOR_FROM, FLOOR_TO = 0.6, 0.95
-#: Half the width of the running median that smooths a spectrum [rad/s]; a line of a forcing
-#: function is one bin of many there, and does not count.
-HALF_WIDTH = 0.75
-#: Multiple of the floor that is taken off a spectrum.  The floor is known from few bins, and a
-#: share of signal that is taken too large does more harm than one too small.
-SAFE = 1.5
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,8 @@ own, are the candidates; optima that do not simulate the control are left out.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -357,7 +357,8 @@ def optimum(joint: PredictionErrors, starts: FloatArray, tolerance: float = FINE
     return resume(joint.gram, end, joint, tolerance=max(tolerance, ENOUGH))
 
 
-class JointFit(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class JointFit:
     """The optimum with one model of the remnant.
 
     Attributes
@@ -392,7 +393,7 @@ class JointFit(NamedTuple):
         """Whether a pilot, shape (parameters,), differs by no more than its errors."""
         return self.end.apart(pilot, self.joint.residuals) <= SAME
 
-    def refined(self, tolerance: float) -> JointFit:
+    def refined(self, tolerance: float = FINE) -> Self:
         """The same to another tolerance, or to `ENOUGH` as in `optimum`."""
         joint, end = self.joint, self.end
         if tolerance < ENOUGH and joint.exact is not joint:
@@ -402,7 +403,7 @@ class JointFit(NamedTuple):
             end = resume(joint.gram, end, joint, tolerance=tolerance)
         if tolerance < ENOUGH and not end.converged[0]:
             end = resume(joint.gram, end, joint, tolerance=ENOUGH)
-        return JointFit(joint, end)
+        return replace(self, joint=joint, end=end)
 
 
 class JointFits:
