@@ -259,7 +259,7 @@ def _leave_out(task: Task) -> Content:
 
 def _write_page(task: Task, folder: Path, fitted: Fitted) -> str:
     """Write a recording's page, with its figures, and give its place beside the report."""
-    from pilotid.show.page import html_report
+    from pilotid.report.fit import html_report
 
     text = html_report([fitted], points=[first_step_of(fitted.recording, fitted.model)])
     words = re.sub(r"[^\w.+-]+", "_", f"{task.source.part.words}_{fitted.model.name}")

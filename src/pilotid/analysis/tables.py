@@ -8,8 +8,8 @@ from pathlib import Path
 
 from pilotid.analysis.analyse import Analysis, group_of
 from pilotid.analysis.cross_validation import COLUMNS as LEFT_OUT_COLUMNS
-from pilotid.analysis.latex import tables_tex
 from pilotid.analysis.recordings import Part
+from pilotid.analysis.report_tables import tables_tex
 from pilotid.analysis.results import (
     CONTRAST_COLUMNS,
     REPEATED_COLUMNS,

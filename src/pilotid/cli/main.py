@@ -197,7 +197,7 @@ def fit(
     printed = options.write_json(json, entries[0] if len(entries) == 1 else entries)
     if report is not None:
         from pilotid.methods.fourier import first_step_of
-        from pilotid.show.page import html_report
+        from pilotid.report.fit import html_report
 
         page = html_report(
             fits, true, points=[first_step_of(fit.recording, fit.model) for fit in fits]

@@ -101,7 +101,8 @@ def infer(
         predictive_band,
     )
     from pilotid.recordings.checks import remarks
-    from pilotid.show.posterior import print_posterior, sampling_bar, write_posterior
+    from pilotid.report.posterior import print_posterior, write_posterior
+    from pilotid.terminal import share_bar
 
     method = Bayes(sampler="emcee")
     if white:
@@ -111,19 +112,19 @@ def infer(
     objection = motionless_input(recording, model)
     if objection:
         nothing = failed(method.name, model, Outcome.NOT_APPLICABLE, objection)
-        print_posterior(Fitted(recording, model, (nothing,), told), [], [], None)
+        print_posterior(Fitted(recording, model, (nothing,), told))
         return
     import_libraries(method)
     choice = chosen_element(recording, element)
     begin = time.perf_counter()
-    with sampling_bar() as watch:
+    with share_bar("sampling") as watch:
         estimate, likelihood = method.infer(choice.named_in(recording), model, rng, watch)
     seconds = time.perf_counter() - begin
     estimate = replace(estimate, seconds=seconds, remarks=all_remarks(estimate, recording))
     fit = Fitted(recording, model, (estimate,), told)
     draws = estimate.draws
     if draws is None:
-        print_posterior(fit, [], [], None)
+        print_posterior(fit)
         return
     fit = replace(fit, remarks=(*fit.remarks, *choice.remarks))
     plant = choice.element
@@ -136,4 +137,4 @@ def infer(
     if folder is not None:
         written = write_posterior(folder, fit, spreads, predictive, plant, notes)
         notes += [str(path) for path in written]
-    print_posterior(fit, spreads, notes, predictive)
+    print_posterior(fit, spreads, predictive, notes)

@@ -15,12 +15,12 @@ from pilotid.pilot.catalogue import AUTO
 from pilotid.pilot.element import element_named
 from pilotid.recordings.files import load_recording
 from pilotid.seeds import DEFAULT_SEED
-from pilotid.terminal import make_console, print_table
+from pilotid.terminal import make_console
 from pilotid.types import InputError
 
 if TYPE_CHECKING:
     from pilotid.datasets import Scenario
-    from pilotid.publishing.changes import Changes
+    from pilotid.publishing.changes import Change, Changes
     from pilotid.study.store import Store
     from pilotid.study.study import Pending
 
@@ -172,20 +172,15 @@ def _salvage(folder: Path) -> None:
 
 
 def _finish(folder: Path, store: Store) -> None:
-    from pilotid.report.content import plain, terminal_table
-    from pilotid.report.page import compared, overview, write_report
+    from pilotid.document import Bullets, print_blocks
+    from pilotid.report.study import compared, overview, write_report
     from pilotid.study.comparison import comparison_of
 
     study = comparison_of(store)
     study.write_tables(folder)
     path = write_report(folder, store, study)
-    console = make_console()
     words, tables = overview(study, widest=5 if len(compared(study)) <= 5 else 0)
-    for table in tables:
-        print_table(console, terminal_table(table))
-    for sentence in words:
-        console.print(plain(sentence), soft_wrap=True)
-    console.print(f"report: {path}", soft_wrap=True)
+    print_blocks(make_console(), *tables, Bullets([*words, f"report: {path}"]))
 
 
 def publish(
@@ -211,8 +206,7 @@ def compare_studies(
 ) -> None:
     """Say what changed from one study to another of the same scenarios, and how surely."""
     from pilotid.disk import table_bytes, write_file
-    from pilotid.publishing.changes import COLUMNS, find_changes
-    from pilotid.publishing.studies import read_study
+    from pilotid.publishing.changes import COLUMNS, find_changes, read_study
 
     options.require_writable((), csv, json)
     if csv == "-" and json == "-":
@@ -246,35 +240,37 @@ def as_json(found: Changes) -> dict[str, object]:
 
 
 def _print(found: Changes) -> None:
-    from pilotid.numbers import number, plus_minus
-    from pilotid.report.content import Column, Table, entries, terminal_table
-    from pilotid.terminal import print_table
+    from pilotid.document import Bullets, Column, Table, print_blocks
+    from pilotid.numbers import number, plus_minus, unsigned
 
-    console = make_console()
+    def size(c: Change) -> str:
+        if c.score == "time":
+            return f"x {unsigned(c.change, c.error)}"
+        return plus_minus(c.change, c.error)
+
+    columns: list[Column[Change]] = [
+        Column("scenario", lambda c: c.scenario),
+        Column("method", lambda c: c.method),
+        Column("parameter", lambda c: c.parameter),
+        Column("score", lambda c: "bias / bound" if c.score == "bias" else c.score),
+        Column("A", lambda c: c.first, number),
+        Column("B", lambda c: c.second, number),
+        Column("change", size, str),
+        Column("p", lambda c: c.p, lambda p: f"{p:.1e}" if p >= 1e-99 else "0"),
+        Column("", lambda c: "better" if c.is_better else "worse"),
+    ]
+    studies = []
     for letter, data in (("A", found.first), ("B", found.second)):
         facts = (f"{name} {data.about.get(name, '?')}" for name in ("pilotid", "code", "seed"))
-        console.print(f"{letter}: {data.folder} ({', '.join(facts)})", soft_wrap=True)
-    words = ("scenario", "method", "parameter", "score")
-    columns = [Column(title, text=True) for title in words]
-    columns += [*map(Column, ("A", "B", "change", "p")), Column("", text=True)]
-    rows = []
-    for c in found.changed:
-        size = plus_minus(c.change, c.error)
-        size = f"x {size.lstrip('+')}" if c.score == "time" else size
-        p = f"{c.p:.1e}" if c.p >= 1e-99 else "0"
-        score = "bias / bound" if c.score == "bias" else c.score
-        better = "better" if c.is_better else "worse"
-        numbers = (number(c.first), number(c.second), size, p, better)
-        rows.append([c.scenario, c.method, c.parameter, score, *numbers])
-    if rows:
-        print_table(console, terminal_table(Table("What changed", columns, entries(rows))))
-    changed = {
+        studies.append(f"{letter}: {data.folder} ({', '.join(facts)})")
+    verdicts = {
         f"{c.scenario}, {c.method}: {c.verdicts[0]} -> {c.verdicts[1]}"
         for c in found.all
         if c.verdicts[0] != c.verdicts[1]
     }
-    for sentence in (found.words, *sorted(changed), *found.notes):
-        console.print(sentence, soft_wrap=True)
+    table = [Table("What changed", columns, found.changed)] if found.changed else []
+    told = Bullets([found.words, *sorted(verdicts), *found.notes])
+    print_blocks(make_console(), Bullets(studies), *table, told)
 
 
 LikeOption = Annotated[
@@ -324,9 +320,9 @@ def trust(
     """
     from pilotid.cli.running import with_progress
     from pilotid.datasets.named import model_place
+    from pilotid.document import Bullets, print_blocks
     from pilotid.methods import methods
-    from pilotid.report.content import plain, terminal_table
-    from pilotid.report.page import overview, write_report
+    from pilotid.report.study import overview, write_report
     from pilotid.report.trust import advice, trust_table
     from pilotid.study.store import Store
     from pilotid.study.trust import TRUST, UNKNOWN, trial_of
@@ -341,10 +337,8 @@ def trust(
         found = trial.run(out, replications, seed, workers, model_place(model), with_progress)
     with Store(out) as store:
         page = write_report(out, store, found.comparison)
-    console, told = make_console(), found.to_dict()
+    told = found.to_dict()
     words, tables = overview(found.comparison)
-    for table in (*tables, trust_table(told)):
-        print_table(console, terminal_table(table))
-    for sentence in (*words, *advice(told), UNKNOWN):
-        console.print(plain(sentence), soft_wrap=True)
-    console.print(f"scenario and numbers: {out / TRUST}, report: {page}", soft_wrap=True)
+    written = f"scenario and numbers: {out / TRUST}, report: {page}"
+    sentences = Bullets([*words, *advice(told), UNKNOWN, written])
+    print_blocks(make_console(), *tables, trust_table(told), sentences)
