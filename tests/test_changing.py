@@ -28,7 +28,7 @@ from pilotid.pilot.element import double_integrator
 from pilotid.pilot.factors import Delay, Differentiator, Gain, Lag, Lead, Neuromuscular
 from pilotid.pilot.model import Channel, PilotModel, before_and_after, frozen, frozen_over
 from pilotid.pilot.timevarying import Changing
-from pilotid.show.page import html_report
+from pilotid.report.fit import html_report
 from pilotid.solve.intervals import Held
 from pilotid.solve.least_squares import minimise
 from pilotid.study.draws import truths_of

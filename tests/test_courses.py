@@ -33,7 +33,7 @@ from pilotid.pilot.model import (
 from pilotid.pilot.timevarying import Changing, Curve, Fading, Sigmoid, Spline
 from pilotid.posterior.priors import LogUniform, priors_of
 from pilotid.recordings.recording import Recording
-from pilotid.show.page import html_report
+from pilotid.report.fit import html_report
 from pilotid.solve.least_squares import Penalty
 from pilotid.solve.smoothing import Restricted
 from pilotid.time_domain.prediction import predict

@@ -1,15 +1,24 @@
-"""Figures of a study: one panel for each parameter, one colour and marker for each method."""
+"""Figures of a study: one colour and marker for each method."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pilotid.chance import Z95
-from pilotid.show.style import INK, WIDTH, colour_of, journal_style, log_ticks, marker_of
+from pilotid.show.style import (
+    GRID,
+    INK,
+    WIDTH,
+    colour_of,
+    journal_figure,
+    journal_style,
+    log_ticks,
+    marker_of,
+)
 from pilotid.study.comparison import Cell, Comparison, Score
 from pilotid.study.scores import Mean
 from pilotid.types import FloatArray
@@ -17,6 +26,7 @@ from pilotid.types import FloatArray
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
 
 COLUMNS = 4
 BOUND = "#c9ced6"
@@ -74,7 +84,7 @@ def name_rows(axes: Axes, labels: Sequence[str], cells: Sequence[Cell], *, named
     axes.tick_params(axis="y", length=0)
 
 
-def _outside(axes: Axes, row: float, value: float, colour: str, words: str = "") -> bool:
+def _outside(axes: Axes, row: float, value: float, colour: str) -> bool:
     """A triangle at the edge for a point that lies outside the axis, with its value."""
     low, high = axes.get_xlim()
     if low <= value <= high or not math.isfinite(value):
@@ -82,7 +92,7 @@ def _outside(axes: Axes, row: float, value: float, colour: str, words: str = "")
     right = value > high
     place, inside = (high, -5) if right else (low, 5)
     axes.plot(place, row, ">" if right else "<", color=colour, markersize=4.5, clip_on=False)
-    axes.annotate(words or f"{value:.3g}".replace("-", "\N{MINUS SIGN}"), (place, row),
+    axes.annotate(f"{value:.3g}".replace("-", "\N{MINUS SIGN}"), (place, row),
                   (inside, 0), textcoords="offset points", ha="right" if right else "left",
                   va="center", fontsize=7.0)  # fmt: skip
     return True
@@ -208,54 +218,6 @@ def errors(
     return figure
 
 
-def starts(cells: Sequence[Cell], paper: Sequence[float] = ()) -> Figure:
-    """Where fits of one recording end, a dot for each start."""
-    from matplotlib.lines import Line2D
-
-    scores = cells[0].percent
-    labels = [f"{c.method} {c.agreeing}/{c.tried}" for c in cells]
-    with journal_style():
-        figure, panels, spare = grid(len(scores), _height(len(labels)))
-        found = [c.errors for c in cells]
-        for index, axes in enumerate(panels):
-            bound = scores[index].bound
-            if math.isfinite(bound):
-                axes.axvspan(-bound, bound, color=BOUND, linewidth=0)
-            axes.axvline(0.0, color=INK, linewidth=0.6)
-            middles = [np.quantile(f[:, index], (0.1, 0.9)) for f in found if len(f)]
-            ranges = [(float(low), float(high)) for low, high in middles]
-            axes.set_xlim(
-                *limits([*ranges, *((p, p) for p in paper[index : index + 1])], bound, 20)
-            )
-            if paper:
-                axes.axvline(paper[index], color="black", linewidth=0.9, linestyle=":")
-            for row, (cell, own) in enumerate(zip(cells, found, strict=True)):
-                low, high = axes.get_xlim()
-                inside = own[(own[:, index] >= low) & (own[:, index] <= high), index]
-                # Of hundreds of starts that end in one place, one dot is enough.
-                shown = np.unique(np.round(150.0 * inside / (high - low))) * (high - low) / 150.0
-                axes.plot(shown, np.full(shown.size, row), marker_of(cell.method), markersize=4.5,
-                          color=colour_of(cell.method), alpha=0.5, markeredgewidth=0.0)  # fmt: skip
-                for far in (own[own[:, index] < low, index], own[own[:, index] > high, index]):
-                    if far.size:
-                        _outside(axes, row, far[0], colour_of(cell.method), f"{far.size}")
-            axes.set_title(scores[index].parameter)
-            axes.locator_params(axis="x", nbins=5)
-            name_rows(axes, labels, cells, named=index % COLUMNS == 0)
-        figure.supxlabel("error [% of true value]", fontsize=8.0)
-        handles: list[object] = [
-            Line2D([], [], color="#888888", marker="o", markersize=4.5, alpha=0.5, linewidth=0,
-                   label="end of one start"),
-            Line2D([], [], color=BOUND, linewidth=6, label="± Cramér-Rao bound"),
-        ]  # fmt: skip
-        if paper:
-            handles.append(
-                Line2D([], [], color="black", linestyle=":", linewidth=0.9, label="paper")
-            )
-        spare.legend(handles=handles, loc="center", frameon=False)
-    return figure
-
-
 def sweep(
     study: Comparison,
     points: Sequence[tuple[str, float]],
@@ -286,8 +248,6 @@ def sweep(
     tick
         Label of a scenario on the abscissa.
     """
-    from matplotlib.lines import Line2D
-
     keys = [p.parameter for p in study.entry(points[0][0]).parameters]
     with journal_style():
         figure, panels, spare = grid(len(keys), 1.75)
@@ -306,15 +266,7 @@ def sweep(
             axes.set_title(keys[index])
         figure.supxlabel(labels[0], fontsize=8.0)
         figure.supylabel(labels[1], fontsize=8.0)
-        handles = [
-            Line2D([], [], color=colour_of(m), marker=marker_of(m), markersize=4, label=m)
-            for m in study.methods
-        ]
-        if line is not None:
-            handles.append(Line2D([], [], color=INK, linestyle="--", linewidth=0.8,
-                                  label=line_label))  # fmt: skip
-        spare.legend(handles=handles, loc="center", frameon=False,
-                     ncols=2 if len(handles) > 8 else 1, columnspacing=0.8)  # fmt: skip
+        _legend(spare, study.methods, line_label if line is not None else "")
     return figure
 
 
@@ -397,16 +349,13 @@ def _reference(
 
 def cost(cells: Sequence[Cell]) -> Figure:
     """Loss with its interval over the median time of a fit; a line joins what nothing beats."""
-    from matplotlib.figure import Figure
-
     known = [c for c in cells if math.isfinite(c.overall.loss.value) and c.seconds > 0.0]
     known.sort(key=lambda cell: cell.seconds)
     frontier: list[Cell] = []
     for cell in known:
         if not frontier or cell.overall.loss.value < frontier[-1].overall.loss.value:
             frontier.append(cell)
-    with journal_style():
-        figure = Figure(figsize=(WIDTH, 2.7), layout="constrained")
+    with journal_figure(2.7) as figure:
         axes = figure.subplots()
         axes.axhline(1.0, color=INK, linewidth=0.8)
         axes.step([c.seconds for c in frontier], [c.overall.loss.value for c in frontier],
@@ -426,3 +375,176 @@ def cost(cells: Sequence[Cell]) -> Figure:
         axes.set_ylabel("loss (1: Cramér-Rao bound)")
         figure.legend(loc="outside right upper")
     return figure
+
+
+#: Coverage [%] that is as good as it can be asked for.
+BAND = (93.5, 96.5)
+#: The axis of coverage [%] goes on to the left as far as this, if need be.
+LOWEST = 60.0
+#: Reach of the axes of standardised errors and of normal quantiles.
+REACH, QUANTILES = 4.0, 3.2
+
+#: An axis of trajectories shows this many times the span of the truth at the most.
+ROOM = 4.0
+ABREAST = 4  # methods side by side
+UNITS = {"tlead": "s", "tdvis": "s", "fnm": "rad/s"}
+
+
+def by_stratum(cells: Sequence[Cell]) -> Figure:
+    """Coverage with its interval: a panel a fact, a row a value of it, a point a method."""
+    panels: dict[str, Sequence[str]] = {"all recordings": [""]}
+    panels |= {name: list(own) for name, own in cells[0].strata.items() if len(own) > 1}
+    longest = max(len(panel) for panel in panels.values())
+    with journal_style():
+        height = 0.6 + longest * max(0.19, 0.06 + 0.035 * len(cells))
+        figure, every, spare = grid(len(panels), height, 3)
+        points = [_points(cell, panels) for cell in cells]
+        ends = [100.0 * score.coverage_interval[0] for own in points for score in own.values()]
+        low = max(LOWEST, min([*(end for end in ends if math.isfinite(end)), 90.0]) - 1.0)
+        for (name, panel), axes in zip(panels.items(), every, strict=True):
+            axes.axvspan(*BAND, color=BOUND, linewidth=0)
+            axes.axvline(95.0, color=INK, linewidth=0.6)
+            for row in range(len(panel) - 1):
+                axes.axhline(row + 0.5, color=GRID, linewidth=0.5)
+            for place, (cell, own) in zip(_dodged(len(cells)), zip(cells, points, strict=True),
+                                          strict=True):  # fmt: skip
+                for row in range(len(panel)):
+                    _point(axes, row + place, own[name, row], cell.method, low)
+            axes.set_title(name)
+            axes.set_yticks(range(len(panel)), list(panel))
+            axes.set_ylim(len(panel) - 0.45, -0.55)
+            axes.set_xlim(low, 100.6)
+            axes.tick_params(axis="y", length=0)
+        figure.supxlabel("95 % intervals that hold the truth [%]", fontsize=8.0)
+        _legend(spare, [cell.method for cell in cells])
+    return figure
+
+
+def _points(cell: Cell, panels: Mapping[str, Sequence[str]]) -> dict[tuple[str, int], Score]:
+    """Scores of all parameters by panel and row."""
+    return {
+        (name, row): cell.parts[name, value][0] if value else cell.overall
+        for name, panel in panels.items()
+        for row, value in enumerate(panel)
+    }
+
+
+def _dodged(count: int) -> list[float]:
+    """Places of methods within a row."""
+    reach = min(0.34, 0.1 * (count - 1))
+    return [float(place) for place in np.linspace(-reach, reach, count)]
+
+
+def _point(axes: Axes, row: float, score: Score, method: str, low: float) -> None:
+    value, colour = 100.0 * score.coverage.value, colour_of(method)
+    if not math.isfinite(value):
+        return
+    if value < low:
+        # Hollow, since the marker of a method may be a triangle, too.
+        axes.plot(low, row, "<", color=colour, markersize=3.5, markerfacecolor="white",
+                  clip_on=False)  # fmt: skip
+        return
+    ends = [100.0 * end for end in score.coverage_interval]
+    axes.plot(ends, [row, row], color=colour, linewidth=0.8, solid_capstyle="butt")
+    axes.plot(value, row, marker_of(method), color=colour, markersize=3.2)
+
+
+def by_parameter(cells: Sequence[Cell]) -> Figure:
+    """Standardised errors against normal quantiles: a panel a parameter, a line a method."""
+    keys = list(dict.fromkeys(key for cell in cells for key in cell.keys))
+    with journal_style():
+        figure, every, spare = grid(len(keys), 1.75)
+        for key, axes in zip(keys, every, strict=True):
+            errors = [(cell.method, cell.errors_over_claim(key)) for cell in cells]
+            _band(axes, max((z.size for _, z in errors), default=0))
+            axes.plot([-REACH, REACH], [-REACH, REACH], color=INK, linewidth=0.6)
+            for method, z in errors:
+                axes.plot(_quantiles(z.size), z, color=colour_of(method), linewidth=0.9,
+                          marker=marker_of(method) if z.size <= 60 else "",
+                          markersize=2.4)  # fmt: skip
+            axes.set_xlim(-QUANTILES, QUANTILES)
+            axes.set_ylim(-REACH, REACH)
+            axes.set_xticks([-2.0, 0.0, 2.0])
+            axes.set_title(key)
+        figure.supxlabel("quantile of a normal distribution", fontsize=8.0)
+        figure.supylabel("error over claimed error", fontsize=8.0)
+        _legend(spare, [cell.method for cell in cells])
+    return figure
+
+
+def _quantiles(count: int) -> FloatArray:
+    from scipy.special import ndtri
+
+    return np.asarray(ndtri((np.arange(count) + 0.5) / count)) if count else np.zeros(0)
+
+
+def _band(axes: Axes, count: int) -> None:
+    """Where each of so many ordered normal variables lies 95 % of the time."""
+    from scipy.special import betaincinv, ndtri
+
+    if not count:
+        return
+    place = np.arange(1, count + 1)
+    low, high = (ndtri(betaincinv(place, count + 1 - place, p)) for p in (0.025, 0.975))
+    axes.fill_between(_quantiles(count), low, high, color=BOUND, linewidth=0)
+
+
+def _legend(spare: Axes, methods: Sequence[str], reference: str = "") -> None:
+    """Names of methods, and of a dashed line of reference."""
+    for name in methods:
+        spare.plot([], [], color=colour_of(name), marker=marker_of(name), markersize=4, label=name)
+    if reference:
+        spare.plot([], [], color=INK, linestyle="--", linewidth=0.8, label=reference)
+    columns = 2 if len(methods) > 8 else 1
+    spare.legend(loc="center", frameon=False, ncols=columns, columnspacing=0.8)
+
+
+def paths(cells: Sequence[Cell], truth: Mapping[str, Sequence[float]]) -> Figure:
+    """Median and 5 to 95 % range of trajectories: a row a parameter, a column a method.
+
+    Parameters
+    ----------
+    cells
+        Methods in one scenario, with trajectories.
+    truth
+        Times, by the name ``time``, and the true parameters at them.
+    """
+    keys = [key for key in truth if key != "time" and np.ptp(truth[key]) > 0.0]
+    time = np.array(truth["time"])
+    columns = min(ABREAST, len(cells))
+    blocks = [cells[i : i + columns] for i in range(0, len(cells), columns)]
+    height = 0.4 + (1.25 * len(keys) + 0.2) * len(blocks)
+    with journal_figure(height) as figure:
+        panels = figure.subplots(len(blocks) * len(keys), columns, squeeze=False, sharex=True)
+        for number, row in enumerate(panels):
+            block, key = blocks[number // len(keys)], keys[number % len(keys)]
+            for place, axes in enumerate(row):
+                if place >= len(block):
+                    axes.axis("off")
+                    continue
+                _panel(axes, time, np.array(truth[key]), block[place], key)
+                if place:
+                    axes.set_yticklabels([])
+                if key == keys[0]:
+                    method = block[place].method
+                    axes.set_title(method, color=colour_of(method))
+            unit = UNITS.get(key, "")
+            row[0].set_ylabel(f"{key} [{unit}]" if unit else key)
+        figure.supxlabel("time from the start of the measurement window [s]", fontsize=8.0)
+    return figure
+
+
+def _panel(axes: Axes, time: FloatArray, truth: FloatArray, cell: Cell, key: str) -> None:
+    own = cell.paths(key)
+    known = np.isfinite(own).any(axis=0) if own.size else np.zeros(time.size, dtype=bool)
+    if known.any():
+        low, middle, high = np.nanquantile(own[:, known], (0.05, 0.5, 0.95), axis=0)
+        colour = colour_of(cell.method)
+        axes.fill_between(time[known], low, high, color=colour, alpha=0.25, linewidth=0)
+        axes.plot(time[known], middle, color=colour, linewidth=1.2)
+    axes.plot(time, truth, color=INK, linewidth=0.9, linestyle=(0, (3, 2)))
+    axes.set_xlim(float(time[0]), float(time[-1]))
+    axes.locator_params(axis="x", nbins=5)
+    low, high = float(truth.min()), float(truth.max())
+    reach = 0.5 * (ROOM - 1.0) * (high - low)
+    axes.set_ylim(max(0.0, low - reach), high + reach)

@@ -6,27 +6,32 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from shlex import quote
+from typing import Any
 
 from pilotid.disk import write_file
-from pilotid.numbers import number, share
-from pilotid.report import figures, recording_figures
-from pilotid.report.content import (
+from pilotid.document import (
     Block,
     Bullets,
-    Picture,
+    Column,
+    Command,
+    Figure,
+    Kinds,
     Section,
     Table,
     Text,
-    markdown,
-    web_page,
-    write_pictures,
+    to_markdown,
+    write_page,
 )
+from pilotid.naming.settings import shown
+from pilotid.numbers import number, share
+from pilotid.report import study_figures as figures
 from pilotid.report.paper import PAPER, paper_of, paper_sections
-from pilotid.report.provenance import failures, mixed, provenance
-from pilotid.report.tables import (
+from pilotid.report.study_tables import (
     VIOLATION,
     all_numbers,
     by_mean_loss,
+    failure_table,
     key_of,
     matrices,
     mean_loss,
@@ -37,7 +42,7 @@ from pilotid.report.tables import (
 )
 from pilotid.report.trust import read_trust, trust_section
 from pilotid.study.comparison import Cell, Comparison, loss_ratio
-from pilotid.study.entries import TRAJECTORY
+from pilotid.study.entries import TRAJECTORY, ScenarioEntry
 from pilotid.study.judge import RULES, USABLE, judge, sentence
 from pilotid.study.scores import EFFICIENT, loss_text
 from pilotid.study.store import Store
@@ -83,7 +88,7 @@ def write_report(
     store: Store,
     study: Comparison,
     *,
-    pdf: bool = False,
+    kinds: Kinds = ("svg",),
     above: str = "",
 ) -> Path:
     """Write report.html, report.md and the figures; equal stores give equal bytes.
@@ -100,8 +105,8 @@ def write_report(
         The study's store.
     study
         What the store holds.
-    pdf
-        Whether figures are written as PDF too.
+    kinds
+        Files of each figure.
     above
         The page above this one, if there is one.
 
@@ -112,30 +117,22 @@ def write_report(
     """
     told = read_trust(store.path.parent)
     sections = [*([trust_section(told)] if told else []), *report_sections(study, store)]
-    if pdf:
-        sections = [section.with_pdfs() for section in sections]
-    write_pictures(folder, sections)
-    short = markdown(TITLE, [section.in_short() for section in sections if not section.folded])
-    write_file(folder / "report.md", short.encode("utf-8", "replace"))
     page = folder / "report.html"
-    write_file(page, web_page(TITLE, sections, above).encode("utf-8", "replace"))
+    write_page(page, TITLE, sections, above, kinds)
+    short = to_markdown(TITLE, [section.in_short() for section in sections if not section.folded])
+    write_file(folder / "report.md", short.encode("utf-8", "replace"))
     return page
 
 
-def overview(study: Comparison, *, widest: int = 21) -> tuple[list[str], list[Table]]:
+def overview(study: Comparison, *, widest: int = 21) -> tuple[list[str], list[Table[Any]]]:
     """The answer in sentences and tables, which the terminal and the page's first screen show.
 
-    Parameters
-    ----------
-    study
-        The study's numbers.
-    widest
-        Number of scenarios that can stand beside one another; 0 for none.
+    At most `widest` scenarios stand beside one another; 0 for none.
     """
     names = compared(study)
     shown = names if len(names) <= OPEN else [_reference(names)]
     words = [answer(study.of(name)) for name in shown]
-    tables = [ranking(study.of(name)) for name in shown]
+    tables: list[Table[Any]] = [ranking(study.of(name)) for name in shown]
     if len(names) > 1:
         words.insert(0, _over_all(study, names))
         tables = [*matrices(study, names, widest), *tables]
@@ -225,12 +222,12 @@ def _summary(study: Comparison, about: Mapping[str, str]) -> Section:
             blocks.append(Bullets([sentence(cell.method, cell.scores) for cell in order]))
         if any(cell.seconds > 0.0 and cell.overall.loss.value > 0.0 for cell in order):
             blocks.append(
-                Picture.of(
-                    figures.cost(order),
+                Figure(
                     "cost",
-                    f"Loss of each method in {name} over the median time of a fit",
+                    figures.cost(order),
                     f"`{name}`: loss with its 95 % interval, and what a fit takes on one core. "
                     f"Stepped line: no other method is both faster and better. {NUMBERS}",
+                    f"Loss of each method in {name} over the median time of a fit",
                 )
             )
         blocks += [Text(LOSS), Text(COLUMNS), Text(RULES)]
@@ -260,38 +257,31 @@ def _scenario(study: Comparison, about: Mapping[str, str], name: str) -> Section
 
 
 def details(cells: Sequence[Cell], key: str, *, linked: bool = True) -> list[Block]:
-    """Figures and all numbers of a scenario or a population.
+    """Figures, which `key` names, and all numbers of a scenario or a population.
 
-    Parameters
-    ----------
-    cells
-        What each method did.
-    key
-        What its figures are called.
-    linked
-        Whether the tables that figures are drawn from lie beside the page.
+    `linked` says whether the tables that figures are drawn from lie beside the page.
     """
-    entry, shown = cells[0].scenario, [cell for cell in cells if cell.usable]
+    entry, usable = cells[0].scenario, [cell for cell in cells if cell.usable]
     blocks: list[Block] = []
     if entry.one_recording:
         return [all_numbers(cells)]
     if entry.population:
-        blocks = _population(key, shown, NUMBERS if linked else "")
-    elif shown:
-        blocks = [_errors(key, shown, NUMBERS if linked else "")]
+        blocks = _population(key, usable, NUMBERS if linked else "")
+    elif usable:
+        blocks = [_errors(key, usable, NUMBERS if linked else "")]
     return [*blocks, all_numbers(cells, paper_of(entry))]
 
 
-def _errors(key: str, cells: Sequence[Cell], source: str) -> Picture:
+def _errors(key: str, cells: Sequence[Cell], source: str) -> Figure:
     name, paper = cells[0].scenario.name, paper_of(cells[0].scenario)
     beside = f"; the crosses are {PAPER}, Fig. 3 (10 runs, ± standard deviation)" if paper else ""
-    return Picture.of(
-        figures.errors(cells, paper, PAPER),
+    return Figure(
         f"errors-{key}",
-        f"Mean error and scatter of each parameter by each method in scenario {name}",
+        figures.errors(cells, paper, PAPER),
         f"Scenario {name}: mean error, standard deviation and claimed standard error beside the "
         f"Cramér-Rao bound{beside}. Each panel has its own scale; a triangle marks a method whose "
         f"mean error lies outside it. {source}".rstrip(),
+        f"Mean error and scatter of each parameter by each method in scenario {name}",
     )
 
 
@@ -307,21 +297,21 @@ def _population(key: str, cells: Sequence[Cell], source: str) -> list[Block]:
         return blocks
     return [
         *blocks,
-        Picture.of(
-            recording_figures.by_stratum(cells),
+        Figure(
             f"coverage-{key}",
-            f"Coverage of 95 % intervals by part of {name} and method",
+            figures.by_stratum(cells),
             f"`{name}`: share of the 95 % intervals that hold the truth, over all parameters, in "
             "parts of the recordings. Bars: 95 % Monte Carlo intervals; grey: 93.5 to 96.5 %; a "
             f"hollow triangle marks a share to the left of the axis. {parts}".rstrip(),
+            f"Coverage of 95 % intervals by part of {name} and method",
         ),
-        Picture.of(
-            recording_figures.by_parameter(cells),
+        Figure(
             f"errors-{key}",
-            f"Quantiles of standardised errors in {name} by parameter and method",
+            figures.by_parameter(cells),
             f"`{name}`: error over claimed error in ascending order, against the quantiles of a "
             "normal distribution, where an exact method lies on the line. Grey: where 95 % of each "
             f"quantile would lie for as many recordings. {source}".rstrip(),
+            f"Quantiles of standardised errors in {name} by parameter and method",
         ),
     ]
 
@@ -352,12 +342,12 @@ def _varying(name: str, every: Sequence[Cell], truth: Mapping[str, Sequence[floa
         return []
     return [
         Text(f"{VARYING} Numbers: [trajectories.csv](trajectories.csv)."),
-        Picture.of(
-            recording_figures.paths(cells, truth),
+        Figure(
             f"trajectories-{name}",
-            f"Gain and lead over time by each method in scenario {name}, beside the truth",
+            figures.paths(cells, truth),
             f"Scenario {name}: median (line) and range from 5 to 95 % (shaded) of the estimated "
             "trajectories, at each time; dashed: the truth.",
+            f"Gain and lead over time by each method in scenario {name}, beside the truth",
         ),
         track_table(f"`{name}`: trajectories of what varies", cells, moving=True),
         track_table(f"`{name}`: trajectories of what stays", cells, moving=False),
@@ -381,10 +371,107 @@ def _trends(study: Comparison) -> list[Section]:
         if len(known) < 2:
             continue
         figure = figures.sweep(
-            study, sorted(known, key=lambda point: point[1]), lambda s: s.rmse,
-            (path, "rmse [% of true value]"), log=True, line=lambda s: s.bound, line_label="bound",
-        )  # fmt: skip
+            study,
+            sorted(known, key=lambda point: point[1]),
+            lambda s: s.rmse,
+            (path, "rmse [% of true value]"),
+            log=True,
+            line=lambda s: s.bound,
+            line_label="bound",
+        )
         alt = f"Root mean square error by parameter and method over {path}"
         caption = f"Root mean square error and Cramér-Rao bound over `{path}`. {NUMBERS}"
-        blocks.append(Picture.of(figure, f"trend-{family}", alt, caption))
+        blocks.append(Figure(f"trend-{family}", figure, caption, alt))
     return [Section("trends", "Trends", blocks, folded=True)] if blocks else []
+
+
+# ------------------------------------------------------------------------------ provenance
+
+#: Facts on a study that are no versions.
+OWN_FACTS = ("format", "seed", "mixed", "code", "sparing")
+
+
+def command(
+    study: Comparison, about: Mapping[str, str], scenarios: Sequence[str], folder: str
+) -> str:
+    """What to type for these scenarios and the methods that were tried on them.
+
+    Where methods for time-varying pilots were left out of other scenarios, the whole study is
+    that of all methods, which `compare` chooses by itself.
+    """
+    tried = {cell.method for name in scenarios for cell in study.of(name)}
+    methods = [study.typed[method] for method in study.methods if method in tried]
+    names = dict.fromkeys(study.entry(name).typed or name for name in scenarios)
+    chosen = f"--method {quote(','.join(methods))} "
+    if "sparing" in about and set(scenarios) == set(study.names):
+        chosen = ""
+    return (
+        f"pilotid compare --scenario {quote(','.join(names))} {chosen}"
+        f"--replications {study.replications(scenarios)} --seed {about.get('seed', '?')} "
+        f"--out results/{folder}"
+    )
+
+
+def mixed(what: str) -> str:
+    """The warning on a store with results of different code."""
+    return (
+        f"this store mixes results of different code or settings ({what}); differences between "
+        "methods may be differences between versions."
+    )
+
+
+def failures(study: Comparison) -> Section:
+    """Which fits failed, and why."""
+    table = failure_table(study)
+    text = (
+        "A failure counts in the loss as the interval from zero to twice the true value; bias, "
+        "scatter, rmse and coverage are those of the fits that count. A recording that a method "
+        "cannot treat is no try."
+    )
+    every = Text("Every fit of this study converged.")
+    return Section(
+        "failures",
+        "Failures and their reasons",
+        [Text(text), table if table.items else every],
+        folded=True,
+    )
+
+
+def provenance(study: Comparison, store: Store, about: Mapping[str, str]) -> Section:
+    """All that defines methods and scenarios, seed, versions, and how to make the numbers again."""
+    held = store.methods()
+    facts = ", ".join(
+        f"{key} {value}"
+        for key, value in about.items()
+        if key not in OWN_FACTS and not key.startswith(("remnant ratio", TRAJECTORY))
+    )
+    seed = f"Seed {about.get('seed', '?')}, code digest {about.get('code', '?')}; {facts}."
+    methods: list[Column[str]] = [
+        Column("method", str),
+        Column("settings", lambda label: f"`{shown(held[label].settings)}`"),
+    ]
+    scenarios: list[Column[ScenarioEntry]] = [
+        Column("scenario", lambda e: e.name),
+        Column("description", lambda e: e.description),
+        Column("model", lambda e: e.model),
+        Column("start", lambda e: e.start),
+        Column("all that defines it", lambda e: f"`{shown(e.settings)}`"),
+    ]
+    blocks: list[Block] = [
+        Command(
+            "The whole study (resumes an interrupted one; the same numbers for any number of "
+            "workers):",
+            command(study, about, study.names, "compare"),
+        ),
+        Command("This report again, from the store alone:", "pilotid report DIR"),
+        Text(
+            "No method is told the truth. All methods have the same recordings and are handed the "
+            "same **start**: that of the model, or one drawn at random where the scenarios say so. "
+            f"{seed}"
+        ),
+        Table("Methods", methods, study.methods, folded=True),
+        Table("Scenarios", scenarios, study.scenarios, folded=True),
+    ]
+    if "mixed" in about:
+        blocks.insert(0, Text(f"**{mixed(about['mixed'])}**"))
+    return Section("provenance", "Provenance", blocks)
