@@ -12,8 +12,9 @@ from pilotid.datasets import scenario_named
 from pilotid.datasets.forcing import half_and_half_step
 from pilotid.datasets.recorder import Recorder
 from pilotid.estimates.estimate import Outcome
-from pilotid.methods.mle_reference import MLEReference, Moments, references
+from pilotid.methods.mle_reference import MLEReference
 from pilotid.pilot.catalogue import ADAPTING
+from pilotid.time_domain.instruments import Moments, references
 from pilotid.time_domain.maximum_likelihood import maximise_likelihood
 
 pytestmark = pytest.mark.numerical
