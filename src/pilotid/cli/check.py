@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -27,10 +27,6 @@ from pilotid.seeds import DEFAULT_SEED, fit_rng
 from pilotid.terminal import make_console
 from pilotid.time_domain.constancy import LEVEL, constancy_of
 from pilotid.types import InputError
-
-if TYPE_CHECKING:
-    pass
-
 
 #: What JSON has of one recording.
 Entry = dict[str, Any]

@@ -17,7 +17,7 @@ from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.seeds import DEFAULT_SEED, fit_rng
-from pilotid.terminal import make_console, share_bar
+from pilotid.terminal import make_console
 from pilotid.types import InputError
 
 
@@ -102,6 +102,7 @@ def infer(
     )
     from pilotid.recordings.checks import remarks
     from pilotid.report.posterior import print_posterior, write_posterior
+    from pilotid.terminal import share_bar
 
     method = Bayes(sampler="emcee")
     if white:
