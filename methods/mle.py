@@ -25,6 +25,7 @@ from pilotid.estimates.bounds import held
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
+from pilotid.remarks import Remark
 from pilotid.solve.covariance import covariance_at_bounds, covariance_of
 from pilotid.solve.intervals import Profile, profile_intervals
 from pilotid.time_domain.change_profile import deviances, over_changes
@@ -41,14 +42,16 @@ from pilotid.time_domain.settings import LikelihoodSettings
 from pilotid.types import FloatArray
 
 #: Said where direct prediction errors take the place of the likelihood of a band.
-NOT_CLOSED = (
+NOT_CLOSED = Remark(
+    "element-unknown",
     "the controlled element is not known, so that noise of the recorder on e and x counts as "
-    "signal and delays may be biased: name the element, for example --element 4/s^2"
+    "signal and delays may be biased: name the element, for example --element 4/s^2",
 )
 #: Said where nothing stands above the recorder's floor.
-HIDDEN = (
+HIDDEN = Remark(
+    "hidden-signal",
     "what the pilot acts on (e, x) hardly stands above the noise of the recorder at any frequency: "
-    "the values mean little; record these signals with less noise or more bits"
+    "the values mean little; record these signals with less noise or more bits",
 )
 #: How often a profile that comes upon a better optimum moves the estimate there.
 MOVES = 3
@@ -137,7 +140,7 @@ class MLE(LikelihoodSettings):
             remarks=(*self._not_closed(found), *_not_followed(found), *tested(found, recording)),
         )
 
-    def _not_closed(self, found: Maximum) -> list[str]:
+    def _not_closed(self, found: Maximum) -> list[Remark]:
         """What to say where the recording does not allow for the likelihood of a band."""
         prediction = found.joint.prediction
         if prediction.weighting is not None:
@@ -151,17 +154,20 @@ class MLE(LikelihoodSettings):
         return criteria_from(recording, model, self, sets)
 
 
-def _not_followed(found: Maximum) -> list[str]:
+def _not_followed(found: Maximum) -> list[Remark]:
     """What to say where the likelihood has no optimum that follows the control as a pilot does."""
     if found.follows or found.following is None:
         return []
     own = 100.0 * max(0.0, float(found.following.explained(found.pilot[None])[0]))
     lines = 100.0 * found.following.lines
     return [
-        "the likelihood is largest where the model predicts the control as the inverse of the "
-        f"controlled element, not as a pilot: its response explains {own:.0f} % of the control, "
-        f"that of a pilot fitted to the forcing functions' lines {lines:.0f} %; the values mean "
-        "nothing, choose a simpler model or the method fourier"
+        Remark(
+            "inverse-plant",
+            "the likelihood is largest where the model predicts the control as the inverse of the "
+            f"controlled element, not as a pilot: its response explains {own:.0f} % of the "
+            f"control, that of a pilot fitted to the forcing functions' lines {lines:.0f} %; the "
+            "values mean nothing, choose a simpler model or the method fourier",
+        )
     ]
 
 

@@ -25,6 +25,7 @@ from pilotid.estimates.method import varying
 from pilotid.pilot.factors import Rational
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
+from pilotid.remarks import Remark
 from pilotid.solve.covariance import covariance_of
 from pilotid.time_domain.conclusion import concluded
 from pilotid.time_domain.prepare import prepare
@@ -128,13 +129,14 @@ class MMLE3:
         )
 
 
-def _far_off(model: PilotModel, values: FloatArray) -> Iterator[str]:
+def _far_off(model: PilotModel, values: FloatArray) -> Iterator[Remark]:
     """A remark on each value that other methods' bounds exclude: this one has none."""
     for p, value in zip(model.parameters, values.tolist(), strict=True):
         if not p.lower <= value <= p.upper:
-            yield (
+            yield Remark(
+                "outside-range",
                 f"{p.key} = {value:.3g} lies outside {p.lower:g} to {p.upper:g}, where no pilot "
-                "is: give another --start"
+                "is: give another --start",
             )
 
 

@@ -38,6 +38,7 @@ from pilotid.pilot.courses import Sigmoid
 from pilotid.pilot.frozen import frozen
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
+from pilotid.remarks import Remark
 from pilotid.solve.scale import Scale
 from pilotid.solve.search import search
 from pilotid.time_domain.noise_levels import Found, Walks, likeliest
@@ -166,15 +167,21 @@ def _remarks(errors: FloatArray) -> tuple[str, ...]:
     statistic = portmanteau(errors, LAGS)
     if statistic > chi_squared_limit(LAGS, SELDOM):
         found.append(
-            f"the innovations are not white (Ljung-Box over {LAGS} lags: {statistic:.0f}, where "
-            f"chance gives {LAGS}): the remnant is another than the filter knows, or the pilot "
-            "changes faster than it follows, and the band may be too narrow"
+            Remark(
+                "residual-not-white",
+                f"the innovations are not white (Ljung-Box over {LAGS} lags: {statistic:.0f}, "
+                f"where chance gives {LAGS}): the remnant is another than the filter knows, or "
+                "the pilot changes faster than it follows, and the band may be too narrow",
+            )
         )
     ratio, deviations = ratio_of_halves(errors)
     if deviations**2 > chi_squared_limit(1, SELDOM):
         found.append(
-            f"the innovations of the second half have {ratio:.2g} times the variance of those of "
-            "the first: the remnant changes, which the filter takes for constant"
+            Remark(
+                "residual-variance-changes",
+                f"the innovations of the second half have {ratio:.2g} times the variance of those "
+                "of the first: the remnant changes, which the filter takes for constant",
+            )
         )
     return tuple(found)
 

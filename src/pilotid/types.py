@@ -10,6 +10,8 @@ ComplexArray = NDArray[np.complex128]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.intp]
 
+LONGEST_MESSAGE = 1000  # characters
+
 
 def printable(text: str) -> str:
     """A text with escapes for what would act on a terminal or cannot be written.
@@ -20,6 +22,14 @@ def printable(text: str) -> str:
     return "".join(
         c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text
     )
+
+
+def one_line(text: str) -> str:
+    """A text that any table and file can hold: on one line, of printable signs, not too long."""
+    if not text.isprintable():
+        line = " ".join(text.split())
+        text = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in line)
+    return text if len(text) <= LONGEST_MESSAGE else f"{text[:LONGEST_MESSAGE]} ..."
 
 
 class InputError(ValueError):

@@ -22,7 +22,6 @@ from pilotid.estimates.estimate import Outcome, failed
 from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.method import Method
 from pilotid.estimates.quantities import Quantity
-from pilotid.estimates.sound import one_line
 from pilotid.jobs import Loss
 from pilotid.methods.fourier import first_step_of
 from pilotid.naming.code import code_digest, packed, reason, unpacked
@@ -31,7 +30,7 @@ from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.study.entries import number
-from pilotid.types import InputError
+from pilotid.types import InputError, one_line
 
 Content = dict[str, Any]
 

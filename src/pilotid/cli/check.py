@@ -33,6 +33,7 @@ from pilotid.recordings.checks import remarks
 from pilotid.recordings.files import Reading
 from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.recordings.understood import Forcing, Understood, understood
+from pilotid.remarks import codes_of
 from pilotid.seeds import DEFAULT_SEED, fit_rng
 from pilotid.terminal import make_console, make_table, print_table
 from pilotid.time_domain.constancy import LEVEL, constancy_of
@@ -48,6 +49,7 @@ class Entry(TypedDict):
     recording: dict[str, object]
     understood: dict[str, Any]
     remarks: list[str]
+    codes: list[str]
     methods: dict[str, dict[str, str]]
 
 
@@ -109,7 +111,7 @@ def _checked(
     element: ControlledElement | None,
 ) -> tuple[Understood, Entry]:
     facts = understood(recording)
-    told = list(remarks(recording))
+    told: list[str] = list(remarks(recording))
     choice = chosen_element(recording, element)
     told += choice.remarks
     constancy = _constancy(recording)
@@ -121,13 +123,14 @@ def _checked(
         for m in models
     }
     entry: Entry = {
-        "recording": {**recording.to_dict(), "remarks": told},
+        "recording": {**recording.to_dict(), "remarks": told, "codes": codes_of(told)},
         "understood": {
             **facts.to_dict(),
             "element": _element(choice),
             "constancy": constancy,
         },
         "remarks": told,
+        "codes": codes_of(told),
         "methods": able,
     }
     return facts, entry

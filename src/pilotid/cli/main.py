@@ -43,7 +43,6 @@ from pilotid.cli.trust import LikeOption, scenario_like, trust
 from pilotid.disk import strict_json, write_file
 from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.method import Method
-from pilotid.estimates.sound import one_line
 from pilotid.naming.code import PluginWarning
 from pilotid.naming.settings import labelled
 from pilotid.pilot.catalogue import AUTO, MODELS, model_named
@@ -53,7 +52,7 @@ from pilotid.recordings.files import Reading, save_recording
 from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.seeds import DEFAULT_SEED, draw_rng, recording_rng
 from pilotid.terminal import make_console, with_bar
-from pilotid.types import InputError
+from pilotid.types import InputError, one_line
 
 app = typer.Typer(
     help="Identify pilot models from tracking recordings with every standard method.",

@@ -10,6 +10,7 @@ from pilotid.element.fit import OMEGA, IdentifiedElement, identified_element
 from pilotid.estimates.loop import LoopElement
 from pilotid.pilot.element import ControlledElement, parsed_element
 from pilotid.recordings.recording import Recording
+from pilotid.remarks import Remark
 from pilotid.types import FloatArray
 
 #: Root mean square of the relative difference of two responses from which they are different
@@ -66,7 +67,7 @@ def differs(
     omega: FloatArray = OMEGA,
     what: str = "given",
     by: str = "u, fd and x of the recording follow",
-) -> str | None:
+) -> Remark | None:
     """Say that two controlled elements are different ones; None if they are not.
 
     Parameters
@@ -86,8 +87,9 @@ def differs(
             return None
     middle = int(np.argmin(np.abs(omega - 2.0)))
     gain, phase = np.abs(ratio[middle]), np.nan_to_num(np.angle(ratio[middle], deg=True))
-    return (
+    return Remark(
+        "element-differs",
         f"the controlled element {what} is {given.name or 'another'}, but {by} "
         f"{found.name or 'another'}: at {omega[middle]:.2g} rad/s their gains are as {gain:.3g} to "
-        f"1 and their phases {round(float(phase)):d} deg apart; margins with the wrong one mislead"
+        f"1 and their phases {round(float(phase)):d} deg apart; margins with the wrong one mislead",
     )

@@ -10,13 +10,14 @@ import numpy as np
 from pilotid.chance import Z95
 from pilotid.estimates.estimate import Estimate
 from pilotid.pilot.factors import Factor, Lag, Lead, Neuromuscular
+from pilotid.remarks import Remark
 from pilotid.types import FloatArray
 
 #: Standard error of the logarithm of a ratio of two times above which it tells nothing.
 VAGUE = 0.7
 
 
-def cancellations(estimate: Estimate) -> list[str]:
+def cancellations(estimate: Estimate) -> list[Remark]:
     """A sentence for each zero and pole of a channel that are closer than their errors."""
     found = []
     index = {key: i for i, key in enumerate(estimate.model.keys)}
@@ -32,9 +33,12 @@ def cancellations(estimate: Estimate) -> list[str]:
                 error = math.sqrt(max(float(gradient @ estimate.covariance @ gradient), 0.0))
                 if abs(off) < Z95 * error and error < VAGUE:
                     found.append(
-                        f"{lead.key} and {name} cancel to within their errors "
-                        f"({math.exp(off):.2f} +- {math.exp(off) * error:.2f} times as long): a "
-                        "model without the two would describe this recording as well"
+                        Remark(
+                            "pole-zero-cancellation",
+                            f"{lead.key} and {name} cancel to within their errors "
+                            f"({math.exp(off):.2f} +- {math.exp(off) * error:.2f} times as long): "
+                            "a model without the two would describe this recording as well",
+                        )
                     )
     return found
 

@@ -6,9 +6,10 @@ import numpy as np
 
 from pilotid.estimates.estimate import Estimate
 from pilotid.pilot.courses import STEEP
+from pilotid.remarks import Remark
 
 
-def steps(estimate: Estimate) -> list[str]:
+def steps(estimate: Estimate) -> list[Remark]:
     """Changes that are a step for all that the recording tells."""
     found, told_of = [], set()
     for channel, when in zip(estimate.model.channels, estimate.model.whens, strict=True):
@@ -22,7 +23,10 @@ def steps(estimate: Estimate) -> list[str]:
         at = float(estimate.values[middle])
         told = f", at least {least:.2g} 1/s" if np.isfinite(least) else ""
         found.append(
-            f"the {channel.name} channel changes in a step at {at:.4g} s: {key} above "
-            f"{STEEP:g} 1/s means no more than fast{told}"
+            Remark(
+                "step-change",
+                f"the {channel.name} channel changes in a step at {at:.4g} s: {key} above "
+                f"{STEEP:g} 1/s means no more than fast{told}",
+            )
         )
     return found

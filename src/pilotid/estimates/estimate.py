@@ -26,6 +26,7 @@ from pilotid.estimates.response import FrequencyResponse
 from pilotid.estimates.tables import quantity_html, quantity_table
 from pilotid.estimates.trajectory import Trajectory
 from pilotid.pilot.model import PilotModel
+from pilotid.remarks import codes_of
 from pilotid.terminal import plain
 from pilotid.types import FloatArray
 
@@ -269,6 +270,7 @@ class Estimate:
             "seconds": self.seconds,
             "band": self.band and self.band.to_dict(),
             "remarks": list(self.remarks),
+            "codes": codes_of(self.remarks),
         }
         if self.remnant is not None:
             result["remnant"] = self.remnant.to_dict()

@@ -17,6 +17,7 @@ from pilotid.estimates.tables import quantity_table, side_by_side
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import Recording
+from pilotid.remarks import OTHER, codes_of
 from pilotid.seeds import fit_rng
 from pilotid.terminal import print_table
 
@@ -67,7 +68,11 @@ class Fitted:
     def to_dict(self) -> dict[str, object]:
         """Plain objects, in the form that `pilotid fit --json` writes."""
         return {
-            "recording": {**self.recording.to_dict(), "remarks": list(self.remarks)},
+            "recording": {
+                **self.recording.to_dict(),
+                "remarks": list(self.remarks),
+                "codes": codes_of(self.remarks),
+            },
             "model": self.model.name,
             **({"choice": self.choice, "models": list(self.compared)} if self.choice else {}),
             "estimates": [
@@ -82,7 +87,10 @@ class Fitted:
         if given is None:
             return [{} for _ in self.estimates]
         if given.element is None:
-            return [{"loops": {"element": None, "remarks": [given.why]}} for _ in self.estimates]
+            return [
+                {"loops": {"element": None, "remarks": [given.why], "codes": [OTHER]}}
+                for _ in self.estimates
+            ]
         return [{"loops": {**loops.to_dict(), "origin": given.origin}} for loops in self.loops]
 
     @property

@@ -9,6 +9,7 @@ import numpy as np
 from pilotid.estimates.bounds import at_bounds
 from pilotid.estimates.estimate import Estimate
 from pilotid.pilot.factors import Parameter
+from pilotid.remarks import Remark
 
 #: Shortest delay of people who track [s].
 SHORTEST_DELAY = 0.1
@@ -18,7 +19,7 @@ HARDLY = 10.0
 LOPSIDED = 3.0
 
 
-def short_delays(estimate: Estimate) -> list[str]:
+def short_delays(estimate: Estimate) -> list[Remark]:
     """Delays that people do not have."""
     found = []
     for i in estimate.model.delays:
@@ -27,14 +28,17 @@ def short_delays(estimate: Estimate) -> list[str]:
             end = float(estimate.intervals[i, 1])
             reach = f", though its interval goes up to {end:.3g} s" if end > SHORTEST_DELAY else ""
             found.append(
-                f"{key} is {value:.3g} s, but people's delays are not below {SHORTEST_DELAY:g} s"
-                f"{reach}: another parameter may have taken its part (a lag, a slow neuromuscular "
-                "system), or u was recorded early"
+                Remark(
+                    "short-delay",
+                    f"{key} is {value:.3g} s, but people's delays are not below "
+                    f"{SHORTEST_DELAY:g} s{reach}: another parameter may have taken its part (a "
+                    "lag, a slow neuromuscular system), or u was recorded early",
+                )
             )
     return found
 
 
-def little_known(estimate: Estimate) -> list[str]:
+def little_known(estimate: Estimate) -> list[Remark]:
     """Parameters with an interval that ends at a bound, is wide, or lies to one side."""
     model = estimate.model
     low, high = at_bounds(model, *estimate.intervals.T)
@@ -62,28 +66,38 @@ def little_known(estimate: Estimate) -> list[str]:
             lopsided.append(f"{parameter.key} ({where})")
     if wide:
         found.append(
-            f"hardly known is {', '.join(wide)}: the 95 % interval spans more than a factor of "
-            f"{HARDLY:g}"
+            Remark(
+                "wide-interval",
+                f"hardly known is {', '.join(wide)}: the 95 % interval spans more than a factor of "
+                f"{HARDLY:g}",
+            )
         )
     if lopsided:
         found.append(
-            f"the 95 % interval of {', '.join(lopsided)} lies mostly on one side of the value: "
-            "go by the interval, not by the standard error"
+            Remark(
+                "asymmetric-interval",
+                f"the 95 % interval of {', '.join(lopsided)} lies mostly on one side of the value: "
+                "go by the interval, not by the standard error",
+            )
         )
     return found
 
 
-def _at_bound(parameter: Parameter, interval: list[float], is_low: bool, is_high: bool) -> str:
+def _at_bound(parameter: Parameter, interval: list[float], is_low: bool, is_high: bool) -> Remark:
     key, unit = parameter.key, f" {parameter.unit}" if parameter.unit else ""
     if is_low and is_high:
         span = f"{parameter.lower:g} .. {parameter.upper:g}{unit}"
-        return f"the recording does not tell {key}: its interval holds all values allowed, {span}"
+        return Remark(
+            "not-identifiable",
+            f"the recording does not tell {key}: its interval holds all values allowed, {span}",
+        )
     side, end = ("most", interval[1]) if is_low else ("least", interval[0])
     bound = parameter.lower if is_low else parameter.upper
     if math.isclose(end, bound, rel_tol=1e-3):
-        return (
+        return Remark(
+            "at-bound",
             f"{key} is pressed against its bound {bound:g}{unit}: the model does not suit, or the "
-            "bound is too narrow"
+            "bound is too narrow",
         )
     told = (
         f"{key} is at {side} {end:.3g}{unit}, and the recording does not tell more: "
@@ -94,4 +108,4 @@ def _at_bound(parameter: Parameter, interval: list[float], is_low: bool, is_high
     strange = end > high if is_high else end < low and parameter.unit != "s"
     if strange and not parameter.linear:
         told += f"; {low:g} .. {high:g}{unit} are published, so it may stand for something else"
-    return told
+    return Remark("interval-at-bound", told)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pilotid.estimates.quantities import Quantity
 from pilotid.pilot.element import ControlledElement
 from pilotid.recordings.recording import Recording
+from pilotid.remarks import codes_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +126,7 @@ class Loops:
             "target": self.target.to_dict(),
             "disturbance": self.disturbance.to_dict(),
             "remarks": list(self.remarks),
+            "codes": codes_of(self.remarks),
         }
 
 

@@ -28,6 +28,7 @@ from pilotid.pilot.loops import (
     why_no_crossing,
 )
 from pilotid.pilot.model import PilotModel
+from pilotid.remarks import Remark
 from pilotid.types import ComplexArray, FloatArray
 
 NAMES = ("target", "disturbance")
@@ -65,9 +66,12 @@ def loops_of(estimate: Estimate, element: ControlledElement) -> Loops:
     remarks = []
     if unstable_poles(model, values, element):
         remarks.append(
-            f"the fitted loop with {element.name or 'this element'} is unstable, which a recording "
-            "cannot be of: the model, the controlled element or a sign is wrong, or the estimate "
-            "is poor; its margins mean little"
+            Remark(
+                "unstable-loop",
+                f"the fitted loop with {element.name or 'this element'} is unstable, which a "
+                "recording cannot be of: the model, the controlled element or a sign is wrong, or "
+                "the estimate is poor; its margins mean little",
+            )
         )
     if estimate.draws is None:
         target, disturbance = _by_delta(estimate, element)

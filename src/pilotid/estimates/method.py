@@ -16,14 +16,15 @@ import numpy as np
 from pilotid.estimates.band import AnalysedBand
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.remarks import NOTHING, remarks_on, vague
-from pilotid.estimates.sound import fault_of, one_line
+from pilotid.estimates.sound import fault_of
 from pilotid.estimates.trajectory import DRAWS, times_of, trajectory_of
 from pilotid.naming.code import reason
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
 from pilotid.recordings.lines import NotMultisineError, forcing_lines
 from pilotid.recordings.recording import INPUTS, Recording
-from pilotid.types import ComplexArray, FloatArray, InputError
+from pilotid.remarks import Remark
+from pilotid.types import ComplexArray, FloatArray, InputError, one_line
 
 #: Standard deviation of a forcing function over that of another signal below which there is none.
 SAME = 0.01
@@ -152,7 +153,7 @@ def identify(
     return replace(
         estimate,
         message=one_line(estimate.message),
-        remarks=tuple(one_line(remark) for remark in all_remarks(estimate, recording)),
+        remarks=all_remarks(estimate, recording),
         seconds=seconds,
     )
 
@@ -196,7 +197,7 @@ def motionless_input(recording: Recording, model: PilotModel) -> str | None:
     return None
 
 
-def all_remarks(estimate: Estimate, recording: Recording) -> tuple[str, ...]:
+def all_remarks(estimate: Estimate, recording: Recording) -> tuple[Remark, ...]:
     """What a user must know of an estimate, also for what the recording lacks."""
     low = estimate.outcome.usable and estimate.vaf < NOTHING
     found = remarks_on(estimate, explained_at_lines(recording, estimate) if low else None)
@@ -205,7 +206,7 @@ def all_remarks(estimate: Estimate, recording: Recording) -> tuple[str, ...]:
     # Without a target the likelihood can have two summits, which no claimed error shows.
     why = shared_signals if vague(estimate) else one_signal
     shared = why(recording, estimate.model)
-    return (*found, shared) if shared else found
+    return (*found, Remark("shared-signals", shared)) if shared else found
 
 
 def explained_at_lines(recording: Recording, estimate: Estimate) -> float | None:

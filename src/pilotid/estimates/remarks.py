@@ -8,6 +8,7 @@ from pilotid.estimates.cancellation import cancellations
 from pilotid.estimates.changes import steps
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.intervals import little_known, short_delays
+from pilotid.remarks import Remark, remark_of
 
 #: Variance accounted for [%] below which a model explains next to nothing.  Of 110 recordings
 #: of human pilots the least well described, by a pilot with a breakout, has 34 %; with the
@@ -26,7 +27,7 @@ def vague(estimate: Estimate) -> bool:
     return bool(np.any(estimate.std_error > UNKNOWN * np.abs(estimate.values)))
 
 
-def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[str, ...]:
+def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Remark, ...]:
     """The method's own remarks, and those that its numbers call for.
 
     Parameters
@@ -37,15 +38,18 @@ def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[str,
         Share of the control that the model explains [%] where that is known better than by the
         VAF: a slow remnant that the loop suppresses is larger than the control that it is in.
     """
-    found = list(estimate.remarks)
+    found = [remark_of(remark) for remark in estimate.remarks]
     if not estimate.outcome.usable:
         return tuple(found)
     explained = estimate.vaf if explained is None else explained
     if explained < NOTHING:
         found.append(
-            f"the model explains {explained:.1f} % of the control, so the values mean nothing: "
-            "see whether u, e and x belong together (one shifted in time, a wrong name, a wrong "
-            "sign), or choose another model"
+            Remark(
+                "little-explained",
+                f"the model explains {explained:.1f} % of the control, so the values mean "
+                "nothing: see whether u, e and x belong together (one shifted in time, a wrong "
+                "name, a wrong sign), or choose another model",
+            )
         )
         return tuple(found)
     found += steps(estimate)
@@ -53,13 +57,17 @@ def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[str,
     return tuple(found)
 
 
-def what_is_open(estimate: Estimate) -> list[str]:
+def what_is_open(estimate: Estimate) -> list[Remark]:
     """What the recording leaves open; no fault of recording, model or fit."""
     curves = {estimate.model.keys[i] for curve in estimate.model.curves for i in curve.indices}
     pairs = [p for p in estimate.inseparable if not {p.first, p.second} <= curves]
     along = [p for p in estimate.inseparable if p not in pairs]
-    found = [pair.words for pair in pairs]
+    found = [Remark("inseparable", pair.words) for pair in pairs]
     if along:
         named = ", ".join(f"{pair.first} and {pair.second}" for pair in along)
-        found.append(f"along the curves {named} cannot be told apart: go by their bands")
+        found.append(
+            Remark(
+                "inseparable", f"along the curves {named} cannot be told apart: go by their bands"
+            )
+        )
     return [*found, *little_known(estimate)]

@@ -18,7 +18,6 @@ from pilotid.pilot.model import PilotModel
 #: Rounding that a correlation matrix may show: Kvis and tlead are correlated at -0.99.
 ROUNDING = 1e-6
 MOST_ITERATIONS = 2**63 - 1  # what a store's integer holds
-LONGEST_MESSAGE = 1000
 
 #: The optional parts of an estimate and their types.
 PARTS = {
@@ -44,14 +43,6 @@ def fault_of(estimate: object, model: PilotModel) -> str:
         or _wrong_parts(estimate)
         or (_senseless(estimate) if estimate.outcome.usable else "")
     )
-
-
-def one_line(text: str) -> str:
-    """A text that any table and file can hold: on one line, of printable signs, not too long."""
-    if not text.isprintable():
-        line = " ".join(text.split())
-        text = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in line)
-    return text if len(text) <= LONGEST_MESSAGE else f"{text[:LONGEST_MESSAGE]} ..."
 
 
 def _a(thing: object) -> str:

@@ -17,6 +17,7 @@ from pilotid.recordings.lines import unanswered
 from pilotid.recordings.plant import element_changes, late, opposed, unrelated
 from pilotid.recordings.recording import ABSENT, Recording, remembered
 from pilotid.recordings.runs import repeated, unlike
+from pilotid.remarks import Remark
 from pilotid.types import BoolArray, FloatArray
 
 STILL = 1e-9  # standard deviation over the size of the signal: it does not move
@@ -29,13 +30,14 @@ BLOCK = 5.0  # seconds whose mean is one observation of an offset
 OFFSET = 4.0  # standard errors of the mean; simulations stay below 1, pilots below 1.4
 
 
-def remarks(recording: Recording) -> tuple[str, ...]:
+def remarks(recording: Recording) -> tuple[Remark, ...]:
     """What was done to a recording and what is wrong with it, a sentence each.
 
     Empty for a sound one that is as it was recorded.
     """
     found = [check(recording) for check in CHECKS]
-    return (*recording.treatment, *(sentence for sentence in found if sentence))
+    treated = (Remark("preprocessed", sentence) for sentence in recording.treatment)
+    return (*treated, *(remark for remark in found if remark))
 
 
 def motionless(recording: Recording, name: str) -> bool:
@@ -55,30 +57,33 @@ def _usual(recording: Recording, name: str) -> float:
     return float(np.sqrt(np.mean(square[:count])))
 
 
-def _spikes(recording: Recording) -> str | None:
+def _spikes(recording: Recording) -> Remark | None:
     """A sample far beyond all others is a code for a missing value, or a fault."""
     for name in ("e", "u", "x"):
         window = np.abs(recording.window(getattr(recording, name)))
         usual = _usual(recording, name)
         run, sample = divmod(int(np.argmax(window)), window.shape[1])
         if usual > 0.0 and window[run, sample] > SPIKE * usual:
-            return (
+            return Remark(
+                "spike",
                 f"{name} is {window[run, sample]:.3g} at t = {sample * recording.dt:.4g} s of run "
                 f"{run + 1}, {window[run, sample] / usual:.2g} times its usual size: a code for a "
-                "missing value or a fault; repair it or leave that part out"
+                "missing value or a fault; repair it or leave that part out",
             )
     return None
 
 
-def _still(recording: Recording) -> str | None:
+def _still(recording: Recording) -> Remark | None:
     names = [n for n in ("e", "x") if n in recording.signals and motionless(recording, n)]
     if not names:
         return None
     which = " and ".join(names)
-    return f"{which} does not move: map it to the recorded signal, or record it"
+    return Remark(
+        "motionless", f"{which} does not move: map it to the recorded signal, or record it"
+    )
 
 
-def _names(recording: Recording) -> str | None:
+def _names(recording: Recording) -> Remark | None:
     """Units, names and signs: the first thing that is wrong explains the others."""
     if motionless(recording, "e"):
         return None
@@ -98,35 +103,37 @@ def _names(recording: Recording) -> str | None:
     return None
 
 
-def _held(recording: Recording) -> str | None:
+def _held(recording: Recording) -> Remark | None:
     for name, longest in LONGEST_HOLD.items():
         if motionless(recording, name):
             continue
         for run, row in enumerate(recording.window(getattr(recording, name))):
             first, count = _longest_run(np.diff(row) == 0.0)
             if count * recording.dt > longest:
-                return (
+                return Remark(
+                    "held-samples",
                     f"{name} keeps one value for {count * recording.dt:.3g} s from "
                     f"t = {first * recording.dt:.4g} s on in run {run + 1}: samples seem to be "
-                    "lost; leave that part or that run out"
+                    "lost; leave that part or that run out",
                 )
     return None
 
 
-def _clipped(recording: Recording) -> str | None:
+def _clipped(recording: Recording) -> Remark | None:
     window = recording.window(recording.u)
     ends = window.max(axis=1, keepdims=True), window.min(axis=1, keepdims=True)
     share = np.mean((window == ends[0]) | (window == ends[1]), axis=1)
     run = int(np.argmax(share))
     if share[run] <= AT_EXTREME:
         return None
-    return (
+    return Remark(
+        "clipped",
         f"u is at its largest or smallest value in {100.0 * share[run]:.0f} % of run {run + 1}: it "
-        "is clipped or has few levels, and no linear model describes it"
+        "is clipped or has few levels, and no linear model describes it",
     )
 
 
-def _drifting(recording: Recording) -> str | None:
+def _drifting(recording: Recording) -> Remark | None:
     """A trend of the control that no signal of the loop shares was added by the recorder."""
     names = [n for n in ("e", "x", "ft", "fd") if getattr(recording, n) is not None]
     limit = DRIFT * max(1.0, (82.0 / recording.duration) ** 1.5)
@@ -143,15 +150,16 @@ def _drifting(recording: Recording) -> str | None:
         # What the loop's own trends could have made of it as well counts for nothing.
         share = float(np.sqrt((own @ own) / (trend @ trend)))
         if abs(slope) * share > limit * rest:
-            return (
+            return Remark(
+                "drift",
                 f"u drifts by {slope:.3g} over run {run + 1}, {abs(slope) / max(rest, 1e-300):.1f} "
                 "standard deviations of the rest, and no other signal does: take it out with "
-                "--detrend"
+                "--detrend",
             )
     return None
 
 
-def _offset(recording: Recording) -> str | None:
+def _offset(recording: Recording) -> Remark | None:
     """A t-test of the control's mean, by blocks so long that the remnant forgets itself."""
     length = round(BLOCK / recording.dt)
     window = recording.window(recording.u)
@@ -162,9 +170,10 @@ def _offset(recording: Recording) -> str | None:
     mean, error = float(np.mean(blocks)), float(np.std(blocks, ddof=1)) / np.sqrt(blocks.size)
     if abs(mean) <= OFFSET * error:
         return None
-    return (
+    return Remark(
+        "offset",
         f"u has an offset of {mean:.3g}, which mmle3 and arx do not model and which biases them: "
-        "remove it, or use another method"
+        "remove it, or use another method",
     )
 
 
@@ -186,7 +195,7 @@ def _longest_run(held: BoolArray) -> tuple[int, int]:
 
 
 #: All checks, the gravest first.
-CHECKS: tuple[Callable[[Recording], str | None], ...] = (
+CHECKS: tuple[Callable[[Recording], Remark | None], ...] = (
     _spikes,
     _still,
     _names,

@@ -6,6 +6,7 @@ import numpy as np
 
 from pilotid.recordings.lines import NotMultisineError, at_lines, forcing_lines, target_lines
 from pilotid.recordings.recording import Recording
+from pilotid.remarks import Remark
 from pilotid.types import FloatArray
 
 IDENTITY = 0.01  # rms of e - (ft - x) over that of e; recordings reach 3e-6
@@ -14,7 +15,7 @@ SCALED = 0.02  # by which a factor between signals must differ from 1 to be one 
 SAME = 0.01  # by which it may differ from line to line
 
 
-def not_the_error(recording: Recording) -> str | None:
+def not_the_error(recording: Recording) -> Remark | None:
     """The error of a compensatory task is the target less the output."""
     if recording.ft is None:
         return _without_target(recording)
@@ -23,35 +24,42 @@ def not_the_error(recording: Recording) -> str | None:
     off = _rms(e - (ft - x))
     if off <= IDENTITY * size or size == 0.0:
         return None
-    for what, trial, advice in (
-        ("e has the wrong sign", -e - (ft - x), _flip(recording, "e")),
-        ("x has the wrong sign", e - (ft + x), _flip(recording, "x")),
-        ("ft has the wrong sign", e - (-ft - x), _flip(recording, "ft")),
-        ("e and ft - x differ by a constant", _centred(e - (ft - x)), "remove the offset"),
+    for code, what, trial, advice in (
+        ("wrong-sign", "e has the wrong sign", -e - (ft - x), _flip(recording, "e")),
+        ("wrong-sign", "x has the wrong sign", e - (ft + x), _flip(recording, "x")),
+        ("wrong-sign", "ft has the wrong sign", e - (-ft - x), _flip(recording, "ft")),
+        (
+            "not-the-error",
+            "e and ft - x differ by a constant",
+            _centred(e - (ft - x)),
+            "remove the offset",
+        ),
     ):
         if _rms(trial) <= IDENTITY * size:
-            return f"e is not ft - x: {what}; {advice}"
+            return Remark(code, f"e is not ft - x: {what}; {advice}")
     for name, wanted, given in (("x", ft - e, x), ("e", ft - x, e), ("ft", e + x, ft)):
         factor = float(np.sum(wanted * given) / (np.sum(given**2) or 1.0))
         if _rms(wanted - factor * given) <= IDENTITY * _rms(wanted) and factor:
-            return f"e is not ft - x: {_scaled(name, factor)}"
-    return (
+            return Remark("wrong-unit", f"e is not ft - x: {_scaled(name, factor)}")
+    return Remark(
+        "not-the-error",
         f"e is not ft - x: they differ by {100.0 * off / size:.3g} % of e; check signs, units and "
-        "the names that --map gives"
+        "the names that --map gives",
     )
 
 
-def _without_target(recording: Recording) -> str | None:
+def _without_target(recording: Recording) -> Remark | None:
     """What the disturbance does to the output it does to the error, with the other sign."""
     factor = _at_disturbance(recording)
     if factor is None or abs(factor - 1.0) <= SCALED:
         return None
     if abs(factor + 1.0) <= SCALED:
-        return (
+        return Remark(
+            "wrong-sign",
             "e and x have the same sign at the lines of fd, though e = ft - x; flip one of them, "
-            f"with --map {recording.flipped('e')} or --map {recording.flipped('x')}"
+            f"with --map {recording.flipped('e')} or --map {recording.flipped('x')}",
         )
-    return f"e is not -x at the lines of fd: {_scaled('x', factor)}"
+    return Remark("wrong-unit", f"e is not -x at the lines of fd: {_scaled('x', factor)}")
 
 
 def _at_disturbance(recording: Recording) -> float | None:
@@ -86,16 +94,19 @@ def _scaled(name: str, factor: float) -> str:
     )
 
 
-def units_differ(recording: Recording) -> str | None:
+def units_differ(recording: Recording) -> Remark | None:
     """Units that the file gives must be one for error, output and target."""
     given = {n: u for n in ("e", "x", "ft") if (u := recording.units.get(n)) and n != u}
     if len(set(given.values())) < 2:
         return None
     words = ", ".join(f"{name} in {unit}" for name, unit in given.items())
-    return f"the file gives {words}; e = ft - x takes one unit: convert, or correct what it says"
+    return Remark(
+        "wrong-unit",
+        f"the file gives {words}; e = ft - x takes one unit: convert, or correct what it says",
+    )
 
 
-def exchanged(recording: Recording) -> str | None:
+def exchanged(recording: Recording) -> Remark | None:
     """A loop cannot follow the fast lines of a target, so that the error shows all of them."""
     lines = target_lines(recording)
     if lines is None or recording.ft is None:
@@ -107,10 +118,11 @@ def exchanged(recording: Recording) -> str | None:
     shown = float(np.sum(weight * np.real(error / target)) / np.sum(weight))
     if shown >= SHOWN:
         return None
-    return (
+    return Remark(
+        "exchanged",
         f"e shows {100.0 * shown:.0f} % of the fast lines of the target, which no loop follows: e "
         "and x seem to be exchanged; correct the names with --map "
-        f"e={recording.origin.get('x', 'x')},x={recording.origin.get('e', 'e')}"
+        f"e={recording.origin.get('x', 'x')},x={recording.origin.get('e', 'e')}",
     )
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pilotid.recordings.recording import Recording, remembered
+from pilotid.remarks import Remark
 from pilotid.types import ComplexArray, FloatArray, IntArray
 
 #: A bin is a line if its amplitude is at least this share of the largest one.
@@ -119,7 +120,7 @@ def answers(recording: Recording) -> dict[str, Answer]:
     return found
 
 
-def unanswered(recording: Recording) -> str | None:
+def unanswered(recording: Recording) -> Remark | None:
     """A control that holds nothing of the forcing functions identifies nobody."""
     if recording.duration < LONG:
         return None
@@ -128,10 +129,11 @@ def unanswered(recording: Recording) -> str | None:
     if not found or any(float(np.median(a.ratios)) > least for a in found.values()):
         return None
     which = " and ".join(found)
-    return (
+    return Remark(
+        "forcing-unanswered",
         f"u does not answer to {which}: at the lines it is no larger than beside them (coherence "
         f"{max(float(np.median(a.coherence)) for a in found.values()):.2f}); u belongs to another "
-        "run, or the remnant is too large to identify the pilot"
+        "run, or the remnant is too large to identify the pilot",
     )
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from pilotid.recordings.lines import at_lines, target_lines
 from pilotid.recordings.recording import Recording, remembered
+from pilotid.remarks import Remark
 from pilotid.types import ComplexArray, FloatArray, IntArray
 
 BANDS = 12  # equally wide on a logarithmic scale
@@ -196,7 +197,7 @@ def _spectrum(recording: Recording, signal: FloatArray, part: slice = slice(None
     return np.asarray(np.fft.rfft(window * np.hanning(window.shape[1])))
 
 
-def opposed(recording: Recording) -> str | None:
+def opposed(recording: Recording) -> Remark | None:
     """The sign of the control, from what the output makes of it and of the disturbance.
 
     A pilot's response tells nothing: with a negative element he would turn his own sign round.
@@ -218,10 +219,11 @@ def opposed(recording: Recording) -> str | None:
         ("u", "fd"): "x answers to -u - fd",
     }[names]
     remedy = "turn that run round" if where else f"flip with --map {recording.flipped(*names)}"
-    return (
+    return Remark(
+        "wrong-sign",
         f"{' and '.join(names)} {'have' if len(names) > 1 else 'has'} the wrong sign{where}: "
         f"{because}, so that the pilot's gain is negative, unless the controlled element's is; "
-        f"{remedy}"
+        f"{remedy}",
     )
 
 
@@ -239,7 +241,7 @@ def _signs(recording: Recording, run: int | None) -> tuple[str, ...] | None:
     return ("fd",) if plant.polarity < NEGATIVE else ("u",)
 
 
-def element_changes(recording: Recording) -> str | None:
+def element_changes(recording: Recording) -> Remark | None:
     """An element that is another one in the second half of the recording than in the first."""
     half = recording.samples // 2
     _, bands = _bands(half * recording.dt, recording.runs, half // 2 + 1)
@@ -260,29 +262,31 @@ def element_changes(recording: Recording) -> str | None:
     apart = float(np.median(np.abs(np.log(ratio))))
     if apart <= CHANGED:
         return None
-    return (
+    return Remark(
+        "element-varies",
         "the controlled element of the second half differs from that of the first by a factor of "
         f"{float(np.exp(np.max(np.abs(np.log(np.abs(ratio)))))):.2g} at some frequencies: it "
         "changes during the recording, and no one element describes the loop; fit the halves "
-        "apart, or a model that varies in time, as adapting does"
+        "apart, or a model that varies in time, as adapting does",
     )
 
 
-def unrelated(recording: Recording) -> str | None:
+def unrelated(recording: Recording) -> Remark | None:
     """An output that is not the control's answer belongs to another run or time."""
     plant = plant_of(recording)
     least = UNRELATED_WITHOUT_FD if recording.fd is None else UNRELATED
     if plant is None or plant.mean_coherence >= least:
         return None
     what = "u" if recording.fd is None else "u + fd"
-    return (
+    return Remark(
+        "output-unrelated",
         f"x is not the answer to {what}: their coherence is {plant.mean_coherence:.2f} where an "
         "element without noise has 1; the signals are of different runs, times, axes or units, "
-        "another disturbance acts, or the element changes during the recording"
+        "another disturbance acts, or the element changes during the recording",
     )
 
 
-def late(recording: Recording) -> str | None:
+def late(recording: Recording) -> Remark | None:
     """The output answers to the control, not before it: their phase does not grow with frequency.
 
     At the target's lines x is the controlled element's answer to u alone.  Of all times the one
@@ -301,7 +305,8 @@ def late(recording: Recording) -> str | None:
     best = int(np.argmax(smooth))
     if times[best] <= LATE or smooth[best] - np.interp(0.0, times, smooth) < SMOOTHER:
         return None
-    return (
+    return Remark(
+        "late-control",
         f"u is recorded {times[best]:.2g} s after x has answered to it: the two are shifted in "
-        "time; bring them together"
+        "time; bring them together",
     )

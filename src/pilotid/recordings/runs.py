@@ -6,6 +6,7 @@ import numpy as np
 
 from pilotid.recordings.plant import COHERENT, plant_of
 from pilotid.recordings.recording import Recording
+from pilotid.remarks import Remark
 
 GAIN = 1.3  # between the controlled elements of two runs; sound ones differ by 1.06 at most
 SIZE, SCATTERS = 2.5, 5.0  # of one run against the rest, and in scatters of these
@@ -16,14 +17,14 @@ REPEATED = 0.5  # seconds of a signal that recur to the last digit
 VALUES = 20  # different values that such a stretch must have: rest and saturation do recur
 
 
-def unlike(recording: Recording) -> str | None:
+def unlike(recording: Recording) -> Remark | None:
     """One run that is not of the same condition as the others."""
     if recording.runs < 2:
         return None
     return _other_element(recording) or _other_size(recording)
 
 
-def _other_element(recording: Recording) -> str | None:
+def _other_element(recording: Recording) -> Remark | None:
     """The output holds no noise, so that the element of every run shows by itself."""
     plants = [plant_of(recording, run) for run in range(recording.runs)]
     known = [plant for plant in plants if plant is not None]
@@ -41,19 +42,21 @@ def _other_element(recording: Recording) -> str | None:
     if apart[run] <= np.log(GAIN):
         return None
     if recording.runs == 2:
-        return (
+        return Remark(
+            "unlike-runs",
             "the controlled elements of the two runs differ by a factor of "
             f"{np.exp(apart[run]):.2g}: they are not of one condition, or not in one unit; fit "
-            "them one by one"
+            "them one by one",
         )
-    return (
+    return Remark(
+        "unlike-runs",
         f"the controlled element of run {run + 1} differs from that of the others by a factor of "
         f"{np.exp(apart[run]):.2g}: it is not of their condition, or not in their unit; leave it "
-        "out"
+        "out",
     )
 
 
-def _other_size(recording: Recording) -> str | None:
+def _other_size(recording: Recording) -> Remark | None:
     """A run in which a signal is far larger or smaller than in the others."""
     if recording.runs < BY_SIZE:
         return None
@@ -69,15 +72,16 @@ def _other_size(recording: Recording) -> str | None:
             off = float(size[run] - np.mean(others))
             scatter = float(np.hypot(np.std(others, ddof=1), USUAL))
             if abs(off) > max(np.log(SIZE), SCATTERS * scatter):
-                return (
+                return Remark(
+                    "unlike-runs",
                     f"{name} of run {run + 1} is {np.exp(off):.2g} times as large as in the other "
                     "runs, which differ far less among themselves: it is not of their condition, "
-                    "or was not flown through; leave it out"
+                    "or was not flown through; leave it out",
                 )
     return None
 
 
-def repeated(recording: Recording) -> str | None:
+def repeated(recording: Recording) -> Remark | None:
     """Noise does not come twice: a stretch that does was copied."""
     length = round(REPEATED / recording.dt)
     window = np.ascontiguousarray(recording.window(recording.u) + 0.0)  # no negative zero
@@ -98,9 +102,10 @@ def repeated(recording: Recording) -> str | None:
         if np.unique(stretch).size >= VALUES and np.array_equal(
             stretch, window[again, b : b + length]
         ):
-            return (
+            return Remark(
+                "repeated-samples",
                 f"u from t = {a * recording.dt:.4g} s on in run {run + 1} comes again, to "
                 f"the last digit, from t = {b * recording.dt:.4g} s on in run {again + 1}: "
-                "a part was recorded or copied twice; leave it out"
+                "a part was recorded or copied twice; leave it out",
             )
     return None

@@ -12,7 +12,6 @@ from pilotid.datasets.named import AnyScenario
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import Method, Searching, identify
 from pilotid.estimates.remarks import what_is_open
-from pilotid.estimates.sound import one_line
 from pilotid.jobs import Loss
 from pilotid.naming.code import reason, unpacked
 from pilotid.pilot.model import PilotModel
@@ -22,6 +21,7 @@ from pilotid.seeds import fit_rng, recording_rng, start_rng
 from pilotid.study.draws import scenario_of
 from pilotid.study.entries import Draw, Result, Track, Unit, number
 from pilotid.study.tracks import tracks_of
+from pilotid.types import one_line
 
 LOST = {Loss.DIED: Outcome.DIED, Loss.TIMED_OUT: Outcome.TIMED_OUT}
 

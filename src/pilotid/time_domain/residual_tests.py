@@ -15,6 +15,7 @@ import numpy as np
 from pilotid.chance import SELDOM, chi_squared_limit
 from pilotid.recordings.plant import COHERENT, FEWEST_BANDS, plant_of
 from pilotid.recordings.recording import Recording
+from pilotid.remarks import Remark
 from pilotid.solve.covariance import covariance_of
 from pilotid.time_domain.band_likelihood import BandTerms
 from pilotid.time_domain.constancy import (
@@ -39,7 +40,7 @@ INDEPENDENT = 0.01
 FLAT = 0.15  # relative, by which the response of an element that is a gain differs over frequency
 
 
-def tested(found: Maximum, recording: Recording) -> tuple[str, ...]:
+def tested(found: Maximum, recording: Recording) -> tuple[Remark, ...]:
     """What speaks against the fit of pilot and remnant, a sentence each; empty for nothing."""
     rows = found.joint.tested_rows(found.end.values[0])
     remarks = [
@@ -53,18 +54,19 @@ def tested(found: Maximum, recording: Recording) -> tuple[str, ...]:
     return tuple(remark for remark in remarks if remark)
 
 
-def _held(recording: Recording) -> str | None:
+def _held(recording: Recording) -> Remark | None:
     share = held_share(recording.window(recording.u))
     if share < HELD:
         return None
-    return (
+    return Remark(
+        "held-control",
         f"u keeps its value from one sample to the next in {100.0 * share:.2g} % of the recording: "
         "a stick with a threshold, levels or stops, or lost samples; the fit takes that for "
-        "remnant and knows no bias from it"
+        "remnant and knows no bias from it",
     )
 
 
-def _answered_at_once(recording: Recording) -> str | None:
+def _answered_at_once(recording: Recording) -> Remark | None:
     """A word on position control, see docs/populations.md for what it does to intervals."""
     plant = plant_of(recording)
     if plant is None:
@@ -72,14 +74,15 @@ def _answered_at_once(recording: Recording) -> str | None:
     known = plant.response[plant.coherence >= COHERENT]
     if known.size < FEWEST_BANDS or np.max(np.abs(known / np.mean(known) - 1.0)) > FLAT:
         return None
-    return (
+    return Remark(
+        "gain-element",
         "the controlled element is a gain, which turns the remnant straight back into the error: "
         "the values rest on the model of the remnant, and where that is not quite right intervals "
-        "are too short; set the method fourier, which knows no remnant, beside them"
+        "are too short; set the method fourier, which knows no remnant, beside them",
     )
 
 
-def _varying(found: Maximum, rows: FloatArray) -> str | None:
+def _varying(found: Maximum, rows: FloatArray) -> Remark | None:
     scores = scores_of(found, rows)
     if scores is None or scores.bound >= SELDOM:
         return None
@@ -89,16 +92,17 @@ def _varying(found: Maximum, rows: FloatArray) -> str | None:
     model = found.joint.prediction.model
     keys = [model.keys[i] for i in may_vary(model)]
     share = 100.0 * PLACES[int(np.argmax(scores.statistics))]
-    return (
+    return Remark(
+        "gains-change",
         f"{' and '.join(keys)} change during the recording, most about {share:.0f} % through it "
         f"({in_words(keys, steps)}; score test: "
         f"{scores.statistics.max():.0f}, where chance gives {scores.freedom} at any one time), "
         "unless the model lacks a channel or a lag: the values are a mixture, so fit the parts "
-        "apart, or a model that varies in time, as adapting does"
+        "apart, or a model that varies in time, as adapting does",
     )
 
 
-def _changed(rows: FloatArray, joint: PredictionErrors) -> str | None:
+def _changed(rows: FloatArray, joint: PredictionErrors) -> Remark | None:
     pilot = joint.pilot
     statistic = score_of_halves(rows, pilot)
     if statistic <= chi_squared_limit(pilot, SELDOM):
@@ -106,46 +110,50 @@ def _changed(rows: FloatArray, joint: PredictionErrors) -> str | None:
     remedy = "fit the halves apart, or a model that varies in time, as adapting does"
     if joint.prediction.model.changes:
         remedy = "the pilot changes in another way than the model says"
-    return (
+    return Remark(
+        "halves-differ",
         "the first half of the recording asks for another pilot than the second (score test: "
         f"{statistic:.0f}, where chance gives {pilot}): the pilot or the recorder changed; the "
-        f"values are a mixture, so {remedy}"
+        f"values are a mixture, so {remedy}",
     )
 
 
-def _uneven(errors: FloatArray) -> str | None:
+def _uneven(errors: FloatArray) -> Remark | None:
     ratio, deviations = ratio_of_halves(errors)
     if deviations**2 <= chi_squared_limit(1, SELDOM):
         return None
-    return (
+    return Remark(
+        "residual-variance-changes",
         f"the prediction errors of the second half have {ratio:.2g} times the variance of those of "
-        "the first: the remnant or the pilot changed; fit the halves apart"
+        "the first: the remnant or the pilot changed; fit the halves apart",
     )
 
 
-def _drifting(found: Maximum) -> str | None:
+def _drifting(found: Maximum) -> Remark | None:
     statistic, drifts = drift_left(found.joint, found.end.values[0])
     if statistic <= chi_squared_limit(drifts.size, SELDOM):
         return None
     run = int(np.argmax(np.abs(drifts)))
-    return (
+    return Remark(
+        "residual-drift",
         f"u drifts by about {drifts[run]:.2g} over run {run + 1} (F-test: {statistic:.0f}, "
         f"where chance gives {drifts.size}), which the fit takes for slow remnant and which biases "
-        "gain and lead: take the drift out"
+        "gain and lead: take the drift out",
     )
 
 
-def _coloured(errors: FloatArray, terms: BandTerms | None) -> str | None:
+def _coloured(errors: FloatArray, terms: BandTerms | None) -> Remark | None:
     if terms is None:
         statistic, freedom = portmanteau(errors, LAGS), LAGS
     else:
         statistic, freedom = portmanteau_in_band(errors, terms.weights, LAGS)
     if statistic <= chi_squared_limit(freedom, SELDOM):
         return None
-    return (
+    return Remark(
+        "residual-not-white",
         f"the prediction errors are not white (portmanteau over {LAGS} lags: {statistic:.0f}, "
         f"where chance gives {freedom}): neither pilot nor remnant explains all of the control, so "
-        "errors may be larger than claimed; try another model"
+        "errors may be larger than claimed; try another model",
     )
 
 

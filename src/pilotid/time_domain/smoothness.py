@@ -8,15 +8,17 @@ import numpy as np
 
 from pilotid.pilot.courses import Curve
 from pilotid.pilot.model import PilotModel
+from pilotid.remarks import Remark
 from pilotid.solve.least_squares import Gram, Minima, Space, minimise
 from pilotid.solve.scale import Scale
 from pilotid.solve.smoothing import Penalty, Restricted
 from pilotid.types import FloatArray
 
 #: What must be known of curves whose smoothness was judged by a white residual.
-AGAINST_WHITE = (
+AGAINST_WHITE = Remark(
+    "white-remnant",
     "how smooth the curves are was judged as if the remnant were white, so that they follow the "
-    "remnant and their bands are far too narrow; use mle or bayes"
+    "remnant and their bands are far too narrow; use mle or bayes",
 )
 
 ROUNDS = 25  # of weights and optimum in turn, at the most

@@ -1,0 +1,100 @@
+"""Remarks: sentences for users, each with a stable code to ask for and a grade."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Literal, Self
+
+from pilotid.types import one_line
+
+Grade = Literal["wrong", "doubt", "note"]
+
+#: Code of what a method says in words of its own.
+OTHER = "other"
+
+#: Every code: its grade (wrong: do not use the numbers; doubt: look; note: for information), and
+#: what it says.
+CODES: dict[str, tuple[Grade, str]] = {
+    # of a recording
+    "preprocessed": ("note", "a signal was changed after reading, for example detrended"),
+    "spike": ("wrong", "a sample is far beyond all others of its signal"),
+    "motionless": ("wrong", "e or x does not move"),
+    "wrong-sign": ("wrong", "a signal has the wrong sign"),
+    "wrong-unit": ("wrong", "a signal is in another unit than the others"),
+    "not-the-error": ("wrong", "e is not ft - x"),
+    "exchanged": ("wrong", "e and x seem to be exchanged"),
+    "late-control": ("wrong", "u is recorded later than the x that answers to it"),
+    "element-varies": ("doubt", "the controlled element differs between the halves"),
+    "output-unrelated": ("wrong", "x is not the answer to u (and fd)"),
+    "held-samples": ("wrong", "a signal keeps one value for long: samples are lost"),
+    "clipped": ("doubt", "u is often at its largest or smallest value"),
+    "drift": ("doubt", "u drifts over a run and no other signal does"),
+    "offset": ("doubt", "u has an offset"),
+    "unlike-runs": ("doubt", "one run differs from the others"),
+    "forcing-unanswered": ("wrong", "u does not answer to the forcing functions"),
+    "repeated-samples": ("doubt", "a stretch of u comes twice"),
+    "element-differs": ("doubt", "the element given or named is not that of the signals"),
+    # of an estimate, by any method
+    "little-explained": ("wrong", "the model explains next to nothing of the control"),
+    "short-delay": ("doubt", "a delay is shorter than people's"),
+    "shared-signals": ("doubt", "several channels act on one signal or the same two"),
+    "pole-zero-cancellation": ("note", "a lead and a lag cancel to within their errors"),
+    "inseparable": ("note", "two parameters cannot be told apart"),
+    "not-identifiable": ("note", "the interval of a parameter holds all allowed values"),
+    "at-bound": ("doubt", "a parameter is at its bound"),
+    "interval-at-bound": ("note", "the interval of a parameter ends at its bound"),
+    "wide-interval": ("note", "the interval of a parameter spans more than a factor of 10"),
+    "asymmetric-interval": ("note", "an interval lies mostly on one side of the value"),
+    "step-change": ("note", "the change of a time-varying pilot is a step"),
+    "unstable-loop": ("wrong", "the loop of pilot and controlled element is unstable"),
+    # of an estimate, by the tests of some methods
+    "hidden-signal": ("wrong", "e and x hardly stand above the noise of the recorder"),
+    "element-unknown": ("doubt", "the loop cannot be closed: delays may be biased"),
+    "inverse-plant": ("wrong", "the best fit is the inverse of the controlled element"),
+    "held-control": ("doubt", "u often keeps its value from one sample to the next"),
+    "gains-change": ("doubt", "gains or leads change during the recording"),
+    "halves-differ": ("doubt", "the halves ask for different pilots"),
+    "residual-variance-changes": ("doubt", "the prediction errors grow or shrink"),
+    "residual-drift": ("doubt", "u drifts by more than the model explains"),
+    "residual-not-white": ("doubt", "the prediction errors are not white"),
+    "gain-element": ("note", "the controlled element is a gain: all rests on the remnant"),
+    "white-remnant": ("doubt", "smoothness was chosen as if the remnant were white"),
+    "outside-range": ("doubt", "a value lies outside the range of pilots"),
+    OTHER: ("note", "what a method says in words of its own"),
+}
+
+
+class Remark(str):
+    """A sentence that a user must know, with its code.
+
+    Attributes
+    ----------
+    code
+        One of `CODES`.
+    grade
+        ``wrong``: do not use the numbers; ``doubt``: look; ``note``: for information.
+    """
+
+    code: str
+    grade: Grade
+
+    def __new__(cls, code: str, sentence: str, grade: Grade | None = None) -> Self:
+        """A remark of the grade that its code has, unless another is given."""
+        remark = super().__new__(cls, sentence)
+        remark.code, remark.grade = code, grade or CODES[code][0]
+        return remark
+
+    def __getnewargs__(self) -> tuple[str, str, Grade]:  # type: ignore[override]
+        """What copies and other processes make it of."""
+        return self.code, str(self), self.grade
+
+
+def codes_of(remarks: Iterable[str]) -> list[str]:
+    """The codes of remarks, of plain sentences as well."""
+    return [getattr(remark, "code", OTHER) for remark in remarks]
+
+
+def remark_of(sentence: str) -> Remark:
+    """A sentence as a remark, on one line; a method may say plain ones."""
+    code, grade = getattr(sentence, "code", OTHER), getattr(sentence, "grade", None)
+    return Remark(code, one_line(sentence), grade)
