@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypedDict
 
@@ -30,6 +31,7 @@ from pilotid.pilot.catalogue import model_named
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
+from pilotid.recordings.detectors import findings
 from pilotid.recordings.files import Reading
 from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.recordings.understood import Forcing, Understood, understood
@@ -126,6 +128,7 @@ def _checked(
         "recording": {**recording.to_dict(), "remarks": told, "codes": codes_of(told)},
         "understood": {
             **facts.to_dict(),
+            "recorder": [asdict(fault) for fault in findings(recording)],
             "element": _element(choice),
             "constancy": constancy,
         },
@@ -200,6 +203,9 @@ def _print(
     console.print(f"controlled element: {entry['understood']['element']}", soft_wrap=True)
     if constancy := entry["understood"]["constancy"]:
         console.print(f"pilot: {constancy['words']}", soft_wrap=True)
+    for fault in entry["understood"]["recorder"]:
+        if fault["grade"] == "note":
+            console.print(f"recorder: {fault['sentence']}", soft_wrap=True)
     for remark in entry["remarks"]:
         console.print(f"recording: {remark}", style="yellow", soft_wrap=True)
     if not entry["remarks"]:

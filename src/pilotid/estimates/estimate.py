@@ -23,6 +23,7 @@ from pilotid.estimates.quantities import (
 )
 from pilotid.estimates.remnant import RemnantEstimate
 from pilotid.estimates.response import FrequencyResponse
+from pilotid.estimates.specification import Specification
 from pilotid.estimates.tables import quantity_html, quantity_table
 from pilotid.estimates.trajectory import Trajectory
 from pilotid.pilot.model import PilotModel
@@ -124,6 +125,8 @@ class Estimate:
         Wall-clock time of the fit.
     band
         The frequencies that it rests on; None if nothing was fitted.
+    specification
+        Whether it agrees with what another way to estimate says; None where it was not tested.
     """
 
     method: str
@@ -145,6 +148,7 @@ class Estimate:
     criterion: float = float("nan")
     seconds: float = float("nan")
     band: AnalysedBand | None = None
+    specification: Specification | None = None
 
     @property
     def std_error(self) -> FloatArray:
@@ -241,7 +245,8 @@ class Estimate:
         lines = []
         if np.isfinite(self.values).any():
             lines += [plain(quantity_table([(self.method, self.quantities)])), ""]
-        return "\n".join([*lines, self.verdict(), *self.remarks])
+        tested = [self.specification.sentence] if self.specification else []
+        return "\n".join([*lines, *tested, self.verdict(), *self.remarks])
 
     def summary(self) -> None:
         """Print all quantities, the verdict and the remarks."""
@@ -269,6 +274,7 @@ class Estimate:
             "starts": starts and {"total": len(starts.cost), "agreeing": starts.agreeing},
             "seconds": self.seconds,
             "band": self.band and self.band.to_dict(),
+            "specification": self.specification and self.specification.to_dict(),
             "remarks": list(self.remarks),
             "codes": codes_of(self.remarks),
         }

@@ -17,7 +17,7 @@ from pilotid.estimates.tables import quantity_table, side_by_side
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import Recording
-from pilotid.remarks import OTHER, codes_of
+from pilotid.remarks import GRADES, OTHER, codes_of, remark_of
 from pilotid.seeds import fit_rng
 from pilotid.terminal import print_table
 
@@ -95,11 +95,13 @@ class Fitted:
 
     @property
     def warnings(self) -> list[str]:
-        """All remarks, each with what it is about."""
-        found = [f"recording: {remark}" for remark in self.remarks]
-        found += [f"{e.method}: {remark}" for e in self.estimates for remark in e.remarks]
+        """All remarks, each with what it is about, those that say what is wrong first."""
+        found = [("recording", remark) for remark in self.remarks]
+        found += [(e.method, remark) for e in self.estimates for remark in e.remarks]
         pairs = zip(self.estimates, self.loops, strict=False)
-        return found + [f"{e.method}: {remark}" for e, loops in pairs for remark in loops.remarks]
+        found += [(e.method, remark) for e, loops in pairs for remark in loops.remarks]
+        found.sort(key=lambda pair: GRADES.index(remark_of(pair[1]).grade))
+        return [f"{about}: {remark}" for about, remark in found]
 
     def print(self, console: Console) -> None:
         """Print tables, a line for each method, and all remarks."""
@@ -111,6 +113,10 @@ class Fitted:
         for columns in side_by_side(shown, console.width):
             console.print()
             print_table(console, quantity_table(columns, sign))
+        tested = [(e.method, e.specification) for e in self.estimates if e.specification]
+        for method, test in tested:
+            style = None if test.agrees else "red"
+            console.print(f"{method}: {test.sentence}", style=style, soft_wrap=True)
         notes = self._print_loops(console, sign)
         console.print()
         for estimate in self.estimates:

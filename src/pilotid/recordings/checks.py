@@ -12,12 +12,13 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from pilotid.recordings.detectors import findings
 from pilotid.recordings.identity import exchanged, not_the_error, units_differ
 from pilotid.recordings.lines import unanswered
 from pilotid.recordings.plant import element_changes, late, opposed, unrelated
 from pilotid.recordings.recording import ABSENT, Recording, remembered
 from pilotid.recordings.runs import repeated, unlike
-from pilotid.remarks import Remark
+from pilotid.remarks import Remark, gravest_first
 from pilotid.types import BoolArray, FloatArray
 
 STILL = 1e-9  # standard deviation over the size of the signal: it does not move
@@ -27,6 +28,7 @@ AT_EXTREME = 0.06  # share of the samples at the largest or smallest value; pilo
 DRIFT = 2.0  # of the control over the run, in standard deviations of what is left, at 82 s
 OWN = 0.1  # share of a trend that the signals of the loop must leave, for it to be told from them
 BLOCK = 5.0  # seconds whose mean is one observation of an offset
+LATE = ("late-signal", "late-forcing", "clock-drifts")
 OFFSET = 4.0  # standard errors of the mean; simulations stay below 1, pilots below 1.4
 
 
@@ -36,8 +38,15 @@ def remarks(recording: Recording) -> tuple[Remark, ...]:
     Empty for a sound one that is as it was recorded.
     """
     found = [check(recording) for check in CHECKS]
+    named = _names(recording)
+    faults = [f for f in findings(recording) if f.grade != "note"]
+    if named and named.code == "not-the-error" and any(f.code in LATE for f in faults):
+        named = None  # that tells why e is not ft - x
+    if named:  # explains what times and gains seem to be
+        faults = [f for f in faults if f.code not in (*LATE, "gain-differs", "includes-fd")]
+    told = [named, *found, *(Remark(f.code, f.sentence, f.grade) for f in faults)]
     treated = (Remark("preprocessed", sentence) for sentence in recording.treatment)
-    return (*treated, *(remark for remark in found if remark))
+    return (*treated, *gravest_first(remark for remark in told if remark))
 
 
 def motionless(recording: Recording, name: str) -> bool:
@@ -198,7 +207,6 @@ def _longest_run(held: BoolArray) -> tuple[int, int]:
 CHECKS: tuple[Callable[[Recording], Remark | None], ...] = (
     _spikes,
     _still,
-    _names,
     _held,
     _clipped,
     _drifting,

@@ -12,15 +12,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations, pairwise
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from pilotid.recordings.floors import floors_of
 from pilotid.recordings.recording import Recording, remembered
+from pilotid.remarks import GRADES, Grade
 from pilotid.types import ComplexArray, FloatArray
-
-Grade = Literal["wrong", "doubt", "note"]
 
 
 class Limits(NamedTuple):
@@ -68,7 +67,7 @@ class Finding:
     Attributes
     ----------
     code, signal
-        What it is, and of which signal.
+        What it is, see `pilotid.remarks.CODES`, and of which signal.
     grade
         ``wrong`` if a fit is wrong for it, ``doubt`` if it may be, ``note`` if fits allow for it.
     size, unit
@@ -94,14 +93,17 @@ def findings(recording: Recording) -> tuple[Finding, ...]:
     moving = _moving(recording)
     if not {"e", "u"} <= set(moving):
         return ()
-    look = _Look(recording, moving)
+    with np.errstate(all="ignore"):  # a signal may be of any size
+        found = _found(_Look(recording, moving))
+    return tuple(sorted(found, key=lambda finding: GRADES.index(finding.grade)))
+
+
+def _found(look: _Look) -> list[Finding]:
     found = list(look.ends())
     found += [*look.lost(found), *look.floors(), *look.steps()]
     if not any(f.code == "lost-samples" for f in found):
         found += [*look.identity(), *look.times(found)]
-    found += look.copies(found)
-    order = ("wrong", "doubt", "note")
-    return tuple(sorted(found, key=lambda finding: order.index(finding.grade)))
+    return found + list(look.copies(found))
 
 
 def usable_of(recording: Recording) -> dict[str, float]:
@@ -116,8 +118,9 @@ def usable_of(recording: Recording) -> dict[str, float]:
 @remembered
 def band_end(recording: Recording) -> float:
     """Frequency above which a filter or an interpolation left nothing of a signal [rad/s]."""
-    look = _Look(recording, _moving(recording))
-    return 2.0 * math.pi * min((f.usable for f in look.ends()), default=math.inf)
+    with np.errstate(all="ignore"):
+        ends = list(_Look(recording, _moving(recording)).ends())
+    return 2.0 * math.pi * min((f.usable for f in ends), default=math.inf)
 
 
 def _moving(recording: Recording) -> dict[str, FloatArray]:
@@ -194,7 +197,7 @@ class _Look:
             rate, usable = 1.0 / (step * self.dt), 0.25 / (step * self.dt)
             how = {1: "held", 2: "linearly interpolated", 4: "interpolated by cubics"}[order]
             yield Finding(
-                "held" if order == 1 else "interpolated",
+                "resampled",
                 name,
                 "note" if usable >= ENOUGH else "doubt",
                 rate,
@@ -222,9 +225,7 @@ class _Look:
 
     def floors(self) -> Iterator[Finding]:
         """White noise, whose spectrum is flat where that of a loop falls."""
-        frequency, share = self.answered if "x" in self.signals else (np.zeros(0), np.zeros(0))
-        top = (frequency > 0.35 * frequency[-1]) & (frequency < 0.75 * frequency[-1])
-        own = not top.any() or float(np.median(share[top])) > LIMITS.unanswered
+        own = self._unanswered > LIMITS.unanswered
         floors = floors_of(self.recording)
         for name in ("x", "e"):
             if name not in self.signals or not self._slope(name) > LIMITS.flat:
@@ -282,15 +283,18 @@ class _Look:
         )
 
     @property
-    def answered(self) -> tuple[FloatArray, FloatArray]:
-        """Frequencies [Hz], and the share of x that is no smooth answer to the drive there.
+    def _unanswered(self) -> float:
+        """Share of x that is no smooth answer to the drive, in the upper half of the bands.
 
         In each band the answer is a polynomial of order two in frequency times the drive.
         """
+        if "x" not in self.signals or not self.bands:
+            return 1.0
         output, drive = self.spectra["x"], _transform(self.drive)
-        hertz, share = [], []
+        first, last = 0.35 * self.hertz[-1], 0.75 * self.hertz[-1]
+        shares = []
         for (a, b), at in zip(self.bands, self.hertz, strict=True):
-            if len(output) * (b - a) < 9:
+            if not first < at < last or len(output) * (b - a) < 9:
                 continue
             along = np.linspace(-1.0, 1.0, b - a)
             columns = np.stack([drive[:, a:b] * along**i for i in range(3)], axis=-1).reshape(-1, 3)
@@ -299,17 +303,16 @@ class _Look:
             weight = 1.0 / np.maximum(size, np.median(size) + 1e-300)  # lines must not rule
             weighted, target = columns * weight[:, None], wanted * weight
             left = target - weighted @ np.linalg.lstsq(weighted, target, rcond=None)[0]
-            total = float(np.mean(np.abs(target) ** 2))
-            hertz.append(float(at))
-            share.append(float(np.sum(np.abs(left) ** 2)) / (len(left) - 3) / (total or 1.0))
-        return np.array(hertz), np.array(share)
+            total = float(np.mean(np.abs(target) ** 2)) or 1.0
+            shares.append(float(np.sum(np.abs(left) ** 2)) / (len(left) - 3) / total)
+        return float(np.median(shares)) if shares else 1.0
 
     def lost(self, found: Sequence[Finding]) -> Iterator[Finding]:
         """Samples of x lost, repeated or spiked: x cannot be told from its past and its drive."""
         forced = [self.signals[n] for n in ("ft", "fd") if n in self.signals]
         if "x" not in self.signals or any(_is_stepped(signal) for signal in forced):
             return
-        if any(f.signal == "x" and f.code in ("held", "interpolated") for f in found):
+        if any(f.signal == "x" and f.code == "resampled" for f in found):
             return
         ratio, share, count, run, sample = _outliers(self.signals["x"], self.drive)
         if ratio > LIMITS.outlier[0] and share > LIMITS.outlier[1]:
@@ -320,12 +323,12 @@ class _Look:
                 float(count),
                 "samples",
                 f"x jumps at {count} samples, first at t = {sample * self.dt:.4g} s of run "
-                f"{run + 1}, by up to {100.0 * share:.2g} % of its rms where u + fd do not: samples "
-                "are lost or spiked; leave those parts or runs out",
+                f"{run + 1}, by up to {100.0 * share:.2g} % of its rms where u + fd do not: "
+                "samples are lost or spiked; leave those parts or runs out",
             )
 
     def identity(self) -> Iterator[Finding]:
-        """e = ft - x: how much later than in e target and output are recorded."""
+        """E = ft - x: how much later than in e target and output are recorded."""
         if not {"x", "ft"} <= set(self.signals) or _is_stepped(self.signals["ft"]):
             return
         e, x, ft = (self.signals[n] for n in ("e", "x", "ft"))
@@ -361,7 +364,7 @@ class _Look:
         if not best.left < LIMITS.left[0]:
             return
         # Noise on x, which stands on the right-hand side, moves times and shares.
-        noisy = any(f.signal == "x" and f.code in ("noise", "held", "interpolated") for f in found)
+        noisy = any(f.signal == "x" and f.code in ("noise", "resampled") for f in found)
         least = max(LIMITS.errors * best.error, LIMITS.apart[0] * self.dt, LIMITS.apart[1])
         if best.error < LIMITS.told and abs(best.late) > (2.0 if noisy else 1.0) * least:
             yield _late("u", "fd", best.late, self.dt, "x would not be their answer otherwise")
@@ -373,7 +376,7 @@ class _Look:
         ):
             includes = abs(best.share) < 0.1
             yield Finding(
-                "includes-fd" if includes else "gain",
+                "includes-fd" if includes else "gain-differs",
                 "u",
                 "wrong" if includes else "doubt",
                 best.share,
@@ -386,7 +389,7 @@ class _Look:
         yield from self._drift()
 
     def _against_output(self) -> Finding | None:
-        """u or fd recorded later than x has answered to it."""
+        """U or fd recorded later than x has answered to it."""
         relation = _Relation(self.signals, self.dt)
         for scanned, order in ((s, o) for s in (False, True) for o in range(3)):
             best = relation.best(order, against_output=True, scanned=scanned)
@@ -429,7 +432,7 @@ class _Look:
             and abs(slope) * parts > errors * error
         ):
             yield Finding(
-                "clock",
+                "clock-drifts",
                 "u",
                 "wrong",
                 ppm,
@@ -448,7 +451,7 @@ class _Look:
             alike = _alike(remnants[one], remnants[other], step)
             if alike > LIMITS.copy:
                 yield Finding(
-                    "copy",
+                    "copied-run",
                     "u",
                     "wrong",
                     alike,
@@ -461,13 +464,13 @@ class _Look:
 def _late(name: str, other: str, late: float, dt: float, why: str) -> Finding:
     word, by = ("late", "earlier") if late > 0 else ("early", "later")
     return Finding(
-        f"{name}-late-for-{other}",
+        "late-forcing" if name in ("ft", "fd") else "late-signal",
         name,
-        "wrong" if "u" in (name, other) or abs(late) > 1e-3 else "note",
+        "doubt" if name in ("ft", "fd") else "wrong",
         late,
         "s",
-        f"{name} is {1e3 * abs(late):.3g} ms {word} against {other} ({abs(late) / dt:.2g} samples): "
-        f"{why}; take {name} by that much {by}, since delays are wrong by as much",
+        f"{name} is {1e3 * abs(late):.3g} ms {word} against {other} ({abs(late) / dt:.2g} samples)"
+        f": {why}; take {name} so much {by}, since delays are wrong by as much",
     )
 
 
@@ -578,7 +581,7 @@ def _regression(
     size = np.sqrt(np.mean(table**2, axis=0)) + 1e-300
     table /= size
     target = wanted.ravel()
-    inverse = np.linalg.inv(table.T @ table + 1e-13 * len(table) * np.eye(table.shape[1]))
+    inverse = np.linalg.inv(table.T @ table + 1e-12 * len(table) * np.eye(table.shape[1]))
     values = inverse @ (table.T @ target)
     left = target - table @ values
     scores = np.add.reduceat(

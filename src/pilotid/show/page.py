@@ -109,7 +109,10 @@ def section(fit: Fitted, figures: Sequence[Shown], number: str) -> Section:
         parameters=tables_of(known),
         loop_words=loop_words,
         loops=loops,
-        verdicts=[e.verdict(timed=False) for e in fit.estimates],
+        verdicts=[
+            *(f"{e.method}: {e.specification.sentence}" for e in fit.estimates if e.specification),
+            *(e.verdict(timed=False) for e in fit.estimates),
+        ],
         remarks=fit.warnings,
         figures=embedded(figures, number),
     )
