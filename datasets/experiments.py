@@ -1,16 +1,23 @@
-"""A scenario as its exact closed-loop spectra, which `pilotid.theory.bounds` works on."""
+"""Bounds of scenarios: exact closed-loop spectra for `pilotid.theory.bounds`, or linearisation.
+
+A time-varying loop has no spectra.  But the prediction's derivatives by the parameters, at the
+truth and whitened by the remnant's own spectrum, are the information of each recording; its mean
+is Fisher's, since inputs hold nothing of the remnant that is still to come.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
 from pilotid.datasets.forcing import Multisine, Steps
 from pilotid.datasets.scenarios import Scenario
-from pilotid.datasets.simulation import closed_loop, remnant_shaping, white_level
+from pilotid.datasets.simulation import closed_loop, remnant_shaping, simulate, white_level
 from pilotid.theory.experiment import Circulation, Experiment, gradient_of
+from pilotid.time_domain.prediction import predict
 from pilotid.types import ComplexArray, FloatArray, InputError
 
 
@@ -127,3 +134,41 @@ def _transient(scenario: Scenario) -> FloatArray:
 
         total += forcing.through(response, time)
     return total
+
+
+RECORDINGS, SEED = 24, 20160501
+BAND = 120.0  # rad/s, beyond which no pilot answers
+
+
+@lru_cache(maxsize=64)
+def _bound(scenario: Scenario) -> tuple[float, ...]:
+    level = white_level(scenario)
+    if level == 0.0:
+        raise InputError(f"scenario {scenario.name}: without a remnant every bound is zero")
+    rng = np.random.default_rng(SEED)
+    count = len(scenario.truth)
+    information = np.zeros((count, count))
+    for _ in range(RECORDINGS):
+        prediction = predict(simulate(scenario, rng), scenario.model, BAND)
+        shaping = level * remnant_shaping(scenario.constant_ends[0][0], prediction.s.imag)
+        spectra = prediction.row_spectra(scenario.values[None])[0, :-1] / shaping
+        rows = prediction.samples_of(spectra).reshape(count, -1)
+        # White noise of variance 1 at the recording's samples has less at fewer of them.
+        information += prediction.dt / scenario.dt * (rows @ rows.T) / RECORDINGS
+    return tuple(np.sqrt(np.diag(np.linalg.inv(information))).tolist())
+
+
+def bound_of(scenario: Scenario) -> FloatArray:
+    """Standard errors that no unbiased method undercuts, the remnant's spectrum known.
+
+    Parameters
+    ----------
+    scenario
+        A scenario whose pilot or element changes.
+
+    Returns
+    -------
+    FloatArray
+        Shape (parameters,).
+    """
+    return np.array(_bound(scenario))

@@ -10,10 +10,9 @@ import numpy as np
 from pilotid.datasets.forcing import Multisine
 from pilotid.datasets.recorder import Recorder
 from pilotid.datasets.remnant import TabulatedRemnant
-from pilotid.estimates.remnant import RemnantEstimate
-from pilotid.recordings.floors import floors_of
-from pilotid.recordings.lines import NotMultisineError, forcing_lines
+from pilotid.estimates.parts import RemnantEstimate
 from pilotid.recordings.recording import Recording
+from pilotid.recordings.spectra import NotMultisineError, floors_of, forcing_lines
 from pilotid.types import FloatArray, InputError, IntArray
 
 SAME = 0.02  # rms of the difference of two signals, over their own, up to which they are the same

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from pilotid.datasets.changing import ElementChange
 from pilotid.datasets.forcing import (
     PERIOD,
     Forcing,
@@ -24,7 +23,7 @@ from pilotid.datasets.forcing import (
 from pilotid.datasets.recorded import recorded_forcing, recorded_noise, recorded_remnant
 from pilotid.datasets.recorder import Recorder
 from pilotid.datasets.remnant import Remnant, white
-from pilotid.datasets.violations import Kind, Violation
+from pilotid.datasets.violations import ElementChange, Kind, Violation
 from pilotid.estimates.estimate import Estimate
 from pilotid.pilot.catalogue import ADAPTING, LEAD2_LAG_MOTION, MULTI, SINGLE
 from pilotid.pilot.element import ControlledElement, double_integrator

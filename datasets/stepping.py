@@ -13,9 +13,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pilotid.datasets.changing import SteppedElement
 from pilotid.datasets.forcing import Forcing
 from pilotid.datasets.scenarios import Scenario
+from pilotid.datasets.violations import SteppedElement
 from pilotid.pilot.changing import Changing
 from pilotid.pilot.factors import Derivative, TimeDelay
 from pilotid.pilot.model import Channel

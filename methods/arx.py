@@ -48,9 +48,9 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.chance import SELDOM, chi_squared_limit
+from pilotid.estimates.applicability import dependent_signals, varying
 from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.estimates.method import dependent_signals, varying
-from pilotid.estimates.response import FrequencyResponse
+from pilotid.estimates.parts import FrequencyResponse
 from pilotid.frequency.black_box import BlackBox, channel_response
 from pilotid.frequency.consistency import against_recording, output_at_once
 from pilotid.frequency.regression import Regression, signals

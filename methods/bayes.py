@@ -29,9 +29,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from pilotid.estimates.applicability import one_signal
 from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.estimates.method import one_signal
-from pilotid.estimates.remarks import vague
+from pilotid.estimates.warnings import is_vague
 from pilotid.pilot.model import PilotModel
 from pilotid.posterior.density import Posterior
 from pilotid.posterior.ensembles import DEFAULT_RUN, Run
@@ -183,7 +183,7 @@ class Bayes(LikelihoodSettings):
             draws=draws,
             remarks=(AGAINST_WHITE,) if white and model.curves else (),
         )
-        if estimate.outcome.usable and vague(estimate) and one_signal(recording, model):
+        if estimate.outcome.usable and is_vague(estimate) and one_signal(recording, model):
             # Several summits, far apart: draws about one of them look as good as any others.
             estimate = replace(estimate, outcome=Outcome.NOT_CONVERGED, message=SUMMITS)
         return Inference(estimate, likelihood)

@@ -35,14 +35,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from pilotid.estimates.band import AnalysedBand
+from pilotid.estimates.applicability import lines_objection, motionless_input
 from pilotid.estimates.estimate import Estimate, Outcome
-from pilotid.estimates.method import motionless_input
-from pilotid.estimates.response import FrequencyResponse
+from pilotid.estimates.parts import AnalysedBand, FrequencyResponse
 from pilotid.frequency.second_step import second_step
 from pilotid.lines.coefficients import NEIGHBOURS, TREND, Coefficients, coefficients_of
-from pilotid.lines.equations import Equations
-from pilotid.lines.objection import objection
+from pilotid.lines.fit import Equations
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import minimise
@@ -77,7 +75,7 @@ class Fourier:
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
         """Why the forcing functions have no lines, or too few, for the model's channels."""
-        return objection(recording, model)
+        return lines_objection(recording, model)
 
     def first_step(self, recording: Recording, model: PilotModel) -> FrequencyResponse:
         """The channels' responses at the forcing lines, without a model of the pilot.

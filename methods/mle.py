@@ -21,8 +21,7 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.chance import CHI_SQUARED_95
-from pilotid.estimates.bounds import held
-from pilotid.estimates.estimate import Estimate, Outcome, failed
+from pilotid.estimates.estimate import Estimate, Outcome, failed, is_at_bound
 from pilotid.lines.specification import specification_of
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
@@ -125,7 +124,7 @@ class MLE(LikelihoodSettings):
             errors = length / (2.0 * np.sqrt(sought / widened))
             known = errors if (errors > 0.0).all() else None
             estimate = replace(estimate, intervals=intervals, errors=known)
-            at_bound = held(model, estimate.values)
+            at_bound = is_at_bound(model, estimate.values)
             if at_bound.any():
                 information = np.asarray(np.linalg.inv(covariance[pilot, pilot]))
                 inside = covariance_at_bounds(information, at_bound, profile.intervals)

@@ -20,8 +20,8 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from pilotid.estimates.applicability import varying
 from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.estimates.method import varying
 from pilotid.pilot.factors import Rational
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording

@@ -18,8 +18,8 @@ from pilotid.methods.mle import HIDDEN
 from pilotid.pilot.element import double_integrator
 from pilotid.pilot.loops import pilot_on
 from pilotid.posterior.likelihood import Likelihood
-from pilotid.recordings.floors import floors_of
 from pilotid.recordings.recording import Recording
+from pilotid.recordings.spectra import floors_of
 from pilotid.seeds import recording_rng
 from pilotid.solve.covariance import covariance_of
 from pilotid.solve.least_squares import minimise

@@ -12,13 +12,8 @@ from helpers import NOMINAL, PILOTS, Run, strict, without_remnant
 from pilotid.datasets import SCENARIOS, Scenario, simulate
 from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.simulation import remnant_shaping
-from pilotid.estimates.method import (
-    Method,
-    dependent_signals,
-    identify,
-    motionless_input,
-    shared_signals,
-)
+from pilotid.estimates.applicability import dependent_signals, motionless_input, shared_signals
+from pilotid.estimates.method import Method, identify
 from pilotid.methods import METHODS, method_named
 from pilotid.methods.fourier import Fourier
 from pilotid.methods.mle import MLE

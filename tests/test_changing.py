@@ -10,16 +10,15 @@ import pytest
 from helpers import recording_of, without_remnant
 
 from pilotid.datasets import SCENARIOS, Scenario, linearised, simulate
-from pilotid.datasets.experiments import experiment_of
-from pilotid.datasets.linearised import bound_of
+from pilotid.datasets.experiments import bound_of, experiment_of
+from pilotid.datasets.named import truth
 from pilotid.datasets.simulation import linear_rms, remnant_ratio
 from pilotid.datasets.stepping import stepped
-from pilotid.datasets.truth import truth
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.fitted import Fitted
 from pilotid.estimates.loops import loops_of
 from pilotid.estimates.method import identify
-from pilotid.estimates.remarks import remarks_on
+from pilotid.estimates.warnings import remarks_on
 from pilotid.methods import methods
 from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE

@@ -11,11 +11,9 @@ import pytest
 from helpers import NOMINAL, SINGLE_LOOP, recording_of
 
 from pilotid.datasets import POPULATIONS, simulate
-from pilotid.element.choice import chosen_element, differs
-from pilotid.element.fit import OMEGA, identified_element, rounded
+from pilotid.element.fit import OMEGA, chosen_element, differs, identified_element, rounded
 from pilotid.element.forms import FORMS, Form
-from pilotid.element.search import Bands, fitted_form
-from pilotid.element.spectra import HIGHEST, spectra_of
+from pilotid.element.search import HIGHEST, Bands, fitted_form, spectra_of
 from pilotid.pilot.element import ControlledElement, double_integrator, element_named
 from pilotid.recordings.files import load_recording
 from pilotid.recordings.recording import Recording

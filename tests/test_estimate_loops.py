@@ -11,11 +11,11 @@ from helpers import NOMINAL, SINGLE_LOOP, Run, fit_of, monte_carlo, recording_of
 
 from pilotid.datasets import Scenario
 from pilotid.estimates.estimate import Estimate, Outcome, failed, symmetric_intervals
-from pilotid.estimates.loop import LoopElement
 from pilotid.estimates.loops import (
+    LoopElement,
     loops_of,
     margin_slopes,
-    traced_loops,
+    sampled_loops,
 )
 from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE
@@ -137,9 +137,9 @@ def test_draws_keep_to_the_estimate_s_crossing() -> None:
     sets = gaussian(RESONANT, ERRORS * np.array([1.0, 1.0, 1.0, 1.0, 3.0]))
     counts = {len(margins(SINGLE, own, element)[0].others) for own in sets[:100]}
     assert counts == {0, 1}
-    (target, _) = traced_loops(SINGLE, RESONANT, sets, element)
+    (target, _) = sampled_loops(SINGLE, RESONANT, sets, element)
     assert target.crossover.size == len(sets)
-    assert target.remark == ""
+    assert target.loop.remark == ""
     assert np.abs(target.crossover / at.crossover - 1.0).max() < 0.25
     # To first order the same.
     errors = ERRORS * np.array([1.0, 1.0, 1.0, 1.0, 3.0])
@@ -160,7 +160,7 @@ def test_phase_margins_are_continuous_where_the_phase_wraps() -> None:
     here, _ = margins(SINGLE, SINGLE_LOOP.values, element)
     assert here.phase_margin == pytest.approx(-179.0, abs=0.1)
     errors = np.array([0.0, 0.0, 0.03, 0.0, 0.0])
-    target, _ = traced_loops(
+    target, _ = sampled_loops(
         SINGLE, SINGLE_LOOP.values, gaussian(SINGLE_LOOP.values, errors), element
     )
     assert (target.phase_margin < -180.0).any()
@@ -173,12 +173,13 @@ def test_draws_whose_crossing_vanishes_are_left_out_and_counted() -> None:
     element = single_integrator(4.0)
     errors = np.array([0.5, 0.0, 0.0, 0.0, 0.0])
     sets = np.abs(gaussian(RESONANT, errors))
-    target, _ = traced_loops(SINGLE, RESONANT, sets, element)
+    target, _ = sampled_loops(SINGLE, RESONANT, sets, element)
     assert 0 < target.crossover.size < len(sets)
     lost = 100.0 * (1.0 - target.crossover.size / len(sets))
-    assert target.remark.startswith(f"in {lost:.0f} % of the draws its magnitude does not fall")
+    assert target.loop.remark.startswith(
+        f"in {lost:.0f} % of the draws its magnitude does not fall"
+    )
     assert target.crossover.max() < 10.0
-    assert target.loop.remark == target.remark
 
 
 # ------------------------------------------------------------------ where there are none

@@ -20,10 +20,10 @@ from pilotid.datasets import SCENARIOS, scenario_named, simulate
 from pilotid.estimates.draws import Draws
 from pilotid.estimates.estimate import Estimate, Outcome, failed, symmetric_intervals
 from pilotid.estimates.fitted import Fitted, fit_all
-from pilotid.estimates.loop import LoopElement
+from pilotid.estimates.loops import LoopElement
 from pilotid.estimates.method import identify
+from pilotid.estimates.parts import RemnantEstimate
 from pilotid.estimates.quantities import Quantity
-from pilotid.estimates.remnant import RemnantEstimate
 from pilotid.methods import method_named
 from pilotid.methods.fourier import Fourier
 from pilotid.methods.mle_white import MLEWhite

@@ -24,12 +24,12 @@ from pilotid.datasets import scenario_named, simulate
 from pilotid.estimates.estimate import Outcome
 from pilotid.estimates.method import identify
 from pilotid.lines.coefficients import coefficients_of, interpolation
-from pilotid.lines.equations import Equations
+from pilotid.lines.fit import Equations
 from pilotid.methods.fourier import Fourier
 from pilotid.pilot.catalogue import GAIN_ONLY, MULTI, RATE, SINGLE
 from pilotid.pilot.model import Channel, PilotModel
-from pilotid.recordings.lines import NotMultisineError, forcing_lines
 from pilotid.recordings.recording import Recording
+from pilotid.recordings.spectra import NotMultisineError, forcing_lines
 
 pytestmark = pytest.mark.numerical
 

@@ -13,8 +13,8 @@ from rich.console import Console
 
 from pilotid.disk import strict_json
 from pilotid.estimates.estimate import Estimate, Outcome, Starts, failed, symmetric_intervals
+from pilotid.estimates.parts import FrequencyResponse
 from pilotid.estimates.quantities import Quantity
-from pilotid.estimates.response import FrequencyResponse
 from pilotid.estimates.tables import quantity_table, side_by_side
 from pilotid.pilot.catalogue import MODELS, SINGLE
 from pilotid.terminal import print_table

@@ -18,8 +18,7 @@ from matplotlib.figure import Figure
 from pilotid.datasets import scenario_named, simulate
 from pilotid.estimates.estimate import Estimate, Outcome, failed, symmetric_intervals
 from pilotid.estimates.fitted import Fitted
-from pilotid.estimates.remnant import RemnantEstimate
-from pilotid.estimates.response import FrequencyResponse
+from pilotid.estimates.parts import FrequencyResponse, RemnantEstimate
 from pilotid.methods import methods
 from pilotid.pilot.catalogue import MODELS, MULTI, SINGLE
 from pilotid.pilot.model import PilotModel

@@ -10,8 +10,7 @@ from helpers import NOMINAL
 
 from pilotid.chance import CHI_SQUARED_95
 from pilotid.datasets import SCENARIOS, simulate
-from pilotid.estimates.bounds import at_bounds
-from pilotid.estimates.estimate import Outcome
+from pilotid.estimates.estimate import Outcome, at_bounds
 from pilotid.methods.mle import MLE, profile_of
 from pilotid.pilot.factors import Neuromuscular
 from pilotid.pilot.model import PilotModel

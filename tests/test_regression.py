@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 from pilotid.datasets import scenario_named, simulate
-from pilotid.estimates.response import real_parts
+from pilotid.estimates.parts import real_parts
 from pilotid.frequency.black_box import discrete_response
 from pilotid.frequency.regression import Regression, lagged_rows
 from pilotid.frequency.structures import Criterion, Structure, StructureSearch

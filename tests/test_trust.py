@@ -13,15 +13,15 @@ from helpers import NOMINAL, Run, recording_of, strict
 
 import pilotid
 from pilotid.datasets import Scenario, simulate
-from pilotid.datasets.designed import designed_scenario, scenario_json
 from pilotid.datasets.forcing import Multisine, half_and_half_step
+from pilotid.datasets.named import designed_scenario, scenario_json
 from pilotid.datasets.recorder import Recorder
 from pilotid.datasets.remnant import Remnant, TabulatedRemnant
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.methods.mle import MLE
 from pilotid.pilot.catalogue import ADAPTING
-from pilotid.recordings.floors import floors_of
 from pilotid.recordings.recording import Recording
+from pilotid.recordings.spectra import floors_of
 from pilotid.study.trust import length_factor
 from pilotid.time_domain.remnant_models import Autoregressive, LowPass, NoiseModel
 from pilotid.types import FloatArray, InputError

@@ -12,7 +12,7 @@ from scipy.optimize import approx_fprime
 
 from pilotid.datasets import scenario_named, simulate
 from pilotid.estimates.estimate import Outcome
-from pilotid.estimates.response import FrequencyResponse, circular, real_parts
+from pilotid.estimates.parts import FrequencyResponse, circular, real_parts
 from pilotid.frequency.second_step import ResponseFit, second_step
 from pilotid.pilot.catalogue import MULTI, SINGLE
 from pilotid.pilot.model import PilotModel

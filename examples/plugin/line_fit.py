@@ -21,11 +21,11 @@ from typing import ClassVar
 
 import numpy as np
 
+from pilotid.estimates.applicability import lines_objection
 from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.lines.objection import objection
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.lines import forcing_lines
 from pilotid.recordings.recording import Recording
+from pilotid.recordings.spectra import forcing_lines
 from pilotid.solve.covariance import covariance_of
 from pilotid.solve.least_squares import Problem, minimise
 from pilotid.solve.search import search
@@ -83,7 +83,7 @@ class LineFit:
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
         """Why the forcing functions have no lines, or too few, for the model's channels."""
-        return objection(recording, model)
+        return lines_objection(recording, model)
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
         """Fit twice, the second time with the weights that the first one tells."""

@@ -18,8 +18,7 @@ import numpy as np
 from pilotid.datasets import SCENARIOS as KNOWN
 from pilotid.datasets import simulate
 from pilotid.estimates.estimate import Estimate, Outcome
-from pilotid.estimates.method import Method, identify, method_fault
-from pilotid.estimates.sound import fault_of
+from pilotid.estimates.method import Method, fault_of, identify, method_fault
 from pilotid.naming.settings import labelled
 from pilotid.pilot.catalogue import model_named
 from pilotid.pilot.model import PilotModel

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from pilotid.datasets import SCENARIOS, Scenario, simulate
-from pilotid.datasets.linearised import bound_of
+from pilotid.datasets.experiments import bound_of
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.method import Searching, identify
 from pilotid.methods import method_named

@@ -19,7 +19,7 @@ import numpy as np
 
 from pilotid.chance import CHI_SQUARED_95
 from pilotid.datasets import SCENARIOS, Scenario, simulate
-from pilotid.datasets.linearised import bound_of
+from pilotid.datasets.experiments import bound_of
 from pilotid.datasets.remnant import UNIT_LEVEL
 from pilotid.datasets.simulation import white_level
 from pilotid.estimates.estimate import Estimate

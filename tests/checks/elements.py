@@ -20,8 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from pilotid.datasets import POPULATIONS, simulate
-from pilotid.element.choice import chosen_element
-from pilotid.element.fit import identified_element
+from pilotid.element.fit import chosen_element, identified_element
 from pilotid.estimates.loops import loops_of
 from pilotid.estimates.method import identify
 from pilotid.methods.mle import MLE

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from pilotid.analysis.forced import Forced, forced
-from pilotid.estimates.bounds import bounds_reached
-from pilotid.estimates.method import motionless_input
-from pilotid.lines.objection import objection
+from pilotid.estimates.applicability import lines_objection, motionless_input
+from pilotid.estimates.estimate import bounds_reached
 from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
@@ -169,7 +168,7 @@ def compared(
     models = [model for model in models if motionless_input(recording, model) is None]
     if not models:
         raise InputError(f"{recording.source}: none of the models has its inputs in the recording")
-    if any(objection(recording, model) is not None for model in models):
+    if any(lines_objection(recording, model) is not None for model in models):
         return [_by_likelihood(found) for found in evidence(recording, models, seed)]
     lines = forced(recording, models, seed)
     if not likelihood:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pilotid.analysis.candidates import Candidate, compared, sensible
-from pilotid.estimates.method import motionless_input
+from pilotid.estimates.applicability import motionless_input
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.names import listed
 from pilotid.recordings.recording import Recording

@@ -66,7 +66,7 @@ def forced(recording: Recording, models: Sequence[PilotModel], seed: int) -> lis
     ----------
     recording
         A recording whose lines can judge all of the models, see
-        `pilotid.lines.objection.objection`.
+        `pilotid.estimates.applicability.lines_objection`.
     models
         The models, at least one.
     seed

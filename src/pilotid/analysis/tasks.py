@@ -17,7 +17,7 @@ from pilotid.analysis.candidates import Candidate, compared, sensible
 from pilotid.analysis.left_out import failed_rows, predicted
 from pilotid.analysis.source import Source
 from pilotid.disk import make_folder, write_file
-from pilotid.element.choice import chosen_element
+from pilotid.element.fit import chosen_element
 from pilotid.estimates.estimate import Outcome, failed
 from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.method import Method

@@ -101,7 +101,7 @@ def analyse(
     from pilotid.analysis.tables import write_tables
     from pilotid.analysis.trials import tried_conditions
     from pilotid.cli.progress import with_progress
-    from pilotid.datasets.designed import model_place
+    from pilotid.datasets.named import model_place
     from pilotid.disk import make_folder, strict_json, write_file
     from pilotid.pilot.catalogue import AUTO, model_named
     from pilotid.pilot.element import element_named

@@ -22,9 +22,9 @@ from pilotid.cli.reading import (
     MapOption,
 )
 from pilotid.disk import strict_json, write_file
-from pilotid.element.choice import ElementChoice, chosen_element
-from pilotid.estimates.method import Method, motionless_input
-from pilotid.lines.objection import objection
+from pilotid.element.fit import ElementChoice, chosen_element
+from pilotid.estimates.applicability import lines_objection, motionless_input
+from pilotid.estimates.method import Method
 from pilotid.methods import methods
 from pilotid.naming.settings import split_list
 from pilotid.pilot.catalogue import model_named
@@ -150,7 +150,7 @@ def _constancy(recording: Recording) -> dict[str, object] | None:
     try:
         with np.errstate(all="ignore"):  # signals may be anything
             # Without lines a choice takes long; the model with the most parameters misses least.
-            quick = all(objection(recording, m) is None for m in able)
+            quick = all(lines_objection(recording, m) is None for m in able)
             model = select(recording, able).model if quick else able[-1]
             found = constancy_of(recording, model, fit_rng(DEFAULT_SEED, "constancy"))
     except (InputError, np.linalg.LinAlgError):

@@ -107,7 +107,7 @@ def design(
     given = dict(locals())
     from importlib.metadata import version
 
-    from pilotid.datasets.designed import model_place
+    from pilotid.datasets.named import model_place
     from pilotid.designing import design as designing
     from pilotid.designing.limits import Limits
     from pilotid.designing.lines import chosen_lines, reference_lines

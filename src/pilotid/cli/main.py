@@ -167,7 +167,7 @@ def simulate(
     """Simulate a scenario, or a pilot drawn from a population; truth goes to F.truth.json."""
     from pilotid.datasets import scenario_named
     from pilotid.datasets import simulate as simulated
-    from pilotid.datasets.truth import truth
+    from pilotid.datasets.named import truth
 
     if (scenario is None) == (like is None):
         raise InputError("name a scenario, or a recording with --like, and not both")
@@ -259,7 +259,7 @@ def _fitted(
     plant: ControlledElement | None,
 ) -> Fitted:
     """All fits of a recording, and their loops with the controlled element, if it is known."""
-    from pilotid.element.choice import chosen_element
+    from pilotid.element.fit import chosen_element
 
     choice = chosen_element(recording, plant)
     model, why, candidates = _selected(choice.named_in(recording), named, seed)

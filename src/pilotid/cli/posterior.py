@@ -8,10 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from pilotid.disk import path_shown
-from pilotid.element.choice import chosen_element
+from pilotid.element.fit import chosen_element
+from pilotid.estimates.applicability import motionless_input
 from pilotid.estimates.estimate import Outcome, failed
 from pilotid.estimates.fitted import Fitted
-from pilotid.estimates.method import all_remarks, import_libraries, motionless_input
+from pilotid.estimates.method import import_libraries
+from pilotid.estimates.warnings import all_remarks
 from pilotid.methods.bayes import Bayes
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel

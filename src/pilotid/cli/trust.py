@@ -34,7 +34,7 @@ LikeOption = Annotated[
 
 def scenario_like(path: Path, seed: int) -> Scenario:
     """The scenario of a recording, or the one in a `trust.json`."""
-    from pilotid.datasets.designed import designed_scenario
+    from pilotid.datasets.named import designed_scenario
     from pilotid.study.trust import trial_of
 
     if path.suffix.lower() == ".json":
@@ -76,7 +76,7 @@ def trust(
     The first method that is named is the one whose fit is judged, else mle.
     """
     from pilotid.cli.progress import with_progress
-    from pilotid.datasets.designed import model_place
+    from pilotid.datasets.named import model_place
     from pilotid.methods import methods
     from pilotid.report.content import plain, terminal_table
     from pilotid.report.page import overview, write_report

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pilotid.datasets.designed import scenario_json
+from pilotid.datasets.named import scenario_json
 from pilotid.designing.design import Design
 from pilotid.disk import strict_json, table_bytes, write_file
 from pilotid.types import FloatArray

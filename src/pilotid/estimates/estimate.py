@@ -11,18 +11,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pilotid.chance import Z95
-from pilotid.estimates.band import AnalysedBand
-from pilotid.estimates.bounds import bounds_reached
 from pilotid.estimates.draws import Draws
-from pilotid.estimates.inseparable import Pair, inseparable
+from pilotid.estimates.parts import AnalysedBand, FrequencyResponse, RemnantEstimate
 from pilotid.estimates.quantities import (
+    Pair,
     Quantity,
+    inseparable,
     product_spreads,
     products_by_delta,
     quantity_of,
 )
-from pilotid.estimates.remnant import RemnantEstimate
-from pilotid.estimates.response import FrequencyResponse
 from pilotid.estimates.specification import Specification
 from pilotid.estimates.tables import quantity_html, quantity_table
 from pilotid.estimates.trajectory import Trajectory
@@ -33,6 +31,9 @@ from pilotid.types import FloatArray
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+
+from pilotid.types import BoolArray
 
 
 class Outcome(enum.Enum):
@@ -349,3 +350,38 @@ def outcome_of(model: PilotModel, values: FloatArray, converged: bool) -> tuple[
     if not converged:
         return Outcome.NOT_CONVERGED, bounds
     return (Outcome.AT_BOUND if bounds else Outcome.CONVERGED), bounds
+
+
+def at_bounds(
+    model: PilotModel, lower: FloatArray, upper: FloatArray
+) -> tuple[BoolArray, BoolArray]:
+    """Which parameters reach their lower and their upper bound, shapes (parameters,).
+
+    Parameters
+    ----------
+    model
+        The model.
+    lower, upper
+        Ends of intervals, or twice the values, shape (parameters,).
+    """
+    margin = 1e-6 * (model.upper - model.lower)
+    low = lower <= model.lower + np.minimum(margin, 1e-6 * np.abs(model.lower) + 1e-9)
+    return low, upper >= model.upper - margin
+
+
+def is_at_bound(model: PilotModel, values: FloatArray) -> BoolArray:
+    """Which parameters lie at a bound, shape (parameters,), as `values` do."""
+    return np.logical_or(*at_bounds(model, values, values))
+
+
+def bounds_reached(model: PilotModel, values: FloatArray) -> str:
+    """Names of the parameters that lie at a bound, empty if none does."""
+    low, high = at_bounds(model, values, values)
+    named = [
+        f"{key} at its {'lower' if is_low else 'upper'} bound {bound:g}"
+        for key, is_low, is_high, bound in zip(
+            model.keys, low, high, np.where(low, model.lower, model.upper), strict=True
+        )
+        if is_low or is_high
+    ]
+    return ", ".join(named)

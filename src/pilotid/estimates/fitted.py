@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate
-from pilotid.estimates.loop import LoopElement, Loops
-from pilotid.estimates.loops import loops_of
+from pilotid.estimates.loops import LoopElement, Loops, loops_of
 from pilotid.estimates.method import Method, identify
 from pilotid.estimates.tables import quantity_table, side_by_side
 from pilotid.pilot.model import PilotModel
@@ -161,7 +160,7 @@ def fit_all(
         What is fitted to what.
     loop_element
         The controlled element that loops are drawn with, see
-        `pilotid.element.choice.chosen_element`; None for no loops.
+        `pilotid.element.fit.chosen_element`; None for no loops.
     """
     closed = recording if loop_element is None else loop_element.named_in(recording)
     estimates = (

@@ -7,19 +7,17 @@ first order; the controlled element is taken as known.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pilotid.chance import Z95
 from pilotid.estimates.draws import spread_of
 from pilotid.estimates.estimate import Estimate
-from pilotid.estimates.loop import Loop, Loops, loop_keys, no_loop
 from pilotid.estimates.quantities import Quantity, quantity_of
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.loops import (
     GRID,
-    Margin,
     crossings,
     loop_slopes,
     margin,
@@ -28,14 +26,14 @@ from pilotid.pilot.loops import (
     why_no_crossing,
 )
 from pilotid.pilot.model import PilotModel
-from pilotid.remarks import Remark
+from pilotid.recordings.recording import Recording
+from pilotid.remarks import Remark, codes_of
 from pilotid.types import ComplexArray, FloatArray
 
 NAMES = ("target", "disturbance")
 COARSE = GRID[:: len(GRID) // 1000]  # for many sets of parameters
-COUNT = 1000  # draws of a posterior that are followed
-NEAR = math.log(1.5)  # how far one crossing moves in one step; others lie further off
-STEPS = 4  # from an estimate to a draw whose crossing is not near
+COUNT = 1000  # draws of a posterior
+NEAR = 2.0  # times the estimate's crossover; other crossings lie further off
 CHANGES = (
     "the pilot changes during the recording, and the controlled element, by which pilots change, "
     "most likely too: it has no one loop"
@@ -77,7 +75,7 @@ def loops_of(estimate: Estimate, element: ControlledElement) -> Loops:
         target, disturbance = _by_delta(estimate, element)
     else:
         sets = estimate.draws.equally_weighted(COUNT)[:, : len(model.parameters)]
-        target, disturbance = (traced.loop for traced in traced_loops(model, values, sets, element))
+        target, disturbance = (s.loop for s in sampled_loops(model, values, sets, element))
     return Loops(element, target, disturbance, tuple(remarks))
 
 
@@ -141,115 +139,197 @@ def margin_slopes(
 
 
 @dataclass(frozen=True, eq=False)
-class TracedLoop:
-    """One crossing of a loop, followed from an estimate to many sets of parameters.
+class SampledLoop:
+    """A loop over the draws of a posterior.
 
     Attributes
     ----------
-    name
-        ``target`` or ``disturbance``.
-    at
-        The estimate's own margin.
+    loop
+        Means, deviations and equal-tailed intervals over the draws.
     crossover, phase_margin
-        Of the sets whose loop has that crossing, shape (kept,); phase margins [deg] are
-        continuous about the estimate's.
-    remark
-        Why there is none, or how many sets lack it; empty if none does.
+        Of each draw that has the crossing [rad/s, deg], shape (kept,).
     """
 
-    name: str
-    at: Margin
+    loop: Loop
     crossover: FloatArray
     phase_margin: FloatArray
-    remark: str = ""
-
-    @property
-    def loop(self) -> Loop:
-        """Means, deviations and equal-tailed intervals over the sets."""
-        if not self.crossover.size:
-            return no_loop(self.name, self.remark, self.at.others)
-        crossover, phase_margin = (
-            quantity_of(spread_of(key, unit, values))
-            for (key, unit), values in zip(
-                loop_keys(self.name), (self.crossover, self.phase_margin), strict=True
-            )
-        )
-        return Loop(self.name, crossover, phase_margin, self.at.others, self.remark)
 
 
-def traced_loops(
+def sampled_loops(
     model: PilotModel, centre: FloatArray, sets: FloatArray, element: ControlledElement
-) -> list[TracedLoop]:
-    """The crossings of an estimate's loops over draws, target first.
+) -> list[SampledLoop]:
+    """The loops of draws, shape (sets, parameters), target first.
 
-    A loop may have several crossings; of each draw the one is taken that the estimate's becomes
-    on the way there.
-
-    Parameters
-    ----------
-    model, element
-        What the loops are made of.
-    centre
-        The estimate, shape (parameters,).
-    sets
-        Draws, shape (sets, parameters).
+    A loop may have several crossings; of each draw the one nearest to that of the estimate
+    `centre` counts, and its phase margin is continuous about the estimate's.
     """
-    ways = [_Way(model, centre, own, element) for own in sets]
+    every = [open_loops(model, own, element, COARSE) for own in sets]
     result = []
     for i, (name, loop) in enumerate(
         zip(NAMES, open_loops(model, centre, element, GRID), strict=True)
     ):
         own = margin(GRID, loop)
+        nearest = [_nearest(loops[i], own.crossover) for loops in every]
+        kept = np.array([pair for pair in nearest if pair], dtype=float).reshape(-1, 2)
+        frequency, phase = kept.T
+        phase = phase + 360.0 * np.round((own.phase_margin - phase) / 360.0)
+        lost, remark = 1.0 - len(kept) / len(sets), ""
         if math.isnan(own.crossover):
-            none = np.zeros(0)
-            result.append(TracedLoop(name, own, none, none, why_no_crossing(GRID, loop)))
-            continue
-        pairs = np.array([way.crossing(i, own.crossover) for way in ways])
-        kept = pairs[np.isfinite(pairs[:, 0])]
-        margins = kept[:, 1] + 360.0 * np.round((own.phase_margin - kept[:, 1]) / 360.0)
-        lost = 1.0 - len(kept) / len(pairs)
-        remark = (
-            f"in {100.0 * lost:.0f} % of the draws its magnitude does not fall through one near "
-            f"{own.crossover:.3g} rad/s; they are left out"
-            if lost > LOST
-            else ""
-        )
-        result.append(TracedLoop(name, own, kept[:, 0], margins, remark))
+            remark = why_no_crossing(GRID, loop)
+        elif lost > LOST:
+            remark = (
+                f"in {100.0 * lost:.0f} % of the draws its magnitude does not fall through one "
+                f"near {own.crossover:.3g} rad/s; they are left out"
+            )
+        told = no_loop(name, remark, own.others)
+        if len(kept):
+            crossover, phase_margin = (
+                quantity_of(spread_of(key, unit, sampled))
+                for (key, unit), sampled in zip(loop_keys(name), (frequency, phase), strict=True)
+            )
+            told = replace(told, crossover=crossover, phase_margin=phase_margin)
+        result.append(SampledLoop(told, frequency, phase))
     return result
 
 
-class _Way:
-    """From the estimate to one set of parameters."""
-
-    def __init__(
-        self, model: PilotModel, centre: FloatArray, own: FloatArray, element: ControlledElement
-    ) -> None:
-        self.model, self.centre, self.own, self.element = model, centre, own, element
-        self.end = self._loops(own)
-
-    def _loops(self, values: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        return open_loops(self.model, values, self.element, COARSE)
-
-    def crossing(self, which: int, start: float) -> tuple[float, float]:
-        """Crossover and phase margin of a loop, NaN where the crossing vanishes on the way."""
-        near = _nearest(self.end[which], start)
-        if math.isfinite(near[0]):
-            return near
-        for step in range(1, STEPS + 1):
-            share = step / STEPS
-            values = self.centre + share * (self.own - self.centre)
-            near = _nearest(self._loops(values)[which], start)
-            start = near[0]
-            if not math.isfinite(start):
-                break
-        return near
-
-
-def _nearest(loop: ComplexArray, start: float) -> tuple[float, float]:
+def _nearest(loop: ComplexArray, start: float) -> tuple[float, float] | None:
+    """Frequency and phase margin of the crossing nearest to `start`; None if none is near."""
     frequency, phase_margin = crossings(COARSE, loop)
-    if frequency.size:
-        away = np.abs(np.log(frequency / start))
-        i = int(np.argmin(away))
-        if away[i] <= NEAR:
-            return float(frequency[i]), float(phase_margin[i])
-    return float("nan"), float("nan")
+    away = np.abs(np.log(frequency / start))
+    near = away <= np.log(NEAR)  # nor is NaN
+    if not near.any():
+        return None
+    i = int(np.argmin(away))
+    return float(frequency[i]), float(phase_margin[i])
+
+
+@dataclass(frozen=True, eq=False)
+class LoopElement:
+    """The controlled element that loops are drawn with.
+
+    Attributes
+    ----------
+    element
+        None if none is known.
+    origin
+        ``given``, named by the ``recording``, or ``identified`` from its signals.
+    why
+        Why none is known, in a sentence.
+    remarks
+        Where what is said of it and what signals show disagree, a sentence each.
+    """
+
+    element: ControlledElement | None = None
+    origin: str = ""
+    why: str = ""
+    remarks: tuple[str, ...] = ()
+
+    def named_in(self, recording: Recording) -> Recording:
+        """The recording, naming the element that was given, for methods that need the loop."""
+        if self.origin != "given" or self.element is None:
+            return recording
+        return replace(recording, controlled_element=self.element.name)
+
+    @property
+    def words(self) -> str:
+        """The element and where it comes from."""
+        if self.element is None:
+            return self.why
+        origins = {"recording": "named by the recording", "identified": "identified from u, fd, x"}
+        name = self.element.name or "user-defined"
+        return f"loops with the controlled element {name}, {origins.get(self.origin, 'as given')}"
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """One open loop of an estimate.
+
+    Attributes
+    ----------
+    name
+        ``target`` or ``disturbance``.
+    crossover, phase_margin
+        NaN where there is none.
+    others
+        Further frequencies where the magnitude falls through one [rad/s].
+    remark
+        Why there is no crossover, or what else should be known; empty if nothing should.
+    """
+
+    name: str
+    crossover: Quantity
+    phase_margin: Quantity
+    others: tuple[float, ...] = ()
+    remark: str = ""
+
+    @property
+    def notes(self) -> list[str]:
+        """What should be known of it, a sentence each."""
+        found = [f"{self.name} loop: {self.remark}"] if self.remark else []
+        if self.others:
+            where = ", ".join(f"{w:.3g}" for w in self.others)
+            found.append(f"the {self.name} loop falls through one again at {where} rad/s")
+        return found
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain objects, as JSON has them."""
+        return {
+            "crossover": self.crossover.to_dict(),
+            "phase_margin": self.phase_margin.to_dict(),
+            "others": list(self.others),
+            "remark": self.remark,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Loops:
+    """Both open loops of an estimate with a controlled element.
+
+    Attributes
+    ----------
+    element
+        The controlled element.
+    target, disturbance
+        The loops, see `pilotid.pilot.loops`.
+    remarks
+        What speaks against them, a sentence each.
+    """
+
+    element: ControlledElement
+    target: Loop
+    disturbance: Loop
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def quantities(self) -> list[Quantity]:
+        """Crossover frequency and phase margin of the target, then of the disturbance loop."""
+        return [
+            q for lp in (self.target, self.disturbance) for q in (lp.crossover, lp.phase_margin)
+        ]
+
+    @property
+    def notes(self) -> list[str]:
+        """What should be known of the margins, a sentence each."""
+        return [*self.target.notes, *self.disturbance.notes]
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain objects, as JSON has them; NaN where there is none."""
+        return {
+            "element": self.element.name,
+            "target": self.target.to_dict(),
+            "disturbance": self.disturbance.to_dict(),
+            "remarks": list(self.remarks),
+            "codes": codes_of(self.remarks),
+        }
+
+
+def no_loop(name: str, why: str, others: tuple[float, ...] = ()) -> Loop:
+    """A loop without a crossover, and why."""
+    nan = float("nan")
+    crossover, phase_margin = (Quantity(k, u, nan, nan, nan, nan) for k, u in loop_keys(name))
+    return Loop(name, crossover, phase_margin, others, why)
+
+
+def loop_keys(name: str) -> tuple[tuple[str, str], tuple[str, str]]:
+    """Keys and units of a loop's two quantities."""
+    return (f"{name}_crossover", "rad/s"), (f"{name}_phase_margin", "deg")

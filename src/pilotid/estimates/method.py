@@ -9,31 +9,43 @@ import time
 import traceback
 from dataclasses import replace
 from importlib import import_module
+from types import NoneType
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from pilotid.estimates.band import AnalysedBand
-from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.estimates.remarks import NOTHING, remarks_on, vague
-from pilotid.estimates.sound import fault_of
-from pilotid.estimates.trajectory import DRAWS, times_of, trajectory_of
+from pilotid.estimates.applicability import motionless_input
+from pilotid.estimates.draws import Draws
+from pilotid.estimates.estimate import Estimate, Outcome, Starts, failed
+from pilotid.estimates.parts import AnalysedBand, FrequencyResponse, RemnantEstimate
+from pilotid.estimates.trajectory import DRAWS, Trajectory, times_of, trajectory_of
+from pilotid.estimates.warnings import all_remarks
 from pilotid.naming.code import reason
+from pilotid.pilot.frozen import frozen
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.checks import motionless
-from pilotid.recordings.lines import NotMultisineError, forcing_lines
-from pilotid.recordings.recording import INPUTS, Recording
-from pilotid.remarks import Remark
-from pilotid.types import ComplexArray, FloatArray, InputError, one_line
-
-#: Standard deviation of a forcing function over that of another signal below which there is none.
-SAME = 0.01
-
-#: What to do where channels cannot be told apart.
-REMEDY = "record with a target and a disturbance, or fit one channel"
+from pilotid.recordings.recording import Recording
+from pilotid.types import FloatArray, InputError, one_line
 
 #: The environment variable that asks for tracebacks of methods that raise.
 TRACEBACK = "PILOTID_TRACEBACK"
+
+#: Rounding that a correlation matrix may show: Kvis and tlead are correlated at -0.99.
+ROUNDING = 1e-6
+
+#: Types of what an estimate holds beside its arrays.
+PARTS: dict[str, tuple[type, ...]] = {
+    "outcome": (Outcome,),
+    "message": (str,),
+    "remarks": (tuple,),
+    "vaf": (float, np.floating, int),
+    "criterion": (float, np.floating, int),
+    "iterations": (int, np.integer),
+    "starts": (Starts, NoneType),
+    "remnant": (RemnantEstimate, NoneType),
+    "frequency_response": (FrequencyResponse, NoneType),
+    "draws": (Draws, NoneType),
+    "trajectory": (Trajectory, NoneType),
+}
 
 
 class Method(Protocol):
@@ -182,115 +194,6 @@ def _over_time(estimate: Estimate, recording: Recording, rng: np.random.Generato
     return replace(estimate, trajectory=trajectory)
 
 
-def motionless_input(recording: Recording, model: PilotModel) -> str | None:
-    """Why no method can identify a model: one of its channels has nothing to act on."""
-    for channel in model.channels:
-        name = INPUTS[channel.input]
-        if (
-            _absent(recording, recording.input("target"), recording.e)
-            if channel.input == "target"
-            else motionless(recording, name)
-        ):
-            held = name in recording.signals or channel.input == "target"
-            what = "does not move" if held else "is not recorded"
-            return f"{name} {what}, so that the {channel.name} channel has no input"
-    return None
-
-
-def all_remarks(estimate: Estimate, recording: Recording) -> tuple[Remark, ...]:
-    """What a user must know of an estimate, also for what the recording lacks."""
-    low = estimate.outcome.usable and estimate.vaf < NOTHING
-    found = remarks_on(estimate, explained_at_lines(recording, estimate) if low else None)
-    if estimate.outcome is Outcome.NOT_APPLICABLE:
-        return found
-    # Without a target the likelihood can have two summits, which no claimed error shows.
-    why = shared_signals if vague(estimate) else one_signal
-    shared = why(recording, estimate.model)
-    return (*found, Remark("shared-signals", shared)) if shared else found
-
-
-def explained_at_lines(recording: Recording, estimate: Estimate) -> float | None:
-    """Share of the control at the lines of the forcing functions that a model explains [%].
-
-    None without lines, and for pilots who vary in time.
-    """
-    try:
-        every = forcing_lines(recording)
-    except NotMultisineError:
-        return None
-    if not every or estimate.model.changes:
-        return None
-    lines = np.unique(np.concatenate(list(every.values())))
-    omega = 2.0 * np.pi / recording.duration * lines
-
-    def at_lines(signal: FloatArray) -> ComplexArray:
-        return np.asarray(np.fft.rfft(recording.window(signal))[:, lines])
-
-    control = at_lines(recording.u)
-    responses = estimate.model.response(omega, estimate.values)
-    left = control.copy()
-    for channel, response in zip(estimate.model.channels, responses, strict=True):
-        left -= channel.sign * response * at_lines(recording.input(channel.input))
-    power = float(np.sum(np.abs(control) ** 2))
-    return 100.0 * max(0.0, 1.0 - float(np.sum(np.abs(left) ** 2)) / power)
-
-
-def shared_signals(recording: Recording, model: PilotModel) -> str | None:
-    """Why channels can hardly be told apart: their signals depend on one another."""
-    inputs = {channel.input for channel in model.channels}
-    if "target" not in inputs or len(inputs) < 2:
-        return one_signal(recording, model)
-    if dependent := dependent_signals(model):
-        return dependent
-    names = " and ".join(channel.name for channel in model.channels)
-    if recording.fd is not None and not _absent(recording, recording.fd, recording.u):
-        return None
-    return (
-        f"no disturbance is recorded, and without one the {names} channels follow one signal: "
-        f"nothing but their form and the remnant tells them apart; {REMEDY}"
-    )
-
-
-def dependent_signals(model: PilotModel) -> str | None:
-    """Why no response of each channel can be measured: they act on e, x and ft, which is e + x."""
-    if len({channel.input for channel in model.channels}) < 3:
-        return None
-    names = " and ".join(channel.name for channel in model.channels)
-    return (
-        f"ft = e + x, so that the {names} channels act on two signals: nothing but their form "
-        "tells them apart; fit two channels"
-    )
-
-
-def varying(model: PilotModel) -> str | None:
-    """Why a method of constant pilots cannot treat a model: its parameters vary in time."""
-    if not model.changes:
-        return None
-    return (
-        f"model {model.name} varies in time, and this method knows constant pilots alone; use mle, "
-        "mle-white, mle-genetic or bayes, or fit a constant model"
-    )
-
-
-def one_signal(recording: Recording, model: PilotModel) -> str | None:
-    """Why channels on error and output can hardly be told apart: there is no target."""
-    if len({channel.input for channel in model.channels}) < 2:
-        return None
-    if not _absent(recording, recording.e + recording.x, recording.e):
-        return None
-    names = " and ".join(channel.name for channel in model.channels)
-    return (
-        f"there is no target, so that e = -x and the {names} channels act on one signal: only "
-        f"what they do together is measured, and nothing but their form tells them apart; {REMEDY}"
-    )
-
-
-def _absent(recording: Recording, forcing: FloatArray, beside: FloatArray) -> bool:
-    """Whether a forcing function is no more than rounding errors beside another signal."""
-    size = np.std(recording.window(beside), axis=1)
-    return not np.any(np.std(recording.window(forcing), axis=1) > SAME * size)
-
-
 def _outcome_of(error: BaseException) -> tuple[Outcome, str]:
     """How a fit ended that raised an exception, and why."""
     match error:
@@ -314,3 +217,58 @@ def method_fault(thing: object) -> str:
         return "a method needs a `name` of letters, digits and the signs . + -"
     lacking = [word for word in ("fit", "objection") if not callable(getattr(thing, word, None))]
     return f"a method needs a function `{lacking[0]}`" if lacking else ""
+
+
+def fault_of(estimate: object, model: PilotModel) -> str:
+    """What is wrong with an estimate of a model, empty if it is sound.
+
+    A fit that failed need not give numbers, but what it gives has the right shapes.
+    """
+    if not isinstance(estimate, Estimate):
+        return f"it returned {type(estimate).__name__} in place of an Estimate"
+    if estimate.model != model:
+        return "it is an estimate of another model"
+    count = len(model.parameters)
+    shapes = {"values": (count,), "covariance": (count, count), "intervals": (count, 2)}
+    if estimate.errors is not None:
+        shapes["errors"] = (count,)
+    for name, shape in shapes.items():
+        given = getattr(estimate, name)
+        if (
+            not isinstance(given, np.ndarray)
+            or given.shape != shape
+            or given.dtype.kind not in "fiu"
+        ):
+            return f"its {name} are no array of real numbers of the shape {shape}"
+    for name, kinds in PARTS.items():
+        if not isinstance(getattr(estimate, name), kinds):
+            return f"its {name} is of the type {type(getattr(estimate, name)).__name__}"
+    if not 0 <= estimate.iterations < 2**63:  # what a study can store
+        return f"{estimate.iterations} iterations cannot be"
+    trajectory = estimate.trajectory
+    if trajectory is not None and trajectory.keys != frozen(model).keys:
+        return "its trajectory is not of the model's parameters"
+    return _senseless(estimate) if estimate.outcome.usable else ""
+
+
+def _senseless(estimate: Estimate) -> str:
+    """What a usable estimate claims that cannot be."""
+    values, covariance = estimate.values, estimate.covariance
+    low, high = estimate.intervals.T
+    if not (np.isfinite(values).all() and np.isfinite(covariance).all()):
+        return "a value or its covariance is not finite"
+    variances = np.diag(covariance)
+    if not (variances > 0.0).all():
+        return "a variance is not positive"
+    correlation = covariance / np.sqrt(np.outer(variances, variances))
+    if not np.allclose(correlation, correlation.T, rtol=0.0, atol=ROUNDING):
+        return "the covariance is not symmetric"
+    if np.linalg.eigvalsh(correlation)[0] < -ROUNDING:
+        return "the covariance is not positive"
+    if not (np.isfinite(estimate.std_error) & (estimate.std_error > 0.0)).all():
+        return "a standard error is not positive"
+    if not ((low <= values) & (values <= high)).all():
+        return "an interval does not hold its value"
+    if not (np.isnan(estimate.vaf) or 0.0 <= estimate.vaf <= 100.0):
+        return f"a VAF of {float(estimate.vaf):g} % cannot be"
+    return ""

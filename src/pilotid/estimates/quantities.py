@@ -10,7 +10,7 @@ import numpy as np
 from pilotid.chance import Z95
 from pilotid.estimates.draws import Draws, Spread, spread_of
 from pilotid.numbers import decimals
-from pilotid.types import FloatArray
+from pilotid.types import BoolArray, FloatArray
 
 
 @dataclass(frozen=True)
@@ -140,3 +140,123 @@ def products_by_delta(
             Quantity(product.key, product.unit, value, error, value - reach, value + reach)
         )
     return result
+
+
+LARGEST = 100.0  # standard error of a logarithm; exp of twice as much is a number still
+#: Correlation from which two parameters count as one.  To know the other would then divide a
+#: variance by 10, at which regressors are by custom called collinear (Marquardt,
+#: Technometrics 12, 1970): 1/(1 - r^2) = 10.
+COLLINEAR = math.sqrt(0.9)
+#: Relative standard error below which a parameter is known well enough, whatever it goes with.
+WELL_KNOWN = 0.1
+#: How many times better a product or ratio must be known than either of its two parameters.
+BETTER = 3.0
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two parameters that cannot be told apart.
+
+    Attributes
+    ----------
+    first, second
+        Their keys.
+    correlation
+        Of their errors, on the logarithmic scale for positive parameters.
+    combination
+        Their product or ratio, where it is known much better than either; else None.
+    """
+
+    first: str
+    second: str
+    correlation: float
+    combination: Quantity | None
+
+    @property
+    def words(self) -> str:
+        """What a user must know, in a sentence."""
+        told = f"{self.first} and {self.second} cannot be told apart "
+        told += f"(correlation {self.correlation:.2f}): "
+        if self.combination is None:
+            return told + "as far as one of them is wrong, so is the other"
+        kind, sign = ("product", " ") if self.correlation < 0.0 else ("ratio", "/")
+        value, _ = self.combination.shown("+-")
+        unit = f" {self.combination.unit}" if self.combination.unit else ""
+        name = f"{kind} {self.first}{sign}{self.second}"
+        return told + f"it is their {name} = {value}{unit} that is known"
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain objects, as JSON has them."""
+        known = self.combination
+        return {
+            "parameters": [self.first, self.second],
+            "correlation": self.correlation,
+            "combination": known and {"key": known.key, **known.to_dict()},
+        }
+
+
+def inseparable(
+    keys: tuple[str, ...],
+    units: tuple[str, ...],
+    positive: BoolArray,
+    values: FloatArray,
+    covariance: FloatArray,
+    draws: Draws | None = None,
+) -> list[Pair]:
+    """The pairs that an estimate cannot tell apart: correlated, and one of them little known.
+
+    Parameters
+    ----------
+    keys, units, positive
+        The parameters, and which of them have a logarithm, shape (parameters,).
+    values, covariance
+        The estimate, shapes (parameters,) and (parameters, parameters).
+    draws
+        Of the posterior, in the place of the covariance.
+    """
+    if not (np.isfinite(values).all() and np.isfinite(covariance).all()):
+        return []
+    positive = positive & (values > 0.0)
+    if draws is None:
+        scale = np.where(positive, values, 1.0)
+        spread = covariance / np.outer(scale, scale)
+    else:
+        own = draws.values[:, : len(keys)]
+        inner = np.where(positive, np.log(np.where(positive, own, 1.0)), own)
+        offset = inner - draws.weights @ inner
+        spread = (draws.weights[:, None] * offset).T @ offset
+    error = np.sqrt(np.diag(spread))
+    if not (error > 0.0).all():
+        return []
+    correlation = spread / np.outer(error, error)
+    relative = np.where(positive, error, error / np.maximum(np.abs(values), 1e-9))
+    vague = np.maximum.outer(relative, relative) > WELL_KNOWN
+    found = []
+    for i, j in zip(
+        *np.nonzero(np.triu(vague & (np.abs(correlation) >= COLLINEAR), 1)), strict=True
+    ):
+        sign = -math.copysign(1.0, correlation[i, j])  # of the second's power
+        left = spread[i, i] + spread[j, j] + 2.0 * sign * spread[i, j]
+        known = None
+        if positive[i] and positive[j] and BETTER**2 * left <= min(spread[i, i], spread[j, j]):
+            value = float(values[i] * values[j] ** sign)
+            # A wild fit may claim an error beyond all numbers, which is none.
+            off = min(math.sqrt(max(float(left), 0.0)), LARGEST)
+            known = Quantity(
+                keys[i] + ("*" if sign > 0.0 else "/") + keys[j],
+                _unit(units[i], units[j], divided=sign < 0.0),
+                value,
+                value * off,
+                value * math.exp(-Z95 * off),
+                value * math.exp(Z95 * off),
+            )
+        found.append(Pair(keys[i], keys[j], float(correlation[i, j]), known))
+    return found
+
+
+def _unit(first: str, second: str, *, divided: bool) -> str:
+    if not divided:
+        return " ".join(unit for unit in (first, second) if unit)
+    if first == second:
+        return ""
+    return f"{first or 1}/{second}" if second else first

@@ -43,6 +43,13 @@ class Trajectory:
     lower: FloatArray
     upper: FloatArray
 
+    def __post_init__(self) -> None:
+        shape = (len(self.keys), self.time.size)
+        if {self.values.shape, self.lower.shape, self.upper.shape} != {shape}:
+            raise ValueError(f"values and bands of a trajectory must have the shape {shape}")
+        if not (np.isfinite(self.time).all() and (np.diff(self.time) > 0.0).all()):
+            raise ValueError("the times of a trajectory must rise")
+
     def at(self, time: FloatArray) -> Trajectory:
         """The trajectory at other times, straight between those known and NaN beyond them.
 

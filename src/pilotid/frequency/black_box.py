@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pilotid.estimates.response import FrequencyResponse, real_parts
+from pilotid.estimates.parts import FrequencyResponse, real_parts
 from pilotid.frequency.structures import Structure
 from pilotid.pilot.model import Channel, PilotModel
 from pilotid.types import ComplexArray, FloatArray
@@ -87,7 +87,7 @@ def discrete_response(
 
     Returns
     -------
-    Responses (inputs, n), and the covariance of `pilotid.estimates.response.real_parts` of them.
+    Responses (inputs, n), and the covariance of `pilotid.estimates.parts.real_parts` of them.
     """
     structure = fit.structure
     delay = np.exp(-1j * omega * dt)

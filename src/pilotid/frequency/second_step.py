@@ -15,7 +15,7 @@ import numpy as np
 
 from pilotid.chance import chi_squared_limit
 from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.estimates.response import FrequencyResponse, real_parts
+from pilotid.estimates.parts import FrequencyResponse, real_parts
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_of

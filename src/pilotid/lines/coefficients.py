@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pilotid.estimates.response import FrequencyResponse, circular
+from pilotid.estimates.parts import FrequencyResponse, circular
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.lines import forcing_lines
 from pilotid.recordings.recording import Recording
+from pilotid.recordings.spectra import forcing_lines
 from pilotid.types import BoolArray, ComplexArray, FloatArray, IntArray
 
 #: Least power of the remnant at a line as a share of the control's there: far below what
@@ -226,7 +226,7 @@ def coefficients_of(
     Parameters
     ----------
     recording
-        A recording with one or two multisines, see `pilotid.recordings.lines.forcing_lines`.
+        A recording with one or two multisines, see `pilotid.recordings.spectra.forcing_lines`.
     model
         The pilot model.
     neighbours

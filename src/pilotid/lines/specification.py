@@ -14,11 +14,11 @@ import math
 
 import numpy as np
 
-from pilotid.estimates.remnant import RemnantEstimate
+from pilotid.estimates.applicability import lines_objection
+from pilotid.estimates.parts import RemnantEstimate
 from pilotid.estimates.specification import Specification
 from pilotid.lines.coefficients import NEIGHBOURS, TREND, coefficients_of
-from pilotid.lines.equations import Equations
-from pilotid.lines.objection import objection
+from pilotid.lines.fit import Equations
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.types import FloatArray
@@ -47,7 +47,7 @@ def specification_of(
     remnant
         The remnant's spectrum as it was estimated.
     """
-    if model.changes or objection(recording, model):
+    if model.changes or lines_objection(recording, model):
         return None
     lines = coefficients_of(recording, model, NEIGHBOURS, TREND)
     residuals = lines.residuals(model.response(lines.omega, values))

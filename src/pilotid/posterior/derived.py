@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pilotid.estimates.draws import Draws, Spread, spread_of
-from pilotid.estimates.loops import CHANGES, COUNT, TracedLoop, traced_loops
+from pilotid.estimates.loops import CHANGES, COUNT, SampledLoop, sampled_loops
 from pilotid.estimates.quantities import product_spreads
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
@@ -67,9 +67,9 @@ def _margin_spreads(
     draws: Draws, model: PilotModel, element: ControlledElement
 ) -> Sequence[Spread]:
     spreads = []
-    for loop in _traced(draws, model, element):
+    for loop in _sampled(draws, model, element):
         spreads += [
-            spread_of(f"{loop.name} {what}", unit, values)
+            spread_of(f"{loop.loop.name} {what}", unit, values)
             for what, unit, values in (
                 ("crossover", "rad/s", loop.crossover),
                 ("phase margin", "deg", loop.phase_margin),
@@ -83,10 +83,10 @@ def loop_notes(draws: Draws, model: PilotModel, element: ControlledElement) -> l
     """What should be known of the loops' margins over draws, a sentence each."""
     if model.changes:
         return [CHANGES]
-    return [note for loop in _traced(draws, model, element) for note in loop.loop.notes]
+    return [note for loop in _sampled(draws, model, element) for note in loop.loop.notes]
 
 
-def _traced(draws: Draws, model: PilotModel, element: ControlledElement) -> list[TracedLoop]:
+def _sampled(draws: Draws, model: PilotModel, element: ControlledElement) -> list[SampledLoop]:
     count = len(model.parameters)
     sets = draws.equally_weighted(COUNT)[:, :count]
-    return traced_loops(model, draws.centre[:count], sets, element)
+    return sampled_loops(model, draws.centre[:count], sets, element)

@@ -13,11 +13,15 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from pilotid.recordings.detectors import findings
-from pilotid.recordings.identity import exchanged, not_the_error, units_differ
-from pilotid.recordings.lines import unanswered
-from pilotid.recordings.plant import element_changes, late, opposed, unrelated
+from pilotid.recordings.plant import COHERENT, element_changes, late, opposed, plant_of, unrelated
 from pilotid.recordings.recording import ABSENT, Recording, remembered
-from pilotid.recordings.runs import repeated, unlike
+from pilotid.recordings.spectra import (
+    NotMultisineError,
+    answers,
+    at_lines,
+    forcing_lines,
+    target_lines,
+)
 from pilotid.remarks import Remark, gravest_first
 from pilotid.types import BoolArray, FloatArray
 
@@ -28,6 +32,8 @@ AT_EXTREME = 0.06  # share of the samples at the largest or smallest value; pilo
 DRIFT = 2.0  # of the control over the run, in standard deviations of what is left, at 82 s
 OWN = 0.1  # share of a trend that the signals of the loop must leave, for it to be told from them
 BLOCK = 5.0  # seconds whose mean is one observation of an offset
+LONG = 60.0  # seconds from which lines and remnant can be told apart
+ANSWERED = 0.5  # by which the median ratio exceeds one in one run; sound ones have 0.9 and more
 LATE = ("late-signal", "late-forcing", "clock-drifts")
 OFFSET = 4.0  # standard errors of the mean; simulations stay below 1, pilots below 1.4
 
@@ -201,6 +207,255 @@ def _longest_run(held: BoolArray) -> tuple[int, int]:
         return 0, 0
     longest = int(np.argmax(ends - begins))
     return int(begins[longest]), int(ends[longest] - begins[longest])
+
+
+IDENTITY = 0.01  # rms of e - (ft - x) over that of e; recordings reach 3e-6
+SHOWN = 0.5  # share of the target's fast lines that the error must show
+SCALED = 0.02  # by which a factor between signals must differ from 1 to be one of units
+SAME = 0.01  # by which it may differ from line to line
+
+
+def not_the_error(recording: Recording) -> Remark | None:
+    """The error of a compensatory task is the target less the output."""
+    if recording.ft is None:
+        return _without_target(recording)
+    e, x, ft = (recording.window(s) for s in (recording.e, recording.x, recording.ft))
+    size = _rms(e)
+    off = _rms(e - (ft - x))
+    if off <= IDENTITY * size or size == 0.0:
+        return None
+    for code, what, trial, advice in (
+        ("wrong-sign", "e has the wrong sign", -e - (ft - x), _flip(recording, "e")),
+        ("wrong-sign", "x has the wrong sign", e - (ft + x), _flip(recording, "x")),
+        ("wrong-sign", "ft has the wrong sign", e - (-ft - x), _flip(recording, "ft")),
+        (
+            "not-the-error",
+            "e and ft - x differ by a constant",
+            _centred(e - (ft - x)),
+            "remove the offset",
+        ),
+    ):
+        if _rms(trial) <= IDENTITY * size:
+            return Remark(code, f"e is not ft - x: {what}; {advice}")
+    for name, wanted, given in (("x", ft - e, x), ("e", ft - x, e), ("ft", e + x, ft)):
+        factor = float(np.sum(wanted * given) / (np.sum(given**2) or 1.0))
+        if _rms(wanted - factor * given) <= IDENTITY * _rms(wanted) and factor:
+            return Remark("wrong-unit", f"e is not ft - x: {_scaled(name, factor)}")
+    return Remark(
+        "not-the-error",
+        f"e is not ft - x: they differ by {100.0 * off / size:.3g} % of e; check signs, units and "
+        "the names that --map gives",
+    )
+
+
+def _without_target(recording: Recording) -> Remark | None:
+    """What the disturbance does to the output it does to the error, with the other sign."""
+    factor = _at_disturbance(recording)
+    if factor is None or abs(factor - 1.0) <= SCALED:
+        return None
+    if abs(factor + 1.0) <= SCALED:
+        return Remark(
+            "wrong-sign",
+            "e and x have the same sign at the lines of fd, though e = ft - x; flip one of them, "
+            f"with --map {recording.flipped('e')} or --map {recording.flipped('x')}",
+        )
+    return Remark("wrong-unit", f"e is not -x at the lines of fd: {_scaled('x', factor)}")
+
+
+def _at_disturbance(recording: Recording) -> float | None:
+    """What x must be multiplied with to be -e at the lines of fd; None if they do not tell."""
+    try:
+        every = forcing_lines(recording)
+    except NotMultisineError:
+        return None
+    if "fd" not in every:
+        return None
+    error, output = (
+        np.fft.rfft(recording.window(signal))[:, every["fd"]]
+        for signal in (recording.e, recording.x)
+    )
+    if not np.abs(output).all():
+        return None
+    # Remnant and transients are in both alike; a target that is no multisine makes them differ.
+    factors = -error / output
+    middle = float(np.median(factors.real))
+    off = float(np.median(np.abs(factors - middle)))
+    return middle if off <= SAME * abs(middle) else None
+
+
+def _scaled(name: str, factor: float) -> str:
+    for ratio, units in ((180.0 / np.pi, "radians"), (np.pi / 180.0, "degrees")):
+        if abs(factor / ratio - 1.0) <= IDENTITY:
+            other = "degrees" if units == "radians" else "radians"
+            return f"{name} is in {units} and the others are in {other}; convert it"
+    return (
+        f"{name} is {1.0 / factor:.4g} times what the others make it, so the units differ; give "
+        "all in one unit"
+    )
+
+
+def units_differ(recording: Recording) -> Remark | None:
+    """Units that the file gives must be one for error, output and target."""
+    given = {n: u for n in ("e", "x", "ft") if (u := recording.units.get(n)) and n != u}
+    if len(set(given.values())) < 2:
+        return None
+    words = ", ".join(f"{name} in {unit}" for name, unit in given.items())
+    return Remark(
+        "wrong-unit",
+        f"the file gives {words}; e = ft - x takes one unit: convert, or correct what it says",
+    )
+
+
+def exchanged(recording: Recording) -> Remark | None:
+    """A loop cannot follow the fast lines of a target, so that the error shows all of them."""
+    lines = target_lines(recording)
+    if lines is None or recording.ft is None:
+        return None
+    fast = lines["ft"][lines["ft"].size // 2 :]
+    error, noise = at_lines(recording, recording.e, fast, lines)
+    target = np.fft.rfft(recording.window(recording.ft))[:, fast]
+    weight = np.abs(target) ** 2 / noise
+    shown = float(np.sum(weight * np.real(error / target)) / np.sum(weight))
+    if shown >= SHOWN:
+        return None
+    return Remark(
+        "exchanged",
+        f"e shows {100.0 * shown:.0f} % of the fast lines of the target, which no loop follows: e "
+        "and x seem to be exchanged; correct the names with --map "
+        f"e={recording.origin.get('x', 'x')},x={recording.origin.get('e', 'e')}",
+    )
+
+
+def _flip(recording: Recording, name: str) -> str:
+    return f"flip it with --map {recording.flipped(name)}"
+
+
+def _rms(signal: FloatArray) -> float:
+    return float(np.sqrt(np.mean(signal**2)))
+
+
+def _centred(signal: FloatArray) -> FloatArray:
+    return np.asarray(signal - signal.mean(axis=1, keepdims=True))
+
+
+GAIN = 1.3  # between the controlled elements of two runs; sound ones differ by 1.06 at most
+SIZE, SCATTERS = 2.5, 5.0  # of one run against the rest, and in scatters of these
+USUAL = 0.1  # scatter of the size between runs, at least
+FEWEST_BANDS = 4
+BY_SIZE = 3  # runs from which a scatter can be told
+REPEATED = 0.5  # seconds of a signal that recur to the last digit
+VALUES = 20  # different values that such a stretch must have: rest and saturation do recur
+
+
+def unlike(recording: Recording) -> Remark | None:
+    """One run that is not of the same condition as the others."""
+    if recording.runs < 2:
+        return None
+    return _other_element(recording) or _other_size(recording)
+
+
+def _other_element(recording: Recording) -> Remark | None:
+    """The output holds no noise, so that the element of every run shows by itself."""
+    plants = [plant_of(recording, run) for run in range(recording.runs)]
+    known = [plant for plant in plants if plant is not None]
+    if len(known) < recording.runs:
+        return None
+    good = np.all([plant.coherence >= COHERENT for plant in known], axis=0)
+    if np.count_nonzero(good) < FEWEST_BANDS:
+        return None
+    size = np.array([np.log(np.abs(plant.response[good])) for plant in known])
+    # A band in which one run differs may lie at a resonance; an element differs in most.
+    middle = np.median(size, axis=0) if recording.runs > 2 else size[0]
+    off = np.abs(size - middle)
+    apart = np.median(off, axis=1)
+    run = int(np.argmax(apart))
+    if apart[run] <= np.log(GAIN):
+        return None
+    if recording.runs == 2:
+        return Remark(
+            "unlike-runs",
+            "the controlled elements of the two runs differ by a factor of "
+            f"{np.exp(apart[run]):.2g}: they are not of one condition, or not in one unit; fit "
+            "them one by one",
+        )
+    return Remark(
+        "unlike-runs",
+        f"the controlled element of run {run + 1} differs from that of the others by a factor of "
+        f"{np.exp(apart[run]):.2g}: it is not of their condition, or not in their unit; leave it "
+        "out",
+    )
+
+
+def _other_size(recording: Recording) -> Remark | None:
+    """A run in which a signal is far larger or smaller than in the others."""
+    if recording.runs < BY_SIZE:
+        return None
+    for name in ("u", "e", "x"):
+        if name not in recording.signals:
+            continue
+        spread = np.std(recording.window(getattr(recording, name)), axis=1)
+        if not spread.all():
+            continue
+        size = np.log(spread)
+        for run in range(recording.runs):
+            others = np.delete(size, run)
+            off = float(size[run] - np.mean(others))
+            scatter = float(np.hypot(np.std(others, ddof=1), USUAL))
+            if abs(off) > max(np.log(SIZE), SCATTERS * scatter):
+                return Remark(
+                    "unlike-runs",
+                    f"{name} of run {run + 1} is {np.exp(off):.2g} times as large as in the other "
+                    "runs, which differ far less among themselves: it is not of their condition, "
+                    "or was not flown through; leave it out",
+                )
+    return None
+
+
+def repeated(recording: Recording) -> Remark | None:
+    """Noise does not come twice: a stretch that does was copied."""
+    length = round(REPEATED / recording.dt)
+    window = np.ascontiguousarray(recording.window(recording.u) + 0.0)  # no negative zero
+    if window.shape[1] <= length:
+        return None
+    places = window.shape[1] - length + 1
+    changes = np.cumsum(np.diff(window, axis=1, prepend=window[:, :1]) != 0.0, axis=1)
+    is_lively = changes[:, length - 1 :] - changes[:, :places] >= VALUES - 1
+    # Equal stretches have equal sums of products with any numbers, modulo 2^64.
+    weights = np.random.default_rng(0).integers(2**63, size=length, dtype=np.uint64)
+    prints = np.array([np.correlate(row, weights, "valid") for row in window.view(np.uint64)])
+    candidates = np.flatnonzero(is_lively)
+    candidates = candidates[np.argsort(prints.ravel()[candidates], kind="stable")]
+    same = np.flatnonzero(np.diff(prints.ravel()[candidates]) == 0)
+    for first, second in sorted(zip(candidates[same], candidates[same + 1], strict=True)):
+        (run, a), (again, b) = divmod(first, places), divmod(second, places)
+        stretch = window[run, a : a + length]
+        if np.unique(stretch).size >= VALUES and np.array_equal(
+            stretch, window[again, b : b + length]
+        ):
+            return Remark(
+                "repeated-samples",
+                f"u from t = {a * recording.dt:.4g} s on in run {run + 1} comes again, to "
+                f"the last digit, from t = {b * recording.dt:.4g} s on in run {again + 1}: "
+                "a part was recorded or copied twice; leave it out",
+            )
+    return None
+
+
+def unanswered(recording: Recording) -> Remark | None:
+    """A control that holds nothing of the forcing functions identifies nobody."""
+    if recording.duration < LONG:
+        return None
+    found = answers(recording)
+    least = 1.0 + ANSWERED / np.sqrt(recording.runs)
+    if not found or any(float(np.median(a.ratios)) > least for a in found.values()):
+        return None
+    which = " and ".join(found)
+    return Remark(
+        "forcing-unanswered",
+        f"u does not answer to {which}: at the lines it is no larger than beside them (coherence "
+        f"{max(float(np.median(a.coherence)) for a in found.values()):.2f}); u belongs to another "
+        "run, or the remnant is too large to identify the pilot",
+    )
 
 
 #: All checks, the gravest first.

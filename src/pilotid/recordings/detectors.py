@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pilotid.recordings.floors import floors_of
 from pilotid.recordings.recording import Recording, remembered
+from pilotid.recordings.spectra import floors_of
 from pilotid.remarks import GRADES, Grade
 from pilotid.types import ComplexArray, FloatArray
 

@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pilotid.recordings.lines import at_lines, target_lines
 from pilotid.recordings.recording import Recording, remembered
+from pilotid.recordings.spectra import at_lines, target_lines
 from pilotid.remarks import Remark
 from pilotid.types import ComplexArray, FloatArray, IntArray
 

@@ -6,9 +6,9 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from pilotid.recordings.lines import NotMultisineError, answers, forcing_lines
 from pilotid.recordings.plant import plant_of
 from pilotid.recordings.recording import SIGNALS, Recording
+from pilotid.recordings.spectra import NotMultisineError, answers, forcing_lines
 
 REST = 0.2  # seconds at one value from which a control rests
 LACKING = {

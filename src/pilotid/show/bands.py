@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate
-from pilotid.recordings.floors import floors_of
-from pilotid.recordings.lines import NotMultisineError, forcing_lines
 from pilotid.recordings.recording import INPUTS, Recording
+from pilotid.recordings.spectra import NotMultisineError, floors_of, forcing_lines
 from pilotid.show.named import legend, new_pair
 from pilotid.show.style import GRID, INK, log_ticks
 

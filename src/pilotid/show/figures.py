@@ -12,7 +12,7 @@ import numpy as np
 from pilotid.disk import write_file
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.fitted import Fitted
-from pilotid.estimates.response import FrequencyResponse
+from pilotid.estimates.parts import FrequencyResponse
 from pilotid.pilot.element import ControlledElement, parsed_element
 from pilotid.recordings.recording import INPUTS, Recording
 from pilotid.show.named import leading

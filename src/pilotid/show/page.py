@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pilotid.estimates.fitted import Fitted
-from pilotid.estimates.response import FrequencyResponse
+from pilotid.estimates.parts import FrequencyResponse
 from pilotid.estimates.tables import Columns
 from pilotid.pilot.element import ControlledElement
 from pilotid.show.figures import Shown, figures_of

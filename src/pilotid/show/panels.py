@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate
-from pilotid.estimates.response import FrequencyResponse
+from pilotid.estimates.parts import FrequencyResponse
 from pilotid.pilot.element import ControlledElement
 from pilotid.recordings.recording import INPUTS, Recording
 from pilotid.show.bands import band

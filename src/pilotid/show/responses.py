@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate
-from pilotid.estimates.response import FrequencyResponse
+from pilotid.estimates.parts import FrequencyResponse
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.frozen import ends, frozen
 from pilotid.pilot.loops import Margin, loop_slopes, margins, open_loops

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pilotid.estimates.bounds import held
-from pilotid.estimates.estimate import Estimate, Outcome
+from pilotid.estimates.estimate import Estimate, Outcome, is_at_bound
 from pilotid.estimates.fitted import Fitted
 from pilotid.estimates.quantities import Quantity
 from pilotid.recordings.recording import INPUTS
@@ -75,7 +74,7 @@ def _how_well(chosen: Estimate) -> list[str]:
 
 
 def _known(chosen: Estimate) -> list[str]:
-    there = held(chosen.model, chosen.values)
+    there = is_at_bound(chosen.model, chosen.values)
     bound = [key for key, at_bound in zip(chosen.model.keys, there, strict=True) if at_bound]
     shares = {q.key: _share(q) for q in chosen.quantities if not set(q.key.split("*")) & set(bound)}
     if not all(math.isfinite(share) for share in shares.values()):

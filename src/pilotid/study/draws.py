@@ -10,9 +10,8 @@ from functools import lru_cache
 import numpy as np
 
 from pilotid.datasets import Population, Scenario
-from pilotid.datasets.experiments import experiment_of
+from pilotid.datasets.experiments import bound_of, experiment_of
 from pilotid.datasets.forcing import Multisine
-from pilotid.datasets.linearised import bound_of
 from pilotid.datasets.named import AnyScenario
 from pilotid.datasets.simulation import lines_in
 from pilotid.pilot.element import ControlledElement

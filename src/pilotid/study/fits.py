@@ -11,12 +11,13 @@ from pilotid.datasets import Scenario, simulate
 from pilotid.datasets.named import AnyScenario
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import Method, Searching, identify
-from pilotid.estimates.remarks import what_is_open
+from pilotid.estimates.warnings import OPEN
 from pilotid.jobs import Loss
 from pilotid.naming.code import reason, unpacked
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import Recording
+from pilotid.remarks import codes_of
 from pilotid.seeds import fit_rng, recording_rng, start_rng
 from pilotid.study.draws import scenario_of
 from pilotid.study.entries import Draw, Result, Track, Unit, number
@@ -107,9 +108,7 @@ def told(remarked: tuple[str, ...], estimate: Estimate) -> str:
     estimate
         The estimate.
     """
-    left_open = what_is_open(estimate) if estimate.outcome.usable else []
-    told_of = {one_line(remark) for remark in left_open}
-    own = [remark for remark in estimate.remarks if remark not in told_of]
+    own = [remark for remark in estimate.remarks if codes_of([remark])[0] not in OPEN]
     found = [*(f"recording: {remark}" for remark in remarked), *own]
     line = " | ".join(found)
     return line if len(line) <= LONGEST_TOLD else f"{line[: LONGEST_TOLD - 4]} ..."

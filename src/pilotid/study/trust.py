@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from pilotid.datasets import AnyScenario, Scenario
-from pilotid.datasets.designed import designed_scenario, scenario_json
+from pilotid.datasets.named import designed_scenario, scenario_json
 from pilotid.disk import make_folder, strict_json, write_file
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.method import Method, identify

@@ -25,12 +25,12 @@ from functools import cached_property
 
 import numpy as np
 
-from pilotid.element.choice import SIGNALS, chosen_element
+from pilotid.element.fit import SIGNALS, chosen_element
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.detectors import band_end
-from pilotid.recordings.floors import floors_of, periodogram, running_median
 from pilotid.recordings.recording import INPUTS, Recording, remembered
+from pilotid.recordings.spectra import floors_of, periodogram, running_median
 from pilotid.time_domain.whitening import FAR
 from pilotid.types import ComplexArray, FloatArray
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pilotid.estimates.bounds import bounds_reached
+from pilotid.estimates.estimate import bounds_reached
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import INPUTS, Recording
 from pilotid.seeds import fit_rng

@@ -17,8 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pilotid.estimates.bounds import held
-from pilotid.estimates.estimate import Starts
+from pilotid.estimates.estimate import Starts, is_at_bound
 from pilotid.pilot.model import PilotModel
 from pilotid.solve.least_squares import Minima, minimise, minimise_each, solve_linear
 from pilotid.solve.search import draw_starts, search
@@ -104,7 +103,7 @@ def explore(
     coarse = reduced(prediction)
     following = Following(coarse, known)
     # A fit of the lines that ended at a bound may have gone astray.
-    guided = known is not None and not held(model, known[0]).any()
+    guided = known is not None and not is_at_bound(model, known[0]).any()
     firsts = near
     if not guided:
         white = OutputErrors(coarse.below(settings.search_band))

@@ -13,16 +13,14 @@ from functools import cached_property
 
 import numpy as np
 
-from pilotid.estimates.band import AnalysedBand
-from pilotid.estimates.bounds import held
-from pilotid.estimates.estimate import Starts
-from pilotid.estimates.remnant import RemnantEstimate
+from pilotid.estimates.applicability import lines_objection
+from pilotid.estimates.estimate import Starts, is_at_bound
+from pilotid.estimates.parts import AnalysedBand, RemnantEstimate
 from pilotid.lines.fit import fit_lines
-from pilotid.lines.objection import objection
 from pilotid.pilot.frozen import frozen, unfrozen
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.floors import floors_of
 from pilotid.recordings.recording import Recording
+from pilotid.recordings.spectra import floors_of
 from pilotid.solve.covariance import covariance_of
 from pilotid.solve.least_squares import Minima, minimise
 from pilotid.time_domain.adjoint import for_search
@@ -197,7 +195,7 @@ class Maximum:
         One at a bound is no pilot, and whether a search comes upon it is chance.
         """
         model = self.joint.prediction.model
-        inside = [pilot for pilot in self.rivals if not held(model, pilot).any()]
+        inside = [pilot for pilot in self.rivals if not is_at_bound(model, pilot).any()]
         return max(map(self.edge_of, [self.pilot, *inside]))
 
     def edge_of(self, pilot: FloatArray) -> float:
@@ -282,7 +280,7 @@ def _lines_pilot(
     recording: Recording, model: PilotModel, rng: np.random.Generator
 ) -> FloatArray | None:
     """The pilot that the forcing functions' lines show, shape (1, parameters), if they do."""
-    if objection(recording, model):
+    if lines_objection(recording, model):
         return None
     fit = fit_lines(recording, model, rng, candidates=96, refined=8, same=0.01)
     return fit.values[None] if np.isfinite(fit.values).all() else None

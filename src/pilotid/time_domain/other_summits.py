@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pilotid.estimates.bounds import held
+from pilotid.estimates.estimate import is_at_bound
 from pilotid.solve.least_squares import minimise
 from pilotid.solve.walk import Held
 from pilotid.time_domain.maximum_likelihood import Maximum
@@ -47,7 +47,7 @@ def off_bounds(found: Maximum) -> FloatArray:
     """
     joint, optimum = found.joint, found.end.values[0]
     model = joint.prediction.model
-    at_bound = np.flatnonzero(held(model, found.pilot))
+    at_bound = np.flatnonzero(is_at_bound(model, found.pilot))
     low, high = np.array([p.usual for p in model.parameters]).T
     middle = np.where(model.positive, np.sqrt(np.abs(low * high)), 0.5 * (low + high))
     bases = [optimum.copy()]

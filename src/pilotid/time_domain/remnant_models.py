@@ -15,7 +15,7 @@ from typing import Protocol
 
 import numpy as np
 
-from pilotid.estimates.remnant import RemnantEstimate
+from pilotid.estimates.parts import RemnantEstimate
 from pilotid.time_domain.band import Band
 from pilotid.time_domain.whitening import (
     FAR,

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate
-from pilotid.estimates.remnant import RemnantEstimate
+from pilotid.estimates.parts import RemnantEstimate
 from pilotid.recordings.recording import INPUTS, Recording
 from pilotid.time_domain.band import Band, analysis_band
 from pilotid.time_domain.output_error import OutputErrors

@@ -1,0 +1,118 @@
+"""Why a model cannot be identified from a recording, for the objections of methods."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.checks import motionless
+from pilotid.recordings.recording import INPUTS, Recording
+from pilotid.recordings.spectra import NotMultisineError, forcing_lines
+from pilotid.types import FloatArray
+
+#: Standard deviation of a forcing function over that of another signal below which there is none.
+SAME = 0.01
+
+#: What to do where channels cannot be told apart.
+REMEDY = "record with a target and a disturbance, or fit one channel"
+
+
+def motionless_input(recording: Recording, model: PilotModel) -> str | None:
+    """Why no method can identify a model: one of its channels has nothing to act on."""
+    for channel in model.channels:
+        name = INPUTS[channel.input]
+        if (
+            _absent(recording, recording.input("target"), recording.e)
+            if channel.input == "target"
+            else motionless(recording, name)
+        ):
+            held = name in recording.signals or channel.input == "target"
+            what = "does not move" if held else "is not recorded"
+            return f"{name} {what}, so that the {channel.name} channel has no input"
+    return None
+
+
+def shared_signals(recording: Recording, model: PilotModel) -> str | None:
+    """Why channels can hardly be told apart: their signals depend on one another."""
+    inputs = {channel.input for channel in model.channels}
+    if "target" not in inputs or len(inputs) < 2:
+        return one_signal(recording, model)
+    if dependent := dependent_signals(model):
+        return dependent
+    names = " and ".join(channel.name for channel in model.channels)
+    if recording.fd is not None and not _absent(recording, recording.fd, recording.u):
+        return None
+    return (
+        f"no disturbance is recorded, and without one the {names} channels follow one signal: "
+        f"nothing but their form and the remnant tells them apart; {REMEDY}"
+    )
+
+
+def dependent_signals(model: PilotModel) -> str | None:
+    """Why no response of each channel can be measured: they act on e, x and ft, which is e + x."""
+    if len({channel.input for channel in model.channels}) < 3:
+        return None
+    names = " and ".join(channel.name for channel in model.channels)
+    return (
+        f"ft = e + x, so that the {names} channels act on two signals: nothing but their form "
+        "tells them apart; fit two channels"
+    )
+
+
+def varying(model: PilotModel) -> str | None:
+    """Why a method of constant pilots cannot treat a model: its parameters vary in time."""
+    if not model.changes:
+        return None
+    return (
+        f"model {model.name} varies in time, and this method knows constant pilots alone; use mle, "
+        "mle-white, mle-genetic or bayes, or fit a constant model"
+    )
+
+
+def one_signal(recording: Recording, model: PilotModel) -> str | None:
+    """Why channels on error and output can hardly be told apart: there is no target."""
+    if len({channel.input for channel in model.channels}) < 2:
+        return None
+    if not _absent(recording, recording.e + recording.x, recording.e):
+        return None
+    names = " and ".join(channel.name for channel in model.channels)
+    return (
+        f"there is no target, so that e = -x and the {names} channels act on one signal: only "
+        f"what they do together is measured, and nothing but their form tells them apart; {REMEDY}"
+    )
+
+
+def _absent(recording: Recording, forcing: FloatArray, beside: FloatArray) -> bool:
+    """Whether a forcing function is no more than rounding errors beside another signal."""
+    size = np.std(recording.window(beside), axis=1)
+    return not np.any(np.std(recording.window(forcing), axis=1) > SAME * size)
+
+
+def lines_objection(recording: Recording, model: PilotModel) -> str | None:
+    """Why the forcing functions have no lines, or too few, for the model's channels; or None."""
+    if constant_only := varying(model):
+        return constant_only
+    try:
+        lines = forcing_lines(recording)
+    except NotMultisineError as error:
+        return str(error)
+    if not lines:
+        return "the recording holds neither ft or fd nor their lines"
+    inputs = [channel.input for channel in model.channels]
+    if len(set(inputs)) < len(inputs):
+        return f"model {model.name} has two channels on one input, which no lines tell apart"
+    if inputs == ["target"]:
+        return f"model {model.name} acts on the target alone, outside any loop"
+    if dependent := dependent_signals(model):
+        return dependent
+    fewest = min(own.size for own in lines.values())
+    if len(inputs) == 2 and len(lines) < 2:
+        return "two channels need both a target and a disturbance forcing function"
+    if len(inputs) == 2 and np.intersect1d(lines["ft"], lines["fd"]).size:
+        return "two channels need forcing functions without common lines"
+    if fewest < 2:
+        return "a forcing function has a single line, where two or more are needed"
+    count = sum(own.size for own in lines.values())
+    if 2 * count < len(model.parameters):
+        return f"{count} lines are too few for {len(model.parameters)} parameters"
+    return None

@@ -1,0 +1,199 @@
+"""TODO."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pilotid.types import ComplexArray, FloatArray
+
+NOTHING = np.zeros(0)
+
+
+@dataclass(frozen=True, eq=False)
+class AnalysedBand:
+    """What was analysed.
+
+    Attributes
+    ----------
+    highest
+        Frequency up to which the recording was used [rad/s].
+    likelihood
+        ``band`` if the likelihood has the loop's term, ``direct`` for direct prediction errors,
+        empty for methods that maximise none.
+    omega, weights
+        Frequencies [rad/s] and the weight of a bin there, shape (n,); empty if all weigh the same.
+    floors
+        Power density of what the recorder adds, by signal [the unit of the signal squared s/rad].
+    element
+        The controlled element that closes the loop; empty for none.
+    """
+
+    highest: float
+    likelihood: str = ""
+    omega: FloatArray = field(default_factory=lambda: NOTHING)
+    weights: FloatArray = field(default_factory=lambda: NOTHING)
+    floors: Mapping[str, float] = field(default_factory=dict)
+    element: str = ""
+
+    @property
+    def half(self) -> float:
+        """Frequency from which on a bin weighs less than half [rad/s]; `highest` if none does."""
+        light = np.flatnonzero(self.weights < 0.5)
+        return min(self.highest, float(self.omega[light[0]])) if light.size else self.highest
+
+    @property
+    def words(self) -> str:
+        """What was analysed, in a few words."""
+        told = f"band to {self.highest:.3g} rad/s"
+        if self.half < 0.95 * self.highest:
+            told += f", half weight from {self.half:.3g}: the recorder's floor"
+        return told
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain objects, as JSON has them."""
+        return {
+            "highest": self.highest,
+            "half_weight": self.half,
+            "likelihood": self.likelihood,
+            "omega": self.omega.tolist(),
+            "weights": self.weights.tolist(),
+            "floors": dict(self.floors),
+            "element": self.element,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class RemnantEstimate:
+    """The remnant as a method saw it, inside its analysis band.
+
+    Attributes
+    ----------
+    model
+        Name of the noise model.
+    parameters
+        Its parameters by name (frequencies in rad/s).
+    power_ratio
+        var(n)/var(u).
+    omega
+        Frequencies [rad/s], shape (n,).
+    density
+        One-sided power spectral density [unit of u, squared, per rad/s], shape (n,).
+    """
+
+    model: str
+    parameters: dict[str, float]
+    power_ratio: float
+    omega: FloatArray
+    density: FloatArray
+
+    @property
+    def words(self) -> str:
+        """It in a few words; the coefficients of a free spectrum say nothing to a reader."""
+        words = f"remnant {100.0 * self.power_ratio:.1f} % of the control's power, {self.model}"
+        if "frequency" in self.parameters:
+            words += f" low-pass at {self.parameters['frequency']:.3g} rad/s"
+        if "damping" in self.parameters:
+            words += f", damping {self.parameters['damping']:.2g}"
+        return words
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain objects, as JSON has them."""
+        return {
+            "model": self.model,
+            "parameters": self.parameters,
+            "power_ratio": self.power_ratio,
+            "omega": self.omega.tolist(),
+            "density": self.density.tolist(),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class FrequencyResponse:
+    """Estimated responses of a pilot model's channels at some frequencies.
+
+    Attributes
+    ----------
+    omega
+        Frequencies [rad/s], ascending, shape (n,).
+    value
+        Response of every channel without its sign, so that u = visual e - vestibular x;
+        complex, shape (channels, n).
+    covariance
+        Covariance of the real parts and then the imaginary parts of `value`, each channel
+        by channel; shape (2 channels n, 2 channels n).
+    systematic
+        Size of errors that are not random, such as those of an interpolation; they are no
+        part of the covariance.  Shape (channels, n).
+    note
+        What a reader should know of it, for messages and reports.
+    """
+
+    omega: FloatArray
+    value: ComplexArray
+    covariance: FloatArray
+    systematic: FloatArray | None = None
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        size = 2 * self.value.size
+        if self.value.ndim != 2 or self.value.shape[1] != self.omega.size:
+            raise ValueError("the response must have the shape (channels, frequencies)")
+        if self.covariance.shape != (size, size):
+            raise ValueError(f"the covariance must have the shape ({size}, {size})")
+
+    @property
+    def std(self) -> FloatArray:
+        """Root mean square of the random error, of value less true value, (channels, n)."""
+        real, imaginary = np.diag(self.covariance).reshape(2, *self.value.shape)
+        return np.asarray(np.sqrt(real + imaginary))
+
+    def to_dict(self, names: Sequence[str]) -> dict[str, object]:
+        """Plain objects, as JSON has them, with the channels by these names."""
+        result: dict[str, object] = {"omega": self.omega.tolist()}
+        if self.note:
+            result["note"] = self.note
+        for c, name in enumerate(names):
+            entry = {
+                "real": self.value[c].real.tolist(),
+                "imag": self.value[c].imag.tolist(),
+                "std": self.std[c].tolist(),
+            }
+            if self.systematic is not None:
+                entry["systematic"] = self.systematic[c].tolist()
+            result[name] = entry
+        return result
+
+
+def real_parts(value: ComplexArray) -> FloatArray:
+    """Real and then imaginary parts of responses, in the order of the covariance.
+
+    Parameters
+    ----------
+    value
+        Responses, shape (..., channels, n).
+
+    Returns
+    -------
+    Array of shape (..., 2 channels n).
+    """
+    parts = np.stack([value.real, value.imag], axis=-3)
+    return parts.reshape(*value.shape[:-2], -1)
+
+
+def circular(covariance: ComplexArray) -> FloatArray:
+    """Covariance of real and imaginary parts of errors whose phase is random.
+
+    Parameters
+    ----------
+    covariance
+        E[z z^H] of the complex errors z, shape (m, m).
+
+    Returns
+    -------
+    Array of shape (2 m, 2 m), real parts first.
+    """
+    real, imaginary = covariance.real, covariance.imag
+    return 0.5 * np.block([[real, -imaginary], [imaginary, real]])

@@ -1,0 +1,264 @@
+"""Warnings about an estimate, whatever method it comes from; see `pilotid.remarks.CODES`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from pilotid.chance import Z95
+from pilotid.estimates.applicability import one_signal, shared_signals
+from pilotid.estimates.estimate import Estimate, Outcome, at_bounds
+from pilotid.pilot.courses import STEEP
+from pilotid.pilot.factors import Factor, Lag, Lead, Neuromuscular, Parameter
+from pilotid.recordings.recording import Recording
+from pilotid.recordings.spectra import NotMultisineError, forcing_lines
+from pilotid.remarks import Remark, remark_of
+from pilotid.types import ComplexArray, FloatArray
+
+#: Variance accounted for [%] below which a model explains next to nothing.  Of 110 recordings
+#: of human pilots the least well described, by a pilot with a breakout, has 34 %; with the
+#: control recorded a second late the best fit has 12 %.
+LEAST_VAF = 20.0
+#: Standard error over value from which a parameter is poorly identified.
+VAGUE = 0.25
+#: Shortest delay of people who track [s].
+SHORTEST_DELAY = 0.1
+#: Ratio of the ends of an interval that tells the order of magnitude at most.
+WIDE = 10.0
+#: How many times longer one side of an interval may be than the other, on the scale of the search.
+ASYMMETRIC = 3.0
+#: Standard error of the logarithm of a ratio of two times above which it tells nothing.
+VAGUE_RATIO = 0.7
+#: Codes of what a recording leaves open, which is no fault of recording, model or fit.
+OPEN = (
+    "inseparable", "not-identifiable", "at-bound", "interval-at-bound", "wide-interval",
+    "asymmetric-interval",
+)  # fmt: skip
+
+
+def all_remarks(estimate: Estimate, recording: Recording) -> tuple[Remark, ...]:
+    """What a user must know of an estimate, also for what the recording lacks."""
+    low = estimate.outcome.usable and estimate.vaf < LEAST_VAF
+    found = remarks_on(estimate, explained_at_lines(recording, estimate) if low else None)
+    if estimate.outcome is Outcome.NOT_APPLICABLE:
+        return found
+    # Without a target the likelihood can have two optima, which no reported error shows.
+    why = shared_signals if is_vague(estimate) else one_signal
+    shared = why(recording, estimate.model)
+    return (*found, Remark("shared-signals", shared)) if shared else found
+
+
+def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Remark, ...]:
+    """The method's own remarks, and those that its numbers call for.
+
+    `explained` is the share of the control that the model explains [%] where that is known better
+    than by the VAF: a slow remnant that the loop suppresses is larger than the control it is in.
+    """
+    found = [remark_of(remark) for remark in estimate.remarks]
+    if not estimate.outcome.usable:
+        return tuple(found)
+    explained = estimate.vaf if explained is None else explained
+    if explained < LEAST_VAF:
+        sentence = (
+            f"the model explains {explained:.1f} % of the control, so the values mean nothing: "
+            "check whether u, e and x belong together (one shifted in time, a wrong name, a wrong "
+            "sign), or choose another model"
+        )
+        return (*found, Remark("little-explained", sentence))
+    for check in (_steps, _short_delays, _cancellations, _inseparable, _poorly_identified):
+        found += check(estimate)
+    return tuple(found)
+
+
+def is_vague(estimate: Estimate) -> bool:
+    """Whether a fit failed, or leaves a parameter poorly identified."""
+    if not estimate.outcome.usable:
+        return True
+    return bool(np.any(estimate.std_error > VAGUE * np.abs(estimate.values)))
+
+
+def explained_at_lines(recording: Recording, estimate: Estimate) -> float | None:
+    """Share of the control at the forcing frequencies that a model explains [%].
+
+    None without lines, and for time-varying pilots.
+    """
+    try:
+        every = forcing_lines(recording)
+    except NotMultisineError:
+        return None
+    if not every or estimate.model.changes:
+        return None
+    lines = np.unique(np.concatenate(list(every.values())))
+    omega = 2.0 * np.pi / recording.duration * lines
+
+    def at_lines(signal: FloatArray) -> ComplexArray:
+        return np.asarray(np.fft.rfft(recording.window(signal))[:, lines])
+
+    control = at_lines(recording.u)
+    responses = estimate.model.response(omega, estimate.values)
+    left = control.copy()
+    for channel, response in zip(estimate.model.channels, responses, strict=True):
+        left -= channel.sign * response * at_lines(recording.input(channel.input))
+    power = float(np.sum(np.abs(control) ** 2))
+    return 100.0 * max(0.0, 1.0 - float(np.sum(np.abs(left) ** 2)) / power)
+
+
+def _steps(estimate: Estimate) -> Iterator[Remark]:
+    """Changes of a time-varying pilot that the recording cannot tell from a step."""
+    model, told = estimate.model, set()
+    for channel, when in zip(model.channels, model.whens, strict=True):
+        if not when or when in told or estimate.values[when[1]] <= STEEP:
+            continue
+        told.add(when)
+        middle, rate = when
+        least = float(estimate.intervals[rate, 0])
+        bound = f", at least {least:.2g} 1/s" if np.isfinite(least) else ""
+        yield Remark(
+            "step-change",
+            f"the {channel.name} channel changes in a step at {estimate.values[middle]:.4g} s: "
+            f"{model.keys[rate]} above {STEEP:g} 1/s means no more than fast{bound}",
+        )
+
+
+def _short_delays(estimate: Estimate) -> Iterator[Remark]:
+    """Delays that people do not have."""
+    for i in estimate.model.delays:
+        value, end = float(estimate.values[i]), float(estimate.intervals[i, 1])
+        if value < SHORTEST_DELAY:
+            reach = f", though its interval goes up to {end:.3g} s" if end > SHORTEST_DELAY else ""
+            yield Remark(
+                "short-delay",
+                f"{estimate.model.keys[i]} is {value:.3g} s, but people's delays are not below "
+                f"{SHORTEST_DELAY:g} s{reach}: another parameter may have taken its part (a lag, a "
+                "slow neuromuscular system), or u was recorded early",
+            )
+
+
+def _cancellations(estimate: Estimate) -> Iterator[Remark]:
+    """Zeros and poles of a channel that are closer than their errors."""
+    index = {key: i for i, key in enumerate(estimate.model.keys)}
+    for channel in estimate.model.channels:
+        leads = dict.fromkeys(f for f in channel.factors if isinstance(f, Lead))
+        poles = [p for f in channel.dynamics for p in _poles(f, index, estimate.values)]
+        for lead in leads:
+            for name, logarithm, slope in poles:
+                i = index[lead.key]
+                off = math.log(float(estimate.values[i])) - logarithm
+                gradient = -slope
+                gradient[i] += 1.0 / estimate.values[i]
+                error = math.sqrt(max(float(gradient @ estimate.covariance @ gradient), 0.0))
+                if abs(off) < Z95 * error and error < VAGUE_RATIO:
+                    yield Remark(
+                        "pole-zero-cancellation",
+                        f"{lead.key} and {name} cancel to within their errors "
+                        f"({math.exp(off):.2f} +- {math.exp(off) * error:.2f} times as long): "
+                        "a model without the two would describe this recording as well",
+                    )
+
+
+def _poles(
+    factor: Factor, index: dict[str, int], values: FloatArray
+) -> Iterator[tuple[str, float, FloatArray]]:
+    """Real poles: name, logarithm of the time constant, and its slope by all parameters."""
+    slope = np.zeros(len(index))
+    if isinstance(factor, Lag):
+        i = index[factor.key]
+        slope[i] = 1.0 / values[i]
+        yield factor.key, math.log(float(values[i])), slope
+    if isinstance(factor, Neuromuscular):
+        f, d = index[factor.frequency_key], index[factor.damping_key]
+        frequency, damping = float(values[f]), float(values[d])
+        if damping > 1.0:
+            # T = (d + sqrt(d^2 - 1))/f is the slow one: d ln T/dd = 1/sqrt(d^2 - 1)
+            root = math.sqrt(damping**2 - 1.0)
+            slope[f], slope[d] = -1.0 / frequency, 1.0 / root
+            name = f"the neuromuscular system ({factor.frequency_key}, {factor.damping_key})"
+            yield name, math.log((damping + root) / frequency), slope
+
+
+def _inseparable(estimate: Estimate) -> Iterator[Remark]:
+    """Pairs of parameters; those of one curve together."""
+    curves = {estimate.model.keys[i] for curve in estimate.model.curves for i in curve.indices}
+    along = []
+    for pair in estimate.inseparable:
+        if {pair.first, pair.second} <= curves:
+            along.append(f"{pair.first} and {pair.second}")
+        else:
+            yield Remark("inseparable", pair.words)
+    if along:
+        yield Remark(
+            "inseparable",
+            f"along the curves {', '.join(along)} cannot be told apart: go by their bands",
+        )
+
+
+def _poorly_identified(estimate: Estimate) -> Iterator[Remark]:
+    """Parameters with an interval that ends at a bound, is wide, or lies to one side."""
+    model = estimate.model
+    low, high = at_bounds(model, *estimate.intervals.T)
+    wide, asymmetric = [], []
+    for parameter, value, interval, is_low, is_high in zip(
+        model.parameters, estimate.values, estimate.intervals, low, high, strict=True
+    ):
+        if not parameter.lower <= value <= parameter.upper:
+            continue  # of a method without bounds, which says so itself
+        if parameter.delay and value < SHORTEST_DELAY and not is_high:
+            continue  # `_short_delays` says so
+        if is_low or is_high:
+            yield _at_bound(parameter, interval.tolist(), is_low, is_high)
+            continue
+        ends = np.array([interval[0], value, interval[1]])
+        if parameter.positive:
+            if interval[1] > WIDE * interval[0]:
+                wide.append(f"{parameter.key} ({interval[0]:.2g} .. {interval[1]:.2g})")
+                continue
+            ends = np.log(ends)
+        below, above = np.diff(ends)
+        if max(below, above) > ASYMMETRIC * min(below, above):
+            asymmetric.append(f"{parameter.key} ({'above' if above > below else 'below'})")
+    if wide:
+        yield Remark(
+            "wide-interval",
+            f"{_is(wide)} poorly identified: the 95 % interval spans more than a factor of "
+            f"{WIDE:g}",
+        )
+    if asymmetric:
+        yield Remark(
+            "asymmetric-interval",
+            f"the 95 % interval of {', '.join(asymmetric)} lies mostly on one side of the value: "
+            "use the interval rather than the standard error",
+        )
+
+
+def _is(names: list[str]) -> str:
+    return f"{', '.join(names)} {'is' if len(names) == 1 else 'are'}"
+
+
+def _at_bound(parameter: Parameter, interval: list[float], is_low: bool, is_high: bool) -> Remark:
+    key, unit = parameter.key, f" {parameter.unit}" if parameter.unit else ""
+    if is_low and is_high:
+        return Remark(
+            "not-identifiable",
+            f"{key} is not identifiable from this recording: its interval spans the whole allowed "
+            f"range, {parameter.lower:g} .. {parameter.upper:g}{unit}",
+        )
+    side, end = ("most", interval[1]) if is_low else ("least", interval[0])
+    bound = parameter.lower if is_low else parameter.upper
+    if math.isclose(end, bound, rel_tol=1e-3):
+        return Remark(
+            "at-bound",
+            f"{key} is at its bound {bound:g}{unit}: the model may be wrong, or the bound too "
+            "tight",
+        )
+    told = (
+        f"{key} is at {side} {end:.3g}{unit}, and the recording does not tell more: "
+        f"its interval reaches the bound {bound:g}{unit}"
+    )
+    low, high = parameter.usual
+    # A lead or lag that is next to none is no wonder; one beyond all that is published is.
+    strange = end > high if is_high else end < low and parameter.unit != "s"
+    if strange and not parameter.linear:
+        told += f"; {low:g} .. {high:g}{unit} are published, so it may stand for something else"
+    return Remark("interval-at-bound", told)
