@@ -167,5 +167,5 @@ def fit_all(
         replace(identify(method, closed, model, fit_rng(seed, label)), method=label)
         for label, method in methods.items()
     )
-    found = (*remarks(recording), *(loop_element.remarks if loop_element else ()))
+    found = (*remarks(closed), *(loop_element.remarks if loop_element else ()))
     return Fitted(recording, model, tuple(estimates), found, loop_element)

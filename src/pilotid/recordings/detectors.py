@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pilotid.pilot.element import parsed_element
 from pilotid.recordings.recording import Recording, remembered
 from pilotid.recordings.spectra import floors_of
 from pilotid.remarks import GRADES, Grade
@@ -355,9 +356,11 @@ class _Look:
         """Times of u, fd and x against one another, and what the drive holds of fd."""
         if "x" not in self.signals:
             return
-        acausal = self._against_output()
-        if acausal is not None:
-            yield acausal
+        late = [*self._against_output(), *self._against_forcing(found)]
+        yield from late or self._against_named()
+
+    def _against_forcing(self, found: Sequence[Finding]) -> Iterator[Finding]:
+        """Times and gains of u and fd against one another, whatever the element is."""
         if "fd" not in self.signals or _is_stepped(self.signals["fd"]):
             return
         best = _Relation(self.signals, self.dt).best(order=4)
@@ -388,7 +391,41 @@ class _Look:
             )
         yield from self._drift()
 
-    def _against_output(self) -> Finding | None:
+    def _against_named(self) -> Iterator[Finding]:
+        """X against the answer of the element that the recording names."""
+        element = parsed_element(self.recording.controlled_element)
+        if element is None or len(element.denominator) > 5:
+            return
+        every = max(1, round(0.045 / self.dt))
+
+        def applied(signal: FloatArray, polynomial: Sequence[float], delay: float) -> FloatArray:
+            """A polynomial of derivatives of a delayed signal, and its derivative."""
+            order = len(polynomial)
+            derivatives = _derivatives(signal, self.dt, order, delay)
+            rows = [derivatives[i : i + order] for i in range(2)]
+            ascending = np.array(polynomial[::-1], dtype=float)
+            return np.array([np.tensordot(ascending, r, axes=1)[:, ::every] for r in rows])
+
+        output, _ = applied(self.signals["x"], element.denominator, 0.0)
+        drive, rate = applied(self.drive, element.numerator, element.delay)
+        columns = [drive, -rate, np.ones_like(drive)]
+        values, errors, left = _regression(output, columns, every * self.dt)
+        late, error = float(values[1] / values[0]), float(errors[1] / abs(values[0]))
+        least = max(LIMITS.errors * error, LIMITS.acausal[0] * self.dt, LIMITS.acausal[1])
+        if left < LIMITS.left[0] and error < LIMITS.told and abs(late) > least:
+            yield Finding(
+                "late-signal",
+                "x",
+                "wrong",
+                late,
+                "s",
+                f"x answers {1e3 * abs(late):.3g} ms {'later' if late > 0 else 'earlier'} than the "
+                f"controlled element {element.name} that is named: u, or x and e, passed a filter "
+                "or are shifted in time, and delays are wrong by as much; or name the element with "
+                "that delay",
+            )
+
+    def _against_output(self) -> Iterator[Finding]:
         """U or fd recorded later than x has answered to it."""
         relation = _Relation(self.signals, self.dt)
         for scanned, order in ((s, o) for s in (False, True) for o in range(3)):
@@ -396,15 +433,15 @@ class _Look:
             if best.left < LIMITS.left[1]:
                 break
         else:
-            return None
+            return
         for name, late, error in (
             ("u", best.late, best.error),
             ("fd", best.other, best.other_error),
         ):
             least = max(LIMITS.errors * error, LIMITS.acausal[0] * self.dt, LIMITS.acausal[1])
             if error < LIMITS.told and late > least:
-                return _late(name, "x", late, self.dt, "x would answer before it moves otherwise")
-        return None
+                yield _late(name, "x", late, self.dt, "x would answer before it moves otherwise")
+                return
 
     def _drift(self, parts: int = 4) -> Iterator[Finding]:
         """The clock of u against that of fd, by quarters of the window."""
@@ -553,18 +590,18 @@ def _outliers(
         error = np.abs(wanted - table @ values)
         usual = float(np.median(error)) / 0.6745 + 1e-13
         kept = error < 6.0 * usual
-    far = np.flatnonzero(error > 40.0 * usual)
+    far = np.flatnonzero(error > max(LIMITS.outlier[0] * usual, LIMITS.outlier[1]))
     first = int(far[0]) if far.size else 0
     events = int(np.count_nonzero(np.diff(far, prepend=-order - 1) > order))
     run, sample = divmod(first, count)
     return float(error.max()) / usual, float(error.max()), events, run, sample + order
 
 
-def _derivatives(signal: FloatArray, dt: float, order: int) -> list[FloatArray]:
-    """A signal and its derivatives behind a Gaussian filter, without what the ends reach."""
+def _derivatives(signal: FloatArray, dt: float, order: int, delay: float = 0.0) -> list[FloatArray]:
+    """A delayed signal and its derivatives behind a Gaussian filter, without what ends reach."""
     centred = signal - signal.mean(axis=1, keepdims=True)
     omega = 2.0 * np.pi * np.fft.rfftfreq(signal.shape[1], dt)
-    spectrum = np.fft.rfft(centred) * np.exp(-0.5 * (omega * SMOOTH) ** 2)
+    spectrum = np.fft.rfft(centred) * np.exp(-0.5 * (omega * SMOOTH) ** 2 - 1j * omega * delay)
     edge = math.ceil(6.5 * SMOOTH / dt)
     found = []
     for power in range(order + 1):
