@@ -20,11 +20,15 @@ from pilotid.estimates.specification import Specification
 from pilotid.lines.coefficients import NEIGHBOURS, TREND, coefficients_of
 from pilotid.lines.fit import Equations
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
+from pilotid.recordings.detectors import band_end
+from pilotid.recordings.recording import INPUTS, Recording
+from pilotid.recordings.spectra import floors_of
 from pilotid.types import FloatArray
 
 #: Share of the lines' information by which its covariance may be wrong: F and V are estimates.
 ALLOWED = 0.1
+#: Share of the inputs' power at a line that must be no noise of the recorder.
+CLEAR = 0.95
 #: Lines whose power is averaged.
 NEAR = 7
 
@@ -51,7 +55,14 @@ def specification_of(
         return None
     lines = coefficients_of(recording, model, NEIGHBOURS, TREND)
     residuals = lines.residuals(model.response(lines.omega, values))
-    power = _smoothed(lines.omega[: lines.lines], lines.power(residuals), remnant)
+    omega = lines.omega[: lines.lines]
+    power = _smoothed(omega, lines.power(residuals), remnant)
+    # Lines that the recorder's noise reaches, or a filter, do not count in the estimate either.
+    floors = floors_of(recording)
+    inputs = tuple(dict.fromkeys(INPUTS[channel.input] for channel in model.channels))
+    clear = np.interp(omega, floors.omega, floors.share(inputs)) >= CLEAR
+    clear &= omega <= min(band_end(recording), remnant.omega[-1])
+    power = np.where(clear, power, np.inf)
     equations = Equations(lines, model, power, removed=1.0, fitted=values)
     gram = equations.gram(values[None])[0]
     free = np.diag(covariance) > 0.0
