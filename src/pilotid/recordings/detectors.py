@@ -660,12 +660,12 @@ class _Relation:
         return signal[:, self.reach + shift : end : self.every]
 
     def _at(
-        self, order: int, shifts: tuple[int, int], against_output: bool
+        self, order: int, shifts: tuple[int, int], against_output: bool, runs: int | None = None
     ) -> tuple[FloatArray, FloatArray, float]:
-        control, rate = (self._cut(s, shifts[0]) for s in self.control)
-        columns = [-rate, *(self._cut(s, shifts[1]) for s in self.output[: order + 1])]
+        control, rate = (self._cut(s[:runs], shifts[0]) for s in self.control)
+        columns = [-rate, *(self._cut(s[:runs], shifts[1]) for s in self.output[: order + 1])]
         columns.append(np.ones_like(control))
-        columns += [-self._cut(s, 0) for s in self.forcing[: 2 if against_output else 1]]
+        columns += [-self._cut(s[:runs], 0) for s in self.forcing[: 2 if against_output else 1]]
         return _regression(control, columns, self.every * self.dt)
 
     def best(self, order: int, *, against_output: bool = False, scanned: bool = True) -> _Best:
@@ -674,17 +674,21 @@ class _Relation:
         found = self._at(order, shifts, against_output)
         step = max(1, round(self.STEP / self.dt))
         grid = range(-(self.reach // step) * step, self.reach, step)
-        for moves in (0, 1, 0, 1) if scanned and found[2] > LIMITS.left[1] else ():
+        scanned = scanned and found[2] > LIMITS.left[1]
+        left = self._at(order, shifts, against_output, 1)[2] if scanned else 0.0
+        for moves in (0, 1, 0, 1) if scanned else ():  # by the first run
             for shift in grid:
                 if (moves == 0 and not self.forcing) or (
                     moves == 1 and abs(shift * self.dt) > self.OUTPUT
                 ):
                     continue
                 tried = (shift, shifts[1]) if moves == 0 else (shifts[0], shift)
-                other = self._at(order, tried, against_output)
-                if other[2] < 0.7 * found[2]:
-                    found, shifts = other, tried
-        (values, errors, left), (of_control, of_output) = found, shifts
+                other = self._at(order, tried, against_output, 1)[2]
+                if other < 0.7 * left:
+                    left, shifts = other, tried
+        if shifts != (0, 0):
+            found = self._at(order, shifts, against_output)
+        (values, errors, share_left), (of_control, of_output) = found, shifts
         against = of_output * self.dt if against_output else 0.0
         place = order + 3
         share, share_error, other, other_error = 1.0, math.inf, 0.0, math.inf
@@ -698,7 +702,7 @@ class _Relation:
             float(errors[0]),
             share,
             share_error,
-            left,
+            share_left,
             other,
             other_error,
         )
