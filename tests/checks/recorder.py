@@ -21,6 +21,7 @@ from scipy.signal import butter, lfilter, sosfilt, sosfilt_zi, sosfiltfilt
 from pilotid.datasets import scenario_named, simulate
 from pilotid.estimates.method import identify
 from pilotid.methods import method_named
+from pilotid.recordings.checks import remarks
 from pilotid.recordings.detectors import findings
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import fit_rng, recording_rng, start_rng
@@ -293,7 +294,6 @@ class Row:
 
     fault: str
     codes: tuple[str, ...]
-    grave: tuple[str, ...]
     sizes: tuple[float, ...]
     remarked: bool
     fitted: str
@@ -311,6 +311,7 @@ def row_of(fault: str, scenario_name: str, seed: int, number: int, method: str) 
     except TypeError:  # a signal that it does not have
         return None
     found = findings(recording)
+    told_of = [r for r in remarks(recording) if r.grade != "note"]
     keys = drawn.model.keys
     z, covered, outcome, p = np.zeros(0), np.zeros(0), "", 1.0
     if method:
@@ -321,8 +322,8 @@ def row_of(fault: str, scenario_name: str, seed: int, number: int, method: str) 
             fit_rng(seed, method, scenario_name, number),
         )
         outcome = estimate.outcome.slug
-        if (known := getattr(estimate, "specification", None)) is not None:
-            p = known.p_value
+        if estimate.specification is not None:
+            p = estimate.specification.p_value
         if estimate.outcome.usable:
             z = (estimate.values - drawn.values) / estimate.std_error
             low, high = estimate.intervals.T
@@ -330,9 +331,8 @@ def row_of(fault: str, scenario_name: str, seed: int, number: int, method: str) 
     return Row(
         fault,
         tuple(f"{f.signal}:{f.code}" for f in found),
-        tuple(f"{f.signal}:{f.code}" for f in found if f.grade != "note"),
         tuple(f.size for f in found),
-        any(f.grade != "note" for f in found),
+        bool(told_of),
         outcome,
         z,
         covered,
@@ -352,12 +352,11 @@ def rows(names: list[str], scenarios: list[str], seed: int, n: int, method: str)
 def told(fault: str, found: list[Row]) -> str:
     count = len(found)
     codes = Counter(code for row in found for code in set(row.codes))
-    sizes = {
-        c: np.median([s for r in found for k, s in zip(r.codes, r.sizes) if k == c]) for c in codes
-    }
-    words = ", ".join(
-        f"{c} {100 * k / count:.0f} % ({sizes[c]:.3g})" for c, k in codes.most_common(4)
-    )
+    words = []
+    for code, n in codes.most_common(4):
+        known = zip((r.codes for r in found), (r.sizes for r in found), strict=True)
+        sizes = [v for own, each in known for c, v in zip(own, each, strict=True) if c == code]
+        words.append(f"{code} {100 * n / count:.0f} % ({np.median(sizes):.3g})")
     line = f"{fault:32s} {count:4d} doubt {100 * np.mean([r.remarked for r in found]):3.0f} %"
     fits = [r for r in found if r.z.size]
     if fits:
@@ -375,9 +374,10 @@ def told(fault: str, found: list[Row]) -> str:
             f" | fits {len(fits):3d} rms z {np.sqrt(np.mean(np.minimum(np.abs(z), 99) ** 2)):5.1f} "
             f"{worst} {np.median(by_key[worst]):+.1f} cover "
             f"{100 * np.mean(np.concatenate([r.covered for r in fits])):3.0f} % "
-            f"spec {100 * against:3.0f} % wrong {100 * np.mean(off):3.0f} % silent {100 * silent:3.0f} %"
+            f"spec {100 * against:3.0f} % wrong {100 * np.mean(off):3.0f} % "
+            f"silent {100 * silent:3.0f} %"
         )
-    return f"{line} | {words}"
+    return f"{line} | {', '.join(words)}"
 
 
 def main() -> None:

@@ -211,6 +211,7 @@ def _longest_run(held: BoolArray) -> tuple[int, int]:
 
 IDENTITY = 0.01  # rms of e - (ft - x) over that of e; recordings reach 3e-6
 SHOWN = 0.5  # share of the target's fast lines that the error must show
+FASTEST_LOOP = 7.0  # rad/s; people cross over at 6 rad/s at most
 SCALED = 0.02  # by which a factor between signals must differ from 1 to be one of units
 SAME = 0.01  # by which it may differ from line to line
 
@@ -312,6 +313,9 @@ def exchanged(recording: Recording) -> Remark | None:
     if lines is None or recording.ft is None:
         return None
     fast = lines["ft"][lines["ft"].size // 2 :]
+    fast = fast[fast > FASTEST_LOOP * recording.duration / (2.0 * np.pi)]
+    if not fast.size:
+        return None
     error, noise = at_lines(recording, recording.e, fast, lines)
     target = np.fft.rfft(recording.window(recording.ft))[:, fast]
     weight = np.abs(target) ** 2 / noise

@@ -22,6 +22,8 @@ T = TypeVar("T")
 Kind = tuple[Column, Callable[[T], str | Entry]]
 
 VIOLATION = "violation"  # family of the scenarios that violate an assumption
+RECORDER = "recorder"  # family of the scenarios whose recorder is faulty
+OFF = 4.0  # claimed standard errors by which a value is wrong
 #: Loss from which a cell of the matrix is darkest.
 BAD = 10.0
 FEW = 4  # scenarios of which the matrix shows intervals
@@ -60,7 +62,7 @@ def ranking(cells: Sequence[Cell], axis: tuple[float, float] | None = None) -> T
     order = ranked(cells)
     entry, best = cells[0].scenario, order[0]
     low, high = axis or _axis([cell.overall.loss for cell in order])
-    violated = entry.family == VIOLATION
+    violated = entry.family in (VIOLATION, RECORDER)
 
     def times_best(cell: Cell) -> str:
         if not math.isfinite(cell.overall.loss.value):
@@ -238,6 +240,32 @@ def _largest_bias(cell: Cell) -> str:
     known = [s for s in cell.scores[1:] if s.n >= FEWEST and s.z.error > 0.0]
     worst = max(known, key=lambda s: abs(s.z.value), default=None)
     return f"{worst.parameter} {plus_minus(*worst.z)}" if worst else NONE
+
+
+def recorder_table(study: Comparison, names: Sequence[str]) -> Table:
+    """What each method makes of faulty recorders: right, wrong and said, wrong and silent [%]."""
+    rows: list[list[str]] = []
+    for name in names:
+        for cell in study.of(name):
+            if not cell.tried:
+                continue
+            known = cell.numbers
+            off = np.abs(known.value - known.truth) > OFF * known.std_error
+            wrong = off.any(axis=1) | ~cell.counted
+            said = np.array([bool(r.remarks) or not r.usable for r in cell.results])
+            tried = cell.applicable
+            shares = [~wrong, wrong & said, wrong & ~said]
+            numbers = [f"{100.0 * np.mean(share[tried]):.0f}" for share in shares]
+            rows.append([name, cell.method, str(cell.tried), *numbers])
+    columns = [
+        Column("recorder", text=True),
+        Column("method", text=True),
+        Column("n"),
+        Column("right %", hint=f"no value is off by more than {OFF:g} claimed standard errors"),
+        Column("wrong, said %", hint="of recording or fit there is a remark"),
+        Column("wrong, silent %"),
+    ]
+    return Table("What faulty recorders do to each method", columns, entries(rows), 2)
 
 
 def told(cell: Cell) -> int:
