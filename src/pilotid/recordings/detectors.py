@@ -43,6 +43,7 @@ class Limits(NamedTuple):
     identity: float = 0.02  # of a sample, by which e and ft or x are apart (0)
     apart: tuple[float, float] = (0.2, 0.005)  # of a sample, and s, of u against fd (.003 s)
     acausal: tuple[float, float] = (0.7, 0.003)  # the same of x: half a sample is a way to simulate
+    named: float = 0.55  # of a sample, of x against the element that is named, for the same reason
     errors: float = 5.0  # standard errors beyond which a time differs from none
     told: float = 0.01  # s, standard error up to which a time is told
     gain: float = 0.05  # by which the share of fd in the drive differs from 1 (.014)
@@ -58,6 +59,7 @@ ENOUGH = 5.0
 #: Standard deviation of the Gaussian that all signals pass before times are compared [s].
 SMOOTH = 0.06
 LOWEST, PER_OCTAVE = 0.3, 6  # Hz, and bands in an octave
+STEPS = 10.0  # of a converter, that are no jump
 HIGHEST = 5.0  # Hz, of the remnants that are held against one another
 
 
@@ -96,14 +98,16 @@ def findings(recording: Recording) -> tuple[Finding, ...]:
         return ()
     with np.errstate(all="ignore"):  # a signal may be of any size
         found = _found(_Look(recording, moving))
-    return tuple(sorted(found, key=lambda finding: GRADES.index(finding.grade)))
+    once = {(f.code, f.signal): f for f in reversed(found)}
+    return tuple(sorted(once.values(), key=lambda finding: GRADES.index(finding.grade)))
 
 
 def _found(look: _Look) -> list[Finding]:
     found = list(look.ends())
     found += [*look.lost(found), *look.floors(), *look.steps()]
     if not any(f.code == "lost-samples" for f in found):
-        found += [*look.identity(), *look.times(found)]
+        found += look.identity()
+        found += look.times(found)
     return found + list(look.copies(found))
 
 
@@ -316,7 +320,9 @@ class _Look:
         if any(f.signal == "x" and f.code == "resampled" for f in found):
             return
         ratio, share, count, run, sample = _outliers(self.signals["x"], self.drive)
-        if ratio > LIMITS.outlier[0] and share > LIMITS.outlier[1]:
+        # What stands still between steps of a converter is told without error.
+        least = max(LIMITS.outlier[1], STEPS * _step(self.signals["x"]) / np.std(self.signals["x"]))
+        if ratio > LIMITS.outlier[0] and share > least:
             yield Finding(
                 "lost-samples",
                 "x",
@@ -356,8 +362,13 @@ class _Look:
         """Times of u, fd and x against one another, and what the drive holds of fd."""
         if "x" not in self.signals:
             return
-        late = [*self._against_output(), *self._against_forcing(found)]
-        yield from late or self._against_named()
+        late = list(self._drift())
+        if not late:
+            late = [*self._against_forcing(found), *self._against_output()]
+        yield from late
+        known = {f.code for f in (*late, *found)}
+        if not known & {"late-signal", "late-forcing", "clock-drifts"}:
+            yield from self._against_named()
 
     def _against_forcing(self, found: Sequence[Finding]) -> Iterator[Finding]:
         """Times and gains of u and fd against one another, whatever the element is."""
@@ -389,7 +400,6 @@ class _Look:
                 else f"x answers to u + {best.share:.3g} fd: the gain of fd, or that of u, is not "
                 "as recorded; give both in one unit",
             )
-        yield from self._drift()
 
     def _against_named(self) -> Iterator[Finding]:
         """X against the answer of the element that the recording names."""
@@ -407,11 +417,14 @@ class _Look:
             return np.array([np.tensordot(ascending, r, axes=1)[:, ::every] for r in rows])
 
         output, _ = applied(self.signals["x"], element.denominator, 0.0)
-        drive, rate = applied(self.drive, element.numerator, element.delay)
-        columns = [drive, -rate, np.ones_like(drive)]
-        values, errors, left = _regression(output, columns, every * self.dt)
-        late, error = float(values[1] / values[0]), float(errors[1] / abs(values[0]))
-        least = max(LIMITS.errors * error, LIMITS.acausal[0] * self.dt, LIMITS.acausal[1])
+        late = 0.0
+        for _ in range(3):  # the derivative is right for small shifts alone
+            drive, rate = applied(self.drive, element.numerator, element.delay + late)
+            columns = [drive, -rate, np.ones_like(drive)]
+            values, errors, left = _regression(output, columns, every * self.dt)
+            late += float(values[1] / values[0])
+        error = float(errors[1] / abs(values[0]))
+        least = max(LIMITS.errors * error, LIMITS.named * self.dt, LIMITS.acausal[1])
         if left < LIMITS.left[0] and error < LIMITS.told and abs(late) > least:
             yield Finding(
                 "late-signal",
@@ -446,7 +459,8 @@ class _Look:
     def _drift(self, parts: int = 4) -> Iterator[Finding]:
         """The clock of u against that of fd, by quarters of the window."""
         length = self.samples // parts
-        if length * self.dt < 12.0:
+        moving = "fd" in self.signals and not _is_stepped(self.signals["fd"])
+        if not moving or length * self.dt < 12.0:
             return
         quarters = [
             _Relation(
