@@ -321,7 +321,8 @@ class _Look:
             return
         ratio, share, count, run, sample = _outliers(self.signals["x"], self.drive)
         # What stands still between steps of a converter is told without error.
-        least = max(LIMITS.outlier[1], STEPS * _step(self.signals["x"]) / np.std(self.signals["x"]))
+        rms = float(np.std(self.signals["x"]))
+        least = max(LIMITS.outlier[1], STEPS * _step(self.signals["x"]) / rms)
         if ratio > LIMITS.outlier[0] and share > least:
             yield Finding(
                 "lost-samples",
