@@ -20,6 +20,9 @@ from pilotid.theory.experiment import Circulation, Experiment, gradient_of
 from pilotid.time_domain.prediction import predict
 from pilotid.types import ComplexArray, FloatArray, InputError
 
+RECORDINGS, SEED = 24, 20160501
+BAND = 120.0  # rad/s, beyond which no pilot answers
+
 
 def experiment_of(scenario: Scenario) -> Experiment:
     """The experiment that a scenario describes.
@@ -95,8 +98,7 @@ def inputs_of(
     scenario: Scenario, omega: FloatArray, cause: str
 ) -> tuple[ComplexArray, ComplexArray]:
     """Error and output for each unit of a cause: target, disturbance or remnant."""
-    loop = closed_loop(scenario, omega)
-    output: ComplexArray = getattr(loop, f"x_of_{cause}")
+    output = closed_loop(scenario, omega).x[cause]
     return (1.0 if cause == "target" else 0.0) - output, output
 
 
@@ -134,10 +136,6 @@ def _transient(scenario: Scenario) -> FloatArray:
 
         total += forcing.through(response, time)
     return total
-
-
-RECORDINGS, SEED = 24, 20160501
-BAND = 120.0  # rad/s, beyond which no pilot answers
 
 
 @lru_cache(maxsize=64)

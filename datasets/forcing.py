@@ -130,12 +130,6 @@ class Steps:
         """None: a step has no lines."""
         return ()
 
-    def sharp(self, time: FloatArray) -> FloatArray:
-        """The signal before the anti-aliasing filter, at any `time` [s], shape (times,)."""
-        # Half a nanosecond guards against a sample time that rounding put before its jump.
-        reached = np.asarray(time)[:, None] >= np.array(self.times)[None, :] - 5e-10
-        return np.asarray(reached @ np.array(self.jumps))
-
     def at(self, time: FloatArray) -> FloatArray:
         """The signal at `time` [s], both of shape (times,)."""
         return self.through(np.ones_like, time)

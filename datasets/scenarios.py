@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,9 +28,8 @@ from pilotid.datasets.violations import ElementChange, Kind, Violation
 from pilotid.estimates.estimate import Estimate
 from pilotid.pilot.catalogue import ADAPTING, LEAD2_LAG_MOTION, MULTI, SINGLE
 from pilotid.pilot.element import ControlledElement, double_integrator
-from pilotid.pilot.frozen import before_and_after, frozen
 from pilotid.pilot.loops import pilot_on, unstable_poles
-from pilotid.pilot.model import PilotModel
+from pilotid.pilot.model import PilotModel, before_and_after, frozen
 from pilotid.recordings.recording import SIGNALS, Recording
 from pilotid.time_domain.band_likelihood import closing_element
 from pilotid.types import FloatArray, InputError
@@ -217,102 +217,68 @@ class Scenario:
         return self
 
 
+NOMINAL = Scenario("nominal", "both forcing functions, remnant gain 0.4 (Fig. 3, Table 3)")
+
+
+def _varied(name: str, description: str, base: Scenario = NOMINAL, **changes: Any) -> Scenario:
+    """A scenario that differs from another in some attributes."""
+    return replace(base, name=name, description=description, **changes)
+
+
 def _of_the_paper() -> list[Scenario]:
-    nominal = Scenario("nominal", "both forcing functions, remnant gain 0.4 (Fig. 3, Table 3)")
     # The paper raises the disturbance and the remnant four times in these cases.
-    louder = replace(nominal.remnant, level=4.0 * nominal.remnant.level)
-    step = half_and_half_step(nominal.duration)
+    louder = replace(NOMINAL.remnant, level=4.0 * NOMINAL.remnant.level)
+    step = half_and_half_step(NOMINAL.duration)
+    at_rest = "visual channel alone, both forcing functions, remnant gain 0.4"
+    control_case = "nominal with a white remnant of 15 % power: every method's control case"
+    disturbed = "disturbance alone, forcing and remnant four times nominal (Table 3)"
+    stepped = "step disturbance alone, forcing and remnant four times nominal (Table 3)"
+    starts = "one nominal recording, initial guesses within 40 % of the truth (Fig. 5)"
+    loud, jump = paper_disturbance().scaled(4.0), step.scaled(4.0)
     return [
-        nominal,
-        replace(
-            nominal,
-            name="single",
-            description="visual channel alone, both forcing functions, remnant gain 0.4",
-            model=SINGLE,
-            truth=PILOT_AT_REST,
-        ),
-        replace(
-            nominal,
-            name="white-remnant",
-            description="nominal with a white remnant of 15 % power: every method's control case",
-            remnant=white(0.15),
-        ),
-        replace(
-            nominal,
-            name="disturbance-only",
-            description="disturbance alone, forcing and remnant four times nominal (Table 3)",
-            target=None,
-            disturbance=paper_disturbance().scaled(4.0),
-            remnant=louder,
-        ),
-        replace(
-            nominal,
-            name="target-only",
-            description="target alone (Table 3)",
-            disturbance=None,
-        ),
-        replace(
-            nominal,
-            name="disturbance-step",
-            description="step disturbance alone, forcing and remnant four times nominal (Table 3)",
-            target=None,
-            disturbance=step.scaled(4.0),
-            remnant=louder,
-        ),
-        replace(
-            nominal,
-            name="target-step",
-            description="step target alone (Table 3)",
-            target=step,
-            disturbance=None,
-        ),
+        NOMINAL,
+        _varied("single", at_rest, model=SINGLE, truth=PILOT_AT_REST),
+        _varied("white-remnant", control_case, remnant=white(0.15)),
+        _varied("disturbance-only", disturbed, target=None, disturbance=loud, remnant=louder),
+        _varied("target-only", "target alone (Table 3)", disturbance=None),
+        _varied("disturbance-step", stepped, target=None, disturbance=jump, remnant=louder),
+        _varied("target-step", "step target alone (Table 3)", target=step, disturbance=None),
         *(
-            replace(
-                nominal,
-                name=f"remnant-{gain:.1f}",
-                description=f"nominal with remnant gain {gain:.1f} (Figs 6 and 7)",
-                remnant=replace(nominal.remnant, level=gain),
+            _varied(
+                f"remnant-{gain:.1f}",
+                f"nominal with remnant gain {gain:.1f} (Figs 6 and 7)",
+                remnant=replace(NOMINAL.remnant, level=gain),
                 family="remnant",
                 varied="remnant.level",
             )
             for gain in (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
         ),
-        replace(
-            nominal,
-            name="starts",
-            description="one nominal recording, initial guesses within 40 % of the truth (Fig. 5)",
-            start_spread=0.4,
-            one_recording=True,
-        ),
+        _varied("starts", starts, start_spread=0.4, one_recording=True),
     ]
 
 
 def _beyond_the_paper() -> list[Scenario]:
-    nominal = Scenario("nominal", "")
-    return [
-        *(
-            replace(
-                nominal,
-                name=f"length-{periods * PERIOD:.0f}",
-                description=f"nominal with a window of {periods * PERIOD:.4g} s",
-                duration=periods * PERIOD,
-                family="length",
-                varied="duration",
-            )
-            for periods in (0.25, 0.5, 2, 4)
-        ),
-        *(
-            replace(
-                nominal,
-                name=f"runs-{runs}",
-                description=f"nominal with {runs} runs, fitted jointly",
-                runs=runs,
-                family="runs",
-                varied="runs",
-            )
-            for runs in (2, 5, 10)
-        ),
+    lengths = [
+        _varied(
+            f"length-{duration:.0f}",
+            f"nominal with a window of {duration:.4g} s",
+            duration=duration,
+            family="length",
+            varied="duration",
+        )
+        for duration in (0.25 * PERIOD, 0.5 * PERIOD, 2 * PERIOD, 4 * PERIOD)
     ]
+    runs = [
+        _varied(
+            f"runs-{runs}",
+            f"nominal with {runs} runs, fitted jointly",
+            runs=runs,
+            family="runs",
+            varied="runs",
+        )
+        for runs in (2, 5, 10)
+    ]
+    return [*lengths, *runs]
 
 
 def _trained() -> Scenario:
@@ -331,38 +297,36 @@ def _trained() -> Scenario:
 
 
 def _violated() -> list[Scenario]:
-    nominal = Scenario("nominal", "", family="violation")
-    gain, lead, *others = nominal.truth
+    gain, lead, *others = NOMINAL.truth
     # From the nominal pilot to one of 40 % less gain and 60 % more lead; the truth is the mean.
-    mean = (0.8 * gain, 1.3 * lead, *others)
     change = (("Kvis", -0.2 / 0.8), ("tlead", 0.3 / 1.3))
-    cases: dict[Kind, tuple[str, float]] = {
+    cases: dict[Kind, tuple[float, str]] = {
         "threshold": (
-            "a control that is zero while the command is below a quarter of its rms",
             0.25,
+            "a control that is zero while the command is below a quarter of its rms",
         ),
-        "quantised": ("a control in steps of a fifth of its rms", 0.2),
-        "saturated": ("a control that is clipped at 1.5 times its rms", 1.5),
-        "drift": ("a recorded control that drifts by 1.5 times its rms", 1.5),
-        "lost": ("5 % of the control's samples lost, in bursts, and replaced by the last", 0.05),
+        "quantised": (0.2, "a control in steps of a fifth of its rms"),
+        "saturated": (1.5, "a control that is clipped at 1.5 times its rms"),
+        "drift": (1.5, "a recorded control that drifts by 1.5 times its rms"),
+        "lost": (0.05, "5 % of the control's samples lost, in bursts, and replaced by the last"),
     }
     return [
-        replace(
-            nominal,
-            name="violation-change",
-            description="nominal with a pilot who loses 40 % gain and gains 60 % lead half-way; "
-            "the truth is the mean",
-            truth=mean,
+        _varied(
+            "violation-change",
+            "nominal with a pilot who loses 40 % gain and gains 60 % lead half-way; the truth is "
+            "the mean",
+            truth=(0.8 * gain, 1.3 * lead, *others),
             violation=Violation("change", change=change),
+            family="violation",
         ),
         *(
-            replace(
-                nominal,
-                name=f"violation-{kind}",
-                description=f"nominal with {words}",
+            _varied(
+                f"violation-{kind}",
+                f"nominal with {words}",
                 violation=Violation(kind, size),
+                family="violation",
             )
-            for kind, (words, size) in cases.items()
+            for kind, (size, words) in cases.items()
         ),
     ]
 
@@ -398,33 +362,24 @@ def _changing() -> list[Scenario]:
     middle = 50.0 - (90.0 - PERIOD)  # 50 s after the start of a run of 90 s
     hard = ControlledElement((90.0,), (1.0, 6.0, 0.0), name="90/(s(s+6))")
     easy = ControlledElement((30.0,), (1.0, 0.2, 0.0), name="30/(s(s+0.2))")
-    found = []
-    for name, rate in (("slow", 0.5), ("fast", 100.0)):
-        own = Scenario(
-            f"adapting-{name}",
+    return [
+        Scenario(
+            f"adapting-{name}{suffix}",
             f"an element that becomes harder to control at {rate:g}/s half-way, and a pilot who "
-            "adapts to it; target alone, remnant of 15 % power (Zaal 2016)",
+            f"adapts to it; target alone, remnant of {percent} % power (Zaal 2016)",
             model=ADAPTING,
             truth=(0.09, 0.07, 0.4, 1.2, middle, rate, 0.28, 11.25, 0.35),
             element=hard,
             change=ElementChange(easy, middle, rate),
             target=adaptation_target(),
             disturbance=None,
-            remnant=Remnant(order=1, frequency=5.0, level=0.15, level_is="ratio"),
+            remnant=Remnant(order=1, frequency=5.0, level=percent / 100.0, level_is="ratio"),
             run_in=90.0 - PERIOD,
             dt=0.01,
         )
-        found.append(own)
-        found += [
-            replace(
-                own,
-                name=f"{own.name}-{level:.0%}".removesuffix("%"),
-                description=own.description.replace("15 %", f"{level:.0%}".replace("%", " %")),
-                remnant=replace(own.remnant, level=level),
-            )
-            for level in (0.05, 0.25)
-        ]
-    return found
+        for name, rate in (("slow", 0.5), ("fast", 100.0))
+        for percent, suffix in ((15, ""), (5, "-5"), (25, "-25"))
+    ]
 
 
 #: Scenarios by the name that the command line takes.

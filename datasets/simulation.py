@@ -11,10 +11,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
-from pilotid.datasets.forcing import Forcing, Multisine, Response
+from pilotid.datasets.forcing import Forcing, Multisine
 from pilotid.datasets.recorder import FASTER
 from pilotid.datasets.remnant import UNIT_LEVEL, TabulatedRemnant
 from pilotid.datasets.scenarios import Scenario
@@ -25,24 +26,17 @@ from pilotid.recordings.recording import Recording
 from pilotid.types import ComplexArray, FloatArray, InputError
 
 
-@dataclass(frozen=True)
-class ClosedLoop:
-    """Responses of control u and output x to each cause, each of shape (n,).
+class ClosedLoop(NamedTuple):
+    """Responses to each cause: ``target``, ``disturbance`` and ``remnant``.
 
     Attributes
     ----------
-    u_of_target, u_of_disturbance, u_of_remnant
-        Control for each unit of a cause.
-    x_of_target, x_of_disturbance, x_of_remnant
-        Output for each unit of a cause.
+    u, x
+        Control and output for each unit of a cause, shape (n,).
     """
 
-    u_of_target: ComplexArray
-    x_of_target: ComplexArray
-    u_of_disturbance: ComplexArray
-    x_of_disturbance: ComplexArray
-    u_of_remnant: ComplexArray
-    x_of_remnant: ComplexArray
+    u: dict[str, ComplexArray]
+    x: dict[str, ComplexArray]
 
 
 def closed_loop(scenario: Scenario, omega: FloatArray) -> ClosedLoop:
@@ -65,13 +59,11 @@ def closed_loop(scenario: Scenario, omega: FloatArray) -> ClosedLoop:
     bottom = np.polyval(element.denominator, s)
     both = on_error + on_output
     characteristic = bottom + top * both
+    by_output = {"target": top * on_error, "disturbance": top, "remnant": top}
+    by_control = {"target": bottom * on_error, "disturbance": -top * both, "remnant": bottom}
     return ClosedLoop(
-        u_of_target=bottom * on_error / characteristic,
-        x_of_target=top * on_error / characteristic,
-        u_of_disturbance=-top * both / characteristic,
-        x_of_disturbance=top / characteristic,
-        u_of_remnant=bottom / characteristic,
-        x_of_remnant=top / characteristic,
+        {cause: response / characteristic for cause, response in by_control.items()},
+        {cause: response / characteristic for cause, response in by_output.items()},
     )
 
 
@@ -121,8 +113,8 @@ class _Prepared:
 
     time: FloatArray
     run_in: int
-    target: FloatArray | None
-    disturbance: FloatArray | None
+    target: FloatArray
+    disturbance: FloatArray
     u_forced: FloatArray  # by run, or one for all
     x_forced: FloatArray
     remnant_to_n: ComplexArray
@@ -156,7 +148,7 @@ def _prepared(scenario: Scenario) -> _Prepared:
             "changes; let it enter at the control"
         )
     shaping = remnant_shaping(scenario.constant_ends[0][0], omega)
-    power = sum(share * np.abs(loop.u_of_remnant) ** 2 for loop, share in ends)
+    power = sum(share * np.abs(loop.u["remnant"]) ** 2 for loop, share in ends)
     to_u = shaping * np.sqrt(power)
     if scenario.changes:
         nothing = np.zeros((1, grid))
@@ -164,15 +156,15 @@ def _prepared(scenario: Scenario) -> _Prepared:
     else:
         u_forced, x_forced = _forced(scenario, time)
     level = _level(scenario, shaping, to_u, _window_power(u_forced, run_in))
-
-    def sampled(forcing: Forcing | None) -> FloatArray | None:
-        return None if forcing is None else forcing.at(time)
-
+    target, disturbance = (
+        np.zeros(samples) if forcing is None else forcing.at(time)
+        for forcing in (scenario.target, scenario.disturbance)
+    )
     return _Prepared(
         time,
         run_in,
-        sampled(scenario.target),
-        sampled(scenario.disturbance),
+        target,
+        disturbance,
         u_forced,
         x_forced,
         shaping,
@@ -191,8 +183,14 @@ def _forced(scenario: Scenario, time: FloatArray) -> tuple[FloatArray, FloatArra
         (scenario.disturbance, "disturbance", turned),
     ):
         if forcing is not None:
-            u += np.outer(signs, forcing.through(_path(scenario, f"u_of_{cause}"), time))
-            x += np.outer(signs, forcing.through(_path(scenario, f"x_of_{cause}"), time))
+
+            def both(omega: FloatArray, cause: str = cause) -> ComplexArray:
+                loop = closed_loop(scenario, omega)
+                return np.array([loop.u[cause], loop.x[cause]])
+
+            control, output = forcing.through(both, time)
+            u += np.outer(signs, control)
+            x += np.outer(signs, output)
     return u, x
 
 
@@ -211,16 +209,6 @@ def disturbance_signs(scenario: Scenario) -> FloatArray:
 def _window_power(u_forced: FloatArray, run_in: int) -> float:
     """Variance of the forced control in the window, the mean over runs."""
     return float(np.mean(np.var(u_forced[:, run_in:], axis=1)))
-
-
-def _path(scenario: Scenario, name: str) -> Response:
-    """One of the closed-loop responses, as a function of frequency."""
-
-    def response(omega: FloatArray) -> ComplexArray:
-        path: ComplexArray = getattr(closed_loop(scenario, omega), name)
-        return path
-
-    return response
 
 
 def _level(
@@ -304,24 +292,19 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> Recording:
     if scenario.changes or (scenario.violation is not None and scenario.violation.in_loop):
         u, x = stepped(scenario, np.fft.irfft(spectrum), linear_rms(scenario))
     else:
-        u = shared.u_forced + np.fft.irfft(spectrum * shared.loop.u_of_remnant)[:, :samples]
-        x = shared.x_forced + np.fft.irfft(spectrum * shared.loop.x_of_remnant)[:, :samples]
+        u = shared.u_forced + np.fft.irfft(spectrum * shared.loop.u["remnant"])[:, :samples]
+        x = shared.x_forced + np.fft.irfft(spectrum * shared.loop.x["remnant"])[:, :samples]
     if scenario.violation is not None:
         rms = linear_rms(scenario)
         u = scenario.violation.recorded(u, shared.time / scenario.duration, rms, rng)
-    zero = np.zeros(samples)
-    target = zero if shared.target is None else shared.target
     forcing = {"ft": scenario.target, "fd": scenario.disturbance}
     return Recording(
         dt=scenario.dt,
-        e=target - x,
+        e=shared.target - x,
         u=u,
         x=x,
-        ft=target[None],
-        fd=np.outer(
-            disturbance_signs(scenario),
-            zero if shared.disturbance is None else shared.disturbance,
-        ),
+        ft=shared.target[None],
+        fd=np.outer(disturbance_signs(scenario), shared.disturbance),
         run_in=shared.run_in,
         lines={
             name: lines_in(f, scenario.duration) for name, f in forcing.items() if f is not None

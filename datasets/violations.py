@@ -18,6 +18,7 @@ from pilotid.types import FloatArray
 
 Kind = Literal["threshold", "change", "quantised", "saturated", "drift", "lost"]
 BURST = 10  # samples that are lost together
+TERMS = 16  # of the series of an exponential: steps are short beside what the element takes
 
 
 @dataclass(frozen=True)
@@ -107,16 +108,13 @@ class Violation:
         return u
 
 
-TERMS = 16  # of the series of an exponential: steps are short beside what the element takes
-
-
 @dataclass(frozen=True)
 class ElementChange:
     """How the coefficients of a controlled element pass to those of another.
 
     Of N/D and N2/D2, both with a constant numerator, a leading coefficient 1 and the same order,
     it is the differential equation whose coefficients go along the sigmoid of
-    `pilotid.pilot.changing.Changing`.
+    `pilotid.pilot.timevarying.Changing`.
 
     Attributes
     ----------

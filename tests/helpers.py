@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from pilotid.datasets import POPULATIONS, SCENARIOS, Scenario, simulate
+from pilotid.document import Section, to_markdown
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import Method, identify
 from pilotid.pilot.catalogue import (
@@ -30,8 +31,7 @@ from pilotid.pilot.element import (
 )
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import SIGNALS, Recording
-from pilotid.report.content import Section, markdown
-from pilotid.report.page import TITLE, report_sections, write_report
+from pilotid.report.study import TITLE, report_sections, write_report
 from pilotid.seeds import fit_rng, recording_rng, start_rng
 from pilotid.study.comparison import Comparison
 from pilotid.study.store import Store
@@ -230,6 +230,6 @@ def written(folder: Path, store: Store, study: Comparison) -> tuple[Path, str]:
         return drawn[-1]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pilotid.report.page.report_sections", sections)
+        patch.setattr("pilotid.report.study.report_sections", sections)
         page = write_report(folder, store, study)
-    return page, markdown(TITLE, drawn[-1])
+    return page, to_markdown(TITLE, drawn[-1])

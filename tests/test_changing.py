@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers import recording_of, without_remnant
 
-from pilotid.datasets import SCENARIOS, Scenario, linearised, simulate
+from pilotid.datasets import SCENARIOS, Scenario, experiments, simulate
 from pilotid.datasets.experiments import bound_of, experiment_of
 from pilotid.datasets.named import truth
 from pilotid.datasets.simulation import linear_rms, remnant_ratio
@@ -23,22 +23,20 @@ from pilotid.methods import methods
 from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.pilot.catalogue import ADAPTING, SINGLE
-from pilotid.pilot.changing import Changing
+from pilotid.pilot.catalogue import ADAPTING, SINGLE, fault_of
 from pilotid.pilot.element import double_integrator
 from pilotid.pilot.factors import Delay, Differentiator, Gain, Lag, Lead, Neuromuscular
-from pilotid.pilot.frozen import before_and_after, frozen, frozen_over
-from pilotid.pilot.model import Channel, PilotModel
-from pilotid.pilot.own import fault_of
-from pilotid.show.page import html_report
+from pilotid.pilot.model import Channel, PilotModel, before_and_after, frozen, frozen_over
+from pilotid.pilot.timevarying import Changing
+from pilotid.report.fit import html_report
+from pilotid.solve.intervals import Held
 from pilotid.solve.least_squares import minimise
-from pilotid.solve.walk import Held
 from pilotid.study.draws import truths_of
-from pilotid.time_domain.change_profile import over_changes
-from pilotid.time_domain.fast_residuals import Residuals
+from pilotid.time_domain.competing_optima import over_changes
 from pilotid.time_domain.maximum_likelihood import maximise_likelihood
+from pilotid.time_domain.output_error import Residuals
 from pilotid.time_domain.prediction import predict
-from pilotid.time_domain.reduced import reduced
+from pilotid.time_domain.prediction_errors import reduced
 from pilotid.types import FloatArray, InputError
 
 pytestmark = pytest.mark.numerical
@@ -249,7 +247,7 @@ RECORDINGS = 8
 @pytest.fixture(scope="module")
 def bound() -> FloatArray:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(linearised, "RECORDINGS", RECORDINGS)
+        patch.setattr(experiments, "RECORDINGS", RECORDINGS)
         return bound_of(BOUNDED)
 
 
@@ -259,7 +257,7 @@ def test_bounds_of_four_runs_are_half_those_of_one(
 ) -> None:
     assert [t.bound for t in truths_of(BOUNDED)] == pytest.approx(bound.tolist(), rel=1e-3)
     # As many runs as one for each recording.
-    monkeypatch.setattr(linearised, "RECORDINGS", RECORDINGS // 4)
+    monkeypatch.setattr(experiments, "RECORDINGS", RECORDINGS // 4)
     ratio = bound_of(replace(BOUNDED, runs=4)) / bound
     np.testing.assert_allclose(ratio, 0.5, rtol=0.1)
 

@@ -127,7 +127,7 @@ def test_an_analysis_has_its_part_on_pages(run: Run, tmp_path: Path) -> None:
     assert done.status == 0, done.err
     page = (tmp_path / "site" / "index.html").read_text(encoding="utf-8")
     assert "Recordings of people: people" in page
-    assert page.index("<td>better</td>") < page.index("<td>worse</td>")
+    assert page.index(">better</td>") < page.index(">worse</td>")
     assert page.count('class="good">best</td>') == 1
     assert "<td>2.5</td>" in page
     assert "numpy 2" in page

@@ -84,7 +84,7 @@ def test_remnants_of_other_shapes_have_the_spectrum_that_they_say(shape: str) ->
     power = np.mean(np.abs(np.fft.rfft(noise * window)) ** 2, axis=0)
     omega = 2.0 * np.pi * np.fft.rfftfreq(noise.shape[1], loud.dt)
     band = (omega > 0.5) & (omega < 30.0)
-    shaped = remnant_shaping(loud, omega[band]) * closed_loop(loud, omega[band]).u_of_remnant
+    shaped = remnant_shaping(loud, omega[band]) * closed_loop(loud, omega[band]).u["remnant"]
     ratio = power[band] / np.abs(shaped) ** 2
     # In blocks of 25 bins, about 10 of them independent under the window, times 60 runs.
     blocks = ratio[: ratio.size // 25 * 25].reshape(-1, 25).mean(axis=1)

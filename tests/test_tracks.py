@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pilotid.datasets import SCENARIOS, linearised
+from pilotid.datasets import SCENARIOS, experiments
 from pilotid.estimates.trajectory import Trajectory, times_of
-from pilotid.pilot.frozen import frozen, frozen_over
+from pilotid.pilot.model import frozen, frozen_over
 from pilotid.study.comparison import TRAJECTORIES, comparison_of
 from pilotid.study.entries import Track
 from pilotid.study.store import Store
@@ -116,7 +116,7 @@ def test_a_study_keeps_tracks_and_writes_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Bounds are not what this is about; under its own name the scenario's are found anew.
-    monkeypatch.setattr(linearised, "RECORDINGS", 2)
+    monkeypatch.setattr(experiments, "RECORDINGS", 2)
     changing = replace(SLOW, name="changing")
     study = Study([changing, "single"], ["mle-white", "rarx"], 2)
     whole = study.run_in(tmp_path, workers=1)

@@ -32,10 +32,10 @@ from pilotid.designing.lines import chosen_lines, reference_lines
 from pilotid.designing.pilots import drawn_pilots
 from pilotid.designing.planning import plan, simulated_chance
 from pilotid.designing.signals import crest_factor, low_crest
+from pilotid.document import svg
 from pilotid.estimates.method import identify
 from pilotid.methods.mle import MLE
 from pilotid.seeds import fit_rng, recording_rng
-from pilotid.show.svg import svg
 
 NEAR = 0.10
 FIGURE = 1.5  # limit on e and u of the design that docs/design.svg shows

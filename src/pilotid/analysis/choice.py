@@ -11,7 +11,7 @@ import numpy as np
 from pilotid.analysis.candidates import Candidate, compared, sensible
 from pilotid.estimates.applicability import motionless_input
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.names import listed
+from pilotid.recordings.contents import listed
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import DEFAULT_SEED
 

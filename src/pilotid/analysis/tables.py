@@ -7,9 +7,9 @@ from pathlib import Path
 
 from pilotid.analysis.analyse import Analysis, group_of
 from pilotid.analysis.columns import contrast_table, repeated_table, spread_table
-from pilotid.analysis.latex import tables_tex
 from pilotid.analysis.left_out import COLUMNS as LEFT_OUT_COLUMNS
 from pilotid.analysis.pattern import Part
+from pilotid.analysis.report_tables import tables_tex
 from pilotid.analysis.results import Results
 from pilotid.analysis.rows import Row
 from pilotid.disk import table_bytes, write_file

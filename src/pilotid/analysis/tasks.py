@@ -224,7 +224,7 @@ def _left_out(task: Task) -> Content:
 
 def _page(task: Task, fitted: Fitted) -> str:
     """Write a recording's page, with its figures, and give its place beside the report."""
-    from pilotid.show.page import html_report
+    from pilotid.report.fit import html_report
 
     assert task.folder is not None
     text = html_report([fitted], points=[first_step_of(fitted.recording, fitted.model)])

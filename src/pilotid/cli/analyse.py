@@ -22,13 +22,10 @@ from pilotid.cli.stopping import StoppedError
 from pilotid.recordings.files import Reading
 from pilotid.recordings.recording import LEAD_IN
 from pilotid.seeds import DEFAULT_SEED
-from pilotid.terminal import make_console, make_table, print_table, with_bar
+from pilotid.terminal import make_console, with_bar
 from pilotid.types import InputError
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
-    from pilotid.analysis.results import Results
     from pilotid.analysis.trials import Tried
 
 
@@ -96,6 +93,7 @@ def analyse(
     from pilotid.analysis.board import BOARD
     from pilotid.analysis.pattern import Pattern, parts_of
     from pilotid.analysis.report import write_report
+    from pilotid.analysis.report_tables import contrast_overview
     from pilotid.analysis.results import results_of
     from pilotid.analysis.source import Source
     from pilotid.analysis.tables import write_tables
@@ -103,6 +101,7 @@ def analyse(
     from pilotid.cli.progress import with_progress
     from pilotid.datasets.named import model_place
     from pilotid.disk import make_folder, strict_json, write_file
+    from pilotid.document import Bullets, print_blocks
     from pilotid.pilot.catalogue import AUTO, model_named
     from pilotid.pilot.element import element_named
     from pilotid.study.facts import about_this
@@ -178,49 +177,17 @@ def analyse(
         board = results.board(shlex.join(named), about)
         write_file(out / BOARD, strict_json(board.to_dict()).encode())
     path = write_report(out, results, command, about)
-    console = make_console()
-    for group, choice in analysis.choices.items():
-        words = " ".join(value for _, value in group)
-        if choice.reason:
-            console.print(f"{words}: {choice.reason}", soft_wrap=True)
-    if results.contrasts:
-        print_table(console, _contrast_table(results))
-    for own in results.tried:
-        for sentence in own.trust.sentences:
-            console.print(f"{own.words}: {sentence}", soft_wrap=True)
-    for note in results.notes:
-        console.print(note, soft_wrap=True)
-    console.print(f"report: {path}", soft_wrap=True)
+    choices = [
+        f"{' '.join(value for _, value in group)}: {choice.reason}"
+        for group, choice in analysis.choices.items()
+        if choice.reason
+    ]
+    tables = [contrast_overview(results)] if results.contrasts else []
+    told = [f"{own.words}: {words}" for own in results.tried for words in own.trust.sentences]
+    sentences = Bullets([*told, *results.notes, f"report: {path}"])
+    print_blocks(make_console(), Bullets(choices), *tables, sentences)
     if analysis.refused:
         raise InputError("; ".join(analysis.refused))
-
-
-def _contrast_table(results: Results) -> Table:
-    """Differences between conditions for the terminal."""
-    from pilotid.analysis.report_estimates import chance, contrast_overview, to_error
-    from pilotid.numbers import MINUS, NONE, number
-
-    table = make_table()
-    shown, table.title = contrast_overview(results)
-    table.title_justify, table.title_style = "left", ""
-    for title in ("", "conditions", "method", "quantity", "unit"):
-        table.add_column(title, no_wrap=True)
-    for title in ("n", "difference", "t", "p", "p Holm", "d_z"):
-        table.add_column(title, justify="right", no_wrap=True)
-    for c in shown:
-        numbers = (
-            f"{to_error(c.difference, c.std_error)} +- {to_error(c.std_error, c.std_error)}",
-            number(c.t),
-            chance(c.p),
-            chance(c.p_holm),
-            number(c.effect_size, 2),
-        )
-        # A terminal may lack these two signs.
-        plain = (text.replace(MINUS, "-").replace(NONE, "-") for text in numbers)
-        stratum = " ".join(value for _, value in c.stratum)
-        pair = c.condition_a if c.within else f"{c.condition_a}:{c.condition_b}"
-        table.add_row(stratum, pair, c.method, c.parameter, c.unit, str(c.subjects), *plain)
-    return table
 
 
 def _pairs(texts: Sequence[str] | None) -> list[tuple[str, str]]:

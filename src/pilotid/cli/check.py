@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypedDict
+from typing import Annotated, Any, TypedDict
 
 import numpy as np
 import typer
@@ -22,6 +22,7 @@ from pilotid.cli.reading import (
     MapOption,
 )
 from pilotid.disk import strict_json, write_file
+from pilotid.document import Bullets, Column, Table, Text, print_blocks
 from pilotid.element.fit import ElementChoice, chosen_element
 from pilotid.estimates.applicability import lines_objection, motionless_input
 from pilotid.estimates.method import Method
@@ -34,15 +35,12 @@ from pilotid.recordings.checks import remarks
 from pilotid.recordings.detectors import findings
 from pilotid.recordings.files import Reading
 from pilotid.recordings.recording import LEAD_IN, Recording
-from pilotid.recordings.understood import Forcing, Understood, understood
+from pilotid.recordings.understood import Forcing, Signal, Understood, understood
 from pilotid.remarks import codes_of
 from pilotid.seeds import DEFAULT_SEED, fit_rng
-from pilotid.terminal import make_console, make_table, print_table
+from pilotid.terminal import make_console
 from pilotid.time_domain.constancy import LEVEL, constancy_of
 from pilotid.types import InputError
-
-if TYPE_CHECKING:
-    from rich.console import Console
 
 
 class Entry(TypedDict):
@@ -101,7 +99,7 @@ def check(
         for number, (facts, entry) in enumerate(found):
             if number:
                 console.print()
-            _print(console, recordings[number], facts, entry)
+            print_blocks(console, *_blocks(recordings[number], facts, entry))
     if refused:
         raise InputError("; ".join(refused))
 
@@ -180,38 +178,31 @@ def _element(choice: ElementChoice) -> str:
     return f"{choice.element.name} ({how.get(choice.origin, choice.origin)})"
 
 
-def _print(
-    console: Console,
-    recording: Recording,
-    facts: Understood,
-    entry: Entry,
-) -> None:
-    console.print(recording.description, style="bold", soft_wrap=True)
-    console.print()
-    table = make_table()
-    for title in ("signal", "what it is", "from", "unit"):
-        table.add_column(title)
-    for title in ("rms", "smallest", "largest"):
-        table.add_column(title, justify="right")
-    for s in facts.signals:
-        numbers = (f"{n:.4g}" for n in (s.rms, s.smallest, s.largest))
-        table.add_row(s.name, s.meaning, s.origin, s.unit, *numbers)
-    print_table(console, table)
-    console.print()
-    for line in _lines(facts):
-        console.print(line, soft_wrap=True)
-    console.print(f"controlled element: {entry['understood']['element']}", soft_wrap=True)
+def _blocks(
+    recording: Recording, facts: Understood, entry: Entry
+) -> list[Text | Bullets | Table[Signal]]:
+    columns: list[Column[Signal]] = [
+        Column("signal", lambda s: s.name),
+        Column("what it is", lambda s: s.meaning),
+        Column("from", lambda s: s.origin),
+        Column("unit", lambda s: s.unit),
+        Column("rms", lambda s: s.rms, "{:.4g}".format),
+        Column("smallest", lambda s: s.smallest, "{:.4g}".format),
+        Column("largest", lambda s: s.largest, "{:.4g}".format),
+    ]
+    lines = [*_lines(facts), f"controlled element: {entry['understood']['element']}"]
     if constancy := entry["understood"]["constancy"]:
-        console.print(f"pilot: {constancy['words']}", soft_wrap=True)
-    for fault in entry["understood"]["recorder"]:
-        if fault["grade"] == "note":
-            console.print(f"recorder: {fault['sentence']}", soft_wrap=True)
-    for remark in entry["remarks"]:
-        console.print(f"recording: {remark}", style="yellow", soft_wrap=True)
-    if not entry["remarks"]:
-        console.print("nothing is wrong with the signals")
-    for name, answers in entry["methods"].items():
-        console.print(_methods(name, answers), soft_wrap=True)
+        lines.append(f"pilot: {constancy['words']}")
+    faults = entry["understood"]["recorder"]
+    lines += [f"recorder: {f['sentence']}" for f in faults if f["grade"] == "note"]
+    sound = [] if entry["remarks"] else ["nothing is wrong with the signals"]
+    return [
+        Text(recording.description, "heading"),
+        Table("", columns, facts.signals),
+        Bullets(lines),
+        *(Text(f"recording: {remark}", "warning") for remark in entry["remarks"]),
+        Bullets([*sound, *(_methods(name, able) for name, able in entry["methods"].items())]),
+    ]
 
 
 def _lines(facts: Understood) -> list[str]:

@@ -12,7 +12,7 @@ from pilotid.cli.arguments import MethodOption, ScenarioOption, SeedOption, name
 from pilotid.cli.stopping import StoppedError
 from pilotid.cli.trust import LikeOption, scenario_like
 from pilotid.seeds import DEFAULT_SEED
-from pilotid.terminal import make_console, print_table
+from pilotid.terminal import make_console
 from pilotid.types import InputError
 
 if TYPE_CHECKING:
@@ -175,17 +175,12 @@ def _salvage(folder: Path) -> None:
 
 
 def _finish(folder: Path, store: Store) -> None:
-    from pilotid.report.content import plain, terminal_table
-    from pilotid.report.page import compared, overview, write_report
+    from pilotid.document import Bullets, print_blocks
+    from pilotid.report.study import compared, overview, write_report
     from pilotid.study.comparison import comparison_of
 
     study = comparison_of(store)
     study.write_tables(folder)
     path = write_report(folder, store, study)
-    console = make_console()
     words, tables = overview(study, widest=5 if len(compared(study)) <= 5 else 0)
-    for table in tables:
-        print_table(console, terminal_table(table))
-    for sentence in words:
-        console.print(plain(sentence), soft_wrap=True)
-    console.print(f"report: {path}", soft_wrap=True)
+    print_blocks(make_console(), *tables, Bullets([*words, f"report: {path}"]))

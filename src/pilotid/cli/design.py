@@ -113,8 +113,7 @@ def design(
     from pilotid.designing.lines import chosen_lines, reference_lines
     from pilotid.designing.output import write_files
     from pilotid.designing.planning import plan, read_effect
-    from pilotid.designing.report import write_report
-    from pilotid.designing.summary import print_design
+    from pilotid.designing.report import print_design, write_report
     from pilotid.disk import make_folder
     from pilotid.naming.settings import made as configured
     from pilotid.pilot.catalogue import model_named

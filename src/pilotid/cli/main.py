@@ -236,7 +236,7 @@ def fit(
         write_file(json_file, text.encode())
     if report is not None:
         from pilotid.methods.fourier import first_step_of
-        from pilotid.show.page import html_report
+        from pilotid.report.fit import html_report
 
         page = html_report(
             fits, true, points=[first_step_of(fit.recording, fit.model) for fit in fits]

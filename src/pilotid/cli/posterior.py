@@ -17,12 +17,17 @@ from pilotid.estimates.warnings import all_remarks
 from pilotid.methods.bayes import Bayes
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
-from pilotid.posterior.derived import derived_spreads, loop_notes, parameter_spreads
-from pilotid.posterior.predictive import predictive_band
+from pilotid.posterior.predictive import (
+    derived_spreads,
+    loop_notes,
+    parameter_spreads,
+    predictive_band,
+)
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import Recording
+from pilotid.report.posterior import print_posterior, write_posterior
 from pilotid.seeds import fit_rng
-from pilotid.show.posterior import print_posterior, sampling_bar, write_posterior
+from pilotid.terminal import share_bar
 from pilotid.types import InputError
 
 
@@ -80,19 +85,19 @@ def infer(
     objection = motionless_input(recording, model)
     if objection:
         nothing = failed(method.name, model, Outcome.NOT_APPLICABLE, objection)
-        print_posterior(Fitted(recording, model, (nothing,), told), [], [], None)
+        print_posterior(Fitted(recording, model, (nothing,), told))
         return
     import_libraries(method)
     choice = chosen_element(recording, element)
     begin = time.perf_counter()
-    with sampling_bar() as watch:
+    with share_bar("sampling") as watch:
         estimate, likelihood = method.infer(choice.named_in(recording), model, rng, watch)
     seconds = time.perf_counter() - begin
     estimate = replace(estimate, seconds=seconds, remarks=all_remarks(estimate, recording))
     fit = Fitted(recording, model, (estimate,), told)
     draws = estimate.draws
     if draws is None:
-        print_posterior(fit, [], [], None)
+        print_posterior(fit)
         return
     fit = replace(fit, remarks=(*fit.remarks, *choice.remarks))
     plant = choice.element
@@ -105,4 +110,4 @@ def infer(
     if folder is not None:
         written = write_posterior(folder, fit, spreads, predictive, plant, notes)
         notes += [str(path) for path in written]
-    print_posterior(fit, spreads, notes, predictive)
+    print_posterior(fit, spreads, predictive, notes)

@@ -11,7 +11,7 @@ from pilotid.terminal import make_console
 from pilotid.types import InputError
 
 if TYPE_CHECKING:
-    from pilotid.publishing.changes import Changes
+    from pilotid.publishing.changes import Change, Changes
 
 
 def publish(
@@ -40,8 +40,7 @@ def compare_studies(
     """Say what changed from one study to another of the same scenarios, and how surely."""
     from pilotid.cli.arguments import require_writable
     from pilotid.disk import strict_json, table_bytes, write_file
-    from pilotid.publishing.changes import COLUMNS, find_changes
-    from pilotid.publishing.studies import read_study
+    from pilotid.publishing.changes import COLUMNS, find_changes, read_study
 
     files = [Path(text) for text in (csv, json) if text not in (None, "-") and text is not None]
     for file in files:
@@ -81,32 +80,34 @@ def as_json(found: Changes) -> dict[str, object]:
 
 
 def _print(found: Changes) -> None:
-    from pilotid.numbers import number, plus_minus
-    from pilotid.report.content import Column, Table, entries, terminal_table
-    from pilotid.terminal import print_table
+    from pilotid.document import Bullets, Column, Table, print_blocks
+    from pilotid.numbers import number, plus_minus, unsigned
 
-    console = make_console()
+    def size(c: Change) -> str:
+        if c.score == "time":
+            return f"x {unsigned(c.change, c.error)}"
+        return plus_minus(c.change, c.error)
+
+    columns: list[Column[Change]] = [
+        Column("scenario", lambda c: c.scenario),
+        Column("method", lambda c: c.method),
+        Column("parameter", lambda c: c.parameter),
+        Column("score", lambda c: "bias / bound" if c.score == "bias" else c.score),
+        Column("A", lambda c: c.first, number),
+        Column("B", lambda c: c.second, number),
+        Column("change", size, str),
+        Column("p", lambda c: c.p, lambda p: f"{p:.1e}" if p >= 1e-99 else "0"),
+        Column("", lambda c: "better" if c.is_better else "worse"),
+    ]
+    studies = []
     for letter, data in (("A", found.first), ("B", found.second)):
         facts = (f"{name} {data.about.get(name, '?')}" for name in ("pilotid", "code", "seed"))
-        console.print(f"{letter}: {data.folder} ({', '.join(facts)})", soft_wrap=True)
-    words = ("scenario", "method", "parameter", "score")
-    columns = [Column(title, text=True) for title in words]
-    columns += [*map(Column, ("A", "B", "change", "p")), Column("", text=True)]
-    rows = []
-    for c in found.changed:
-        size = plus_minus(c.change, c.error)
-        size = f"x {size.lstrip('+')}" if c.score == "time" else size
-        p = f"{c.p:.1e}" if c.p >= 1e-99 else "0"
-        score = "bias / bound" if c.score == "bias" else c.score
-        better = "better" if c.is_better else "worse"
-        numbers = (number(c.first), number(c.second), size, p, better)
-        rows.append([c.scenario, c.method, c.parameter, score, *numbers])
-    if rows:
-        print_table(console, terminal_table(Table("What changed", columns, entries(rows))))
-    changed = {
+        studies.append(f"{letter}: {data.folder} ({', '.join(facts)})")
+    verdicts = {
         f"{c.scenario}, {c.method}: {c.verdicts[0]} -> {c.verdicts[1]}"
         for c in found.all
         if c.verdicts[0] != c.verdicts[1]
     }
-    for sentence in (found.words, *sorted(changed), *found.notes):
-        console.print(sentence, soft_wrap=True)
+    table = [Table("What changed", columns, found.changed)] if found.changed else []
+    told = Bullets([found.words, *sorted(verdicts), *found.notes])
+    print_blocks(make_console(), Bullets(studies), *table, told)

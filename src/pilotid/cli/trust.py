@@ -15,7 +15,7 @@ from pilotid.pilot.catalogue import AUTO, model_named
 from pilotid.pilot.element import element_named
 from pilotid.recordings.files import Reading
 from pilotid.seeds import DEFAULT_SEED
-from pilotid.terminal import make_console, print_table
+from pilotid.terminal import make_console
 
 if TYPE_CHECKING:
     from pilotid.datasets import Scenario
@@ -77,9 +77,9 @@ def trust(
     """
     from pilotid.cli.progress import with_progress
     from pilotid.datasets.named import model_place
+    from pilotid.document import Bullets, print_blocks
     from pilotid.methods import methods
-    from pilotid.report.content import plain, terminal_table
-    from pilotid.report.page import overview, write_report
+    from pilotid.report.study import overview, write_report
     from pilotid.report.trust import advice, trust_table
     from pilotid.study.store import Store
     from pilotid.study.trust import TRUST, UNKNOWN, trial_of
@@ -98,10 +98,8 @@ def trust(
         ) from None
     with Store(out) as store:
         page = write_report(out, store, found.comparison)
-    console, told = make_console(), found.to_dict()
+    told = found.to_dict()
     words, tables = overview(found.comparison)
-    for table in (*tables, trust_table(told)):
-        print_table(console, terminal_table(table))
-    for sentence in (*words, *advice(told), UNKNOWN):
-        console.print(plain(sentence), soft_wrap=True)
-    console.print(f"scenario and numbers: {out / TRUST}, report: {page}", soft_wrap=True)
+    written = f"scenario and numbers: {out / TRUST}, report: {page}"
+    sentences = Bullets([*words, *advice(told), UNKNOWN, written])
+    print_blocks(make_console(), *tables, trust_table(told), sentences)

@@ -97,7 +97,7 @@ def loop_of(scenario: Scenario, lines: Lines, band: float | None = None) -> Loop
     error, output = np.zeros((2, omega.size), dtype=complex)
     at_lines = closed_loop(scenario, omega)
     control = np.concatenate(
-        [at_lines.u_of_target[lines.of_target], at_lines.u_of_disturbance[lines.of_disturbance]]
+        [at_lines.u["target"][lines.of_target], at_lines.u["disturbance"][lines.of_disturbance]]
     )
     for cause, at in (("target", lines.of_target), ("disturbance", lines.of_disturbance)):
         error[at], output[at] = inputs_of(scenario, omega[at], cause)
@@ -107,7 +107,7 @@ def loop_of(scenario: Scenario, lines: Lines, band: float | None = None) -> Loop
     remnant = experiment.circulation(grid)
     weights = weights * remnant.density
     of_error = np.abs(remnant.error) ** 2
-    of_control = np.abs(closed_loop(scenario, grid).u_of_remnant) ** 2
+    of_control = np.abs(closed_loop(scenario, grid).u["remnant"]) ** 2
     free = {
         "e": weights @ of_error,
         "u": weights @ of_control,

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pilotid.chance import Z95
+from pilotid.document import table_html, table_text
 from pilotid.estimates.draws import Draws
 from pilotid.estimates.parts import AnalysedBand, FrequencyResponse, RemnantEstimate
 from pilotid.estimates.quantities import (
@@ -20,13 +21,12 @@ from pilotid.estimates.quantities import (
     product_spreads,
     products_by_delta,
     quantity_of,
+    quantity_tables,
 )
 from pilotid.estimates.specification import Specification
-from pilotid.estimates.tables import quantity_html, quantity_table
 from pilotid.estimates.trajectory import Trajectory
 from pilotid.pilot.model import PilotModel
 from pilotid.remarks import codes_of
-from pilotid.terminal import plain
 from pilotid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -245,7 +245,8 @@ class Estimate:
         """All quantities, verdict and remarks, as `pilotid fit` prints them."""
         lines = []
         if np.isfinite(self.values).any():
-            lines += [plain(quantity_table([(self.method, self.quantities)])), ""]
+            (table,) = quantity_tables([(self.method, self.quantities)], 1)
+            lines += [table_text(table), ""]
         tested = [self.specification.sentence] if self.specification else []
         return "\n".join([*lines, *tested, self.verdict(), *self.remarks])
 
@@ -257,7 +258,8 @@ class Estimate:
         lines = "".join(f"<p>{html.escape(line)}</p>" for line in (self.verdict(), *self.remarks))
         if not np.isfinite(self.values).any():
             return lines
-        return quantity_html([(self.method, self.quantities)]) + lines
+        (table,) = quantity_tables([(self.method, self.quantities)], 1)
+        return table_html(table) + lines
 
     def to_dict(self) -> dict[str, object]:
         """Plain objects, in the form that `pilotid fit --json` writes; NaN where there is none."""

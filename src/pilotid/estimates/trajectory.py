@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pilotid.chance import Z95
-from pilotid.pilot.frozen import frozen, frozen_over
-from pilotid.pilot.model import PilotModel
+from pilotid.pilot.model import PilotModel, frozen, frozen_over
 from pilotid.types import FloatArray
 
 SPACING = 0.25  # s between times of a trajectory
@@ -23,7 +22,7 @@ DRAWS = 1000
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Parameters of a constant pilot, that of `pilotid.pilot.frozen.frozen`, over time.
+    """Parameters of a constant pilot, that of `pilotid.pilot.model.frozen`, over time.
 
     Attributes
     ----------

@@ -187,8 +187,7 @@ def _offset(recording: Recording) -> Remark | None:
         return None
     return Remark(
         "offset",
-        f"u has an offset of {mean:.3g}, which mmle3 and arx do not model and which biases them: "
-        "remove it, or use another method",
+        f"u has an offset of {mean:.3g}, which biases methods that do not model one: remove it",
     )
 
 
