@@ -20,6 +20,9 @@ from pilotid.theory.experiment import Circulation, Experiment, gradient_of
 from pilotid.time_domain.prediction import predict
 from pilotid.types import ComplexArray, FloatArray, InputError
 
+RECORDINGS, SEED = 24, 20160501
+BAND = 120.0  # rad/s, beyond which no pilot answers
+
 
 def experiment_of(scenario: Scenario) -> Experiment:
     """The experiment that a scenario describes.
@@ -133,10 +136,6 @@ def _transient(scenario: Scenario) -> FloatArray:
 
         total += forcing.through(response, time)
     return total
-
-
-RECORDINGS, SEED = 24, 20160501
-BAND = 120.0  # rad/s, beyond which no pilot answers
 
 
 @lru_cache(maxsize=64)

@@ -8,7 +8,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from pilotid.datasets.forcing import Forcing, Multisine
+from pilotid.datasets.forcing import Multisine
 from pilotid.datasets.population import POPULATIONS, Population
 from pilotid.datasets.recorder import Recorder
 from pilotid.datasets.remnant import Remnant, TabulatedRemnant
@@ -26,6 +26,8 @@ from pilotid.types import InputError
 #: What a study has recordings of: both have a name, a description, and `drawn`, which gives
 #: the scenario of a replication.
 AnyScenario = Scenario | Population
+
+LARGEST = 2**24  # bytes of a design
 
 #: Scenarios and populations by the name that the command line takes.
 CATALOGUE: dict[str, AnyScenario] = {**SCENARIOS, **POPULATIONS}
@@ -98,9 +100,6 @@ def sound(thing: object) -> AnyScenario:
     return known
 
 
-LARGEST = 2**24  # bytes of a design
-
-
 def scenario_json(scenario: Scenario, place: str = "") -> dict[str, Any]:
     """A scenario with sums of sines as plain objects.
 
@@ -163,48 +162,33 @@ def designed_scenario(path: Path) -> Scenario:
     InputError
         If the file cannot be read or holds none.
     """
+    from pydantic import TypeAdapter
+
     require_file(path, LARGEST)
     try:
         held = dict(json.loads(path.read_text(encoding="utf-8"))["scenario"])
         model = _model(str(held.pop("model")))
-        element, remnant = _fields(held.pop("element")), _fields(held.pop("remnant"))
-        element |= {k: tuple(element[k]) for k in ("numerator", "denominator")}
-        target, disturbance = _sines(held.pop("target")), _sines(held.pop("disturbance"))
-        held["truth"] = tuple(float(v) for v in held["truth"])
-        held["units"] = tuple((str(k), str(v)) for k, v in held.get("units", DEGREES))
-        if held.get("recorder"):
-            recorder = _fields(held["recorder"])
-            held["recorder"] = Recorder(**{**recorder, "noise": tuple(recorder["noise"])})
-        kind = Remnant
-        if "density" in remnant:
-            kind = TabulatedRemnant
-            remnant |= {k: tuple(map(float, remnant[k])) for k in ("omega", "density")}
-        return Scenario(
-            **held,
-            model=model,
-            element=ControlledElement(**element),
-            remnant=kind(**remnant),
-            target=target,
-            disturbance=disturbance,
-        )
+        kinds: dict[str, Any] = {
+            "truth": tuple[float, ...],
+            "element": ControlledElement,
+            "remnant": TabulatedRemnant if "density" in held["remnant"] else Remnant,
+            "target": Multisine | None,
+            "disturbance": Multisine | None,
+            "recorder": Recorder | None,
+            "units": tuple[tuple[str, str], ...],
+        }
+        held = {"units": DEGREES, "recorder": None, **held}
+        parts = {
+            name: TypeAdapter(kind).validate_python(held[name]) for name, kind in kinds.items()
+        }
+        return Scenario(**{**held, **parts, "model": model})
     except InputError:
         raise
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise InputError(
-            f"{path}: cannot be read as a design ({error}); name the design.json that "
-            "`pilotid design` wrote"
+            f"{path}: cannot be read as a design ({str(error).splitlines()[0]}); name the "
+            "design.json that `pilotid design` wrote"
         ) from None
-
-
-def _fields(held: dict[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in held.items() if name != "class"}
-
-
-def _sines(held: dict[str, Any] | None) -> Forcing | None:
-    if held is None:
-        return None
-    lists = {name: tuple(held[name]) for name in ("lines", "amplitudes", "phases")}
-    return Multisine(**lists, period=float(held["period"]))
 
 
 def truth(scenario: Scenario) -> dict[str, object]:

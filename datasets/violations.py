@@ -18,6 +18,7 @@ from pilotid.types import FloatArray
 
 Kind = Literal["threshold", "change", "quantised", "saturated", "drift", "lost"]
 BURST = 10  # samples that are lost together
+TERMS = 16  # of the series of an exponential: steps are short beside what the element takes
 
 
 @dataclass(frozen=True)
@@ -105,9 +106,6 @@ class Violation:
             kept = np.maximum.accumulate(np.where(lost, 0, np.arange(u.shape[1])), axis=1)
             return np.take_along_axis(u, kept, axis=1)
         return u
-
-
-TERMS = 16  # of the series of an exponential: steps are short beside what the element takes
 
 
 @dataclass(frozen=True)

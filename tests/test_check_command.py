@@ -46,7 +46,7 @@ def test_json_has_everything_and_keeps_the_names(run: Run, tmp_path: Path) -> No
     printed = run("check", one, two, "--json", "-", "--model", "single")
     assert printed.status == 0
     first, second = strict(printed.out)
-    assert set(first) == {"recording", "understood", "remarks", "methods"}
+    assert set(first) == {"recording", "understood", "remarks", "codes", "methods"}
     assert first["recording"]["lines"]["ft"][0] == 6
     assert first["remarks"] == first["recording"]["remarks"] == []
     assert first["methods"] == {"single": dict.fromkeys(methods(), "yes")}
@@ -57,7 +57,7 @@ def test_json_has_everything_and_keeps_the_names(run: Run, tmp_path: Path) -> No
     assert facts["constancy"]["keys"] == ["Kvis", "tlead", "Kvest"]
     assert not facts["constancy"]["changes"]
     (remark,) = second["remarks"]
-    assert remark.startswith("u has the wrong sign: x answers to fd - u")
+    assert second["codes"] == second["recording"]["codes"] == ["wrong-sign"]
     assert remark.endswith("flip with --map u=-u")
 
 

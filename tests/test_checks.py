@@ -26,8 +26,10 @@ def recording_of(name: str, seed: int) -> Recording:
 
 @pytest.mark.parametrize("what", PLANTED)
 def test_planted_nonsense_is_named(what: str) -> None:
-    plant, word = PLANTED[what]
-    assert all(named(plant(recording_of("nominal", seed)), word) for seed in range(RECORDINGS))
+    plant, code, where = PLANTED[what]
+    assert all(
+        named(plant(recording_of("nominal", seed)), code, where) for seed in range(RECORDINGS)
+    )
 
 
 @pytest.mark.parametrize("what", LATE)
@@ -49,7 +51,7 @@ def test_of_an_element_that_changes_it_is_said_that_it_does(name: str) -> None:
     for seed in range(3):
         told = remarks(recording_of(name, seed))
         (remark,) = told
-        assert remark.startswith("the controlled element of the second half differs from that of")
+        assert remark.code == "element-varies"
     assert remarks(recording_of("adapting-slow", 0))
 
 
@@ -66,19 +68,22 @@ def test_a_repetition_in_another_run_is_found() -> None:
     u = recording.u.copy()
     u[1, 1500:1600] = u[0, 3000:3100]
     (remark,) = remarks(replace(recording, u=u))
-    assert "u from t = 52 s on in run 1 comes again" in remark
+    assert remark.code == "repeated-samples"
+    assert "u from t = 52 s on in run 1" in remark
     assert "from t = 22 s on in run 2" in remark
 
 
 def test_the_first_thing_that_is_wrong_is_told_and_how_to_mend_it() -> None:
     recording = recording_of("nominal", 2)
-    assert remarks(replace(recording, e=-recording.e)) == (
-        "e is not ft - x: e has the wrong sign; flip it with --map e=-e",
-    )
-    assert "remove the offset" in remarks(replace(recording, e=recording.e + 1.0))[0]
+    (remark,) = remarks(replace(recording, e=-recording.e))
+    assert (remark.code, remark.grade) == ("wrong-sign", "wrong")
+    assert remark.endswith("flip it with --map e=-e")
+    (remark,) = remarks(replace(recording, e=recording.e + 1.0))
+    assert remark.code == "not-the-error"
+    assert "remove the offset" in remark
     assert "ft is 2 times what the others" in remarks(replace(recording, ft=2.0 * recording.ft))[0]
     bent = recording.ft + 0.1 * np.abs(recording.ft)
-    assert "they differ by" in remarks(replace(recording, ft=bent))[0]
+    assert remarks(replace(recording, ft=bent))[0].code == "not-the-error"
     assert remarks(replace(recording, ft=None, lines={})) == ()
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
@@ -25,6 +26,7 @@ from pilotid.methods import method_named
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.files import load_recording
 from pilotid.recordings.recording import Recording
+from pilotid.remarks import codes_of
 
 SOUND = {
     name: scenario
@@ -32,7 +34,7 @@ SOUND = {
     if scenario.violation is None and scenario.change is None
 }
 #: Target alone, where the sign of u follows from the slope of the element.
-TARGET_ALONE = {"sign of u, no disturbance": "u has the wrong sign: x answers to -u"}
+TARGET_ALONE = {"sign of u, no disturbance": ("wrong-sign", "u")}
 DRAWN = 100  # pilots of each population
 ALL = ("e", "u", "x", "ft", "fd")
 
@@ -104,46 +106,50 @@ def without(recording: Recording, *names: str) -> Recording:
     return replace(recording, lines={}, **dict.fromkeys(names))
 
 
-#: What may be wrong with the signals, and a word of the remark that must name it.
-PLANTED: dict[str, tuple[Callable[[Recording], Recording], str]] = {
-    "two seconds repeated": (repeated, "comes again"),
-    "20 s of u lost": (lambda r: dropped(r, ("u",)), "keeps one value"),
-    "20 s of all signals lost": (lambda r: dropped(r, ALL), "keeps one value"),
-    "a missing-value code": (spoilt, "a code for a missing value"),
-    "u clipped": (clipped, "clipped"),
-    "u drifts": (lambda r: replace(r, u=r.u + 0.01 * r.time), "drifts"),
-    "u has an offset": (lambda r: replace(r, u=r.u + 0.4 * np.std(r.u)), "u has an offset"),
-    "u late by 1 s": (lambda r: delayed(r, 1.0), "s after x has answered"),
-    "sign of e": (lambda r: replace(r, e=-r.e), "e has the wrong sign"),
-    "sign of x": (lambda r: replace(r, x=-r.x), "x has the wrong sign"),
-    "e and x exchanged": (lambda r: replace(r, e=r.x, x=r.e), "exchanged"),
-    "x in radians": (lambda r: replace(r, x=np.deg2rad(r.x)), "e is not ft - x"),
+#: What may be wrong with the signals, the code of the remark, and the signal or run it must name.
+PLANTED: dict[str, tuple[Callable[[Recording], Recording], str, str]] = {
+    "two seconds repeated": (repeated, "repeated-samples", "u"),
+    "20 s of u lost": (lambda r: dropped(r, ("u",)), "held-samples", ""),
+    "20 s of all signals lost": (lambda r: dropped(r, ALL), "held-samples", ""),
+    "a missing-value code": (spoilt, "spike", "u"),
+    "u clipped": (clipped, "clipped", "u"),
+    "u drifts": (lambda r: replace(r, u=r.u + 0.01 * r.time), "drift", "u"),
+    "u has an offset": (lambda r: replace(r, u=r.u + 0.4 * np.std(r.u)), "offset", "u"),
+    "u late by 1 s": (lambda r: delayed(r, 1.0), "late-control", "u"),
+    "sign of e": (lambda r: replace(r, e=-r.e), "wrong-sign", "e"),
+    "sign of x": (lambda r: replace(r, x=-r.x), "wrong-sign", "x"),
+    "e and x exchanged": (lambda r: replace(r, e=r.x, x=r.e), "exchanged", ""),
+    "x in radians": (lambda r: replace(r, x=np.deg2rad(r.x)), "wrong-unit", "x"),
     "x in radians, no target": (
         lambda r: replace(without(r, "ft"), x=np.deg2rad(r.x)),
-        "x is in radians",
+        "wrong-unit",
+        "x",
     ),
-    "e in millimetres": (lambda r: replace(r, e=1000.0 * r.e), "e is 1000 times what the others"),
-    "sign of e, no target": (lambda r: replace(without(r, "ft"), e=-r.e), "e and x have the same"),
-    "sign of u": (lambda r: replace(r, u=-r.u), "u has the wrong sign: x answers to fd - u"),
-    "sign of u, no target": (lambda r: replace(without(r, "ft"), u=-r.u), "u has the wrong sign"),
-    "sign of fd": (lambda r: replace(r, fd=-r.fd), "fd has the wrong sign"),
-    "signs of u and fd": (lambda r: replace(r, u=-r.u, fd=-r.fd), "u and fd have the wrong sign"),
-    "u of another run": (other_pilot, "x is not the answer to u"),
+    "e in millimetres": (lambda r: replace(r, e=1000.0 * r.e), "wrong-unit", "e"),
+    "sign of e, no target": (lambda r: replace(without(r, "ft"), e=-r.e), "wrong-sign", "e"),
+    "sign of u": (lambda r: replace(r, u=-r.u), "wrong-sign", "u"),
+    "sign of u, no target": (lambda r: replace(without(r, "ft"), u=-r.u), "wrong-sign", "u"),
+    "sign of fd": (lambda r: replace(r, fd=-r.fd), "wrong-sign", "fd"),
+    "signs of u and fd": (lambda r: replace(r, u=-r.u, fd=-r.fd), "wrong-sign", "u and fd"),
+    "u of another run": (other_pilot, "output-unrelated", "x"),
     "sign of u in one run": (
         lambda r: in_one_run(r, lambda r: replace(r, u=-r.u)),
-        "u has the wrong sign in run 3",
+        "wrong-sign",
+        "run 3",
     ),
     "x and e tripled in one run": (
         lambda r: in_one_run(r, lambda r: replace(r, e=3.0 * r.e, x=3.0 * r.x, ft=3.0 * r.ft)),
-        "element of run 3 differs",
+        "unlike-runs",
+        "run 3",
     ),
     "one run three times as large": (
         lambda r: in_one_run(r, lambda r: replace(r, **{n: 3.0 * getattr(r, n) for n in ALL})),
-        "of run 3 is",
+        "unlike-runs",
+        "run 3",
     ),
-    "u without the forcing": (deaf, "answer"),
-    "e is zero": (lambda r: replace(r, e=0.0 * r.e), "e does not move"),
-    "x is zero": (lambda r: replace(r, x=0.0 * r.x), "x does not move"),
+    "u without the forcing": (deaf, "forcing-unanswered", "u"),
+    "e is zero": (lambda r: replace(r, e=0.0 * r.e), "motionless", "e"),
+    "x is zero": (lambda r: replace(r, x=0.0 * r.x), "motionless", "x"),
 }
 #: What only an estimate shows.
 LATE = {"u late by 10 s": 10.0}
@@ -155,16 +161,16 @@ def drawn(population: Any, number: int) -> Recording:
     return simulate(population.drawn(rng), rng)
 
 
-def named(recording: Recording, word: str) -> bool:
-    """Whether a remark on the recording has the word."""
-    return any(word in remark for remark in remarks(recording))
+def named(recording: Recording, code: str, where: str) -> bool:
+    """Whether a remark on the recording has the code, and names the signal or run."""
+    return any(r.code == code and re.search(rf"\b{where}\b", r) for r in remarks(recording))
 
 
 def named_by_a_fit(recording: Recording) -> bool:
     """Whether `mle` says that it explains nothing, or fails."""
     model = SCENARIOS["nominal"].model
     estimate = identify(method_named("mle"), recording, model, np.random.default_rng(1))
-    told = any("explains" in remark for remark in estimate.remarks)
+    told = "little-explained" in codes_of(estimate.remarks)
     return told or not estimate.outcome.usable
 
 
@@ -173,15 +179,16 @@ def main() -> None:
     parser.add_argument("--recordings", type=int, default=200)
     count = parser.parse_args().recordings
     nominal = SCENARIOS["nominal"]
-    for what, (plant, word) in PLANTED.items():
+    for what, (plant, code, where) in PLANTED.items():
         hits = sum(
-            named(plant(simulate(nominal, np.random.default_rng(i))), word) for i in range(count)
+            named(plant(simulate(nominal, np.random.default_rng(i))), code, where)
+            for i in range(count)
         )
         print(f"{what:30} named in {hits} of {count}")
-    for what, word in TARGET_ALONE.items():
+    for what, (code, where) in TARGET_ALONE.items():
         alone = SCENARIOS["target-only"]
         recordings = (simulate(alone, np.random.default_rng(i)) for i in range(count))
-        hits = sum(named(replace(without(r, "fd"), u=-r.u), word) for r in recordings)
+        hits = sum(named(replace(without(r, "fd"), u=-r.u), code, where) for r in recordings)
         print(f"{what:30} named in {hits} of {count}")
     for what, seconds in LATE.items():
         hits = sum(

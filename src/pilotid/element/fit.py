@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import groupby
 
 import numpy as np
@@ -42,6 +42,11 @@ ADVICE = (
 #: Delays from which a search starts where one from none ends badly [s].
 LATER = (0.15, 0.3, 0.45)
 LATE = 0.05  # s, of a delay that a search from none may miss with a simpler form
+#: Root mean square of the relative difference of two responses from which they are different
+#: elements: a delay of a sample or two between the recorder's channels is less.
+DIFFERENT = 0.1
+#: Origins of an element.
+GIVEN, FILE, SIGNALS = "given", "recording", "identified"
 
 
 @dataclass(frozen=True)
@@ -124,10 +129,7 @@ class IdentifiedElement:
             "parameters": {q.key: q.to_dict() for q in self.parameters},
             "explained": self.explained,
             "response_error": self.response_error,
-            "candidates": [
-                {"form": c.form, "criterion": c.criterion, "explained": c.explained}
-                for c in self.candidates
-            ],
+            "candidates": [asdict(candidate) for candidate in self.candidates],
             "remark": self.remark,
         }
 
@@ -297,13 +299,6 @@ def _changing(
         f"{second.element.name}"
     )
     return replace(whole, remark=whole.remark.replace(ADVICE, halves))
-
-
-#: Root mean square of the relative difference of two responses from which they are different
-#: elements: a delay of a sample or two between the recorder's channels is less.
-DIFFERENT = 0.1
-#: Origins of an element.
-GIVEN, FILE, SIGNALS = "given", "recording", "identified"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

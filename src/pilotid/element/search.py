@@ -20,6 +20,18 @@ ITERATIONS = 25
 ENOUGH = 0.01  # of -2 log-likelihood that the last step gains
 LONGEST = 0.6  # s, of a delay
 EARLIEST = -1.5  # samples: x may be stored that much ahead of u
+#: The window sin^4(pi t/T) as a sum of cosines cos(2 pi k t/T): its derivatives up to the third
+#: vanish at the ends, enough for equations of order 4.
+COSINES = (3.0 / 8.0, -1.0 / 2.0, 1.0 / 8.0)
+HIGHEST = 4  # derivative of the output
+TAYLOR = 3  # order to which the window is expanded for a delay
+#: Of so many bins one is used: those between are nearly their sum.
+EACH = 2
+#: Independent observations per bin used: the window makes neighbours alike,
+#: (mean of w^2)^2 / mean of w^4 for each bin.
+INDEPENDENT = EACH * (35.0 / 128.0) ** 2 / (6435.0 / 32768.0)
+#: A constant offset reaches the bins below.
+FIRST = len(COSINES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,20 +253,6 @@ def _searched(
         cost + len(values) * float(np.log(2.0 * bands.count.sum())),
         bands.unexplained(residual),
     )
-
-
-#: The window sin^4(pi t/T) as a sum of cosines cos(2 pi k t/T): its derivatives up to the third
-#: vanish at the ends, enough for equations of order 4.
-COSINES = (3.0 / 8.0, -1.0 / 2.0, 1.0 / 8.0)
-HIGHEST = 4  # derivative of the output
-TAYLOR = 3  # order to which the window is expanded for a delay
-#: Of so many bins one is used: those between are nearly their sum.
-EACH = 2
-#: Independent observations per bin used: the window makes neighbours alike,
-#: (mean of w^2)^2 / mean of w^4 for each bin.
-INDEPENDENT = EACH * (35.0 / 128.0) ** 2 / (6435.0 / 32768.0)
-#: A constant offset reaches the bins below.
-FIRST = len(COSINES)
 
 
 def windowed(signal: FloatArray, dt: float, order: int, bins: IntArray) -> ComplexArray:

@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pilotid.chance import Z95
+from pilotid.document import Column, Table
 from pilotid.estimates.draws import Draws, Spread, spread_of
 from pilotid.numbers import decimals
 from pilotid.types import BoolArray, FloatArray
+
+LARGEST = 100.0  # standard error of a logarithm; exp of twice as much is a number still
+#: Correlation from which two parameters count as one.  To know the other would then divide a
+#: variance by 10, at which regressors are by custom called collinear (Marquardt,
+#: Technometrics 12, 1970): 1/(1 - r^2) = 10.
+COLLINEAR = math.sqrt(0.9)
+#: Relative standard error below which a parameter is known well enough, whatever it goes with.
+WELL_KNOWN = 0.1
+#: How many times better a product or ratio must be known than either of its two parameters.
+BETTER = 3.0
 
 
 @dataclass(frozen=True)
@@ -65,56 +77,62 @@ class Quantity:
         return f"{self.key} = {value}{unit}" + (f", 95 % {interval}" if interval else "")
 
 
+#: What stands side by side: a name, and quantities with the same keys for all.
+SideBySide = Sequence[tuple[str, Sequence[Quantity]]]
+
+
+def quantity_tables(
+    columns: SideBySide, abreast: int, what: str = "parameter"
+) -> list[Table[tuple[Quantity, ...]]]:
+    """A row for each quantity, two columns for each estimate, so many estimates in a table."""
+
+    def of(place: int, name: str) -> list[Column[tuple[Quantity, ...]]]:
+        return [
+            Column(name, lambda row: row[place].shown()[0], str),
+            Column("95 % interval", lambda row: row[place].shown()[1], str),
+        ]
+
+    front: list[Column[tuple[Quantity, ...]]] = [
+        Column(what, lambda row: row[0].key),
+        Column("unit", lambda row: row[0].unit),
+    ]
+    tables = []
+    for begin in range(0, len(columns), abreast):
+        some = columns[begin : begin + abreast]
+        own = [column for place, (name, _) in enumerate(some) for column in of(place, name)]
+        rows = list(zip(*(quantities for _, quantities in some), strict=True))
+        tables.append(Table("", [*front, *own], rows))
+    return tables
+
+
+def abreast(width: int) -> int:
+    """How many estimates stand side by side in a terminal of this width."""
+    return max(1, (width - 20) // 40)  # an estimate takes some 40 characters
+
+
 def quantity_of(spread: Spread) -> Quantity:
     """A posterior as a quantity: mean, standard deviation and equal-tailed interval."""
     low, high = spread.equal_tailed.tolist()
     return Quantity(spread.key, spread.unit, spread.mean, spread.deviation, low, high)
 
 
-@dataclass(frozen=True)
-class Product:
-    """A product of parameters that is better known than the parameters themselves."""
-
-    factors: tuple[str, ...]
-    unit: str
-
-    @property
-    def key(self) -> str:
-        """Its name in tables and files."""
-        return "*".join(self.factors)
-
-    def of(self, values: FloatArray, keys: tuple[str, ...]) -> FloatArray:
-        """The product for parameter sets in the order of the keys, shape (...,)."""
-        return np.asarray(np.prod([values[..., keys.index(f)] for f in self.factors], axis=0))
-
-    def gradient(self, values: FloatArray, keys: tuple[str, ...]) -> FloatArray:
-        """Its derivative by each parameter of one set, shape (parameters,)."""
-        slope = np.zeros(len(keys))
-        for factor in self.factors:
-            others = Product(tuple(f for f in self.factors if f != factor), "")
-            slope[keys.index(factor)] = others.of(values, keys)
-        return slope
-
-
 #: Gain and lead time of the visual channel are correlated at about -0.99; their product, the
-#: gain on the error's rate, is known several times more accurately than either.
-PRODUCTS = (
-    Product(("Kvis", "tlead"), "s"),
-    Product(("Kvis1", "tlead1"), "s"),
-    Product(("Kvis2", "tlead2"), "s"),
-)
+#: gain on the error's rate, is known several times more accurately than either.  With its unit.
+PRODUCTS = (("Kvis", "tlead", "s"), ("Kvis1", "tlead1", "s"), ("Kvis2", "tlead2", "s"))
 
 
-def products_of(keys: tuple[str, ...]) -> list[Product]:
-    """The products whose factors are among the parameters."""
-    return [product for product in PRODUCTS if set(product.factors) <= set(keys)]
+def _products(keys: tuple[str, ...]) -> Iterator[tuple[str, str, int, int]]:
+    """Key, unit and the places of the factors of each product of these parameters."""
+    for first, second, unit in PRODUCTS:
+        if first in keys and second in keys:
+            yield f"{first}*{second}", unit, keys.index(first), keys.index(second)
 
 
 def product_spreads(draws: Draws) -> list[Spread]:
     """Posteriors of the products."""
     return [
-        spread_of(p.key, p.unit, p.of(draws.values, draws.keys), draws.weights)
-        for p in products_of(draws.keys)
+        spread_of(key, unit, draws.values[:, i] * draws.values[:, j], draws.weights)
+        for key, unit, i, j in _products(draws.keys)
     ]
 
 
@@ -131,26 +149,14 @@ def products_by_delta(
         The estimate, shapes (parameters,) and (parameters, parameters).
     """
     result = []
-    for product in products_of(keys):
-        value = float(product.of(values, keys))
-        slope = product.gradient(values, keys)
+    for key, unit, i, j in _products(keys):
+        value = float(values[i] * values[j])
+        slope = np.zeros(len(keys))
+        slope[i], slope[j] = values[j], values[i]
         error = float(np.sqrt(slope @ covariance @ slope))
         reach = Z95 * error
-        result.append(
-            Quantity(product.key, product.unit, value, error, value - reach, value + reach)
-        )
+        result.append(Quantity(key, unit, value, error, value - reach, value + reach))
     return result
-
-
-LARGEST = 100.0  # standard error of a logarithm; exp of twice as much is a number still
-#: Correlation from which two parameters count as one.  To know the other would then divide a
-#: variance by 10, at which regressors are by custom called collinear (Marquardt,
-#: Technometrics 12, 1970): 1/(1 - r^2) = 10.
-COLLINEAR = math.sqrt(0.9)
-#: Relative standard error below which a parameter is known well enough, whatever it goes with.
-WELL_KNOWN = 0.1
-#: How many times better a product or ratio must be known than either of its two parameters.
-BETTER = 3.0
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,8 @@ from pilotid.solve.search import search
 from pilotid.types import ComplexArray, FloatArray
 
 ROUNDS = 8  # in which leakage and power are found anew
+#: Parameter sets evaluated at once where there are lines alone.
+MANY = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,10 +130,6 @@ def fit_lines(
         if np.all(np.abs(fit.values - before) <= same * np.abs(before)):
             break
     return fit
-
-
-#: Parameter sets evaluated at once where there are lines alone.
-MANY = 64
 
 
 class Equations(Problem):

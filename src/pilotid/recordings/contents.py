@@ -1,4 +1,4 @@
-"""What a file holds: signals, and notes about them; and the recording they make.
+"""What a file holds: signals, times and notes about them; and the recording they make.
 
 A format's reader turns a file into `Contents`; `assembled` makes the
 `Recording` of it, so every check that does not depend on the format is here.
@@ -6,13 +6,13 @@ A format's reader turns a file into `Contents`; `assembled` makes the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 
-from pilotid.recordings.names import SNAP, UNEVENNESS, TimeBase, shown, time_base
 from pilotid.recordings.recording import (
     ABSENT,
     LONGEST_ELEMENT,
@@ -24,8 +24,20 @@ from pilotid.recordings.recording import (
 )
 from pilotid.types import FloatArray, InputError
 
-T = TypeVar("T")
-
+NAMES = {"t": "time", **SIGNALS}
+UNEVENNESS = 0.1  # of a sampling interval: time stamps rounded to milliseconds pass at 100 Hz
+SNAP = 1e-4  # relative: a rate this close to a whole number of hertz is that number
+SLOWEST = 1.0  # seconds; such an interval means a time in milliseconds, not a pilot
+FASTEST = 1e-6  # seconds; ten seconds of such samples could not be held
+MOST_VALUES = 2**25  # of all signals; ten minutes at 1 kHz in ten runs are 31 million
+LATEST = 1e12  # seconds; such a time is counted in a smaller unit
+_UNIT = re.compile(r"(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*[^()0-9][^()]*|1)\))", re.DOTALL)
+#: Seconds in a unit of time.
+TIMES = {
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), 1.0),
+    **dict.fromkeys(("ms", "msec", "millisecond", "milliseconds"), 1e-3),
+    **dict.fromkeys(("us", "µs", "μs", "microseconds"), 1e-6),
+}
 LARGEST = 1e15  # up to which a float holds every whole number
 #: Magnitudes that instruments and programs write where they have no value; in single precision
 #: they are a little off.
@@ -34,6 +46,197 @@ CODES = np.array(
 )
 HUGE = 1e38  # nothing that is measured is so large, but the largest numbers are so: 1e308
 APART = 5.0  # times as large as anything else in the signal
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a file keeps a signal.
+
+    Attributes
+    ----------
+    name
+        Column or variable.
+    flipped
+        Whether the file holds the signal with the opposite sign.
+    chosen
+        Whether the user named it, so that it must exist.
+    """
+
+    name: str
+    flipped: bool = False
+    chosen: bool = False
+
+    def signed(self, values: FloatArray) -> FloatArray:
+        """The values with the sign of our convention."""
+        return -values if self.flipped else values
+
+    def shown(self, names: Iterable[str]) -> str:
+        """Where the signal was found, in words that --map would take."""
+        return ", ".join(f"{'-' if self.flipped else ''}{name}" for name in names)
+
+
+def signal_places(mapping: Mapping[str, str] | None) -> dict[str, Place]:
+    """The place of every signal: the user's choice, or its own name.
+
+    Raises
+    ------
+    InputError
+        For a signal that does not exist or a choice that names nothing.
+    """
+    places = {signal: Place(signal) for signal in NAMES}
+    for signal, choice in (mapping or {}).items():
+        if signal not in NAMES:
+            raise InputError(
+                f"the mapping {signal}={choice} names the unknown signal {shown(signal)}; "
+                f"on the left of = use one of {', '.join(NAMES)}"
+            )
+        choice = choice.strip()
+        name = choice.removeprefix("-").strip()
+        if not name:
+            raise InputError(
+                f"the mapping {signal}={choice} names nothing; write {signal}=NAME with the "
+                "file's name for that signal"
+            )
+        places[signal] = Place(name, flipped=choice.startswith("-"), chosen=True)
+    return places
+
+
+def bare(name: str) -> tuple[str, str | None]:
+    """A name without its unit, and the unit: ``t [s]`` and ``u (deg)`` have one."""
+    match = _UNIT.fullmatch(name)
+    if match is None:
+        return name, None
+    unit = (match[2] if match[3] is None else match[3]).strip()
+    return (match[1], unit) if is_unit(unit) else (name, None)
+
+
+def matching(wanted: str, names: Iterable[str]) -> list[str]:
+    """The names that may be meant by one: itself, else with a unit, else in other case.
+
+    More than one means that it cannot be told.
+    """
+    known = list(names)
+    for same in (
+        lambda name: name == wanted,
+        lambda name: bare(name)[0] == wanted,
+        lambda name: bare(name)[0].casefold() == wanted.casefold(),
+    ):
+        if found := [name for name in known if same(name)]:
+            return found
+    return []
+
+
+def required(places: Mapping[str, Place], found: Iterable[str], *, timed: bool) -> list[str]:
+    """The signals that a file lacks and must have.
+
+    Time may follow from a sampling interval (`timed`); e and x follow from one another and the
+    target, and x is needed by channels of motion alone.
+    """
+    there = set(found)
+    lacking = [s for s, place in places.items() if place.chosen and s not in there]
+    for signal in ("t", "e", "u"):
+        derived = (signal == "t" and timed) or (signal == "e" and {"ft", "x"} <= there)
+        if signal not in there and not derived and signal not in lacking:
+            lacking.append(signal)
+    # With others missing, a user who must name them should hear of this one as well.
+    if lacking and "x" not in there and "x" not in lacking and "ft" not in there:
+        lacking.append("x")
+    return sorted(lacking, key=list(NAMES).index)
+
+
+def lacking(
+    absent: Iterable[str], places: Mapping[str, Place], names: Iterable[str], kind: str
+) -> str:
+    """What a file lacks and how to mend it, all in one: "no column 'u' for u (control), ..."."""
+    signals = list(absent)
+    if len(signals) == 1:
+        (signal,) = signals
+        what = f"no {kind} {shown(places[signal].name)} for {signal} ({NAMES[signal]})"
+    else:
+        what = f"no {kind}s {', '.join(shown(places[s].name) for s in signals)}"
+    picks = ",".join(f"{s}={kind.upper()}" for s in signals)
+    which = "the right one" if len(signals) == 1 else "them"
+    sentence = f"{what}, only {listed(names)}; name {which} with --map {picks}"
+    if "t" in signals and not places["t"].chosen:
+        sentence += ", or for want of t give --dt 0.01, say"
+    return sentence
+
+
+def seconds_in(unit: str | None, source: str) -> float:
+    """How long the unit of the time is [s]; seconds where none is said.
+
+    Raises
+    ------
+    InputError
+        If the unit is unknown.
+    """
+    if not unit or unit == "-":
+        return 1.0
+    if unit.casefold() not in TIMES:
+        raise InputError(
+            f"{source}: the unit of the time is {shown(unit)}; give the time in s, ms or us"
+        )
+    return TIMES[unit.casefold()]
+
+
+@dataclass(frozen=True)
+class TimeBase:
+    """Sampling interval [s] and number of samples before t = 0."""
+
+    dt: float
+    run_in: int
+
+
+def time_base(t: FloatArray, source: str, where: Callable[[int], str]) -> TimeBase:
+    """The uniform time base of the times `t`, shape (samples,).
+
+    Raises
+    ------
+    InputError
+        If the times do not increase evenly; `where` puts a sample's index into words.
+    """
+    if t.size < 2:
+        raise InputError(f"{source}: holds {t.size} samples; at least 10 s are needed")
+    if np.abs(t).max() > LATEST:
+        late = int(np.argmax(np.abs(t)))
+        raise InputError(
+            f"{source}: the time is {t[late]:.4g} s at {where(late)}; give the time in seconds"
+        )
+    steps = np.diff(t)
+    if steps.min() <= 0.0:
+        raise InputError(
+            f"{source}: the time does not increase at {where(int(np.argmax(steps <= 0.0)) + 1)}; "
+            "remove repeated rows, and give repeated runs a column or a run number each"
+        )
+    dt = float(t[-1] - t[0]) / (t.size - 1)
+    if not FASTEST <= dt < SLOWEST:
+        raise InputError(
+            f"{source}: the sampling interval is {dt:.4g} s; give the time in seconds and at least "
+            "a few samples a second"
+        )
+    if np.abs(t - np.linspace(t[0], t[-1], t.size)).max() > UNEVENNESS * dt:
+        usual = float(np.median(steps))
+        worst = int(np.argmax(np.abs(steps - usual)))
+        raise InputError(
+            f"{source}: the time steps by {steps[worst]:.6g} s at {where(worst + 1)} but by "
+            f"{usual:.6g} s elsewhere; resample the recording to even steps"
+        )
+    rate = round(1.0 / dt)
+    if abs(dt * rate - 1.0) <= SNAP:
+        dt = 1.0 / rate
+    return TimeBase(dt, int(np.count_nonzero(t < -UNEVENNESS * dt)))
+
+
+def shown(text: object) -> str:
+    """A text from a file, quoted for a message: one line, not too long."""
+    words = " ".join(str(text).split())
+    return repr(words if len(words) <= 40 else f"{words[:40]}...")
+
+
+def listed(names: Iterable[object]) -> str:
+    """Names found in a file, for a message."""
+    texts = [shown(name)[1:-1] for name in names]
+    return ", ".join(texts[:20] + ["..."] * (len(texts) > 20)) or "none"
 
 
 @dataclass(frozen=True)
@@ -67,40 +270,20 @@ class Notes:
         InputError
             For an unknown key or a value of the wrong kind.
         """
-        known = "runs, run_in, dt, units, lines, controlled_element"
         if not isinstance(raw, dict):
-            raise InputError(f"{where}: must be one object with keys among {known}")
-        for key in raw:
-            if key not in known.split(", "):
+            raise InputError(f"{where}: must be one object with keys among {', '.join(READERS)}")
+        values: dict[str, Any] = {}
+        for key, value in raw.items():
+            if key not in READERS:
                 raise InputError(
-                    f"{where}: unknown key {shown(key)}; the known ones are {known} (rename this "
-                    "file if it is not the description of the recording)"
+                    f"{where}: unknown key {shown(key)}; the known ones are {', '.join(READERS)} "
+                    "(rename this file if it is not the description of the recording)"
                 )
-
-        def value(key: str, read: Callable[[object], T | None], wanted: str) -> T | None:
-            result = read(raw[key]) if key in raw else None
-            if key in raw and result is None:
+            read, wanted = READERS[key]
+            values[key] = read(value)
+            if values[key] is None:
                 raise InputError(f"{where}: {key!r} must be {wanted}; correct it or leave it out")
-            return result
-
-        return cls(
-            where=where,
-            runs=value("runs", _count, "a whole number of at least 1"),
-            run_in=value("run_in", _seconds, "a number of seconds, 0 or more"),
-            dt=value("dt", lambda v: _seconds(v) or None, "a positive number of seconds"),
-            units=value(
-                "units",
-                _units,
-                f"an object of strings (at most {LONGEST_UNIT} printable characters without $), "
-                f"keys among {', '.join(SIGNALS)}",
-            ),
-            lines=value("lines", _lines, "an object {'ft': [...], 'fd': [...]} of whole numbers"),
-            controlled_element=value(
-                "controlled_element",
-                lambda v: v if isinstance(v, str) and is_element(v) else None,
-                f"a string of at most {LONGEST_ELEMENT} printable characters",
-            ),
-        )
+        return cls(where=where, **values)
 
     @classmethod
     def of(cls, recording: Recording, t: FloatArray, where: str) -> Notes:
@@ -124,15 +307,9 @@ class Notes:
         InputError
             If `parsed` would not take them, so that no unreadable file is written.
         """
-        raw: dict[str, object] = {
-            "runs": self.runs,
-            "run_in": self.run_in,
-            "dt": self.dt,
-            "units": self.units,
-            "lines": {k: list(v) for k, v in self.lines.items()} if self.lines else None,
-            "controlled_element": self.controlled_element,
-        }
-        raw = {key: value for key, value in raw.items() if value is not None}
+        raw = {key: getattr(self, key) for key in READERS if getattr(self, key) is not None}
+        if self.lines:
+            raw["lines"] = {name: list(lines) for name, lines in self.lines.items()}
         Notes.parsed(raw, self.where)
         return raw
 
@@ -164,6 +341,25 @@ def _lines(value: object) -> dict[str, tuple[int, ...]] | None:
         if len(lines[signal]) < len(counts):
             return None
     return lines
+
+
+def _element(value: object) -> str | None:
+    return value if isinstance(value, str) and is_element(value) else None
+
+
+#: What reads each of the notes, None for what it is not, and what it must be.
+READERS: dict[str, tuple[Callable[[object], object], str]] = {
+    "runs": (_count, "a whole number of at least 1"),
+    "run_in": (_seconds, "a number of seconds, 0 or more"),
+    "dt": (lambda value: _seconds(value) or None, "a positive number of seconds"),
+    "units": (
+        _units,
+        f"an object of strings (at most {LONGEST_UNIT} printable characters without $), keys among "
+        f"{', '.join(SIGNALS)}",
+    ),
+    "lines": (_lines, "an object {'ft': [...], 'fd': [...]} of whole numbers"),
+    "controlled_element": (_element, f"a string of at most {LONGEST_ELEMENT} printable characters"),
+}
 
 
 @dataclass(frozen=True)

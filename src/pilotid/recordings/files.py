@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pilotid.disk import path_shown, write_file
-from pilotid.recordings.contents import assembled
-from pilotid.recordings.names import shown, signal_places
+from pilotid.recordings.contents import assembled, shown, signal_places
 from pilotid.recordings.recording import LEAD_IN, Recording, joined
 from pilotid.recordings.text import csv_bytes, read_text, sidecar_path
 from pilotid.types import InputError

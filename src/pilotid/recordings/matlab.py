@@ -18,11 +18,13 @@ from typing import Any
 
 import numpy as np
 
-from pilotid.recordings.contents import Contents, Notes, common_run
-from pilotid.recordings.names import (
+from pilotid.recordings.contents import (
     MOST_VALUES,
     UNEVENNESS,
+    Contents,
+    Notes,
     Place,
+    common_run,
     lacking,
     listed,
     matching,

@@ -18,9 +18,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from pilotid.disk import require_file
-from pilotid.recordings.contents import Contents
+from pilotid.recordings.contents import Contents, Place
 from pilotid.recordings.matlab import damage_error, read_contents
-from pilotid.recordings.names import Place
 from pilotid.types import InputError
 
 LARGEST_FILE = 2**32  # bytes

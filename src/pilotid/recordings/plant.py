@@ -266,8 +266,8 @@ def element_changes(recording: Recording) -> Remark | None:
         "element-varies",
         "the controlled element of the second half differs from that of the first by a factor of "
         f"{float(np.exp(np.max(np.abs(np.log(np.abs(ratio)))))):.2g} at some frequencies: it "
-        "changes during the recording, and no one element describes the loop; fit the halves "
-        "apart, or a model that varies in time, as adapting does",
+        "is not time-invariant; a single transfer function does not describe it; fit the halves "
+        "separately, or use a time-varying model",
     )
 
 

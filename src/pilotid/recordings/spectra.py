@@ -24,6 +24,14 @@ FEWEST = 5  # lines of a target that tell which signal is which
 MEDIAN = 0.64  # of the power of eight bins of noise less their own median, over its mean
 BESIDE = 8  # bins beside a line that tell leakage and noise in it
 LOUD = 4.0  # times the noise from which a line of one run stands out
+#: Shares of half the sampling rate between which the floor is measured.
+FLOOR_FROM, FLOOR_TO = 0.6, 0.95
+#: Half the width of the running median that smooths a spectrum [rad/s]; a line of a forcing
+#: function is one bin of many there, and does not count.
+HALF_WIDTH = 0.75
+#: Multiple of the floor that is taken off a spectrum.  The floor is known from few bins, and a
+#: share of signal that is taken too large does more harm than one too small.
+SAFE = 1.5
 
 
 class NotMultisineError(Exception):
@@ -45,25 +53,23 @@ def forcing_lines(recording: Recording) -> dict[str, IntArray]:
     NotMultisineError
         If a forcing function is not periodic in the window, or no sum of a few sines.
     """
-    found = {}
-    for name in ("ft", "fd"):
-        given, signal = recording.lines.get(name), getattr(recording, name)
-        if given:
-            lines = np.unique(np.array(given, dtype=int))
-            if lines[0] < 1 or lines[-1] >= recording.samples / 2:
-                raise NotMultisineError(
-                    f"the lines of {name} must lie between 1 and half the number of samples"
-                )
-        elif signal is not None:
-            lines = _found(name, recording.window(signal))
-        else:
-            continue
-        if lines.size:
-            found[name] = lines
-    return found
+    each = {name: lines_of(recording, name) for name in ("ft", "fd")}
+    return {name: lines for name, lines in each.items() if lines.size}
 
 
-def _found(name: str, signal: FloatArray) -> IntArray:
+def lines_of(recording: Recording, name: str) -> IntArray:
+    """The lines of one forcing function, see `forcing_lines`; none if it does not force."""
+    given, forcing = recording.lines.get(name), getattr(recording, name)
+    if given:
+        lines = np.unique(np.array(given, dtype=int))
+        if lines[0] < 1 or lines[-1] >= recording.samples / 2:
+            raise NotMultisineError(
+                f"the lines of {name} must lie between 1 and half the number of samples"
+            )
+        return lines
+    if forcing is None:
+        return np.zeros(0, dtype=int)
+    signal = recording.window(forcing)
     power = np.mean(np.abs(np.fft.rfft(signal)[:, 1:-1]) ** 2, axis=0)
     # A constant leaves rounding errors.
     if power.max() <= (1e-12 * signal.shape[1] * np.max(np.abs(signal), initial=0.0)) ** 2:
@@ -159,16 +165,6 @@ def _beside(
     around = between[first[:, None] + np.arange(min(2 * BESIDE, between.size))]
     order = np.argsort(np.abs(around - lines[:, None]), axis=1, kind="stable")[:, :BESIDE]
     return spectrum[:, lines], spectrum[:, np.take_along_axis(around, order, axis=1)]
-
-
-#: Shares of half the sampling rate between which the floor is measured.
-FLOOR_FROM, FLOOR_TO = 0.6, 0.95
-#: Half the width of the running median that smooths a spectrum [rad/s]; a line of a forcing
-#: function is one bin of many there, and does not count.
-HALF_WIDTH = 0.75
-#: Multiple of the floor that is taken off a spectrum.  The floor is known from few bins, and a
-#: share of signal that is taken too large does more harm than one too small.
-SAFE = 1.5
 
 
 @dataclass(frozen=True, eq=False)

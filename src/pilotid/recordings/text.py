@@ -16,12 +16,14 @@ from pathlib import Path
 import numpy as np
 
 from pilotid.disk import path_shown, require_file
-from pilotid.recordings.contents import Contents, Notes, common_run
-from pilotid.recordings.names import (
+from pilotid.recordings.contents import (
     MOST_VALUES,
     UNEVENNESS,
+    Contents,
+    Notes,
     Place,
     bare,
+    common_run,
     lacking,
     listed,
     matching,

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
 from pilotid.recordings.plant import plant_of
 from pilotid.recordings.recording import SIGNALS, Recording
-from pilotid.recordings.spectra import NotMultisineError, answers, forcing_lines
+from pilotid.recordings.spectra import NotMultisineError, answers, lines_of
 
 REST = 0.2  # seconds at one value from which a control rests
 LACKING = {
@@ -153,26 +153,20 @@ def _forcing(recording: Recording) -> tuple[Forcing, ...]:
     base = 2.0 * np.pi / recording.duration
     answered = answers(recording)
     found = []
-    for name, other in (("ft", "fd"), ("fd", "ft")):
+    for name in ("ft", "fd"):
         given = name in recording.lines
         if getattr(recording, name) is None and not given:
             continue
-        alone = replace(
-            recording,
-            **{other: None},  # type: ignore[arg-type]
-            lines={n: lines for n, lines in recording.lines.items() if n == name},
-        )
-        lines: tuple[int, ...] = ()
-        why = "it does not move"
+        lines, why = [], "it does not move"
         try:
-            lines = tuple(int(line) for line in forcing_lines(alone).get(name, ()))
+            lines = lines_of(recording, name).tolist()
         except NotMultisineError as error:
             why = str(error)
         answer = answered.get(name)
         found.append(
             Forcing(
                 name,
-                lines,
+                tuple(lines),
                 base,
                 lines[0] * base if lines else None,
                 lines[-1] * base if lines else None,

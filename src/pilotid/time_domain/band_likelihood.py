@@ -28,6 +28,7 @@ import numpy as np
 from pilotid.element.fit import SIGNALS, chosen_element
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
+from pilotid.recordings.detectors import band_end
 from pilotid.recordings.recording import INPUTS, Recording, remembered
 from pilotid.recordings.spectra import floors_of, periodogram, running_median
 from pilotid.time_domain.prepare import FAR
@@ -400,7 +401,7 @@ def weighting_of(
     inputs = (INPUTS[channel.input] for channel in model.channels)
     share = floors.share(tuple(dict.fromkeys((*inputs, *others))))[inside]
     power = np.interp(omega, *running_median(*periodogram(control, dt))) * nyquist
-    share = np.where(omega <= TOP * nyquist, share, 0.0)
+    share = np.where(omega <= min(TOP * nyquist, band_end(recording)), share, 0.0)
     share[share < LEAST] = 0.0
     hidden = float(np.mean(share)) * control.shape[1] / 2.0 < FEWEST
     if hidden:

@@ -239,7 +239,7 @@ def _answered_at_once(recording: Recording) -> Remark | None:
         "gain-element",
         "the controlled element is a gain, which turns the remnant straight back into the error: "
         "the values rest on the model of the remnant, and where that is not quite right intervals "
-        "are too short; set the method fourier, which knows no remnant, beside them",
+        "are too short; compare with a method that uses the forcing frequencies alone",
     )
 
 
@@ -258,8 +258,8 @@ def _varying(found: Maximum, rows: FloatArray) -> Remark | None:
         f"{' and '.join(keys)} change during the recording, most about {share:.0f} % through it "
         f"({in_words(keys, steps)}; score test: "
         f"{scores.statistics.max():.0f}, where chance gives {scores.freedom} at any one time), "
-        "unless the model lacks a channel or a lag: the values are a mixture, so fit the parts "
-        "apart, or a model that varies in time, as adapting does",
+        "unless the model lacks a channel or a lag: the estimates are averages over a time-varying "
+        "pilot; fit segments separately, or use a time-varying model",
     )
 
 
@@ -268,14 +268,14 @@ def _changed(rows: FloatArray, joint: PredictionErrors) -> Remark | None:
     statistic = score_of_halves(rows, pilot)
     if statistic <= chi_squared_limit(pilot, SELDOM):
         return None
-    remedy = "fit the halves apart, or a model that varies in time, as adapting does"
+    remedy = "fit the halves separately, or use a time-varying model"
     if joint.prediction.model.changes:
         remedy = "the pilot changes in another way than the model says"
     return Remark(
         "halves-differ",
         "the first half of the recording asks for another pilot than the second (score test: "
         f"{statistic:.0f}, where chance gives {pilot}): the pilot or the recorder changed; the "
-        f"values are a mixture, so {remedy}",
+        f"estimates are averages, so {remedy}",
     )
 
 
@@ -286,7 +286,7 @@ def _uneven(errors: FloatArray) -> Remark | None:
     return Remark(
         "residual-variance-changes",
         f"the prediction errors of the second half have {ratio:.2g} times the variance of those of "
-        "the first: the remnant or the pilot changed; fit the halves apart",
+        "the first: the remnant or the pilot changed; fit the halves separately",
     )
 
 
