@@ -28,7 +28,7 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.estimates.trajectory import Trajectory, times_of
+from pilotid.estimates.parts import Trajectory, times_of
 from pilotid.frequency.regression import Regression, lagged_rows
 from pilotid.frequency.structures import Structure
 from pilotid.pilot.frozen import frozen

@@ -33,7 +33,7 @@ from pilotid.recordings.checks import remarks
 from pilotid.recordings.files import Reading
 from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.recordings.understood import Forcing, Understood, understood
-from pilotid.remarks import codes_of
+from pilotid.remarks import codes_of, remarks_json
 from pilotid.seeds import DEFAULT_SEED, fit_rng
 from pilotid.terminal import make_console, make_table, print_table
 from pilotid.time_domain.constancy import LEVEL, constancy_of
@@ -123,7 +123,7 @@ def _checked(
         for m in models
     }
     entry: Entry = {
-        "recording": {**recording.to_dict(), "remarks": told, "codes": codes_of(told)},
+        "recording": {**recording.to_dict(), **remarks_json(told)},
         "understood": {
             **facts.to_dict(),
             "element": _element(choice),

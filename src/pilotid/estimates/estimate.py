@@ -12,7 +12,7 @@ import numpy as np
 
 from pilotid.chance import Z95
 from pilotid.estimates.draws import Draws
-from pilotid.estimates.parts import AnalysedBand, FrequencyResponse, RemnantEstimate
+from pilotid.estimates.parts import AnalysedBand, FrequencyResponse, RemnantEstimate, Trajectory
 from pilotid.estimates.quantities import (
     Pair,
     Quantity,
@@ -22,9 +22,8 @@ from pilotid.estimates.quantities import (
     quantity_of,
 )
 from pilotid.estimates.tables import quantity_html, quantity_table
-from pilotid.estimates.trajectory import Trajectory
 from pilotid.pilot.model import PilotModel
-from pilotid.remarks import codes_of
+from pilotid.remarks import remarks_json
 from pilotid.terminal import plain
 from pilotid.types import FloatArray
 
@@ -270,8 +269,7 @@ class Estimate:
             "starts": starts and {"total": len(starts.cost), "agreeing": starts.agreeing},
             "seconds": self.seconds,
             "band": self.band and self.band.to_dict(),
-            "remarks": list(self.remarks),
-            "codes": codes_of(self.remarks),
+            **remarks_json(self.remarks),
         }
         if self.remnant is not None:
             result["remnant"] = self.remnant.to_dict()

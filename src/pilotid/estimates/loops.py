@@ -27,7 +27,7 @@ from pilotid.pilot.loops import (
 )
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.remarks import Remark, codes_of
+from pilotid.remarks import Remark, remarks_json
 from pilotid.types import ComplexArray, FloatArray
 
 NAMES = ("target", "disturbance")
@@ -318,8 +318,7 @@ class Loops:
             "element": self.element.name,
             "target": self.target.to_dict(),
             "disturbance": self.disturbance.to_dict(),
-            "remarks": list(self.remarks),
-            "codes": codes_of(self.remarks),
+            **remarks_json(self.remarks),
         }
 
 

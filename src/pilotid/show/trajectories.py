@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate
-from pilotid.estimates.trajectory import Trajectory
+from pilotid.estimates.parts import Trajectory
 from pilotid.pilot.frozen import frozen, frozen_over
 from pilotid.show.named import leading, named, new_axes, with_unit
 from pilotid.show.style import INK

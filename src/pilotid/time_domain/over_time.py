@@ -13,7 +13,7 @@ import numpy as np
 
 from pilotid.chance import Z95
 from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.estimates.trajectory import Trajectory
+from pilotid.estimates.parts import Trajectory
 from pilotid.pilot.changing import Fading
 from pilotid.pilot.courses import Sigmoid
 from pilotid.pilot.frozen import ends, frozen, frozen_over
