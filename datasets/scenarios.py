@@ -27,9 +27,8 @@ from pilotid.datasets.violations import ElementChange, Kind, Violation
 from pilotid.estimates.estimate import Estimate
 from pilotid.pilot.catalogue import ADAPTING, LEAD2_LAG_MOTION, MULTI, SINGLE
 from pilotid.pilot.element import ControlledElement, double_integrator
-from pilotid.pilot.frozen import before_and_after, frozen
 from pilotid.pilot.loops import pilot_on, unstable_poles
-from pilotid.pilot.model import PilotModel
+from pilotid.pilot.model import PilotModel, before_and_after, frozen
 from pilotid.recordings.recording import SIGNALS, Recording
 from pilotid.time_domain.band_likelihood import closing_element
 from pilotid.types import FloatArray, InputError

@@ -16,9 +16,8 @@ import numpy as np
 from pilotid.datasets.forcing import Forcing
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.violations import SteppedElement
-from pilotid.pilot.changing import Changing
-from pilotid.pilot.factors import Derivative, TimeDelay
 from pilotid.pilot.model import Channel
+from pilotid.pilot.timevarying import Changing
 from pilotid.types import FloatArray, InputError, IntArray
 
 STEP = 0.005  # seconds, at most
@@ -166,11 +165,12 @@ class _Path:
         self.derivative = channel.derivative if self.changing else 0
         delay, top, bottom = 0.0, [float(channel.sign)], [1.0]
         for factor in channel.factors:
-            if isinstance(factor, Changing) or (self.changing and isinstance(factor, Derivative)):
+            if isinstance(factor, Changing) or (self.changing and factor.derivative):
                 continue
             own = [values[p.key] for p in factor.parameters]
-            if isinstance(factor, TimeDelay):
-                delay += float(factor.seconds([np.array(v) for v in own]))
+            seconds = factor.seconds([np.array(v) for v in own])
+            if seconds is not None:
+                delay += float(seconds)
                 continue
             above, below = factor.rational(own, 1)
             top = np.polymul(top, above).tolist()

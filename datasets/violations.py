@@ -114,7 +114,7 @@ class ElementChange:
 
     Of N/D and N2/D2, both with a constant numerator, a leading coefficient 1 and the same order,
     it is the differential equation whose coefficients go along the sigmoid of
-    `pilotid.pilot.changing.Changing`.
+    `pilotid.pilot.timevarying.Changing`.
 
     Attributes
     ----------

@@ -17,6 +17,7 @@ from pilotid.methods.bayes import Bayes
 from pilotid.methods.fourier import Fourier
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_genetic import MLEGenetic
+from pilotid.methods.mle_reference import MLEReference
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.methods.mle_windowed import MLEWindowed
 from pilotid.methods.mmle3 import MMLE3
@@ -33,6 +34,7 @@ METHODS: tuple[Method, ...] = (
     MLEWhite(),
     MLEGenetic(),
     MLE(),
+    MLEReference(),
     Bayes(likelihood="white", band=None),
     Bayes(),
     Fourier(),

@@ -51,11 +51,17 @@ from pilotid.chance import SELDOM, chi_squared_limit
 from pilotid.estimates.applicability import dependent_signals, varying
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.parts import FrequencyResponse
-from pilotid.frequency.black_box import BlackBox, channel_response
 from pilotid.frequency.consistency import against_recording, output_at_once
-from pilotid.frequency.regression import Regression, signals
+from pilotid.frequency.regression import (
+    BlackBox,
+    Criterion,
+    Regression,
+    Structure,
+    StructureSearch,
+    channel_response,
+    signals,
+)
 from pilotid.frequency.second_step import ResponseFit, second_step
-from pilotid.frequency.structures import Criterion, Structure, StructureSearch
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import minimise
@@ -136,7 +142,7 @@ class ARX:
         Shortest and longest delay searched, for each input on its own [s]; the model used
         begins at the shortest.
     criterion
-        By which a structure is chosen, see `pilotid.frequency.structures.StructureSearch`.
+        By which a structure is chosen, see `pilotid.frequency.regression.StructureSearch`.
     memory
         Longest lag of the inputs in the model used [s]; None uses the structure found
         as it is.  Longer ones come closer to the inverse of the controlled element.

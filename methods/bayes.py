@@ -33,17 +33,16 @@ from pilotid.estimates.applicability import one_signal
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.warnings import is_vague
 from pilotid.pilot.model import PilotModel
-from pilotid.posterior.density import Posterior
 from pilotid.posterior.ensembles import DEFAULT_RUN, Run
-from pilotid.posterior.likelihood import Likelihood
+from pilotid.posterior.likelihood import Likelihood, Posterior
 from pilotid.posterior.priors import Prior, priors_of
 from pilotid.posterior.sampling import Sampler, sample
 from pilotid.recordings.recording import Recording
-from pilotid.time_domain.conclusion import concluded
+from pilotid.solve.smoothing import AGAINST_WHITE
 from pilotid.time_domain.maximum_likelihood import maximise_likelihood
+from pilotid.time_domain.output_error import concluded
 from pilotid.time_domain.remnant_models import LowPass
-from pilotid.time_domain.settings import LikelihoodSettings
-from pilotid.time_domain.smoothness import AGAINST_WHITE
+from pilotid.time_domain.search import LikelihoodSettings
 
 #: Measured on the scenario disturbance-only: samplers that start from different summits end with
 #: posteriors that do not agree, each with draws enough.
@@ -67,7 +66,7 @@ class Bayes(LikelihoodSettings):
     Attributes
     ----------
     search_band, candidates, refined, band, wide, rounds, noise, loop, weighed
-        See `pilotid.time_domain.settings.LikelihoodSettings`.
+        See `pilotid.time_domain.search.LikelihoodSettings`.
     likelihood
         ``remnant`` whitens by the remnant's spectrum, ``white`` takes the residual for white.
     sampler

@@ -27,17 +27,16 @@ from pilotid.recordings.recording import Recording
 from pilotid.remarks import Remark
 from pilotid.solve.covariance import covariance_at_bounds, covariance_of
 from pilotid.solve.intervals import Profile, profile_intervals
-from pilotid.time_domain.change_profile import deviances, over_changes
-from pilotid.time_domain.conclusion import concluded
+from pilotid.time_domain.competing_optima import deviances, off_bounds, over_changes, rivals
 from pilotid.time_domain.maximum_likelihood import (
     Maximum,
     criteria_from,
     in_wide_band,
     maximise_likelihood,
 )
-from pilotid.time_domain.other_summits import off_bounds, rivals
+from pilotid.time_domain.output_error import concluded
 from pilotid.time_domain.residual_tests import tested
-from pilotid.time_domain.settings import LikelihoodSettings
+from pilotid.time_domain.search import LikelihoodSettings
 from pilotid.types import FloatArray
 
 #: Said where direct prediction errors take the place of the likelihood of a band.
@@ -63,7 +62,7 @@ class MLE(LikelihoodSettings):
     Attributes
     ----------
     search_band, candidates, refined, band, wide, rounds, noise, loop, weighed
-        See `pilotid.time_domain.settings.LikelihoodSettings`.
+        See `pilotid.time_domain.search.LikelihoodSettings`.
     """
 
     name: ClassVar[str] = "mle"

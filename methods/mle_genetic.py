@@ -25,14 +25,11 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate
-from pilotid.pilot.frozen import searched
-from pilotid.pilot.model import PilotModel
+from pilotid.pilot.model import PilotModel, searched
 from pilotid.recordings.recording import Recording
-from pilotid.solve.evolution import evolve
-from pilotid.time_domain.fast_residuals import Residuals
-from pilotid.time_domain.output_error import OutputErrors
+from pilotid.solve.search import evolve
+from pilotid.time_domain.output_error import OutputErrors, Residuals, WhiteLikelihood
 from pilotid.time_domain.prediction import predict
-from pilotid.time_domain.white_likelihood import WhiteLikelihood
 
 
 @dataclass(frozen=True)
@@ -42,7 +39,7 @@ class MLEGenetic(WhiteLikelihood):
     Attributes
     ----------
     band, covariance
-        See `pilotid.time_domain.white_likelihood.WhiteLikelihood`.
+        See `pilotid.time_domain.output_error.WhiteLikelihood`.
     search_band
         Narrow and cheap band in which the optimum is searched [rad/s].
     population

@@ -18,14 +18,12 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate
-from pilotid.pilot.frozen import searched
-from pilotid.pilot.model import PilotModel
+from pilotid.pilot.model import PilotModel, searched
 from pilotid.recordings.recording import Recording
-from pilotid.solve.search import record, search
-from pilotid.time_domain.output_error import OutputErrors
+from pilotid.solve.search import search
+from pilotid.time_domain.output_error import OutputErrors, WhiteLikelihood, record
 from pilotid.time_domain.prediction import predict
-from pilotid.time_domain.settings import SearchSettings
-from pilotid.time_domain.white_likelihood import WhiteLikelihood
+from pilotid.time_domain.search import SearchSettings
 
 
 @dataclass(frozen=True)
@@ -35,10 +33,10 @@ class MLEWhite(WhiteLikelihood, SearchSettings):
     Attributes
     ----------
     search_band, candidates, refined
-        See `pilotid.time_domain.settings.SearchSettings`; what the search finds is only
+        See `pilotid.time_domain.search.SearchSettings`; what the search finds is only
         polished in the analysis band.
     band, covariance
-        See `pilotid.time_domain.white_likelihood.WhiteLikelihood`.
+        See `pilotid.time_domain.output_error.WhiteLikelihood`.
     """
 
     name: ClassVar[str] = "mle-white"

@@ -24,18 +24,15 @@ import numpy as np
 
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.parts import Trajectory, times_of
-from pilotid.pilot.frozen import frozen
-from pilotid.pilot.model import PilotModel
+from pilotid.pilot.model import PilotModel, frozen
 from pilotid.recordings.recording import Recording
-from pilotid.solve.least_squares import Minima, minimise_each
-from pilotid.solve.scale import Scale
+from pilotid.solve.least_squares import Minima, Scale, minimise_each
 from pilotid.solve.search import search
-from pilotid.time_domain.band import analysis_band
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.over_time import estimated_over_time, no_reduction
 from pilotid.time_domain.prediction import Prediction, predict, weighted
-from pilotid.time_domain.prepare import prepare
-from pilotid.time_domain.remnant_choice import suiting
+from pilotid.time_domain.prepare import analysis_band, prepare
+from pilotid.time_domain.remnant_models import suiting
 from pilotid.types import BoolArray, FloatArray, IntArray
 
 SHORTEST = 5.0  # seconds of a window

@@ -27,12 +27,13 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.remarks import Remark
 from pilotid.solve.covariance import covariance_of
-from pilotid.time_domain.conclusion import concluded
+from pilotid.time_domain.output_error import concluded
 from pilotid.time_domain.prepare import prepare
 from pilotid.types import ComplexArray, FloatArray
 
 Hold = Literal["zoh", "foh"]
 FINITE_DIFFERENCE = 1e-5  # relative step of the central differences
+TIME_SCALE = 10.0  # rad/s; with time in units of 0.1 s the coefficients are of order one
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class MMLE3:
     iterations: int = 60
     tolerance: float = 1e-5
     name: ClassVar[str] = "mmle3"
-    libraries: ClassVar[tuple[str, ...]] = ("scipy.linalg",)
+    libraries: ClassVar[tuple[str, ...]] = ("scipy.signal",)
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
         """Why it cannot treat a model: it varies in time."""
@@ -229,67 +230,28 @@ def pulse_responses(
     -------
     Array of shape (transfer functions, samples).
     """
+    from scipy.signal import cont2discrete, tf2ss
+
     found = np.empty((len(rationals), samples))
-    alike: dict[tuple[int, int], list[int]] = {}
-    for i, (top, bottom) in enumerate(rationals):
-        alike.setdefault((len(top), len(bottom)), []).append(i)
-    for own in alike.values():
-        system = _scaled_state_space([rationals[i] for i in own])
-        found[own] = _pulsed(*_discretised(*system, dt * TIME_SCALE, hold), samples)
+    for pulse, polynomials in zip(found, rationals, strict=True):
+        scaled = [
+            np.asarray(p) * TIME_SCALE ** np.arange(len(p) - 1, -1, -1, dtype=float)
+            for p in polynomials
+        ]
+        pulse[:] = _pulsed(*cont2discrete(tf2ss(*scaled), dt * TIME_SCALE, hold)[:4], samples)
     return found
 
 
 def _pulsed(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray, samples: int) -> FloatArray:
-    """Responses d, cb, cab, caab, ..., shape (systems, samples)."""
+    """Response d, cb, cab, caab, ..., shape (samples,)."""
     # Rows [c; ca; caa; ...] times columns [b, a^m b, a^2m b, ...], each doubled in number by each
     # power of a.
     rows, power = c, a
-    while rows.shape[1] ** 2 < samples - 1:
-        rows = np.concatenate([rows, rows @ power], axis=1)
+    while len(rows) ** 2 < samples - 1:
+        rows = np.concatenate([rows, rows @ power])
         power = power @ power
     columns = b
-    while rows.shape[1] * columns.shape[2] < samples - 1:
-        columns = np.concatenate([columns, power @ columns], axis=2)
+    while len(rows) * columns.shape[1] < samples - 1:
+        columns = np.concatenate([columns, power @ columns], axis=1)
         power = power @ power
-    after = (rows @ columns).transpose(0, 2, 1).reshape(len(a), -1)
-    return np.concatenate([d, after[:, : samples - 1]], axis=1)
-
-
-def _discretised(
-    a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray, dt: float, hold: Hold
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Systems with inputs held, by one matrix exponential each (as scipy's cont2discrete)."""
-    from scipy.linalg import expm
-
-    systems, order = a.shape[:2]
-    block = np.zeros((systems, order + 2, order + 2))
-    block[:, :order, :order], block[:, :order, order] = a * dt, b[..., 0] * dt
-    if hold == "zoh":
-        power = expm(block[:, :-1, :-1])
-        return power[:, :order, :order], power[:, :order, order:], c, d
-    block[:, order, order + 1] = 1.0
-    power = expm(block)
-    ad, last = power[:, :order, :order], power[:, :order, order + 1 :]
-    bd = power[:, :order, order : order + 1] - last + ad @ last
-    return ad, bd, c, d + (c @ last)[:, 0]
-
-
-TIME_SCALE = 10.0  # rad/s; with time in units of 0.1 s the coefficients are of order one
-
-
-def _scaled_state_space(
-    rationals: Sequence[Rational],
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Controllable canonical forms in scaled time, of polynomials of equal length."""
-    top, bottom = (
-        np.array(p) * TIME_SCALE ** np.arange(len(p[0]) - 1, -1, -1, dtype=float)
-        for p in zip(*rationals, strict=True)
-    )
-    top, bottom = top / bottom[:, :1], bottom / bottom[:, :1]
-    systems, order = len(bottom), bottom.shape[1] - 1
-    top = np.concatenate([np.zeros((systems, order + 1 - top.shape[1])), top], axis=1)
-    a = np.tile(np.eye(order, k=-1), (systems, 1, 1))
-    a[:, :1] = -bottom[:, None, 1:]
-    b = np.tile(np.eye(order, 1), (systems, 1, 1))
-    c = (top[:, 1:] - top[:, :1] * bottom[:, 1:])[:, None]
-    return a, b, c, top[:, :1]
+    return np.concatenate([d[0], (rows @ columns).T.ravel()[: samples - 1]])

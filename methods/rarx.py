@@ -29,13 +29,10 @@ import numpy as np
 
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.parts import Trajectory, times_of
-from pilotid.frequency.regression import Regression, lagged_rows
-from pilotid.frequency.structures import Structure
-from pilotid.pilot.frozen import frozen
-from pilotid.pilot.model import PilotModel
+from pilotid.frequency.regression import Regression, Structure, lagged_rows
+from pilotid.pilot.model import PilotModel, frozen
 from pilotid.recordings.recording import Recording
-from pilotid.solve.least_squares import minimise_each
-from pilotid.solve.scale import Scale
+from pilotid.solve.least_squares import Scale, minimise_each
 from pilotid.solve.search import draw_starts
 from pilotid.time_domain.over_time import estimated_over_time, no_reduction
 from pilotid.time_domain.prepare import Prepared, prepare

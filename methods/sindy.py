@@ -40,11 +40,16 @@ import numpy as np
 from pilotid.estimates.applicability import dependent_signals, varying
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.parts import FrequencyResponse
-from pilotid.frequency.black_box import BlackBox, channel_response
 from pilotid.frequency.consistency import against_recording, output_at_once
-from pilotid.frequency.regression import Regression, lagged_rows, signals
+from pilotid.frequency.regression import (
+    BlackBox,
+    Regression,
+    Structure,
+    channel_response,
+    lagged_rows,
+    signals,
+)
 from pilotid.frequency.second_step import second_step
-from pilotid.frequency.structures import Structure
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.time_domain.prediction import predict

@@ -34,20 +34,25 @@ import numpy as np
 from pilotid.chance import SELDOM, Z95, chi_squared_limit
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.parts import Trajectory, times_of
-from pilotid.pilot.courses import Sigmoid
-from pilotid.pilot.frozen import frozen
-from pilotid.pilot.model import PilotModel
+from pilotid.pilot.model import PilotModel, frozen
+from pilotid.pilot.timevarying import Sigmoid
 from pilotid.recordings.recording import Recording
 from pilotid.remarks import Remark
-from pilotid.solve.scale import Scale
+from pilotid.solve.least_squares import Scale
 from pilotid.solve.search import search
-from pilotid.time_domain.noise_levels import Found, Walks, likeliest
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.over_time import TrajectoryFit, estimated_over_time, no_reduction
 from pilotid.time_domain.prediction import predict
+from pilotid.time_domain.random_walk import (
+    Found,
+    WalkingPilot,
+    Walks,
+    likeliest,
+    unsuited,
+    walking_pilot,
+)
 from pilotid.time_domain.residual_tests import LAGS, portmanteau, ratio_of_halves
 from pilotid.time_domain.unscented import Smoothed, smoothed
-from pilotid.time_domain.walking import WalkingPilot, unsuited, walking_pilot
 from pilotid.types import FloatArray
 
 SEARCH_BAND = 26.0  # rad/s, of the constant pilot that the filter starts at

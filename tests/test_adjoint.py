@@ -13,15 +13,24 @@ from pilotid.methods.mle import MLE
 from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.model import PilotModel
 from pilotid.solve.least_squares import minimise, resume
-from pilotid.time_domain.adjoint import AdjointErrors, for_search
-from pilotid.time_domain.band import analysis_band
-from pilotid.time_domain.joint_fits import ENOUGH, FINE, JointFit
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction, predict
-from pilotid.time_domain.prediction_errors import PredictionErrors
-from pilotid.time_domain.reduced import Reduced, reduced
-from pilotid.time_domain.remnant_choice import guessed
-from pilotid.time_domain.remnant_models import Autoregressive, BandPass, LowPass, NoiseModel
+from pilotid.time_domain.prediction_errors import (
+    AdjointErrors,
+    PredictionErrors,
+    Reduced,
+    for_search,
+    reduced,
+)
+from pilotid.time_domain.prepare import analysis_band
+from pilotid.time_domain.remnant_models import (
+    Autoregressive,
+    BandPass,
+    LowPass,
+    NoiseModel,
+    guessed,
+)
+from pilotid.time_domain.search import ENOUGH, FINE, JointFit
 from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical

@@ -25,8 +25,6 @@ from pilotid.solve.covariance import covariance_of
 from pilotid.solve.least_squares import minimise
 from pilotid.theory.bounds import View
 from pilotid.time_domain import band_likelihood
-from pilotid.time_domain.adjoint import AdjointErrors
-from pilotid.time_domain.band import analysis_band
 from pilotid.time_domain.band_likelihood import (
     OUTSIDE,
     Weighting,
@@ -35,10 +33,15 @@ from pilotid.time_domain.band_likelihood import (
 )
 from pilotid.time_domain.maximum_likelihood import maximum_from
 from pilotid.time_domain.prediction import Prediction, predict
-from pilotid.time_domain.prediction_errors import PredictionErrors
-from pilotid.time_domain.reduced import Reduced, reduced
-from pilotid.time_domain.remnant_choice import guessed
-from pilotid.time_domain.remnant_models import Autoregressive, BandPass, LowPass, NoiseModel
+from pilotid.time_domain.prediction_errors import AdjointErrors, PredictionErrors, Reduced, reduced
+from pilotid.time_domain.prepare import analysis_band
+from pilotid.time_domain.remnant_models import (
+    Autoregressive,
+    BandPass,
+    LowPass,
+    NoiseModel,
+    guessed,
+)
 from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical

@@ -23,13 +23,11 @@ from pilotid.posterior.ensembles import Run
 from pilotid.posterior.likelihood import Likelihood
 from pilotid.posterior.priors import HalfCauchy, LogNormal, Normal, default_prior, priors_of
 from pilotid.seeds import fit_rng, recording_rng, start_rng
-from pilotid.time_domain.band import analysis_band
-from pilotid.time_domain.fast_residuals import Residuals
-from pilotid.time_domain.output_error import OutputErrors
+from pilotid.time_domain.output_error import OutputErrors, Residuals
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
+from pilotid.time_domain.prepare import analysis_band, prediction_error_filters
 from pilotid.time_domain.remnant_models import Autoregressive, LowPass, NoiseModel
-from pilotid.time_domain.whitening import prediction_error_filters
 from pilotid.types import FloatArray, InputError
 
 pytestmark = pytest.mark.numerical

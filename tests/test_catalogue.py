@@ -17,16 +17,15 @@ from pilotid.estimates.method import Method, identify
 from pilotid.methods import METHODS, method_named
 from pilotid.methods.fourier import Fourier
 from pilotid.methods.mle import MLE
-from pilotid.pilot.catalogue import LEAD2_LAG, MODELS, PURSUIT, RATE, SINGLE, model_named
+from pilotid.pilot.catalogue import LEAD2_LAG, MODELS, PURSUIT, RATE, SINGLE, fault_of, model_named
 from pilotid.pilot.factors import Delay, Gain, Lead, Neuromuscular
 from pilotid.pilot.loops import loop_slopes, margins, open_loops, pilot_on, pilot_on_each
 from pilotid.pilot.model import Channel, PilotModel
-from pilotid.pilot.own import fault_of
 from pilotid.recordings.files import save_recording
 from pilotid.recordings.recording import Recording
 from pilotid.testing import check_estimate
 from pilotid.theory.bounds import bounds
-from pilotid.time_domain.fast_residuals import Residuals
+from pilotid.time_domain.output_error import Residuals
 from pilotid.time_domain.prediction import predict
 from pilotid.types import InputError
 

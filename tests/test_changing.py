@@ -23,22 +23,20 @@ from pilotid.methods import methods
 from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.pilot.catalogue import ADAPTING, SINGLE
-from pilotid.pilot.changing import Changing
+from pilotid.pilot.catalogue import ADAPTING, SINGLE, fault_of
 from pilotid.pilot.element import double_integrator
 from pilotid.pilot.factors import Delay, Differentiator, Gain, Lag, Lead, Neuromuscular
-from pilotid.pilot.frozen import before_and_after, frozen, frozen_over
-from pilotid.pilot.model import Channel, PilotModel
-from pilotid.pilot.own import fault_of
+from pilotid.pilot.model import Channel, PilotModel, before_and_after, frozen, frozen_over
+from pilotid.pilot.timevarying import Changing
 from pilotid.show.page import html_report
+from pilotid.solve.intervals import Held
 from pilotid.solve.least_squares import minimise
-from pilotid.solve.walk import Held
 from pilotid.study.draws import truths_of
-from pilotid.time_domain.change_profile import over_changes
-from pilotid.time_domain.fast_residuals import Residuals
+from pilotid.time_domain.competing_optima import over_changes
 from pilotid.time_domain.maximum_likelihood import maximise_likelihood
+from pilotid.time_domain.output_error import Residuals
 from pilotid.time_domain.prediction import predict
-from pilotid.time_domain.reduced import reduced
+from pilotid.time_domain.prediction_errors import reduced
 from pilotid.types import FloatArray, InputError
 
 pytestmark = pytest.mark.numerical

@@ -19,23 +19,23 @@ from pilotid.methods import methods
 from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.pilot.catalogue import ADAPTING, ADAPTING_FREE, SINGLE
-from pilotid.pilot.changing import Changing, Fading
-from pilotid.pilot.courses import Curve, Sigmoid, Spline
+from pilotid.pilot.catalogue import ADAPTING, ADAPTING_FREE, SINGLE, fault_of
 from pilotid.pilot.factors import Delay, Gain, Lag, Lead, Neuromuscular, Parameter
-from pilotid.pilot.frozen import (
+from pilotid.pilot.model import (
+    Channel,
+    PilotModel,
     before_and_after,
     frozen,
     frozen_over,
     searched,
     unfrozen,
 )
-from pilotid.pilot.model import Channel, PilotModel
-from pilotid.pilot.own import fault_of
+from pilotid.pilot.timevarying import Changing, Curve, Fading, Sigmoid, Spline
 from pilotid.posterior.priors import LogUniform, priors_of
 from pilotid.recordings.recording import Recording
 from pilotid.show.page import html_report
-from pilotid.solve.smoothing import Penalty, Restricted
+from pilotid.solve.least_squares import Penalty
+from pilotid.solve.smoothing import Restricted
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.remnant_models import LowPass
 from pilotid.types import FloatArray

@@ -23,7 +23,13 @@ FENCE = re.compile(r"^(`{3,}|:{3,})(\S*)[^\n]*\n(.*?)^\1\s*$", flags=re.DOTALL |
 #: Fences that hold text instead of an example that is run, and the pages that need them: commands
 #: of a cluster, installation, another language.
 SHOWN = {
-    "text": {"guide/clusters.md", "guide/install.md", "guide/start.md", "posterior.md"},
+    "text": {
+        "guide/clusters.md",
+        "guide/commands.md",
+        "guide/install.md",
+        "guide/start.md",
+        "posterior.md",
+    },
     "matlab": {"guide/matlab.md"},
     "bibtex": {"references.md"},
     "python": {"adapting.md", "two-step.md"},  # run by `test_examples_run`

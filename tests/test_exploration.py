@@ -23,15 +23,20 @@ from pilotid.pilot.element import position_control
 from pilotid.seeds import recording_rng
 from pilotid.solve.intervals import profile_intervals
 from pilotid.solve.least_squares import Minima, minimise
-from pilotid.time_domain import reduced as reduction
-from pilotid.time_domain.band import analysis_band
-from pilotid.time_domain.exploration import MOST, explore, optima, together
+from pilotid.time_domain import prediction_errors as reduction
 from pilotid.time_domain.maximum_likelihood import EDGE, SHORT, maximise_likelihood
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction, predict
-from pilotid.time_domain.reduced import reduced
-from pilotid.time_domain.remnant_choice import NOISE_MODELS, criterion, neighbours
-from pilotid.time_domain.remnant_models import Autoregressive, LowPass
+from pilotid.time_domain.prediction_errors import reduced
+from pilotid.time_domain.prepare import analysis_band
+from pilotid.time_domain.remnant_models import (
+    NOISE_MODELS,
+    Autoregressive,
+    LowPass,
+    criterion,
+    neighbours,
+)
+from pilotid.time_domain.search import MOST, explore, optima, together
 from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical

@@ -12,10 +12,10 @@ from pilotid.datasets import simulate
 from pilotid.lines.fit import fit_lines
 from pilotid.methods.mle import MLE
 from pilotid.solve.least_squares import Minima
-from pilotid.time_domain.following import LESS, Following
 from pilotid.time_domain.maximum_likelihood import in_wide_band, maximise_likelihood
 from pilotid.time_domain.prediction import predict
-from pilotid.time_domain.reduced import reduced
+from pilotid.time_domain.prediction_errors import reduced
+from pilotid.time_domain.search import LESS, Following
 
 pytestmark = pytest.mark.numerical
 
@@ -75,7 +75,7 @@ def test_ends_that_do_not_follow_are_left_out_unless_none_does() -> None:
 
 def test_an_estimate_that_does_not_follow_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not any("inverse" in remark for remark in fit_of(MLE(), NOMINAL).remarks)
-    monkeypatch.setattr("pilotid.time_domain.following.LESS", 2.0)  # nobody explains as much
+    monkeypatch.setattr("pilotid.time_domain.search.LESS", 2.0)  # nobody explains as much
     remarks = fit_of(MLE(), NOMINAL).remarks
     assert any("inverse of the controlled element" in remark for remark in remarks)
 

@@ -12,7 +12,7 @@ import pytest
 from helpers import Run, strict
 
 from pilotid import MODELS, load_recording
-from pilotid.time_domain.evidence import evidence
+from pilotid.time_domain.information_criteria import evidence
 
 pytestmark = pytest.mark.numerical
 

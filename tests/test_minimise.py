@@ -16,8 +16,8 @@ from pilotid.pilot.catalogue import MODELS, MULTI
 from pilotid.pilot.factors import Parameter
 from pilotid.pilot.model import PilotModel
 from pilotid.solve.least_squares import Gram, Minima, minimise, resume, solve_linear
-from pilotid.solve.search import draw_starts, record, search
-from pilotid.time_domain.output_error import OutputErrors
+from pilotid.solve.search import draw_starts, search
+from pilotid.time_domain.output_error import OutputErrors, record
 from pilotid.time_domain.prediction import predict
 from pilotid.types import BoolArray, FloatArray
 

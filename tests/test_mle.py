@@ -16,14 +16,12 @@ from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.pilot.catalogue import MULTI
 from pilotid.solve.covariance import covariance_at_bounds
-from pilotid.solve.intervals import profile_intervals
+from pilotid.solve.intervals import profile_intervals, walk
 from pilotid.solve.least_squares import minimise
-from pilotid.solve.walk import walk
-from pilotid.time_domain.band import Band
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
-from pilotid.time_domain.prediction_errors import PredictionErrors
-from pilotid.time_domain.reduced import reduced
+from pilotid.time_domain.prediction_errors import PredictionErrors, reduced
+from pilotid.time_domain.prepare import Band
 from pilotid.time_domain.remnant_models import Autoregressive, LowPass, NoiseModel
 from pilotid.types import FloatArray
 

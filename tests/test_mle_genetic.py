@@ -16,8 +16,8 @@ from pilotid.methods.mle_white import MLEWhite
 from pilotid.pilot.catalogue import MULTI
 from pilotid.pilot.factors import Delay, Gain
 from pilotid.pilot.model import Channel, PilotModel
-from pilotid.solve.evolution import evolve
 from pilotid.solve.least_squares import minimise
+from pilotid.solve.search import evolve
 from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical

@@ -17,7 +17,7 @@ from pilotid.pilot.catalogue import MODELS
 from pilotid.recordings.files import load_recording
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import recording_rng
-from pilotid.time_domain.evidence import evidence
+from pilotid.time_domain.information_criteria import evidence
 
 pytestmark = pytest.mark.numerical
 

@@ -12,9 +12,9 @@ from pilotid.pilot.catalogue import ADAPTING, MULTI
 from pilotid.posterior import nearby
 from pilotid.posterior.likelihood import Likelihood
 from pilotid.posterior.nearby import SNAPSHOTS, Nearby, sums_of_squares
-from pilotid.time_domain.band import analysis_band
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
+from pilotid.time_domain.prepare import analysis_band
 from pilotid.time_domain.remnant_models import LowPass
 from pilotid.types import FloatArray
 

@@ -5,17 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pilotid.time_domain.band import Band
-from pilotid.time_domain.prepare import lowpass
-from pilotid.time_domain.remnant_choice import (
+from pilotid.time_domain.prepare import FAR, Band, lowpass
+from pilotid.time_domain.remnant_models import (
     NOISE_MODELS,
+    Autoregressive,
+    BandPass,
+    LowPass,
     contenders,
     handicap,
     lagged_products,
+    remnant_estimate,
     suiting,
 )
-from pilotid.time_domain.remnant_models import Autoregressive, BandPass, LowPass, remnant_estimate
-from pilotid.time_domain.whitening import FAR
 from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical

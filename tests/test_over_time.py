@@ -12,11 +12,11 @@ from pilotid.datasets import SCENARIOS, simulate
 from pilotid.estimates.estimate import Outcome
 from pilotid.estimates.method import Method, identify
 from pilotid.estimates.parts import Trajectory, times_of
-from pilotid.frequency.structures import Structure
+from pilotid.frequency.regression import Structure
 from pilotid.methods.mle_windowed import MLEWindowed
 from pilotid.methods.rarx import RARX, arx_response, forgetting
 from pilotid.pilot.catalogue import ADAPTING, MULTI, SINGLE
-from pilotid.pilot.frozen import frozen_over
+from pilotid.pilot.model import frozen_over
 from pilotid.solve.least_squares import minimise_each
 from pilotid.time_domain.over_time import TrajectoryFit, estimated_over_time
 from pilotid.types import FloatArray, IntArray

@@ -16,9 +16,8 @@ from pilotid.methods.bayes import Bayes, Inference
 from pilotid.pilot.catalogue import SINGLE
 from pilotid.pilot.element import double_integrator
 from pilotid.pilot.loops import margins
-from pilotid.posterior.derived import derived_spreads, vafs
 from pilotid.posterior.likelihood import Likelihood
-from pilotid.posterior.predictive import predictive_band
+from pilotid.posterior.predictive import derived_spreads, predictive_band, vafs
 from pilotid.recordings.files import save_recording
 from pilotid.time_domain.output_error import simulated_vaf
 from pilotid.time_domain.remnant_models import Autoregressive, LowPass

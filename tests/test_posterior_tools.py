@@ -7,10 +7,8 @@ import pytest
 from scipy import stats
 
 from pilotid.estimates.draws import Draws, quantiles, shortest_interval
-from pilotid.posterior.convergence import autocorrelation_times, r_hat
-from pilotid.posterior.ensembles import Run, ensembles
-from pilotid.posterior.importance import LogDensity, importance
-from pilotid.posterior.mixtures import StudentT, fitted
+from pilotid.posterior.ensembles import Run, autocorrelation_times, ensembles, r_hat
+from pilotid.posterior.importance import LogDensity, StudentT, fitted, importance
 from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical

@@ -15,11 +15,10 @@ from pilotid.methods.mle import MLE, profile_of
 from pilotid.pilot.factors import Neuromuscular
 from pilotid.pilot.model import PilotModel
 from pilotid.seeds import recording_rng
-from pilotid.solve.intervals import profile_intervals
+from pilotid.solve.intervals import Held, profile_intervals
 from pilotid.solve.least_squares import Minima, minimise
-from pilotid.solve.walk import Held
+from pilotid.time_domain.competing_optima import off_bounds
 from pilotid.time_domain.maximum_likelihood import Maximum, maximise_likelihood
-from pilotid.time_domain.other_summits import off_bounds
 from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical

@@ -10,9 +10,14 @@ from scipy.signal import lfilter
 
 from pilotid.datasets import scenario_named, simulate
 from pilotid.estimates.parts import real_parts
-from pilotid.frequency.black_box import discrete_response
-from pilotid.frequency.regression import Regression, lagged_rows
-from pilotid.frequency.structures import Criterion, Structure, StructureSearch
+from pilotid.frequency.regression import (
+    Criterion,
+    Regression,
+    Structure,
+    StructureSearch,
+    discrete_response,
+    lagged_rows,
+)
 from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical

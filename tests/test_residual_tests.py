@@ -15,10 +15,10 @@ from pilotid.datasets.violations import Violation
 from pilotid.estimates.method import identify
 from pilotid.methods.mle import MLE
 from pilotid.recordings.recording import Recording
-from pilotid.time_domain.drift import drift_left
 from pilotid.time_domain.maximum_likelihood import maximise_likelihood
 from pilotid.time_domain.remnant_models import LowPass
 from pilotid.time_domain.residual_tests import (
+    drift_left,
     held_share,
     portmanteau,
     ratio_of_halves,

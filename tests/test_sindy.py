@@ -24,8 +24,7 @@ from pilotid.datasets import scenario_named
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import identify
 from pilotid.estimates.parts import FrequencyResponse
-from pilotid.frequency.black_box import known_dynamics
-from pilotid.frequency.regression import lagged_rows
+from pilotid.frequency.regression import known_dynamics, lagged_rows
 from pilotid.methods.sindy import Library, SINDy, ensemble_covariance, prune, undetermined
 from pilotid.pilot.catalogue import MULTI, SINGLE
 from pilotid.pilot.model import PilotModel

@@ -12,7 +12,7 @@ import pytest
 
 from pilotid.datasets import SCENARIOS, experiments
 from pilotid.estimates.parts import Trajectory, times_of
-from pilotid.pilot.frozen import frozen, frozen_over
+from pilotid.pilot.model import frozen, frozen_over
 from pilotid.study.comparison import TRAJECTORIES, comparison_of
 from pilotid.study.entries import Track
 from pilotid.study.store import Store

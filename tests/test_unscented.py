@@ -14,15 +14,12 @@ from pilotid.estimates.estimate import Outcome
 from pilotid.estimates.method import identify
 from pilotid.methods.ukf import UKF
 from pilotid.pilot.catalogue import ADAPTING, LEAD_LAG, SINGLE
-from pilotid.pilot.changing import Fading
 from pilotid.pilot.factors import Delay, Gain, Lead, Neuromuscular
-from pilotid.pilot.frozen import frozen_over
-from pilotid.pilot.model import Channel, PilotModel
+from pilotid.pilot.model import Channel, PilotModel, frozen_over
+from pilotid.pilot.timevarying import Fading
 from pilotid.recordings.recording import Recording
-from pilotid.time_domain.muscle import muscle_step
-from pilotid.time_domain.noise_levels import Walks
+from pilotid.time_domain.random_walk import Walks, muscle_step, walking_pilot
 from pilotid.time_domain.unscented import Levels, filtered, smoothed
-from pilotid.time_domain.walking import walking_pilot
 from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical

@@ -15,9 +15,8 @@ from pilotid.methods.mle import MLE
 from pilotid.pilot.catalogue import MODELS, MULTI
 from pilotid.recordings.recording import Recording
 from pilotid.time_domain.maximum_likelihood import Maximum, maximise_likelihood
-from pilotid.time_domain.remnant_choice import NOISE_MODELS
-from pilotid.time_domain.residual_tests import portmanteau
-from pilotid.time_domain.whitened import correlations, prediction_errors
+from pilotid.time_domain.remnant_models import NOISE_MODELS
+from pilotid.time_domain.residual_tests import correlations, portmanteau, prediction_errors
 
 pytestmark = pytest.mark.numerical
 

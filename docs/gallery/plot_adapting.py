@@ -13,7 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import pilotid
-from pilotid.pilot.frozen import frozen_over
+from pilotid.pilot.model import frozen_over
 from pilotid.show.style import journal_style
 
 scenario = pilotid.SCENARIOS["adapting-slow"]

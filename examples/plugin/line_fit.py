@@ -29,7 +29,7 @@ from pilotid.recordings.spectra import forcing_lines
 from pilotid.solve.covariance import covariance_of
 from pilotid.solve.least_squares import Problem, minimise
 from pilotid.solve.search import search
-from pilotid.time_domain.conclusion import concluded
+from pilotid.time_domain.output_error import concluded
 
 
 class Lines(Problem):

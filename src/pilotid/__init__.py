@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from pilotid.methods.fourier import Fourier
     from pilotid.methods.mle import MLE
     from pilotid.methods.mle_genetic import MLEGenetic
+    from pilotid.methods.mle_reference import MLEReference
     from pilotid.methods.mle_white import MLEWhite
     from pilotid.methods.mle_windowed import MLEWindowed
     from pilotid.methods.mmle3 import MMLE3
@@ -61,6 +62,7 @@ __all__ = [
     "Fourier",
     "InputError",
     "MLEGenetic",
+    "MLEReference",
     "MLEWhite",
     "MLEWindowed",
     "Method",
@@ -97,6 +99,7 @@ _HOMES = {
     "methods.fourier": ("Fourier",),
     "methods.mle": ("MLE",),
     "methods.mle_genetic": ("MLEGenetic",),
+    "methods.mle_reference": ("MLEReference",),
     "methods.mle_white": ("MLEWhite",),
     "methods.mle_windowed": ("MLEWindowed",),
     "methods.mmle3": ("MMLE3",),

@@ -15,8 +15,7 @@ from pytest_benchmark.fixture import BenchmarkFixture
 from scipy.optimize import least_squares
 
 from pilotid.estimates.method import identify
-from pilotid.frequency.regression import Regression, lagged_rows, signals
-from pilotid.frequency.structures import Structure
+from pilotid.frequency.regression import Regression, Structure, lagged_rows, signals
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.pilot.catalogue import MULTI

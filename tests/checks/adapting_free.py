@@ -22,7 +22,7 @@ from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.method import identify
 from pilotid.methods import method_named
 from pilotid.pilot.catalogue import ADAPTING, ADAPTING_FREE, SINGLE
-from pilotid.pilot.frozen import frozen_over
+from pilotid.pilot.model import frozen_over
 from pilotid.recordings.files import load_recording
 from pilotid.seeds import fit_rng
 from pilotid.types import FloatArray

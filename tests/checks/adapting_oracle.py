@@ -26,10 +26,10 @@ from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.method import identify
 from pilotid.methods.mle import MLE
 from pilotid.seeds import fit_rng
+from pilotid.solve.intervals import Held
 from pilotid.solve.least_squares import minimise
-from pilotid.solve.walk import Held
-from pilotid.time_domain.band import Band
 from pilotid.time_domain.maximum_likelihood import Maximum, maximum_from
+from pilotid.time_domain.prepare import Band
 from pilotid.time_domain.remnant_models import LowPass
 from pilotid.types import BoolArray, FloatArray
 

@@ -22,10 +22,10 @@ from pilotid.datasets.population import POPULATIONS
 from pilotid.methods.mle import MLE
 from pilotid.seeds import fit_rng, recording_rng, start_rng
 from pilotid.solve.least_squares import minimise
-from pilotid.time_domain.band import analysis_band
 from pilotid.time_domain.maximum_likelihood import SHORT, maximise_likelihood
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
+from pilotid.time_domain.prepare import analysis_band
 from pilotid.time_domain.remnant_models import LowPass
 from pilotid.types import BoolArray, FloatArray
 

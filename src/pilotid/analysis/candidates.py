@@ -14,7 +14,7 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
 from pilotid.recordings.recording import Recording
 from pilotid.time_domain.constancy import changes
-from pilotid.time_domain.evidence import Evidence, evidence
+from pilotid.time_domain.information_criteria import Evidence, evidence
 from pilotid.time_domain.output_error import simulated_vaf
 from pilotid.types import FloatArray, InputError
 

@@ -25,10 +25,10 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import fit_rng
 from pilotid.study.entries import number
-from pilotid.time_domain.band import analysis_band
 from pilotid.time_domain.output_error import OutputErrors, simulated_vaf
 from pilotid.time_domain.prediction import Prediction, predict
-from pilotid.time_domain.remnant_choice import suiting
+from pilotid.time_domain.prepare import analysis_band
+from pilotid.time_domain.remnant_models import suiting
 from pilotid.types import FloatArray
 
 BAND = 50.0  # analysis band of the likelihood [rad/s], that of `mle`

@@ -17,8 +17,12 @@ from pilotid.estimates.warnings import all_remarks
 from pilotid.methods.bayes import Bayes
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
-from pilotid.posterior.derived import derived_spreads, loop_notes, parameter_spreads
-from pilotid.posterior.predictive import predictive_band
+from pilotid.posterior.predictive import (
+    derived_spreads,
+    loop_notes,
+    parameter_spreads,
+    predictive_band,
+)
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import fit_rng

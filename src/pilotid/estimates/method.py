@@ -28,8 +28,7 @@ from pilotid.estimates.parts import (
 )
 from pilotid.estimates.warnings import all_remarks
 from pilotid.naming.code import reason
-from pilotid.pilot.frozen import frozen
-from pilotid.pilot.model import PilotModel
+from pilotid.pilot.model import PilotModel, frozen
 from pilotid.recordings.recording import Recording
 from pilotid.types import FloatArray, InputError, one_line
 

@@ -9,8 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pilotid.chance import Z95
-from pilotid.pilot.frozen import frozen, frozen_over
-from pilotid.pilot.model import PilotModel
+from pilotid.pilot.model import PilotModel, frozen, frozen_over
 from pilotid.types import ComplexArray, FloatArray
 
 NOTHING = np.zeros(0)
@@ -208,7 +207,7 @@ def circular(covariance: ComplexArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Parameters of a constant pilot, that of `pilotid.pilot.frozen.frozen`, over time.
+    """Parameters of a constant pilot, that of `pilotid.pilot.model.frozen`, over time.
 
     Attributes
     ----------

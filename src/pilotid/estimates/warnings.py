@@ -10,8 +10,8 @@ import numpy as np
 from pilotid.chance import Z95
 from pilotid.estimates.applicability import one_signal, shared_signals
 from pilotid.estimates.estimate import Estimate, Outcome, at_bounds
-from pilotid.pilot.courses import STEEP
 from pilotid.pilot.factors import Factor, Lag, Lead, Neuromuscular, Parameter
+from pilotid.pilot.timevarying import STEEP
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import NotMultisineError, forcing_lines
 from pilotid.remarks import Remark, remark_of

@@ -10,13 +10,100 @@ in normal equations; here everything rests on orthogonal factors of scaled colum
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
-from pilotid.frequency.black_box import BlackBox, known_dynamics
-from pilotid.frequency.structures import Structure, StructureSearch
+from pilotid.estimates.parts import FrequencyResponse, real_parts
+from pilotid.pilot.model import Channel, PilotModel
 from pilotid.time_domain.prediction import Prediction
 from pilotid.types import ComplexArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Orders and delays of A(q) u(t) = sum_i B_i(q) q^-delay_i input_i(t) + w(t).
+
+    Attributes
+    ----------
+    poles
+        Degree of A: how many past values of the output.
+    zeros
+        Per input, the number of coefficients of B_i.
+    delays
+        Per input, the lag of the first of them [samples].
+    """
+
+    poles: int
+    zeros: tuple[int, ...]
+    delays: tuple[int, ...]
+
+    @property
+    def parameters(self) -> int:
+        """Number of coefficients."""
+        return self.poles + sum(self.zeros)
+
+    def lags(self, i: int) -> IntArray:
+        """Lags of input `i` [samples], shape (coefficients,)."""
+        return self.delays[i] + np.arange(self.zeros[i])
+
+
+Criterion = Literal["aicc", "bic", "heavy"]
+HEAVY = 3.0  # weight of the heavy penalty
+
+
+@dataclass(frozen=True, eq=False)
+class StructureSearch:
+    """The criterion surface of a search among structures.
+
+    Attributes
+    ----------
+    structures
+        What was tried.
+    cost
+        Residual sum of squares of each, shape (structures,).
+    samples
+        Number of rows, less the nuisance terms.
+    """
+
+    structures: tuple[Structure, ...]
+    cost: FloatArray
+    samples: int
+
+    def criterion(self, name: Criterion, weight: float = HEAVY) -> FloatArray:
+        """An information criterion of each structure, to be minimised; shape (structures,).
+
+        Parameters
+        ----------
+        name
+            ``aicc`` (Hurvich & Tsai 1989), ``bic``, or ``heavy``: BIC with its penalty
+            multiplied by `weight` (Drop et al., IEEE Trans. Cybernetics 48(1), 2018, who tune
+            the weight by simulation until no false channel is found).
+        weight
+            Of the heavy penalty.
+        """
+        count = np.array([s.parameters for s in self.structures], dtype=float)
+        # A cost of rounding errors alone would make the smallest of them a minimum.
+        least = 1e-24 * float(np.max(self.cost, initial=0.0)) + np.finfo(float).tiny
+        deviance = self.samples * np.log(np.maximum(self.cost, least) / self.samples)
+        if name == "aicc":
+            left = np.maximum(self.samples - count - 1.0, 1e-3)
+            return np.asarray(deviance + 2.0 * count * (1.0 + (count + 1.0) / left))
+        return np.asarray(
+            deviance + (weight if name == "heavy" else 1.0) * count * np.log(self.samples)
+        )
+
+    def best(self, name: Criterion, weight: float = HEAVY) -> Structure:
+        """The structure of the lowest criterion.
+
+        Parameters
+        ----------
+        name, weight
+            As for `criterion`.
+        """
+        return self.structures[int(np.argmin(self.criterion(name, weight)))]
+
 
 BLOCK = 256  # factorisations at once: their columns then stay in the processor's cache
 
@@ -192,3 +279,135 @@ def signals(prediction: Prediction) -> tuple[FloatArray, list[FloatArray]]:
     channels = zip(prediction.model.channels, prediction.spectra, strict=True)
     inputs = [samples(known_dynamics(c, prediction.s) * spectrum) for c, spectrum in channels]
     return samples(prediction.control_spectrum), inputs
+
+
+@dataclass(frozen=True, eq=False)
+class BlackBox:
+    """Least-squares coefficients of a structure.
+
+    Attributes
+    ----------
+    structure
+        Orders and delays.
+    coefficients
+        a_1, a_2, ... of A = 1 + a_1 q^-1 + ..., then those of each B_i.
+    covariance
+        Their covariance for a white residual.
+    cost
+        Residual sum of squares.
+    """
+
+    structure: Structure
+    coefficients: FloatArray
+    covariance: FloatArray
+    cost: float
+
+    @property
+    def denominator(self) -> FloatArray:
+        """Coefficients of A, its leading 1 included."""
+        return np.concatenate([[1.0], self.coefficients[: self.structure.poles]])
+
+    @property
+    def numerators(self) -> list[FloatArray]:
+        """Coefficients of each B_i, without its delay."""
+        ends = self.structure.poles + np.cumsum(self.structure.zeros)
+        return np.split(self.coefficients, [self.structure.poles, *ends])[1:-1]
+
+    def unstable(self, dt: float) -> FloatArray:
+        """Frequencies of the poles outside the unit circle [rad/s], ascending."""
+        poles = np.roots(self.denominator)
+        return np.sort(np.abs(np.angle(poles[np.abs(poles) >= 1.0]))) / dt
+
+
+def known_dynamics(channel: Channel, s: ComplexArray) -> ComplexArray:
+    """Product of a channel's factors without parameters, differentiators apart, shape (n,)."""
+    product = np.ones_like(s)
+    for factor in channel.dynamics:
+        if not factor.parameters:
+            product = product * factor.response(s, [])
+    return product
+
+
+def discrete_response(
+    omega: FloatArray,
+    dt: float,
+    fit: BlackBox,
+    factors: ComplexArray,
+    reference: ComplexArray | None = None,
+) -> tuple[ComplexArray, FloatArray]:
+    """Frequency responses of the transfer functions B_i/A, and their covariance.
+
+    Parameters
+    ----------
+    omega
+        Frequencies [rad/s], shape (n,).
+    dt
+        Sampling interval [s].
+    fit
+        Coefficients and their covariance.
+    factors
+        What each response is multiplied by, shape (inputs, n).
+    reference
+        Responses at which errors are propagated, shape (inputs, n); None for the estimated
+        ones, whose errors make small responses look accurate.
+
+    Returns
+    -------
+    Responses (inputs, n), and the covariance of `pilotid.estimates.parts.real_parts` of them.
+    """
+    structure = fit.structure
+    delay = np.exp(-1j * omega * dt)
+    powers = delay ** np.arange(1, structure.poles + 1)[:, None]
+    bottom = 1.0 + fit.coefficients[: structure.poles] @ powers
+    value = np.zeros(factors.shape, dtype=complex)
+    slopes = np.zeros((structure.parameters, *factors.shape), dtype=complex)
+    begin = structure.poles
+    for i, top in enumerate(fit.numerators):
+        shifts = delay ** structure.lags(i)[:, None]
+        common = factors[i] / bottom
+        value[i] = common * (top @ shifts)
+        slopes[begin : begin + top.size, i] = common * shifts
+        begin += top.size
+    at = value if reference is None else reference
+    slopes[: structure.poles] = -at * (powers / bottom)[:, None]
+    jacobian = real_parts(slopes)
+    return value, jacobian.T @ fit.covariance @ jacobian
+
+
+def channel_response(
+    model: PilotModel,
+    omega: FloatArray,
+    dt: float,
+    fit: BlackBox,
+    misfit: float,
+    note: str,
+    values: FloatArray | None = None,
+) -> FrequencyResponse:
+    """The responses of a pilot's channels by a black-box model of them.
+
+    Parameters
+    ----------
+    model
+        The pilot model, whose channels are the inputs.
+    omega
+        Frequencies [rad/s], shape (n,).
+    dt
+        Sampling interval of the black-box model [s].
+    fit
+        The black-box model.
+    misfit
+        Error of the black-box model as a share of the response, independent at every
+        frequency; it adds to the covariance.
+    note
+        What a reader should know of the black-box model.
+    values
+        Parameters of the pilot model at which errors are propagated; None for the estimated
+        response.
+    """
+    s = np.asarray(1j * omega, dtype=complex)
+    factors = np.array([known_dynamics(c, s) * s**c.derivative for c in model.channels])
+    reference = None if values is None else model.response(omega, values)
+    value, covariance = discrete_response(omega, dt, fit, factors, reference)
+    size = np.abs(value if reference is None else reference).ravel()
+    allowance = np.tile(0.5 * (misfit * size) ** 2, 2)
+    return FrequencyResponse(omega, value, covariance + np.diag(allowance), note=note)

@@ -21,8 +21,8 @@ from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_of
 from pilotid.solve.intervals import profile_intervals
 from pilotid.solve.least_squares import Problem, minimise
-from pilotid.solve.search import record, search
-from pilotid.time_domain.conclusion import concluded
+from pilotid.solve.search import search
+from pilotid.time_domain.output_error import concluded, record
 from pilotid.types import FloatArray
 
 #: Combinations of responses whose variance is this far below the largest one are taken for

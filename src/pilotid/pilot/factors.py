@@ -4,17 +4,16 @@ A channel of a pilot model is a signed product of factors.  A factor knows its
 parameters, its frequency response and its *log-derivative* (the derivative of
 the logarithm of the response) by each parameter: responses multiply and
 log-derivatives add, so that the Jacobian of any product follows by itself.
-A user's own factor is any object with the members of `Factor`; it may offer those of
-`TimeDelay`, `Derivative`, `OnAxis` or `AtOnce` as well.
+A factor of one's own derives from `Factor`.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import factorial
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -96,18 +95,27 @@ class Parameter:
             raise ValueError(f"parameter {self.key}: the usual range must lie inside the bounds")
 
 
-class Factor(Protocol):
-    """What the prediction engine asks of a factor; it must be hashable (a frozen dataclass)."""
+class Factor:
+    """What a channel is a product of: a transfer function of some parameters.
+
+    A factor of one's own derives from this class and must be hashable (a frozen dataclass).  It
+    gives `parameters`, `response`, `log_derivative` and `rational`; the rest has defaults.
+    """
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Free parameters, in the order in which `values` are passed."""
-        ...
+        return ()
 
     @property
     def fixed_poles(self) -> tuple[float, ...]:
         """Real poles that do not depend on parameters [rad/s, negative]."""
-        ...
+        return ()
+
+    @property
+    def derivative(self) -> int:
+        """Order n of a factor s^n: the channel acts on the n-th derivative of its input."""
+        return 0
 
     def response(self, s: ComplexArray, values: Values) -> Response:
         """Transfer function at `s` [rad/s].
@@ -124,7 +132,7 @@ class Factor(Protocol):
         ComplexArray or FloatArray
             The response, of a shape that broadcasts to that of `s`.
         """
-        ...
+        raise NotImplementedError
 
     def log_derivative(self, s: ComplexArray, values: Values) -> tuple[Response, ...]:
         """Derivative of the logarithm of the response by each parameter.
@@ -141,7 +149,7 @@ class Factor(Protocol):
         tuple
             An array for each parameter, as `response` has them.
         """
-        ...
+        return self.response_and_slopes(s, values)[1]
 
     def rational(self, values: Sequence[float], pade_order: int) -> Rational:
         """Polynomials of the transfer function; a delay becomes a Pade approximant.
@@ -158,51 +166,17 @@ class Factor(Protocol):
         numerator, denominator
             Coefficients, highest power of s first.
         """
-        ...
+        raise NotImplementedError
 
+    def seconds(self, values: Values) -> FloatArray | None:
+        """T [s] of a factor e^{-T s}, which is evaluated faster if T is known; None for others.
 
-@runtime_checkable
-class TimeDelay(Protocol):
-    """A factor that is e^{-T s}, which is evaluated faster if T is known."""
-
-    def seconds(self, values: Values) -> FloatArray:
-        """The delay T [s], of the shape of its parameter."""
-        ...
-
-
-@runtime_checkable
-class Derivative(Protocol):
-    """A factor s^n: the channel acts on the n-th derivative of its input."""
-
-    @property
-    def derivative(self) -> int:
-        """The order n."""
-        ...
-
-
-@runtime_checkable
-class OnAxis(Protocol):
-    """A factor that is evaluated faster where s = i omega."""
-
-    def response_on_axis(self, omega: FloatArray, values: Values) -> ComplexArray:
-        """Frequency response at `omega` [rad/s].
-
-        Parameters
-        ----------
-        omega
-            Frequencies [rad/s], shape (n,).
-        values
-            As for `Factor.response`; what comes back has the same shape.
+        It has the shape of its parameter.
         """
-        ...
+        return None
 
-
-@runtime_checkable
-class AtOnce(Protocol):
-    """A factor whose response and log-derivatives are evaluated faster together."""
-
-    def response_and_slopes(self, s: ComplexArray, values: Values) -> Evaluated:
-        """What `Factor.response` and `Factor.log_derivative` give.
+    def response_on_axis(self, s: ComplexArray, values: Values) -> Response:
+        """`response` where s = i omega, for a factor that is evaluated faster there.
 
         Parameters
         ----------
@@ -211,11 +185,38 @@ class AtOnce(Protocol):
         values
             One array for each parameter, which broadcasts against `s`.
         """
-        ...
+        return self.response(s, values)
+
+    def response_and_slopes(self, s: ComplexArray, values: Values) -> Evaluated:
+        """`response` and `log_derivative`, for a factor that is evaluated faster at once.
+
+        Parameters
+        ----------
+        s
+            Laplace variable [rad/s], shape (n,).
+        values
+            One array for each parameter, which broadcasts against `s`.
+        """
+        return self.response(s, values), self.log_derivative(s, values)
+
+
+class Polynomial(Factor):
+    """A polynomial in s, each of whose coefficients is affine in its parameters.
+
+    Such a factor may vary in time: it takes derivatives of the input and has no memory.
+    """
+
+    def coefficients(self, values: Values) -> tuple[FloatArray, ...]:
+        """Coefficients, lowest power of s first, each of the shape of a parameter."""
+        raise NotImplementedError
+
+    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
+        numbers = self.coefficients([np.asarray(value) for value in values])
+        return [float(c) for c in reversed(numbers)], [1.0]
 
 
 @dataclass(frozen=True)
-class Gain:
+class Gain(Polynomial):
     """A constant gain; its sign belongs to the channel, so it is positive.
 
     Attributes
@@ -234,7 +235,6 @@ class Gain:
     start: float = 1.0
     unit: str = ""
     bounds: tuple[float, float] = (1e-6, 1e6)
-    fixed_poles = ()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -250,12 +250,9 @@ class Gain:
     def coefficients(self, values: Values) -> tuple[FloatArray]:
         return (values[0],)
 
-    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
-        return [float(values[0])], [1.0]
-
 
 @dataclass(frozen=True)
-class Lead:
+class Lead(Polynomial):
     """First-order lead 1 + T s.
 
     Attributes
@@ -272,7 +269,6 @@ class Lead:
     start: float = 1.0
     bounds: tuple[float, float] = (0.01, 30.0)
     usual: tuple[float, float] = (0.2, 5.0)
-    fixed_poles = ()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -281,9 +277,6 @@ class Lead:
     def response(self, s: ComplexArray, values: Values) -> ComplexArray:
         return 1.0 + values[0] * s
 
-    def log_derivative(self, s: ComplexArray, values: Values) -> tuple[ComplexArray]:
-        return (s / (1.0 + values[0] * s),)
-
     def response_and_slopes(self, s: ComplexArray, values: Values) -> Evaluated:
         response = self.response(s, values)
         return response, (s / response,)
@@ -291,12 +284,9 @@ class Lead:
     def coefficients(self, values: Values) -> tuple[FloatArray, FloatArray]:
         return np.ones_like(values[0]), values[0]
 
-    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
-        return [float(values[0]), 1.0], [1.0]
-
 
 @dataclass(frozen=True)
-class Lag:
+class Lag(Factor):
     """First-order lag 1 / (1 + T s).
 
     Attributes
@@ -313,7 +303,6 @@ class Lag:
     start: float = 0.5
     bounds: tuple[float, float] = (0.01, 30.0)
     usual: tuple[float, float] = (0.2, 5.0)
-    fixed_poles = ()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -321,9 +310,6 @@ class Lag:
 
     def response(self, s: ComplexArray, values: Values) -> ComplexArray:
         return 1.0 / (1.0 + values[0] * s)
-
-    def log_derivative(self, s: ComplexArray, values: Values) -> tuple[ComplexArray]:
-        return (-s / (1.0 + values[0] * s),)
 
     def response_and_slopes(self, s: ComplexArray, values: Values) -> Evaluated:
         response = self.response(s, values)
@@ -334,7 +320,7 @@ class Lag:
 
 
 @dataclass(frozen=True)
-class Delay:
+class Delay(Factor):
     """Pure time delay e^{-T s}, exact in frequency responses.
 
     Attributes
@@ -351,7 +337,6 @@ class Delay:
     start: float = 0.25
     bounds: tuple[float, float] = (0.0, 1.0)
     usual: tuple[float, float] = (0.1, 0.5)
-    fixed_poles = ()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -375,7 +360,7 @@ class Delay:
 
 
 @dataclass(frozen=True)
-class Differentiator:
+class Differentiator(Factor):
     """s to a power: the channel sees a derivative of its input (2: acceleration).
 
     Attributes
@@ -385,8 +370,6 @@ class Differentiator:
     """
 
     order: int = 1
-    parameters = ()
-    fixed_poles = ()
 
     @property
     def derivative(self) -> int:
@@ -403,7 +386,7 @@ class Differentiator:
 
 
 @dataclass(frozen=True)
-class Canals:
+class Canals(Factor):
     """Semicircular canals (1 + tv1 s) / (1 + tv2 s), with fixed time constants.
 
     The defaults, 0.1 s and 6 s, are those of AIAA 2008-7109, Eq. (1).
@@ -416,7 +399,6 @@ class Canals:
 
     tv1: float = 0.1
     tv2: float = 6.0
-    parameters = ()
 
     @property
     def fixed_poles(self) -> tuple[float, ...]:
@@ -433,7 +415,7 @@ class Canals:
 
 
 @dataclass(frozen=True)
-class Neuromuscular:
+class Neuromuscular(Factor):
     """Second-order neuromuscular dynamics f^2 / (f^2 + 2 d f s + s^2).
 
     Attributes
@@ -454,7 +436,6 @@ class Neuromuscular:
     damping_bounds: tuple[float, float] = (0.02, 3.0)
     frequency_usual: tuple[float, float] = (6.0, 20.0)
     damping_usual: tuple[float, float] = (0.1, 0.8)
-    fixed_poles = ()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -481,10 +462,10 @@ class Neuromuscular:
         f, d = values
         return f * f / (f * f + s * (s + 2.0 * d * f))
 
-    def response_on_axis(self, omega: FloatArray, values: Values) -> ComplexArray:
+    def response_on_axis(self, s: ComplexArray, values: Values) -> ComplexArray:
         frequency, damping = values
         # Without complex division, which takes most of the time.
-        ratio = omega / frequency
+        ratio = s.imag / frequency
         real = 1.0 - ratio * ratio
         imaginary = (2.0 * damping) * ratio
         power = real * real + imaginary * imaginary
@@ -492,13 +473,6 @@ class Neuromuscular:
         np.divide(real, power, out=result.real)
         np.divide(imaginary, power, out=result.imag)
         return np.conjugate(result, out=result)
-
-    def log_derivative(self, s: ComplexArray, values: Values) -> tuple[ComplexArray, ComplexArray]:
-        f, d = values
-        s_over_denominator = s / (f * f + s * (s + 2.0 * d * f))
-        # d ln H/df = 2/f - (2f + 2ds)/D, brought over one denominator
-        by_frequency = s_over_denominator * (2.0 * d + 2.0 * s / f)
-        return by_frequency, -2.0 * f * s_over_denominator
 
     def response_and_slopes(self, s: ComplexArray, values: Values) -> Evaluated:
         f, d = values
@@ -530,3 +504,43 @@ def pade(delay: float, order: int) -> Rational:
     ]
     above = [(-1.0) ** k * coefficient for k, coefficient in zip(falling, below, strict=True)]
     return (above, below) if delay > 0.0 else (below, above)
+
+
+class Delayed:
+    """Responses e^{-i omega T} at fixed frequencies.
+
+    The phase grows evenly from bin to bin of a transform, so that the exponentials are products
+    of two short rows.
+
+    Parameters
+    ----------
+    omega
+        Frequencies [rad/s], shape (n,), from the lowest upwards.
+    """
+
+    def __init__(self, omega: FloatArray) -> None:
+        self._omega = omega
+        # Bins as a table of about as many rows as columns, if they lie evenly.
+        even = omega.size > 1 and np.ptp(np.diff(omega)) <= 1e-9 * omega[-1]
+        self._width = math.ceil(math.sqrt(omega.size)) if even else 0
+        self._rows = 1j * omega[:: max(1, self._width)]
+        self._columns = 1j * (omega[: self._width] - omega[:1])
+
+    def __call__(self, seconds: FloatArray, gain: FloatArray | float = 1.0) -> ComplexArray:
+        """A gain and a delay, shape (sets, n).
+
+        Parameters
+        ----------
+        seconds, gain
+            Shape (sets, 1).
+        """
+        if not self._width:
+            angle = seconds * self._omega
+            result = np.empty(angle.shape, dtype=complex)
+            np.multiply(gain, np.cos(angle), out=result.real)
+            np.multiply(-gain, np.sin(angle), out=result.imag)
+            return result
+        rows = gain * np.exp(-seconds * self._rows)
+        columns = np.exp(-seconds * self._columns)
+        table = rows[:, :, None] * columns[:, None, :]
+        return np.asarray(table.reshape(len(table), -1)[:, : self._omega.size], dtype=complex)

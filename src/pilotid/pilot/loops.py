@@ -68,7 +68,7 @@ def loop_slopes(
 ) -> tuple[ComplexArray, ComplexArray]:
     """Derivatives of the logarithms of both open loops by each parameter, (parameters, n)."""
     on_error, on_output = pilot_on(model, omega, values)
-    jacobian = model.jacobian(omega, values)
+    jacobian = model.response_and_jacobian(omega, values)[1]
     on: dict[Input, ComplexArray] = {name: np.zeros_like(jacobian[0]) for name in get_args(Input)}
     for channel, slopes in zip(model.channels, jacobian, strict=True):
         on[channel.input] += channel.sign * slopes

@@ -6,28 +6,24 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
-from pilotid.pilot.changing import Changing
-from pilotid.pilot.courses import Curve
-from pilotid.pilot.delayed import Delayed
 from pilotid.pilot.factors import (
-    AtOnce,
-    Derivative,
+    Delayed,
     Evaluated,
     Factor,
     Parameter,
     Rational,
     Response,
-    TimeDelay,
-    Values,
 )
-from pilotid.types import BoolArray, ComplexArray, FloatArray, InputError
+from pilotid.pilot.timevarying import Changing, Curve
+from pilotid.types import BoolArray, ComplexArray, FloatArray, InputError, IntArray
 
 if TYPE_CHECKING:
     import control
+
 
 Input = Literal["error", "output", "target"]
 
@@ -69,23 +65,26 @@ class Channel:
                 f"channel {self.name}: the sign must be 1 or -1, not {self.sign!r}; "
                 "its size belongs to a gain"
             )
+        for factor in self.factors:
+            if not isinstance(factor, Factor | Changing):
+                raise ValueError(
+                    f"channel {self.name}: {type(factor).__name__} must derive from "
+                    "pilotid.pilot.factors.Factor"
+                )
         if sum(isinstance(f, Changing) for f in self.factors) > 1:
             raise ValueError(
                 f"channel {self.name}: put all factors that vary in time into one Changing"
             )
 
-    # Asking a factor what it is takes as long as its response: asked once.
     @cached_property
     def derivative(self) -> int:
         """Order of the input's derivative that the channel acts on."""
-        return sum(f.derivative for f in self.factors if isinstance(f, Derivative))
+        return sum(f.derivative for f in self.factors if isinstance(f, Factor))
 
     @cached_property
     def dynamics(self) -> tuple[Factor, ...]:
         """The factors apart from the differentiators and from what varies in time."""
-        return tuple(
-            f for f in self.factors if not isinstance(f, Changing) and not isinstance(f, Derivative)
-        )
+        return tuple(f for f in self.factors if isinstance(f, Factor) and not f.derivative)
 
     @cached_property
     def changing(self) -> Changing | None:
@@ -95,9 +94,6 @@ class Channel:
 
 #: A factor and the indices of its parameters.
 Placed = tuple[Factor, tuple[int, ...]]
-
-#: Evaluates a factor at s, by the values of its parameters; delays by a way of their own.
-Evaluator = Callable[[Any, ComplexArray, Values, Delayed | None], Evaluated]
 
 
 @dataclass(frozen=True)
@@ -166,6 +162,11 @@ class PilotModel:
         return np.array([p.start for p in self.parameters])
 
     @cached_property
+    def usual(self) -> FloatArray:
+        """Lower and upper ends of the ranges of published values, shape (2, parameters)."""
+        return np.array([p.usual for p in self.parameters]).reshape(-1, 2).T
+
+    @cached_property
     def positive(self) -> BoolArray:
         """Which parameters are searched on a logarithmic scale, shape (parameters,)."""
         return np.array([p.positive for p in self.parameters])
@@ -175,7 +176,7 @@ class PilotModel:
         """Indices of the parameters that are time delays."""
         return tuple(i for i, p in enumerate(self.parameters) if p.delay)
 
-    @property
+    @cached_property
     def linear(self) -> tuple[int, ...]:
         """Indices of the parameters that the response is proportional to."""
         return tuple(i for i, p in enumerate(self.parameters) if p.linear)
@@ -190,7 +191,7 @@ class PilotModel:
     def changes(self) -> bool:
         """Whether a parameter varies in time; such a model has no frequency response.
 
-        `pilotid.pilot.frozen` has the constant pilots that it is at any one time.
+        `pilotid.pilot.model` has the constant pilots that it is at any one time.
         """
         return any(c.changing is not None for c in self.channels)
 
@@ -238,11 +239,6 @@ class PilotModel:
             for place in range(len(self.moving))
         )
 
-    @cached_property
-    def _evaluators(self) -> tuple[Evaluator, ...]:
-        """What evaluates each of `moving`."""
-        return tuple(_evaluator(factor) for factor, _ in self.moving)
-
     def fixed_responses(self, s: ComplexArray) -> list[ComplexArray]:
         """Per channel, the response of its dynamics without parameters, shape (n,) or (1,)."""
         result = []
@@ -265,10 +261,15 @@ class PilotModel:
         delayed
             Evaluates delays, at the frequencies of `s` = i omega; None for any `s`.
         """
-        return [
-            evaluate(factor, s, [values[..., i, None] for i in indices], delayed)
-            for evaluate, (factor, indices) in zip(self._evaluators, self.moving, strict=True)
-        ]
+        found = []
+        for factor, indices in self.moving:
+            own = [values[..., i, None] for i in indices]
+            seconds = factor.seconds(own) if delayed else None
+            if delayed is None or seconds is None:
+                found.append(factor.response_and_slopes(s, own))
+            else:
+                found.append((delayed(seconds), factor.log_derivative(s, own)))
+        return found
 
     def responses_of(self, found: Sequence[Evaluated]) -> list[Response]:
         """Per channel, the response of all its dynamics that have parameters.
@@ -302,7 +303,7 @@ class PilotModel:
         )
 
     def over(self, seconds: float) -> PilotModel:
-        """The model over a measurement window of so many seconds, see `Course.over`."""
+        """The model over a measurement window of so many seconds, see `Spline.over`."""
         if not self.changes:
             return self
         channels = tuple(
@@ -328,7 +329,7 @@ class PilotModel:
         return tuple(found.values())
 
     def elsewhere(self, values: FloatArray) -> list[FloatArray]:
-        """Other parameter sets near which the optimum may be, see `Course.elsewhere`.
+        """Other parameter sets near which the optimum may be, see `Sigmoid.elsewhere`.
 
         None for a model that does not vary in time.
 
@@ -394,23 +395,6 @@ class PilotModel:
                 for channel, response in zip(self.channels, self.responses(s, values), strict=True)
             ]
         )
-
-    def jacobian(self, omega: FloatArray, values: FloatArray) -> ComplexArray:
-        """Derivative of `response` by each parameter, see `response_and_jacobian`.
-
-        Parameters
-        ----------
-        omega
-            Frequencies [rad/s], shape (n,).
-        values
-            Parameters in model order, shape (parameters,).
-
-        Returns
-        -------
-        ComplexArray
-            Shape (channels, parameters, n).
-        """
-        return self.response_and_jacobian(omega, values)[1]
 
     def response_and_jacobian(
         self, omega: FloatArray, values: FloatArray
@@ -541,22 +525,106 @@ def _multiplied(first: Sequence[float], second: Sequence[float]) -> list[float]:
     return product
 
 
-def _evaluator(factor: Factor) -> Evaluator:
-    """How a factor is evaluated fastest."""
-    if isinstance(factor, TimeDelay):
-        return _delay
-    return _at_once if isinstance(factor, AtOnce) else _one_by_one
+def frozen(model: PilotModel) -> PilotModel:
+    """The model with its changing parameters taken for constant; a constant one as it is."""
+    if not model.changes:
+        return model
+    channels = tuple(_constant(channel) for channel in model.channels)
+    plain = PilotModel(model.name, channels, model.description)
+    kept = tuple(p for p in model.overrides if p.key in plain.keys)
+    return replace(plain, overrides=kept)
 
 
-def _delay(factor: Any, s: ComplexArray, values: Values, delayed: Delayed | None) -> Evaluated:
-    response = factor.response(s, values) if delayed is None else delayed(factor.seconds(values))
-    return response, factor.log_derivative(s, values)
+def frozen_over(model: PilotModel, values: FloatArray, time: FloatArray) -> FloatArray:
+    """Parameters of the frozen model at several times from the start of the window [s].
+
+    Parameters
+    ----------
+    model
+        The model that changes, or a constant one.
+    values
+        Its parameters, shape (..., parameters).
+    time
+        The times, shape (n,).
+
+    Returns
+    -------
+    FloatArray
+        Shape (..., parameters of the frozen model, n).
+    """
+    plain = frozen(model)
+    place = {key: i for i, key in enumerate(model.keys)}
+    still = (*values.shape[:-1], time.size)
+    found = {
+        key: np.broadcast_to(values[..., place[key], None], still)
+        for key in plain.keys
+        if key in place
+    }
+    for channel in model.channels:
+        if (changing := channel.changing) is not None:
+            own = values[..., [place[p.key] for p in changing.parameters]]
+            keys = [p.key for factor in changing.factors for p in factor.parameters]
+            found.update(zip(keys, np.moveaxis(changing.at(time, own), -2, 0), strict=True))
+    return np.stack([found[key] for key in plain.keys], axis=-2)
 
 
-def _at_once(factor: Any, s: ComplexArray, values: Values, _: Delayed | None) -> Evaluated:
-    found: Evaluated = factor.response_and_slopes(s, values)
-    return found
+def ends(model: PilotModel) -> tuple[IntArray, IntArray]:
+    """Indices of a model's parameters that are those of the frozen one before and after.
+
+    For a constant model these are all its parameters, twice.
+    """
+    plain, place = frozen(model), {key: i for i, key in enumerate(model.keys)}
+    before, after = dict(place), dict(place)
+    for channel in model.channels:
+        if (changing := channel.changing) is not None:
+            for factor in changing.factors:
+                for p in factor.parameters:
+                    first, last = changing.ends(p.key)
+                    before[p.key], after[p.key] = place[first], place[last]
+    return (
+        np.array([before[key] for key in plain.keys]),
+        np.array([after[key] for key in plain.keys]),
+    )
 
 
-def _one_by_one(factor: Factor, s: ComplexArray, values: Values, _: Delayed | None) -> Evaluated:
-    return factor.response(s, values), factor.log_derivative(s, values)
+def before_and_after(model: PilotModel, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Parameters (..., parameters) of the frozen model before and after the change."""
+    before, after = ends(model)
+    return values[..., before], values[..., after]
+
+
+def searched(model: PilotModel) -> PilotModel:
+    """The model that an optimum is searched with: the constant one where parameters vary freely."""
+    return frozen(model) if model.curves else model
+
+
+def unfrozen(model: PilotModel, constant: FloatArray) -> FloatArray:
+    """Parameters with which a model that changes is a constant pilot all the time.
+
+    Parameters
+    ----------
+    model
+        The model that changes.
+    constant
+        Parameters of the frozen model, shape (..., parameters of the frozen model).
+
+    Returns
+    -------
+    Array of shape (..., parameters).
+    """
+    plain = {key: i for i, key in enumerate(frozen(model).keys)}
+    found = {key: constant[..., i] for key, i in plain.items()}
+    for channel in model.channels:
+        if (changing := channel.changing) is not None:
+            own = constant[..., [plain[p.key] for p in changing.changed]]
+            spread = np.moveaxis(changing.constant(own), -1, 0)
+            found.update(zip((p.key for p in changing.parameters), spread, strict=True))
+    return np.stack([found[key] for key in model.keys], axis=-1)
+
+
+def _constant(channel: Channel) -> Channel:
+    """A channel with its changing factors taken for constant."""
+    factors: list[Factor] = []
+    for factor in channel.factors:
+        factors += list(factor.factors) if isinstance(factor, Changing) else [factor]
+    return replace(channel, factors=tuple(factors))

@@ -17,7 +17,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from pilotid.time_domain.fast_residuals import Residuals
+from pilotid.time_domain.output_error import Residuals
 from pilotid.time_domain.prediction import Prediction
 from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.types import ComplexArray, FloatArray, IntArray

@@ -9,9 +9,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from pilotid.estimates.draws import Draws
-from pilotid.posterior.density import Posterior
 from pilotid.posterior.ensembles import Chains, Run, ensembles
 from pilotid.posterior.importance import Weighted, importance
+from pilotid.posterior.likelihood import Posterior
 from pilotid.time_domain.maximum_likelihood import Maximum
 
 #: Steps of an emcee run, at the most, where it only stands in for importance sampling.

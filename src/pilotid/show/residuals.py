@@ -11,7 +11,7 @@ from pilotid.estimates.estimate import Estimate
 from pilotid.recordings.recording import INPUTS, Recording
 from pilotid.show.named import Named, legend, named, new_axes
 from pilotid.show.style import GRID, INK
-from pilotid.time_domain.whitened import Whitened, correlations, prediction_errors
+from pilotid.time_domain.residual_tests import Whitened, correlations, prediction_errors
 from pilotid.types import FloatArray, InputError
 
 if TYPE_CHECKING:

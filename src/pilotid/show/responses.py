@@ -11,9 +11,8 @@ import numpy as np
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.parts import FrequencyResponse
 from pilotid.pilot.element import ControlledElement
-from pilotid.pilot.frozen import ends, frozen
 from pilotid.pilot.loops import Margin, loop_slopes, margins, open_loops
-from pilotid.pilot.model import PilotModel
+from pilotid.pilot.model import PilotModel, ends, frozen
 from pilotid.recordings.recording import INPUTS
 from pilotid.show.bode import Bode
 from pilotid.show.named import leading, legend, named, new_pair, ratio_unit, with_unit

@@ -20,6 +20,7 @@ STYLES: dict[str, tuple[str, str]] = {
     "mle-white": ("#D55E00", "s"),
     "mle-genetic": ("#3D9AD1", "P"),
     "mle": ("#0072B2", "^"),
+    "mle-reference": ("#6A5F00", "h"),
     "fourier": ("#009E73", "D"),
     "arx": ("#CC8400", "v"),
     "sindy": ("#CC79A7", "X"),
@@ -32,6 +33,7 @@ STYLES: dict[str, tuple[str, str]] = {
 #: Strokes, so that lines differ in grey, too.
 DASHES: dict[str, Dash] = {
     "mle": "-",
+    "mle-reference": (0, (9.0, 1.5, 3.0, 1.5)),
     "fourier": (0, (5.0, 1.5)),
     "arx": (0, (4.0, 1.2, 1.0, 1.2)),
     "bayes": (0, (1.2, 1.0)),
@@ -45,7 +47,7 @@ DASHES: dict[str, Dash] = {
     "ukf": (0, (5.0, 1.0, 2.0, 1.0)),
 }
 #: Of methods from other packages.
-OTHERS = (("#117733", "*"), ("#AA4499", "p"), ("#3FA294", "h"))
+OTHERS = (("#117733", "*"), ("#AA4499", "p"), ("#3FA294", "*"))
 WIDTH = 7.6  # inches, two columns of a journal
 SMALLEST = 7.5  # points, the smallest type of a figure: above 7 once an A4 page holds it
 INK = "#333333"

@@ -8,7 +8,7 @@ import numpy as np
 
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.parts import Trajectory
-from pilotid.pilot.frozen import frozen, frozen_over
+from pilotid.pilot.model import frozen, frozen_over
 from pilotid.show.named import leading, named, new_axes, with_unit
 from pilotid.show.style import INK
 from pilotid.types import FloatArray

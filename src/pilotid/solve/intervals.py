@@ -9,16 +9,205 @@ where it is skewed, as in gain and lead time.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from pilotid.chance import CHI_SQUARED_95
-from pilotid.solve.least_squares import Gram, Minima, Space
-from pilotid.solve.region import Suiting, spanned
-from pilotid.solve.scale import Scale
-from pilotid.solve.walk import walk
+from pilotid.solve.least_squares import Gram, Minima, Scale, Space, minimise
 from pilotid.types import BoolArray, FloatArray, IntArray
+
+#: How often the others are searched, at the most, and how close to the end is close enough, as
+#: a share of the distance.
+LOOKS, CLOSE = 14, 0.04
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """A space in which one parameter keeps its value.
+
+    Attributes
+    ----------
+    lower, upper, positive
+        As in `Space`.
+    """
+
+    lower: FloatArray
+    upper: FloatArray
+    positive: BoolArray
+
+    @classmethod
+    def at(cls, space: Space, which: int, value: float) -> Held:
+        """A space in which one parameter, by its index, keeps a value."""
+        lower, upper = space.lower.copy(), space.upper.copy()
+        lower[which] = upper[which] = value
+        return cls(lower, upper, space.positive)
+
+
+def walk(
+    gram: Gram,
+    space: Space,
+    start: FloatArray,
+    cost: float,
+    lowest: float,
+    target: float,
+    which: int,
+    reach: float,
+) -> tuple[FloatArray, float]:
+    """Where the least cost at a value of one parameter reaches the target.
+
+    Parameters
+    ----------
+    gram
+        Gram matrices of residual and Jacobian.
+    space
+        Bounds; the walk ends at them.
+    start, cost
+        The optimum, or another point that suits, shape (parameters,), and its cost.
+    lowest, target
+        The cost of the optimum, and the one sought.
+    which
+        Index of the parameter.
+    reach
+        Length of the first step, on the inner scale; its sign is the way to go.
+
+    Returns
+    -------
+    The point, shape (parameters,), and the cost there, which is below the lowest one where the
+    walk came upon a better optimum.
+    """
+    scale = Scale(space.positive)
+    bound = float(scale.enter(space.lower if reach < 0.0 else space.upper)[which])
+    origin = float(scale.enter(start[None])[0, which])
+    allowed = abs(bound - origin)
+    inside, outside = 0.0, math.inf
+    # The root of the deviance, as a share of that sought, grows about in proportion.
+    root_inside, root_outside = math.sqrt(max(cost - lowest, 0.0) / (target - lowest)), math.inf
+    distance = min(abs(reach), allowed)
+    point = start
+    for _ in range(LOOKS):
+        trial, trial_cost = _conditional(
+            gram, space, point, which, origin + math.copysign(distance, reach), scale
+        )
+        share = (trial_cost - lowest) / (target - lowest)
+        if not share > 1.0:
+            point, cost = trial, trial_cost
+            inside, root_inside = distance, math.sqrt(max(share, 0.0))
+            if share < 0.0 or distance >= allowed or root_inside > 1.0 - CLOSE:
+                break
+        else:
+            outside, root_outside = distance, math.sqrt(share)
+        if math.isinf(outside):
+            longer = distance / max(root_inside, 1.0 / 3.0) if inside else 2.0 * distance
+            distance = min(max(longer, 1.2 * distance), allowed)
+            continue
+        if outside - inside < CLOSE * outside:
+            break
+        rise = (1.0 - root_inside) / (root_outside - root_inside) if root_outside < 3.0 else 0.5
+        distance = inside + (outside - inside) * min(max(rise, 0.1), 0.9)
+    return point, cost
+
+
+def _conditional(
+    gram: Gram, space: Space, start: FloatArray, which: int, place: float, scale: Scale
+) -> tuple[FloatArray, float]:
+    """The optimum with one parameter held at a place of the inner scale, and its cost."""
+    inner = scale.enter(start[None])
+    inner[0, which] = place
+    values = np.clip(scale.leave(inner)[0], space.lower, space.upper)
+    held = Held.at(space, which, float(values[which]))
+    end = minimise(gram, values[None], held, tolerance=1e-5)
+    cost = float(end.cost[0])
+    return end.values[0], cost if math.isfinite(cost) else math.inf
+
+
+#: A point that lies beyond an end by more than this share of the interval's length, on the inner
+#: scale, is walked on from.
+BEYOND = 0.1
+#: How often, over all parameters; each round goes on where the one before has come to.
+ROUNDS = 3
+#: Length of the first step, as a share of the interval's.
+REACH = 0.1
+
+
+class Suiting(NamedTuple):
+    """Points whose cost does not exceed the one sought.
+
+    Attributes
+    ----------
+    values
+        Shape (points, parameters).
+    costs
+        Shape (points,).
+    """
+
+    values: FloatArray
+    costs: FloatArray
+
+    def joined(self, values: FloatArray, costs: FloatArray, target: float) -> Suiting:
+        """These and, of others, those whose cost is not above the target."""
+        kept = costs <= target
+        return Suiting(
+            np.concatenate([self.values, values[kept]]), np.concatenate([self.costs, costs[kept]])
+        )
+
+
+def spanned(
+    gram: Gram,
+    space: Space,
+    suiting: Suiting,
+    intervals: FloatArray,
+    lowest: float,
+    targets: FloatArray,
+) -> tuple[FloatArray, Suiting]:
+    """Intervals that hold all points that suit, and what of those lies farther out.
+
+    Parameters
+    ----------
+    gram
+        Gram matrices of residual and Jacobian.
+    space
+        Bounds, at which intervals end.
+    suiting
+        Points that suit.
+    intervals
+        What is known of the intervals, of the first parameters, shape (count, 2).
+    lowest
+        The least cost.
+    targets
+        The cost of the ends of each interval, shape (count,).
+
+    Returns
+    -------
+    Intervals, shape (count, 2), and all points that suit, with those that were come upon.
+    """
+    count = len(intervals)
+    scale = Scale(space.positive[:count])
+    known = scale.enter(intervals.T).T
+    for _ in range(ROUNDS):
+        points = scale.enter(suiting.values[:, :count])
+        # What suits one parameter may not suit another whose level is lower.
+        points = np.where(suiting.costs[:, None] <= targets, points, np.nan)
+        hull = np.stack([np.nanmin(points, axis=0), np.nanmax(points, axis=0)], axis=1)
+        length = np.diff(known, axis=1)[:, 0]
+        sides = np.array([-1.0, 1.0])
+        beyond = (hull - known) * sides > BEYOND * length[:, None]
+        known = np.stack(
+            [np.minimum(known[:, 0], hull[:, 0]), np.maximum(known[:, 1], hull[:, 1])], axis=1
+        )
+        if not beyond.any():
+            break
+        for k, side in np.argwhere(beyond).tolist():
+            at = int(np.nanargmax(sides[side] * points[:, k]))
+            step = sides[side] * max(REACH * float(known[k, 1] - known[k, 0]), 1e-9)
+            start = suiting.values[at], float(suiting.costs[at])
+            point, cost = walk(gram, space, *start, lowest, float(targets[k]), k, step)
+            known[k, side] = scale.enter(point[:count])[k]
+            suiting = suiting.joined(point[None], np.array([cost]), float(np.max(targets)))
+    ends = np.clip(scale.leave(known.T), space.lower[:count], space.upper[:count])
+    return ends.T, suiting
+
 
 LONGEST_STEP = 1.0  # standard errors an iteration may move the profiled parameter
 FIRST_STEP = 1.5  # the same of the first one, in lengths of the quadratic interval

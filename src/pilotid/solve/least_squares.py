@@ -9,13 +9,78 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 
-from pilotid.solve.scale import Scale
-from pilotid.solve.smoothing import Penalty
+from pilotid.chance import Z95
+from pilotid.pilot.timevarying import Curve
 from pilotid.types import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class Scale:
+    """Parameters on their own scale and on the inner one.
+
+    Attributes
+    ----------
+    positive
+        Which parameters are taken by their logarithm, shape (parameters,).
+    """
+
+    positive: BoolArray
+
+    def enter(self, values: FloatArray) -> FloatArray:
+        """Parameters on the inner scale, shape as given, (..., parameters)."""
+        positive = self.positive
+        return np.where(positive, np.log(np.where(positive, values, 1.0)), values)
+
+    def leave(self, points: FloatArray) -> FloatArray:
+        """Parameters on their own scale, shape as given, (..., parameters)."""
+        positive = self.positive
+        return np.where(positive, np.exp(np.where(positive, points, 0.0)), points)
+
+    def slope(self, values: FloatArray) -> FloatArray:
+        """Derivatives of the parameters by inner ones, shape (sets, parameters)."""
+        return np.where(self.positive, values, 1.0)
+
+    def unknown(self, lower: FloatArray, upper: FloatArray) -> FloatArray:
+        """Inner standard errors of what is only known to lie within its bounds, (parameters,)."""
+        return 0.25 * (self.enter(upper) - self.enter(lower))
+
+    def interval(
+        self, values: FloatArray, error: FloatArray, lower: FloatArray, upper: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Ends of 95 % intervals, not beyond bounds, each of shape (..., parameters).
+
+        Parameters
+        ----------
+        values
+            Parameters, shape (..., parameters).
+        error
+            Their standard errors on the inner scale, of the same shape.
+        lower, upper
+            Bounds, shape (parameters,).
+        """
+        points, reach = self.enter(values), Z95 * error
+        least, most = np.minimum(lower, values), np.maximum(upper, values)
+        low, high = self.leave(points - reach), self.leave(points + reach)
+        return np.clip(low, least, most), np.clip(high, least, most)
+
+    def inner(self, grams: FloatArray, values: FloatArray) -> FloatArray:
+        """Gram matrices by inner parameters, from those by the parameters at `values`."""
+        slope = self._padded(values)
+        return grams * slope[:, :, None] * slope[:, None, :]
+
+    def outer(self, grams: FloatArray, values: FloatArray) -> FloatArray:
+        """The inverse of `inner`."""
+        slope = self._padded(values)
+        return grams / slope[:, :, None] / slope[:, None, :]
+
+    def _padded(self, values: FloatArray) -> FloatArray:
+        """Slopes, and 1 in the residual's place, shape (sets, parameters + 1)."""
+        return np.concatenate([self.slope(values), np.ones((len(values), 1))], axis=1)
+
 
 #: Longest step of a positive parameter, on its logarithmic scale: a gain that is
 #: extrapolated towards zero would not come back.
@@ -34,6 +99,57 @@ BLOCK = 4  # parameter sets evaluated at once: more no longer fit the processor'
 Gram = Callable[[FloatArray], FloatArray]
 #: The same, of several problems: also given is which problem each set belongs to, shape (sets,).
 GramOf = Callable[[FloatArray, IntArray], FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class Penalty:
+    """Roughness that counts as a sum of squares.
+
+    Attributes
+    ----------
+    curves
+        What is penalised.
+    weights
+        One for each, shape (curves,).
+    """
+
+    curves: tuple[Curve, ...]
+    weights: FloatArray
+
+    @property
+    def rank(self) -> int:
+        """How many residuals it is: straight lines are not penalised."""
+        return sum(len(curve.indices) - 2 for curve in self.curves)
+
+    def of(self, values: FloatArray) -> FloatArray:
+        """The penalty of parameter sets, (sets, parameters), shape (sets,)."""
+        total = np.zeros(len(values))
+        for (_, indices, matrix), weight in zip(self.curves, self.weights, strict=True):
+            logs = np.log(values[:, list(indices)])
+            total += weight * np.einsum("si,ij,sj->s", logs, matrix, logs)
+        return total
+
+    def gram(self, values: FloatArray) -> FloatArray:
+        """What it adds to Gram matrices, see `pilotid.solve.least_squares.Problem.gram`.
+
+        Parameters
+        ----------
+        values
+            Parameter sets, shape (sets, parameters), others behind those of the curves.
+        """
+        sets, count = values.shape
+        total = np.zeros((sets, count + 1, count + 1))
+        for (_, indices, matrix), weight in zip(self.curves, self.weights, strict=True):
+            own = list(indices)
+            scale = 1.0 / values[:, own]
+            logs = np.log(values[:, own])
+            weighted = weight * matrix
+            total[np.ix_(range(sets), own, own)] += scale[:, :, None] * weighted * scale[:, None, :]
+            descent = -scale * (logs @ weighted)
+            total[:, own, -1] += descent
+            total[:, -1, own] += descent
+            total[:, -1, -1] += np.einsum("si,ij,sj->s", logs, weighted, logs)
+        return total
 
 
 class Problem(Protocol):
@@ -106,6 +222,12 @@ class Problem(Protocol):
         rows = self.rows(values)
         flat = rows.reshape(*rows.shape[:2], -1)
         return np.asarray(flat @ flat.transpose(0, 2, 1))
+
+    def penalised(self, penalty: Penalty | None) -> Self:
+        """The same problem with a penalty, or without; those of curves alone can have one."""
+        if penalty is not None:
+            raise TypeError(f"{type(self).__name__} has no penalty")
+        return self
 
 
 class Space(Protocol):
@@ -359,14 +481,6 @@ def _minimise(
         near = reached > 0.99 * cost
         near &= better
         eased = np.maximum(damping / 10.0, 1e-9)
-        if better.all():
-            if near.any():
-                learned = _secant(curvature, grams, trial_grams, trial - values, trial_scale)
-                curvature = learned if near.all() else np.where(near[:, None, None], learned, 0.0)
-            else:
-                curvature = np.zeros_like(curvature)
-            values, grams, scale, damping = trial, trial_grams, trial_scale, eased
-            continue
         if near.any():
             # Of the others nothing is kept, and what their numbers are does not matter.
             new = np.where(near[:, None, None], trial_grams, grams)

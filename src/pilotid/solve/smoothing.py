@@ -14,11 +14,13 @@ are then too narrow.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
-from pilotid.pilot.courses import Curve
+from pilotid.pilot.timevarying import Curve
+from pilotid.remarks import Remark
+from pilotid.solve.least_squares import Minima, Penalty, Problem, Scale, Space, minimise
 from pilotid.types import FloatArray
 
 #: Logarithms between which a weight is sought, that of the weight which makes penalty and
@@ -26,57 +28,6 @@ from pilotid.types import FloatArray
 LIGHTEST, HEAVIEST = -12.0, 10.0
 FLAT = 1.0  # of a weight's logarithm in -2 log of a density that is flat in the standard deviation
 TRIED = 12  # weights, the same for all curves, from the best of which the search begins
-
-
-@dataclass(frozen=True, eq=False)
-class Penalty:
-    """Roughness that counts as a sum of squares.
-
-    Attributes
-    ----------
-    curves
-        What is penalised.
-    weights
-        One for each, shape (curves,).
-    """
-
-    curves: tuple[Curve, ...]
-    weights: FloatArray
-
-    @property
-    def rank(self) -> int:
-        """How many residuals it is: straight lines are not penalised."""
-        return sum(len(curve.indices) - 2 for curve in self.curves)
-
-    def of(self, values: FloatArray) -> FloatArray:
-        """The penalty of parameter sets, (sets, parameters), shape (sets,)."""
-        total = np.zeros(len(values))
-        for (_, indices, matrix), weight in zip(self.curves, self.weights, strict=True):
-            logs = np.log(values[:, list(indices)])
-            total += weight * np.einsum("si,ij,sj->s", logs, matrix, logs)
-        return total
-
-    def gram(self, values: FloatArray) -> FloatArray:
-        """What it adds to Gram matrices, see `pilotid.solve.least_squares.Problem.gram`.
-
-        Parameters
-        ----------
-        values
-            Parameter sets, shape (sets, parameters), others behind those of the curves.
-        """
-        sets, count = values.shape
-        total = np.zeros((sets, count + 1, count + 1))
-        for (_, indices, matrix), weight in zip(self.curves, self.weights, strict=True):
-            own = list(indices)
-            scale = 1.0 / values[:, own]
-            logs = np.log(values[:, own])
-            weighted = weight * matrix
-            total[np.ix_(range(sets), own, own)] += scale[:, :, None] * weighted * scale[:, None, :]
-            descent = -scale * (logs @ weighted)
-            total[:, own, -1] += descent
-            total[:, -1, own] += descent
-            total[:, -1, -1] += np.einsum("si,ij,sj->s", logs, weighted, logs)
-        return total
 
 
 class Restricted:
@@ -164,3 +115,86 @@ class Restricted:
         ends = list(zip(self.even + LIGHTEST, self.even + HEAVIEST, strict=True))
         inside = np.clip(start, self.even + LIGHTEST, self.even + HEAVIEST)
         return np.asarray(minimize(self, inside, jac=True, bounds=ends, method="L-BFGS-B").x)
+
+
+#: What must be known of curves whose smoothness was judged by a white residual.
+AGAINST_WHITE = Remark(
+    "white-remnant",
+    "how smooth the curves are was judged as if the remnant were white, so that they follow the "
+    "remnant and their bands are far too narrow; use mle or bayes",
+)
+
+ROUNDS = 25  # of weights and optimum in turn, at the most
+SETTLED = 0.05  # change of the logarithms of the weights that ends them
+TOLERANCE = 1e-5  # of the optima between
+
+
+P = TypeVar("P", bound=Problem)
+
+
+def smoothed(
+    problem: P,
+    space: Space,
+    curves: tuple[Curve, ...],
+    values: FloatArray,
+    tolerance: float,
+) -> tuple[P, Minima]:
+    """The problem with the penalty that suits the recording best, and its optimum.
+
+    Weights are those of the largest restricted likelihood of the problem made linear about the
+    optimum, which is then sought anew, until both stay.
+
+    Parameters
+    ----------
+    problem
+        The sum of squares, by the pilot's parameters and any others behind them.
+    space
+        Their bounds.
+    curves
+        What is penalised.
+    values
+        Where to begin, shape (parameters,).
+    tolerance
+        Of the last optimum.
+    """
+    free = problem.penalised(None)
+    point = values[None]
+    logs: FloatArray | None = None
+    for _ in range(ROUNDS):
+        last, logs = logs, _restricted(free, space, point, curves).best(logs)
+        problem = free.penalised(Penalty(curves, np.exp(logs)))
+        end = minimise(problem.gram, point, space, tolerance=TOLERANCE)
+        point = end.values[:1]
+        if last is not None and np.max(np.abs(logs - last)) < SETTLED:
+            break
+    return problem, minimise(problem.gram, point, space, tolerance=tolerance)
+
+
+def criterion_and_degrees(problem: Problem, space: Space, end: Minima) -> tuple[float, FloatArray]:
+    """How likely an optimum is, and how free its curves are.
+
+    Parameters
+    ----------
+    problem, space
+        The problem with its penalty.
+    end
+        Its optimum.
+
+    Returns
+    -------
+    -2 log of the likelihood with the curves integrated out, up to a constant, and the effective
+    degrees of freedom of each curve, shape (curves,): 2 of a straight line.
+    """
+    assert problem.penalty is not None
+    free, curves = problem.penalised(None), problem.penalty.curves
+    restricted = _restricted(free, space, end.values[:1], curves)
+    logs = np.log(problem.penalty.weights)
+    return restricted(logs)[0], restricted.degrees(logs)
+
+
+def _restricted(
+    free: Problem, space: Space, point: FloatArray, curves: tuple[Curve, ...]
+) -> Restricted:
+    scale = Scale(space.positive)
+    gram = scale.inner(free.gram(point), point)[0]
+    return Restricted(gram, scale.enter(point)[0], curves, free.residuals)

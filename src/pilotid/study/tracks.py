@@ -14,7 +14,7 @@ import numpy as np
 
 from pilotid.datasets import Scenario
 from pilotid.estimates.parts import Trajectory, times_of
-from pilotid.pilot.frozen import frozen, frozen_over
+from pilotid.pilot.model import frozen, frozen_over
 from pilotid.study import scores
 from pilotid.study.entries import Track, number
 from pilotid.types import BoolArray, FloatArray

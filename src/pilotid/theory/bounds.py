@@ -85,7 +85,7 @@ def gradient_of(
     values: FloatArray,
 ) -> ComplexArray:
     """Derivatives of the control that a model predicts for these inputs, shape (parameters, n)."""
-    jacobian = model.jacobian(omega, values)
+    jacobian = model.response_and_jacobian(omega, values)[1]
     return np.asarray(np.einsum("cpn,cn->pn", jacobian, _signed(model, error, output)))
 
 

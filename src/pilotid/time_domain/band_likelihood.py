@@ -30,7 +30,7 @@ from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import INPUTS, Recording, remembered
 from pilotid.recordings.spectra import floors_of, periodogram, running_median
-from pilotid.time_domain.whitening import FAR
+from pilotid.time_domain.prepare import FAR
 from pilotid.types import ComplexArray, FloatArray
 
 #: Share of half the analysis band's sampling rate up to which bins count: above, the filter that

@@ -25,12 +25,12 @@ from itertools import pairwise
 import numpy as np
 
 from pilotid.chance import chi_squared_tail
-from pilotid.pilot.changing import Polynomial
+from pilotid.pilot.factors import Polynomial
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import SINGULAR, covariance_of
 from pilotid.time_domain.maximum_likelihood import Maximum, maximise_likelihood
-from pilotid.time_domain.settings import LikelihoodSettings
+from pilotid.time_domain.search import LikelihoodSettings
 from pilotid.types import FloatArray
 
 #: Shares of the scored time at which a change may be.

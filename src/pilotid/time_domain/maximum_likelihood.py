@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -17,25 +18,29 @@ from pilotid.estimates.applicability import lines_objection
 from pilotid.estimates.estimate import Starts, is_at_bound
 from pilotid.estimates.parts import AnalysedBand, RemnantEstimate
 from pilotid.lines.fit import fit_lines
-from pilotid.pilot.frozen import frozen, unfrozen
-from pilotid.pilot.model import PilotModel
+from pilotid.pilot.model import PilotModel, frozen, unfrozen
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import floors_of
 from pilotid.solve.covariance import covariance_of
-from pilotid.solve.least_squares import Minima, minimise
-from pilotid.time_domain.adjoint import for_search
-from pilotid.time_domain.band import Band, analysis_band
-from pilotid.time_domain.exploration import FIRST, explore, grouped, terms_at
-from pilotid.time_domain.following import Following
-from pilotid.time_domain.joint_fits import FINE, JointFit, JointFits, optimum
+from pilotid.solve.least_squares import minimise
+from pilotid.solve.smoothing import criterion_and_degrees, smoothed
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction, predict, weighted
-from pilotid.time_domain.prediction_errors import PredictionErrors
-from pilotid.time_domain.prepare import decimation
-from pilotid.time_domain.remnant_choice import guessed
-from pilotid.time_domain.remnant_models import remnant_estimate
-from pilotid.time_domain.settings import LikelihoodSettings
-from pilotid.time_domain.smoothness import criterion_and_degrees, smoothed
+from pilotid.time_domain.prediction_errors import PredictionErrors, for_search
+from pilotid.time_domain.prepare import Band, analysis_band, decimation
+from pilotid.time_domain.remnant_models import guessed, remnant_estimate
+from pilotid.time_domain.search import (
+    FINE,
+    FIRST,
+    Following,
+    JointFit,
+    JointFits,
+    LikelihoodSettings,
+    explore,
+    grouped,
+    optimum,
+    terms_at,
+)
 from pilotid.types import FloatArray
 
 #: A band is wide enough if its upper part, from this share on, holds no more than this share of
@@ -61,8 +66,12 @@ AS_LIKELY, ONE = 5.0, 0.01
 SHORT = 5.0
 
 
+#: What is told of a search from one start.
+ONE_START = Starts(cost=np.ones(1), agreeing=1)
+
+
 @dataclass(frozen=True, eq=False)
-class Maximum:
+class Maximum(JointFit):
     """Where the likelihood of pilot and remnant is largest.
 
     Attributes
@@ -83,22 +92,15 @@ class Maximum:
         Pilots of other optima that are as likely, each of shape (parameters,).
     """
 
-    joint: PredictionErrors
-    end: Minima
-    starts: Starts
-    iterations: int
+    starts: Starts = ONE_START
+    iterations: int = 0
     following: Following | None = None
     known: FloatArray | None = None
     rivals: Sequence[FloatArray] = ()
 
     @property
-    def pilot(self) -> FloatArray:
-        """The pilot's parameters, shape (parameters,)."""
-        return self.end.values[0, : self.joint.pilot]
-
-    @property
     def follows(self) -> bool:
-        """Whether the control is followed as a pilot does, see `pilotid.time_domain.following`."""
+        """Whether the control is followed as a pilot does, see `pilotid.time_domain.search`."""
         return self.following is None or bool(self.following(self.pilot[None])[0])
 
     @property
@@ -136,7 +138,7 @@ class Maximum:
         """The criterion that chose the remnant's model, of pilot and remnant together."""
         if self.joint.penalty is not None:
             return criterion_and_degrees(self.joint, self.joint, self.end)[0]
-        return JointFit(self.joint, self.end).criterion
+        return super().criterion
 
     @property
     def curves(self) -> str:
@@ -178,7 +180,7 @@ class Maximum:
 
     @cached_property
     def search(self) -> PredictionErrors:
-        """The same problem for searches from here, see `pilotid.time_domain.adjoint`."""
+        """The same problem for searches from here, see `pilotid.time_domain.prediction_errors`."""
         return for_search(self.joint)
 
     @property
@@ -212,15 +214,146 @@ class Maximum:
         upper = prediction.s.imag > UPPER * np.pi / prediction.dt
         return float(np.max(np.sum(power[:, upper], axis=1) / np.sum(power, axis=1)))
 
-    def refined(self) -> Maximum:
+    def refined(self, tolerance: float = FINE) -> Self:
         """The same optimum to the tolerance of what is reported."""
-        joint, end = JointFit(self.joint, self.end).refined(FINE)
-        return replace(self, joint=joint, end=end, iterations=self.iterations + end.iterations)
+        found = super().refined(tolerance)
+        return replace(found, iterations=self.iterations + found.end.iterations)
 
     def moved(self, start: FloatArray) -> Maximum:
         """The optimum that a better point leads to, pilot and remnant, shape (parameters,)."""
         end = optimum(self.joint, start[None])
         return replace(self, end=end, iterations=self.iterations + end.iterations)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """What is fitted, and how: a recording, a model, and the settings of the likelihood."""
+
+    recording: Recording
+    model: PilotModel
+    settings: LikelihoodSettings
+
+    def predicted(self, rate: float | None) -> Prediction:
+        """The prediction in a band, weighted for its likelihood where that is to be had."""
+        prediction = predict(self.recording, self.model, rate)
+        if not self.settings.loop:
+            return prediction
+        return weighted(prediction, self.recording, self.settings.weighed)
+
+    def narrowed(self, pilot: FloatArray, rate: float | None) -> tuple[Prediction, Band]:
+        """The prediction in a band, with the nuisance terms that suit a pilot."""
+        prediction, band = self.predicted(rate), analysis_band(self.recording.dt, rate)
+        return replace(prediction, terms=terms_at(prediction, band, pilot, self.settings)), band
+
+    def is_wider(self, rate: float, found: Maximum) -> bool:
+        """Whether a band is wider than that of an optimum."""
+        band = self.settings.band
+        if band is None or rate <= band:
+            return False
+        return decimation(self.recording.dt, rate) < found.joint.band.factor
+
+    def lines_pilot(self, rng: np.random.Generator) -> FloatArray | None:
+        """The pilot that the forcing frequencies show, shape (1, parameters), if they do."""
+        if lines_objection(self.recording, self.model):
+            return None
+        fit = fit_lines(self.recording, self.model, rng, candidates=96, refined=8, same=0.01)
+        return fit.values[None] if np.isfinite(fit.values).all() else None
+
+    def maximum(
+        self,
+        prediction: Prediction,
+        band: Band,
+        pilot: FloatArray,
+        following: Following | None = None,
+    ) -> Maximum:
+        """Pilot and remnant together from one pilot, the remnant's model chosen as they move."""
+        if prediction.model.curves and prediction.penalty is None:
+            return self.smooth_maximum(prediction, band, pilot)
+        fits = JointFits(prediction, band, pilot, self.settings.noise)
+        return self.best_of(fits, following).refined()
+
+    def best_of(self, fits: JointFits, following: Following | None) -> Maximum:
+        """The best of all models of the remnant near one pilot."""
+        best = fits.best(self.settings.rounds)
+        return Maximum(best.joint, best.end, iterations=fits.iterations, following=following)
+
+    def smooth_maximum(self, prediction: Prediction, band: Band, pilot: FloatArray) -> Maximum:
+        """As `maximum`, for a pilot who varies freely: how smoothly is found on the way."""
+        curves, residual = prediction.model.curves, OutputErrors(prediction).residual(pilot)
+        # What the first pilot leaves is not the remnant alone: a long autoregression would keep it.
+        noise = self.settings.noise or FIRST
+        joint = PredictionErrors(prediction, noise, band)
+        values = np.concatenate([pilot, guessed(noise, residual, band)])
+        joint, end = smoothed(joint, joint, curves, values, FINE)
+        iterations = end.iterations
+        for _ in range(self.settings.rounds):
+            other = self.maximum(joint.prediction, band, end.values[0, : joint.pilot])
+            if other.joint.noise == joint.noise:
+                break
+            joint, end = smoothed(other.joint, other.joint, curves, other.end.values[0], FINE)
+            iterations += other.iterations + end.iterations
+        return Maximum(joint, end, iterations=iterations)
+
+    def beside_lines(self, found: Maximum) -> Maximum:
+        """An optimum compared with the one near the pilot of the forcing frequencies.
+
+        Only if that one asks for a wider band: the search may have passed it by, with one seed
+        and not with another.
+        """
+        enough = found.enough
+        if found.known is None or found.at_edge > enough or found.edge_of(found.known[0]) <= enough:
+            return found
+        joint = found.joint
+        other = self.maximum(joint.prediction, joint.band, found.known[0], found.following)
+        if not other.follows:
+            return found
+        best = min(found, other, key=lambda maximum: maximum.criterion)
+        rivals = [*found.rivals, *_rivals([found, other], best.criterion)]
+        return replace(best, starts=found.starts, known=found.known, rivals=rivals)
+
+    def searched(
+        self,
+        rng: np.random.Generator,
+        rate: float | None,
+        known: FloatArray | None,
+        beside: Sequence[FloatArray] = (),
+    ) -> Maximum:
+        """The optimum in one band.
+
+        `known` is the pilot of the forcing frequencies, `beside` are those of another band.
+        """
+        prediction = self.predicted(rate)
+        if self.model.curves:
+            plain = replace(self, model=frozen(self.model))
+            first = plain.searched(rng, rate, plain.lines_pilot(rng))
+            free = replace(prediction, terms=first.joint.prediction.terms)
+            found = self.maximum(free, first.joint.band, unfrozen(free.model, first.pilot))
+            return replace(_elsewhere(found), starts=first.starts)
+        band = analysis_band(self.recording.dt, rate)
+        explored = explore(prediction, band, rng, self.settings, known, beside)
+        narrowed, following = replace(prediction, terms=explored.terms), explored.following
+        # The lines' pilot rests on no model of the remnant.
+        pilots = [*explored.candidates, *([] if known is None else known)]
+        candidates = [
+            JointFits(narrowed, band, pilot, self.settings.noise, explored.coarse)
+            for pilot in pilots
+        ]
+        if len(candidates) > 1:
+            candidates = _likely(candidates, following)
+        tried = [self.best_of(fits, following) for fits in candidates]
+        followed = [maximum for maximum in tried if maximum.follows] or tried
+        lowest = min(maximum.criterion for maximum in followed)
+        # What was far behind to `ENOUGH` is no rival.
+        far = lowest + 2.0 * AS_LIKELY
+        followed = [each.refined() for each in followed if not each.criterion > far]
+        best = min(followed, key=lambda maximum: maximum.criterion)
+        rivals = _rivals(followed, best.criterion)
+        # The terms were chosen beside a first estimate; at the optimum the choice may be another.
+        whitened = OutputErrors(prediction, best.joint.whitener(best.end.values[0]))
+        terms = whitened.noticeable_terms(best.pilot)
+        if terms != explored.terms:
+            best = self.maximum(replace(prediction, terms=terms), band, best.pilot, following)
+        return replace(_elsewhere(best), starts=explored.starts, known=known, rivals=rivals)
 
 
 def maximise_likelihood(
@@ -240,8 +373,8 @@ def maximise_likelihood(
     settings
         Bands, starts, and the remnant's model if it is not to be chosen.
     """
-    known = _lines_pilot(recording, model, rng)
-    found = _maximised(recording, model, rng, settings, settings.band, known)
+    fit = _Fit(recording, model, settings)
+    found = fit.searched(rng, settings.band, fit.lines_pilot(rng))
     return in_wide_band(found, recording, model, rng, settings)
 
 
@@ -261,29 +394,20 @@ def in_wide_band(
     recording, model, rng, settings
         As for `maximise_likelihood`.
     """
+    fit = _Fit(recording, model, settings)
     for rate in settings.wide:
-        if not _is_wider(recording, settings, rate, found):
+        if not fit.is_wider(rate, found):
             continue
-        found = _beside_lines(found, settings)
+        found = fit.beside_lines(found)
         if found.at_edge <= found.enough:
             continue
         beside = [found.pilot, *found.rivals] if found.follows else []
-        wider = _maximised(recording, model, rng, settings, rate, found.known, beside)
-        # The wider the band, the better the forcing functions are predicted, see `following`.
+        wider = fit.searched(rng, rate, found.known, beside)
+        # The wider the band, the better the forcing functions are predicted, see `Following`.
         if found.follows and not wider.follows:
             break
         found = wider
     return found
-
-
-def _lines_pilot(
-    recording: Recording, model: PilotModel, rng: np.random.Generator
-) -> FloatArray | None:
-    """The pilot that the forcing functions' lines show, shape (1, parameters), if they do."""
-    if lines_objection(recording, model):
-        return None
-    fit = fit_lines(recording, model, rng, candidates=96, refined=8, same=0.01)
-    return fit.values[None] if np.isfinite(fit.values).all() else None
 
 
 def criteria_from(
@@ -299,14 +423,15 @@ def criteria_from(
         Pilot parameters, shape (sets, parameters); nuisance terms are those that suit the first,
         and the band is wide enough for all.
     """
+    fit = _Fit(recording, model, settings)
 
     def reached(rate: float | None) -> list[Maximum]:
-        narrowed, band = _narrowed(recording, model, settings, sets[0], rate)
-        return [_maximum(narrowed, band, values, settings) for values in sets]
+        narrowed, band = fit.narrowed(sets[0], rate)
+        return [fit.maximum(narrowed, band, values) for values in sets]
 
     found = reached(settings.band)
     for rate in settings.wide:
-        wider = _is_wider(recording, settings, rate, found[0])
+        wider = fit.is_wider(rate, found[0])
         if wider and any(maximum.at_edge > maximum.enough for maximum in found):
             found = reached(rate)
     return np.array([maximum.criterion for maximum in found])
@@ -324,112 +449,21 @@ def maximum_from(
     pilot
         Pilot parameters, shape (parameters,).
     """
-    narrowed, band = _narrowed(recording, model, settings, pilot, settings.band)
-    return _maximum(narrowed, band, pilot, settings)
+    fit = _Fit(recording, model, settings)
+    return fit.maximum(*fit.narrowed(pilot, settings.band), pilot)
 
 
-def _predicted(
-    recording: Recording, model: PilotModel, settings: LikelihoodSettings, rate: float | None
-) -> Prediction:
-    """The prediction in a band, weighted for the likelihood of that band where it is to be had."""
-    prediction = predict(recording, model, rate)
-    return weighted(prediction, recording, settings.weighed) if settings.loop else prediction
-
-
-def _narrowed(
-    recording: Recording,
-    model: PilotModel,
-    settings: LikelihoodSettings,
-    pilot: FloatArray,
-    rate: float | None,
-) -> tuple[Prediction, Band]:
-    """The prediction in a band, with the nuisance terms that suit a pilot."""
-    prediction = _predicted(recording, model, settings, rate)
-    band = analysis_band(recording.dt, rate)
-    return replace(prediction, terms=terms_at(prediction, band, pilot, settings)), band
-
-
-def _is_wider(
-    recording: Recording, settings: LikelihoodSettings, rate: float, found: Maximum
-) -> bool:
-    """Whether a band is wider than that of an optimum."""
-    if settings.band is None or rate <= settings.band:
-        return False
-    return decimation(recording.dt, rate) < found.joint.band.factor
-
-
-def _beside_lines(found: Maximum, settings: LikelihoodSettings) -> Maximum:
-    """An optimum that was compared with the one near the lines' pilot, if that asks for a band.
-
-    The search may have passed that one by, with one seed and not with another.
-    """
-    enough = found.enough
-    if found.known is None or found.at_edge > enough or found.edge_of(found.known[0]) <= enough:
-        return found
-    joint = found.joint
-    other = _maximum(joint.prediction, joint.band, found.known[0], settings, found.following)
-    if not other.follows:
-        return found
-    best = min(found, other, key=lambda maximum: maximum.criterion)
-    rivals = [*found.rivals, *_rivals([found, other], best.criterion)]
-    return replace(best, starts=found.starts, known=found.known, rivals=rivals)
-
-
-def _maximised(
-    recording: Recording,
-    model: PilotModel,
-    rng: np.random.Generator,
-    settings: LikelihoodSettings,
-    rate: float | None,
-    known: FloatArray | None,
-    beside: Sequence[FloatArray] = (),
-) -> Maximum:
-    if model.curves:
-        plain = frozen(model)
-        lines = _lines_pilot(recording, plain, rng)
-        first = _maximised(recording, plain, rng, settings, rate, lines)
-        free = _predicted(recording, model, settings, rate)
-        free = replace(free, terms=first.joint.prediction.terms)
-        found = _maximum(free, first.joint.band, unfrozen(free.model, first.pilot), settings)
-        return replace(_elsewhere(found), starts=first.starts)
-    prediction = _predicted(recording, model, settings, rate)
-    band = analysis_band(recording.dt, rate)
-    explored = explore(prediction, band, rng, settings, known, beside)
-    narrowed, following = replace(prediction, terms=explored.terms), explored.following
-    candidates = [
-        JointFits(narrowed, band, pilot, settings.noise, explored.coarse)
-        for pilot in _with_lines(explored.candidates, known)
-    ]
-    if len(candidates) > 1:
-        firsts = [fits.look() for fits in candidates]
-        reached = np.array([first.criterion for first in firsts])
-        kept = following(np.array([first.pilot for first in firsts]))
-        if kept.any():
-            reached[~kept] = np.inf
-        near = np.flatnonzero(reached < np.min(reached) + NEAR)
-        ranked = near[np.argsort(reached[near], kind="stable")].tolist()
-        met = grouped(ranked, lambda first, index: firsts[first].is_near(firsts[index].pilot))
-        candidates = [candidates[group[0]] for group in met]
-    tried = [_best_of(fits, settings, following) for fits in candidates]
-    followed = [maximum for maximum in tried if maximum.follows] or tried
-    lowest = min(maximum.criterion for maximum in followed)
-    # What was far behind to `ENOUGH` is no rival.
-    far = lowest + 2.0 * AS_LIKELY
-    followed = [each.refined() for each in followed if not each.criterion > far]
-    best = min(followed, key=lambda maximum: maximum.criterion)
-    rivals = _rivals(followed, best.criterion)
-    # The terms were chosen beside a first estimate; at the optimum the choice may be another.
-    pilot = best.pilot
-    whitened = OutputErrors(prediction, best.joint.whitener(best.end.values[0]))
-    terms = whitened.noticeable_terms(pilot)
-    if terms != explored.terms:
-        best = _maximum(replace(prediction, terms=terms), band, pilot, settings, following)
-    return replace(_elsewhere(best), starts=explored.starts, known=known, rivals=rivals)
-
-
-def _with_lines(candidates: FloatArray, known: FloatArray | None) -> FloatArray:
-    """The candidates of a search and the lines' pilot, who rests on no model of the remnant."""
-    return candidates if known is None else np.concatenate([candidates, known])
+def _likely(candidates: list[JointFits], following: Following) -> list[JointFits]:
+    """Candidates whose criterion is low on a first look, one of each optimum, best first."""
+    firsts = [fits.look() for fits in candidates]
+    reached = np.array([first.criterion for first in firsts])
+    kept = following(np.array([first.pilot for first in firsts]))
+    if kept.any():
+        reached[~kept] = np.inf
+    near = np.flatnonzero(reached < np.min(reached) + NEAR)
+    ranked = near[np.argsort(reached[near], kind="stable")].tolist()
+    met = grouped(ranked, lambda first, index: firsts[first].is_near(firsts[index].pilot))
+    return [candidates[group[0]] for group in met]
 
 
 def _rivals(tried: Sequence[Maximum], lowest: float) -> list[FloatArray]:
@@ -455,42 +489,3 @@ def _elsewhere(found: Maximum) -> Maximum:
     starts = np.array([np.concatenate([other, values[pilot:]]) for other in others])
     ends = minimise(found.joint.gram, starts, found.joint, tolerance=1e-4, iterations=20)
     return found.moved(ends.values[0]) if ends.cost[0] < found.end.cost[0] else found
-
-
-def _maximum(
-    prediction: Prediction,
-    band: Band,
-    pilot: FloatArray,
-    settings: LikelihoodSettings,
-    following: Following | None = None,
-) -> Maximum:
-    """Pilot and remnant together from one pilot, the remnant's model chosen as they move."""
-    if prediction.model.curves and prediction.penalty is None:
-        return _smooth_maximum(prediction, band, pilot, settings)
-    fits = JointFits(prediction, band, pilot, settings.noise)
-    return _best_of(fits, settings, following).refined()
-
-
-def _best_of(fits: JointFits, settings: LikelihoodSettings, following: Following | None) -> Maximum:
-    joint, end = fits.best(settings.rounds)
-    return Maximum(joint, end, Starts(cost=np.ones(1), agreeing=1), fits.iterations, following)
-
-
-def _smooth_maximum(
-    prediction: Prediction, band: Band, pilot: FloatArray, settings: LikelihoodSettings
-) -> Maximum:
-    """As `_maximum`, for a pilot who varies freely: how smoothly is found on the way."""
-    residual = OutputErrors(prediction).residual(pilot)
-    # What the first pilot leaves is not the remnant alone: a long autoregression would keep it.
-    noise = settings.noise or FIRST
-    joint = PredictionErrors(prediction, noise, band)
-    values = np.concatenate([pilot, guessed(noise, residual, band)])
-    joint, end = smoothed(joint, joint, prediction.model, values, FINE)
-    iterations = end.iterations
-    for _ in range(settings.rounds):
-        other = _maximum(joint.prediction, band, end.values[0, : joint.pilot], settings)
-        if other.joint.noise == joint.noise:
-            break
-        joint, end = smoothed(other.joint, other.joint, prediction.model, other.end.values[0], FINE)
-        iterations += other.iterations + end.iterations
-    return Maximum(joint, end, Starts(cost=np.ones(1), agreeing=1), iterations)

@@ -2,17 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections import Counter
+from dataclasses import dataclass, replace
+from functools import reduce
+from operator import and_
+from typing import Literal, Self
 
 import numpy as np
 
 from pilotid.chance import SELDOM, chi_squared_limit
-from pilotid.pilot.model import PilotModel
+from pilotid.estimates.estimate import (
+    Estimate,
+    Outcome,
+    Starts,
+    failed,
+    outcome_of,
+    symmetric_intervals,
+)
+from pilotid.pilot.factors import Delayed, Response
+from pilotid.pilot.model import PilotModel, Placed, unfrozen
 from pilotid.recordings.recording import Recording
-from pilotid.solve.least_squares import Problem
-from pilotid.solve.smoothing import Penalty
+from pilotid.solve.covariance import covariance_of, sandwich
+from pilotid.solve.least_squares import Minima, Penalty, Problem, minimise
+from pilotid.solve.smoothing import AGAINST_WHITE, smoothed
 from pilotid.time_domain.prediction import Prediction, predict
-from pilotid.types import FloatArray
+from pilotid.types import ComplexArray, FloatArray
 
 
 class OutputErrors(Problem):
@@ -37,9 +51,9 @@ class OutputErrors(Problem):
         """Number of residuals, see `Prediction.residuals`."""
         return self.prediction.residuals
 
-    def penalised(self, penalty: Penalty | None) -> OutputErrors:
+    def penalised(self, penalty: Penalty | None) -> Self:
         """The same with a penalty, or without."""
-        return OutputErrors(replace(self.prediction, penalty=penalty), self.taps)
+        return type(self)(replace(self.prediction, penalty=penalty), self.taps)
 
     def rows(self, values: FloatArray) -> FloatArray:
         """Whitened Jacobian and residual, shape (sets, parameters + 1, runs, scored).
@@ -117,3 +131,243 @@ def simulated_vaf(
     left = float(np.mean(np.var(OutputErrors(prediction).residual(values), axis=1)))
     spread = float(np.mean(np.var(prediction.control, axis=1)))
     return max(0.0, 100.0 * (1.0 - left / spread))
+
+
+CACHED = 6000  # bins evaluated at once: about what the processor's cache holds
+
+
+class Residuals:
+    """Transforms of the residual u - u_hat, before whitening, for many parameter sets.
+
+    The same numbers as those of `Prediction.row_spectra`, several times faster: constant
+    factors enter once and for all, factors that all channels share are applied to their
+    sum, and the exponentials of a delay, whose phase grows evenly from bin to bin, are
+    products of two short rows.
+
+    Parameters
+    ----------
+    prediction
+        The prepared prediction.
+    """
+
+    def __init__(self, prediction: Prediction) -> None:
+        self.prediction = prediction
+        model = prediction.model
+        shared = reduce(and_, (Counter(p for p in layout if p[1]) for layout in model.layout))
+        self._common = list(shared.elements())
+        self._channels: list[tuple[list[Placed], ComplexArray]] = []
+        for layout, spectrum in zip(model.layout, prediction.inputs, strict=True):
+            moving = list((Counter(p for p in layout if p[1]) - shared).elements())
+            self._channels.append((moving, spectrum[None]))
+        #: Per channel, the linear parameters that it depends on: place among those, and index.
+        self._scaling = [
+            [(i, index) for i, index in enumerate(model.linear) if any(index in p for _, p in own)]
+            for own in model.layout
+        ]
+        self._delayed = Delayed(prediction.s.imag)
+
+    def linear_gram(self, values: FloatArray) -> FloatArray:
+        """Inner products of the derivatives by linear parameters, and of the residual.
+
+        All that it takes to solve for gains; nuisance terms are projected out.  Of models that
+        do not vary in time.
+
+        Parameters
+        ----------
+        values
+            Parameter sets, shape (sets, parameters).
+
+        Returns
+        -------
+        Array of shape (sets, linear + 1, linear + 1), the residual last.
+        """
+        prediction, channels = self.prediction, len(self._channels)
+        control = prediction.without_nuisance(prediction.control).ravel()
+        # Of each channel's answer and of the control.
+        products = np.empty((len(values), channels + 1, channels + 1))
+        products[:, -1, -1] = control @ control
+        block = max(1, CACHED // prediction.control_spectrum.size)
+        for begin in range(0, len(values), block):
+            own = values[begin : begin + block]
+            rows = np.empty((len(own), channels, *prediction.control_spectrum.shape), dtype=complex)
+            common = self._product(self._common, own) if self._common else None
+            for row, (layout, spectrum) in enumerate(self._channels):
+                part = self._product(layout, own)
+                if common is not None:
+                    part = part * common
+                np.multiply(part[:, None, :], spectrum, out=rows[:, row])
+            answers = prediction.without_nuisance(prediction.samples_of(rows))
+            flat = answers.reshape(*answers.shape[:2], -1)
+            found = products[begin : begin + block]
+            found[:, :-1, :-1] = flat @ flat.transpose(0, 2, 1)
+            found[:, -1, :-1] = found[:, :-1, -1] = flat @ control
+        linear = prediction.model.linear
+        combined = np.zeros((len(values), len(linear) + 1, channels + 1))
+        combined[:, -1, :-1], combined[:, -1, -1] = -1.0, 1.0
+        for channel, scaling in enumerate(self._scaling):
+            for place, index in scaling:
+                combined[:, place, channel] = 1.0 / values[:, index]
+        return np.asarray(combined @ products @ combined.transpose(0, 2, 1))
+
+    def spectra(self, values: FloatArray) -> ComplexArray:
+        """Transforms of the residuals, shape (sets, runs, bins).
+
+        Parameters
+        ----------
+        values
+            Parameter sets, shape (sets, parameters).
+        """
+        total: ComplexArray | None = None
+        given = self.prediction.varying(values)
+        for (layout, spectrum), varying in zip(self._channels, given, strict=True):
+            part = self._product(layout, values)[:, None, :] * spectrum
+            if varying is not None:
+                part = part * varying
+            total = part if total is None else np.add(total, part, out=total)
+        assert total is not None
+        if self._common:
+            total *= self._product(self._common, values)[:, None, :]
+        return np.subtract(self.prediction.control_spectrum, total, out=total)
+
+    def _product(self, placed: list[Placed], values: FloatArray) -> ComplexArray:
+        """Product of factors, shape (sets, bins) or, without any that varies, (sets, 1)."""
+        s, gain = self.prediction.s, np.ones((len(values), 1))
+        delay: FloatArray | None = None
+        responses: list[Response] = []
+        for factor, indices in placed:
+            own = [values[:, i, None] for i in indices]
+            seconds = factor.seconds(own)
+            if seconds is not None:
+                delay = seconds if delay is None else delay + seconds
+                continue
+            response = factor.response_on_axis(s, own)
+            if response.shape[-1] == 1:
+                gain = gain * np.real(response)
+            else:
+                responses.append(response)
+        if delay is not None:
+            responses.append(self._delayed(delay, gain))
+        elif responses:
+            responses[0] = responses[0] * gain
+        else:
+            return gain.astype(complex)
+        return np.asarray(reduce(np.multiply, responses), dtype=complex)
+
+
+def record(minima: Minima, same: float = 3e-3) -> Starts:
+    """How many starts ended in the best optimum, costs within the share `same` of it."""
+    relative = minima.cost / minima.cost[0] if minima.cost[0] > 0.0 else np.ones(len(minima.cost))
+    return Starts(cost=relative, agreeing=int(np.sum(relative <= 1.0 + same)))
+
+
+def concluded(
+    method: str,
+    recording: Recording,
+    model: PilotModel,
+    values: FloatArray,
+    covariance: FloatArray,
+    *,
+    converged: bool,
+    optimum: FloatArray | None = None,
+    prediction: Prediction | None = None,
+) -> Estimate:
+    """The estimate with outcome, symmetric intervals and VAF.
+
+    A method that has better intervals, or more to tell, replaces them.
+
+    Parameters
+    ----------
+    method
+        Name of the method.
+    recording, model
+        What was fitted.
+    values, covariance
+        The estimate, shapes (parameters,) and (parameters, parameters).
+    converged
+        Whether the search ended as it should.
+    optimum
+        Where the search ended, if that is not the estimate, shape (parameters,); a parameter at a
+        bound there is named in the message.
+    prediction
+        The full-rate prediction, where the method has it already.
+    """
+    end = values if optimum is None else optimum
+    outcome, message = outcome_of(model, end, converged)
+    return Estimate(
+        method,
+        model,
+        outcome,
+        values=values,
+        covariance=covariance,
+        intervals=symmetric_intervals(values, covariance),
+        vaf=simulated_vaf(recording, model, values, prediction),
+        message=message,
+    )
+
+
+Covariance = Literal["claimed", "sandwich"]
+
+
+@dataclass(frozen=True)
+class WhiteLikelihood:
+    """How a search under a white residual ends.
+
+    Attributes
+    ----------
+    band
+        Analysis band [rad/s]; None uses the full sampling rate, as AIAA 2008-7109 does.
+    covariance
+        ``claimed`` follows from the white residual; ``sandwich`` is measured on the
+        residual as it is, see `pilotid.solve.covariance`.
+    """
+
+    band: float | None = None
+    covariance: Covariance = "claimed"
+
+    def polished(
+        self, method: str, recording: Recording, model: PilotModel, found: Minima
+    ) -> Estimate:
+        """The estimate that the best end of a search leads to.
+
+        Parameters
+        ----------
+        method
+            Name of the method.
+        recording, model
+            What is fitted.
+        found
+            The search in a narrower band, of the model that `searched` says.
+        """
+        prediction = predict(recording, model, self.band)
+        start = unfrozen(model, found.values[0]) if model.curves else found.values[0]
+        terms = OutputErrors(prediction).noticeable_terms(start)
+        problem = OutputErrors(replace(prediction, terms=terms))
+        if model.curves:
+            problem, end = smoothed(problem, model, model.curves, start, 1e-6)
+        else:
+            end = minimise(problem.gram, start[None], model, tolerance=1e-8)
+        values, gram = end.values[0], end.gram[0]
+        variance = gram[-1, -1] / (problem.residuals - len(values))
+        covariance = covariance_of(gram[:-1, :-1], variance)
+        if self.covariance == "sandwich":
+            rows = problem.rows(values[None])[0]
+            prior = None
+            if problem.penalty is not None:
+                prior = variance * problem.penalty.gram(values[None])[0, :-1, :-1]
+            covariance = sandwich(problem.gram, rows, values, prediction.dt, prior=prior)
+        if covariance is None:
+            return failed(method, model, Outcome.SINGULAR)
+        estimate = concluded(
+            method,
+            recording,
+            model,
+            values,
+            covariance,
+            converged=bool(end.converged[0]),
+            prediction=prediction if self.band is None else None,
+        )
+        return replace(
+            estimate,
+            iterations=found.iterations + end.iterations,
+            remarks=(AGAINST_WHITE,) if model.curves else (),
+        )

@@ -14,15 +14,12 @@ import numpy as np
 from pilotid.chance import Z95
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.parts import Trajectory
-from pilotid.pilot.changing import Fading
-from pilotid.pilot.courses import Sigmoid
-from pilotid.pilot.frozen import ends, frozen, frozen_over
-from pilotid.pilot.model import PilotModel
+from pilotid.pilot.model import PilotModel, ends, frozen, frozen_over
+from pilotid.pilot.timevarying import Fading, Sigmoid
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import sandwich_of
-from pilotid.solve.least_squares import Problem, minimise
-from pilotid.solve.scale import Scale
-from pilotid.time_domain.conclusion import concluded
+from pilotid.solve.least_squares import Problem, Scale, minimise
+from pilotid.time_domain.output_error import concluded
 from pilotid.types import BoolArray, FloatArray
 
 #: A time is weighted as if its band had at least this share of the band's median width: where an

@@ -10,18 +10,123 @@ once this is consistent, and efficient, without any knowledge of the loop.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-from functools import cached_property
+from bisect import bisect_right
+from dataclasses import dataclass, fields, replace
+from functools import cached_property, reduce
+from typing import Self
 
 import numpy as np
 
-from pilotid.solve.least_squares import Problem
-from pilotid.solve.smoothing import Penalty
-from pilotid.time_domain.band import Band
+from pilotid.solve.least_squares import Penalty, Problem
 from pilotid.time_domain.prediction import Prediction
-from pilotid.time_domain.reduced import Reduced
+from pilotid.time_domain.prepare import Band
 from pilotid.time_domain.remnant_models import NoiseModel
 from pilotid.types import BoolArray, ComplexArray, FloatArray
+
+#: A group of bins is this share of its frequency wide, and at most so many rad/s.
+SHARE, WIDEST = 1.0 / 15.0, 0.35
+
+MANY = 12  # parameter sets evaluated at once: a hundred frequencies of each fit the cache
+
+
+@dataclass(frozen=True)
+class Reduced(Prediction):
+    """A prediction whose samples are weighted spectra at few frequencies.
+
+    Attributes
+    ----------
+    counted
+        Scored samples of all runs of the prediction that it stands for.
+    weights
+        Of the spectra at each frequency, shape (groups,).
+    """
+
+    counted: int
+    weights: FloatArray
+
+    @property
+    def samples(self) -> int:
+        return self.counted
+
+    @property
+    def block(self) -> int:
+        return MANY
+
+    def samples_of(self, spectrum: ComplexArray) -> FloatArray:
+        weighted = np.ascontiguousarray(spectrum * self.weights)
+        return weighted.view(float)
+
+    def delayed_samples(self, spectrum: ComplexArray, most: int) -> FloatArray:
+        delays = self._far_shifts[1 : most + 1]
+        return self.samples_of(spectrum[:, None] * delays[:, None])
+
+    def weighed(self, rows: FloatArray) -> FloatArray:
+        """The rows: `weights` are those of the band already."""
+        return rows
+
+    def below(self, band: float) -> Reduced:
+        """The same with what lies above a frequency [rad/s] left out."""
+        return self._with(self.s.imag < band)
+
+    def _with(self, chosen: BoolArray) -> Reduced:
+        given = {field.name: getattr(self, field.name) for field in fields(self)}
+        given |= {
+            "s": self.s[chosen],
+            "spectra": tuple(spectrum[:, chosen] for spectrum in self.spectra),
+            "control_spectrum": self.control_spectrum[:, chosen],
+            "weights": self.weights[chosen],
+        }
+        return Reduced(**given)
+
+
+def reduced(prediction: Prediction) -> Prediction:
+    """The prediction at few frequencies; the mean and what the window makes of it are left out.
+
+    One whose inputs vary in time has no such form, and stays as it is.
+    """
+    if prediction.model.changes:
+        return prediction
+    scored = prediction.scored
+    window = np.sqrt(8.0 / 3.0) * np.sin(np.pi * (np.arange(scored) + 0.5) / scored) ** 2
+    given = np.array([*prediction.spectra, prediction.control_spectrum])
+    signals = np.fft.rfft(prediction.samples_of(given) * window)
+    omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(scored, prediction.dt), dtype=float)
+    groups = _groups(omega)
+    sizes = np.sqrt(np.mean(np.abs(signals) ** 2, axis=(1, 2)))
+    sizes[sizes == 0.0] = 1.0
+    signals = signals / sizes[:, None, None]
+    products = np.einsum("irk,jrk->kij", signals, signals.conj())
+    summed = np.add.reduceat(products, groups[:-1], axis=0)[: len(groups) - 1]
+    size, vectors = np.linalg.eigh(summed)
+    factor = vectors * np.sqrt(np.maximum(size, 0.0))[:, None, :]
+    spectra = np.transpose(factor, (1, 2, 0)) * sizes[:, None, None]  # (signal, part, group)
+    counts = np.diff(groups)
+    middle = np.add.reduceat(omega, groups[:-1])[: len(groups) - 1] / counts
+    held = {field.name: getattr(prediction, field.name) for field in fields(Prediction)}
+    held |= {
+        "s": 1j * middle,
+        "spectra": tuple(spectra[:-1]),
+        "control_spectrum": spectra[-1],
+        "terms": (),
+    }
+    # Parseval: bins stand for two, but for the one at half the sampling rate.
+    weights = np.full(len(counts), np.sqrt(2.0 / scored))
+    if prediction.weighting is None or prediction.band_terms is None:
+        return Reduced(**held, counted=prediction.runs * scored, weights=weights)
+    weights = weights * np.sqrt(prediction.weighting.weights(middle))
+    counted = prediction.band_terms.residuals
+    return Reduced(**held, counted=counted, weights=weights)._with(weights > 0.0)
+
+
+def _groups(omega: FloatArray) -> list[int]:
+    """First bins of the groups, and the end of the last."""
+    listed = omega.tolist()
+    starts = [2]
+    while starts[-1] < len(listed):
+        first = listed[starts[-1]]
+        end = bisect_right(listed, first + min(SHARE * first, WIDEST))
+        starts.append(max(end, starts[-1] + 1))
+    return starts
 
 
 class PredictionErrors(Problem):
@@ -70,9 +175,9 @@ class PredictionErrors(Problem):
         """The problem whose Gram matrices are exact: this one."""
         return self
 
-    def penalised(self, penalty: Penalty | None) -> PredictionErrors:
+    def penalised(self, penalty: Penalty | None) -> Self:
         """The same with a penalty, or without."""
-        return PredictionErrors(replace(self.prediction, penalty=penalty), self.noise, self.band)
+        return type(self)(replace(self.prediction, penalty=penalty), self.noise, self.band)
 
     def whitener(self, values: FloatArray) -> FloatArray:
         """Whitening filter at one parameter set, shape (taps,)."""
@@ -223,3 +328,121 @@ class PredictionErrors(Problem):
         rows[:, : self.pilot], rows[:, -1] = own[:, :-1], own[:, -1]
         np.negative(past, out=rows[:, self.pilot : -1])
         return np.asarray(rows)
+
+
+#: Bins of all runs but one from which on the reduced prediction and the adjoint take less time.
+LARGE = 8000
+
+
+def is_large(prediction: Prediction) -> bool:
+    """Whether a search is faster by the adjoint."""
+    return (prediction.runs - 1) * prediction.s.size >= LARGE
+
+
+def for_search(joint: PredictionErrors, coarse: Prediction | None = None) -> PredictionErrors:
+    """The problem for a search: as it is, or by its adjoint if it is large.
+
+    Parameters
+    ----------
+    joint
+        The problem.
+    coarse
+        Its prediction, reduced, if that is there already.
+    """
+    if not is_large(joint.prediction) or joint is not joint.exact:
+        return joint
+    coarse = reduced(joint.prediction) if coarse is None else coarse
+    return AdjointErrors(joint, coarse) if isinstance(coarse, Reduced) else joint
+
+
+class AdjointErrors(PredictionErrors):
+    """Prediction errors for a search: their Gram matrices have the exact last row and column.
+
+    Parameters
+    ----------
+    exact
+        The prediction errors.
+    coarse
+        Their prediction, reduced.
+    """
+
+    def __init__(self, exact: PredictionErrors, coarse: Reduced) -> None:
+        super().__init__(exact.prediction, exact.noise, exact.band)
+        self._exact = exact
+        self.coarse = PredictionErrors(coarse, exact.noise, exact.band)
+        self.block = MANY
+
+    @property
+    def exact(self) -> PredictionErrors:
+        """The problem whose Gram matrices are exact."""
+        return self._exact
+
+    def products(self, values: FloatArray) -> FloatArray:
+        """Inner products of the rows, see `Problem.products`; of the Jacobian's approximately."""
+        banded = self.prediction.band_terms is not None
+        found = self.coarse.in_band(values) if banded else self.coarse.products(values)
+        lasts = np.array([self.last(each) for each in values])
+        if banded:
+            lasts += self.outside(values)[:, -1]
+        found[:, -1] = found[:, :, -1] = lasts
+        return self.closed(found, values) if banded else found
+
+    def last(self, values: FloatArray) -> FloatArray:
+        """Inner products of the prediction error with all rows, its own last.
+
+        Parameters
+        ----------
+        values
+            Parameters of pilot and remnant, shape (parameters,).
+
+        Returns
+        -------
+        FloatArray
+            Shape (parameters + 1,).
+        """
+        prediction, model = self.prediction, self.prediction.model
+        pilot, remnant = values[None, : self.pilot], values[None, self.pilot :]
+        found = model.evaluated(prediction.s, pilot, prediction.delayed)
+        responses = [response[0] for response in model.responses_of(found)]
+        taps, slopes = (each[0] for each in self.noise.taps(remnant, self.band))
+        filters = prediction.filter_response(taps)
+        residual = reduce(
+            np.subtract,
+            map(np.multiply, responses, prediction.inputs),
+            prediction.control_spectrum,
+        )
+        errors = prediction.without_nuisance(prediction.samples_of(filters * residual))
+        plain, terms = errors, prediction.band_terms
+        if terms is not None:
+            errors = prediction.without_nuisance(terms.filtered(errors))
+        adjoint = self._adjoint(errors)
+        by_channel = [
+            filters * response * (adjoint * signal).sum(axis=0)
+            for response, signal in zip(responses, prediction.inputs, strict=True)
+        ]
+        last = np.empty(len(values) + 1)
+        for (_, by), (_, indices), channels in zip(found, model.moving, model.sharing, strict=True):
+            total = reduce(np.add, [by_channel[c] for c in channels])
+            for index, slope in zip(indices, by, strict=True):
+                last[index] = np.sum(slope * total).real
+        by_lag = (prediction.shifts(slopes.shape[-1]) @ (adjoint * residual).sum(axis=0)).real
+        last[self.pilot : -1] = -(slopes @ by_lag)
+        last[-1] = np.vdot(plain, errors)
+        return last
+
+    def _adjoint(self, errors: FloatArray) -> ComplexArray:
+        """What times a transform, summed over bins, is the product of its samples with `errors`."""
+        prediction = self.prediction
+        padded = np.zeros((prediction.runs, prediction.length))
+        padded[:, prediction.first : prediction.first + prediction.scored] = errors
+        return np.asarray(np.fft.rfft(padded).conj() * self._counted)
+
+    @cached_property
+    def _counted(self) -> FloatArray:
+        """Bins stand for two, but for the first and the one at half the sampling rate."""
+        length = self.prediction.length
+        counted = np.full(length // 2 + 1, 2.0 / length)
+        counted[0] = 1.0 / length
+        if length % 2 == 0:
+            counted[-1] = 1.0 / length
+        return counted

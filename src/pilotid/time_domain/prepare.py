@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from math import factorial
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -19,6 +20,86 @@ from numpy.lib.stride_tricks import sliding_window_view
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.types import FloatArray, InputError
+
+
+def _extended(signal: FloatArray, edges: FloatArray, extension: int, dt: float) -> FloatArray:
+    """Continue a signal beyond both ends, faded to zero.
+
+    Parameters
+    ----------
+    signal
+        The signal, shape (runs, samples).
+    edges
+        What it is the derivative of, at the first and last sample, from the lowest
+        derivative upwards; shape (derivative, 2, runs), empty for a signal itself.
+    extension
+        Samples to add at each end.
+    dt
+        Sampling interval [s].
+    """
+    order = len(edges)
+    # Going back in time, odd derivatives change their sign.
+    signs = (-1.0) ** np.arange(order + 1)
+    lower = signs[:order, None] * edges[:, 0]
+    left = signs[order] * _continued(signs[order] * signal, lower, extension, dt)
+    right = _continued(signal[:, ::-1], edges[:, 1], extension, dt)
+    return np.concatenate([left[:, ::-1], signal, right], axis=1)
+
+
+def _continued(inward: FloatArray, lower: FloatArray, extension: int, dt: float) -> FloatArray:
+    """Continuation of a signal beyond its first sample, in the direction away from it.
+
+    Odd reflection, since a jump would ring into the scored part, where whitening
+    magnifies it.  The continuation of a derivative (an acceleration, say) must moreover
+    bring the signal underneath to rest from where the recording shows it: slow dynamics
+    (canals) would otherwise start from a state that the recording contradicts.
+
+    Parameters
+    ----------
+    inward
+        The signal from its end inwards, shape (runs, samples).
+    lower
+        Lower derivatives at the end, in outward time, shape (derivative, runs).
+    extension
+        Samples to add.
+    dt
+        Sampling interval [s].
+    """
+    time = np.arange(1, extension + 1) * dt
+    span = time[-1] + dt
+    fade = 0.5 * (1.0 + np.cos(np.pi * time / span))
+    outward = (2.0 * inward[:, :1] - inward[:, 1 : extension + 1]) * fade
+    order = len(lower)
+    if order == 0:
+        return np.asarray(outward)
+    # f^(order-j)(span) = sum_i f^(order-j+i)(0) span^i/i! + int (span-t)^(j-1)/(j-1)! f^(order)
+    kernels = np.array([(span - time) ** (j - 1) / factorial(j - 1) for j in range(1, order + 1)])
+    bumps = np.sin(np.pi * time / span) ** 2 * (time / span) ** np.arange(order)[:, None]
+    at_rest = np.zeros((order, inward.shape[0]))
+    for j in range(1, order + 1):
+        start = sum(lower[order - j + i] * span**i / factorial(i) for i in range(j))
+        half = 0.5 * span ** (j - 1) / factorial(j - 1) * inward[:, 0]
+        at_rest[j - 1] = -start - dt * (outward @ kernels[j - 1] + half)
+    weights = np.linalg.solve(dt * kernels @ bumps.T, at_rest)
+    return np.asarray(outward + weights.T @ bumps)
+
+
+def fast_length(samples: int) -> int:
+    """The shortest length of a fast real transform, a product of 2, 3 and 5, of so many samples.
+
+    scipy has the same as ``next_fast_len``, but takes longer to import than a fit takes.
+    """
+    best = 1 << max(samples - 1, 0).bit_length()
+    five = 1
+    while five < best:
+        product = five
+        while product < best:
+            # By the smallest power of 2 that makes it long enough.
+            best = min(best, product << max(-(-samples // product) - 1, 0).bit_length())
+            product *= 3
+        five *= 5
+    return best
+
 
 SHORTEST_SCORED = 3.0  # seconds that must remain to be scored
 DIFFERENCE_REACH = 12  # samples on either side that a central difference uses
@@ -162,3 +243,129 @@ def derivative_kernel(order: int, smoothing: FloatArray) -> FloatArray:
     if order == 0:
         return smoothing
     return np.convolve(smoothing, _difference(order)[::-1])
+
+
+#: Samples that a whitening filter may reach back, and that one may to whom low frequencies matter.
+REACH, FAR = 20, 60
+
+
+def filters_and_slopes(
+    autocovariance: FloatArray, slopes: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Prediction-error filters of autocovariances, and their derivatives.
+
+    Parameters
+    ----------
+    autocovariance
+        Lags from 0, shape (sets, lags).
+    slopes
+        Its derivatives, shape (parameters, sets, lags).
+    """
+    order = autocovariance.shape[1] - 1
+    lags = np.abs(np.subtract.outer(np.arange(order), np.arange(order)))
+    inverse = np.linalg.inv(autocovariance[:, lags])
+    taps = np.ones_like(autocovariance)
+    taps[:, 1:] = -(inverse @ autocovariance[:, 1:, None])[..., 0]
+    derivatives = np.zeros((len(taps), len(slopes), order + 1))
+    right = slopes[..., 1:, None] + slopes[..., lags] @ taps[:, 1:, None]
+    derivatives[:, :, 1:] = np.swapaxes(-(inverse @ right)[..., 0], 0, 1)
+    return taps, derivatives
+
+
+def prediction_error_filters(autocovariance: FloatArray) -> FloatArray:
+    """Prediction-error filters by Levinson's and Durbin's recursion, shape (sets, lags).
+
+    Parameters
+    ----------
+    autocovariance
+        Lags from 0, shape (sets, lags).
+    """
+    sets, lags = autocovariance.shape
+    taps = np.zeros((sets, lags))
+    taps[:, 0] = 1.0
+    power = autocovariance[:, 0].copy()
+    for order in range(1, lags):
+        across = np.einsum("sk,sk->s", taps[:, :order], autocovariance[:, order:0:-1])
+        reflection = -across / power
+        taps[:, 1 : order + 1] += reflection[:, None] * taps[:, order - 1 :: -1][:, :order]
+        power = power * (1.0 - reflection * reflection)
+    return taps
+
+
+def shifted_products(first: FloatArray, change: FloatArray) -> FloatArray:
+    """Inner products of a signal with itself at all pairs of lags.
+
+    Those of one pair of lags differ from those of the pair before by the samples at both ends
+    alone.
+
+    Parameters
+    ----------
+    first
+        Products of lag 0 with lags 0 to n, shape (..., n + 1).
+    change
+        Products of the samples gained less those of the samples lost, shape (..., n, n).
+
+    Returns
+    -------
+    Array of shape (..., n + 1, n + 1).
+    """
+    products = np.empty((*first.shape, first.shape[-1]))
+    products[..., 0, :] = products[..., 0] = first
+    for lag in range(change.shape[-1]):
+        products[..., lag + 1, 1:] = products[..., lag, :-1] + change[..., lag, :]
+    return products
+
+
+GRID = 256  # frequencies on which spectra of noise models are integrated
+
+
+@dataclass(frozen=True)
+class Band:
+    """The analysis band: sampling interval of a recording, and factor of decimation."""
+
+    recorded_dt: float
+    factor: int
+
+    @property
+    def dt(self) -> float:
+        """Sampling interval after decimation [s]."""
+        return self.recorded_dt * self.factor
+
+    @cached_property
+    def omega(self) -> FloatArray:
+        """Frequencies inside the band [rad/s], shape (grid,)."""
+        return np.asarray((np.arange(GRID) + 0.5) * (np.pi / (GRID * self.dt)), dtype=float)
+
+    @cached_property
+    def folds(self) -> tuple[tuple[FloatArray, FloatArray], ...]:
+        """Frequencies that decimation folds onto `omega`, and the filter's power there."""
+        if self.factor == 1:
+            return ((self.omega, np.ones(GRID)),)
+        folded = (self.omega, 2.0 * np.pi / self.dt - self.omega)
+        return tuple((w, self._filter_power(w)) for w in folded)
+
+    def _filter_power(self, omega: FloatArray) -> FloatArray:
+        taps = lowpass(self.factor)
+        k = np.arange(taps.size) - taps.size // 2
+        return np.asarray((np.cos(np.outer(omega * self.recorded_dt, k)) @ taps) ** 2)
+
+    @cached_property
+    def cosines(self) -> FloatArray:
+        """Maps a spectrum on `omega` to autocovariances, shape (grid, FAR + 1)."""
+        return np.asarray(np.cos(np.outer(self.omega * self.dt, np.arange(FAR + 1))) / GRID)
+
+    @cached_property
+    def folded(self) -> tuple[FloatArray, FloatArray]:
+        """All frequencies of `folds`, and what maps a spectrum there to autocovariances."""
+        omega, weights = (np.concatenate(parts) for parts in zip(*self.folds, strict=True))
+        return omega, weights[:, None] * np.tile(self.cosines, (len(self.folds), 1))
+
+    def autocovariance(self, power: FloatArray, reach: int) -> FloatArray:
+        """Autocovariances up to lag `reach` of spectra (..., n) at all frequencies of `folded`."""
+        return np.asarray(power @ self.folded[1][:, : reach + 1])
+
+
+@lru_cache
+def analysis_band(dt: float, band: float | None) -> Band:
+    """The analysis band up to `band` [rad/s], or all, of a recording sampled every `dt` [s]."""
+    return Band(dt, decimation(dt, band))

@@ -9,91 +9,25 @@ low-pass filter's two parameters by 2 % at the most; see `pilotid.theory.bounds.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from pilotid.estimates.parts import RemnantEstimate
-from pilotid.time_domain.band import Band
-from pilotid.time_domain.whitening import (
+from pilotid.time_domain.prepare import (
     FAR,
     REACH,
+    Band,
     filters_and_slopes,
     prediction_error_filters,
+    shifted_products,
 )
 from pilotid.types import BoolArray, FloatArray
 
 SPECTRA = 64  # spectra evaluated at once: about what the processor's cache holds
-
-
-class NoiseModel(Protocol):
-    """A family of remnant spectra, up to the power, which is estimated apart.
-
-    It is also a space for `pilotid.solve.least_squares.minimise`.
-    """
-
-    @property
-    def name(self) -> str:
-        """As reports print it."""
-        ...
-
-    @property
-    def keys(self) -> tuple[str, ...]:
-        """Names of its parameters."""
-        ...
-
-    @property
-    def lower(self) -> FloatArray: ...
-
-    @property
-    def upper(self) -> FloatArray: ...
-
-    @property
-    def positive(self) -> BoolArray: ...
-
-    def taps(self, values: FloatArray, band: Band) -> tuple[FloatArray, FloatArray]:
-        """Whitening filters and their derivatives.
-
-        Parameters
-        ----------
-        values
-            Parameter sets, shape (sets, parameters).
-        band
-            The analysis band.
-
-        Returns
-        -------
-        Taps, shape (sets, taps), the first of which is one, and their derivatives,
-        shape (sets, parameters, taps).
-        """
-        ...
-
-    def filters(self, values: FloatArray, band: Band) -> FloatArray:
-        """The whitening filters alone, fast for very many parameter sets, shape (sets, taps)."""
-        ...
-
-    def guess(self, products: FloatArray, band: Band) -> tuple[FloatArray, float]:
-        """Parameters that suit a residual, from its `lagged_products`, and the power they leave.
-
-        Parameters
-        ----------
-        products
-            Lagged products of the residual.
-        band
-            The analysis band.
-
-        Returns
-        -------
-        Parameters, shape (parameters,), and the mean square of the whitened residual.
-        """
-        ...
-
-    @property
-    def regressive(self) -> bool:
-        """Whether the parameters are those of a regression of the residual on its own past."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -159,6 +93,20 @@ class LowPass:
         return power, (2.0 * ratio * by_ratio / values[:, :1], by_damping)
 
     def taps(self, values: FloatArray, band: Band) -> tuple[FloatArray, FloatArray]:
+        """Whitening filters and their derivatives.
+
+        Parameters
+        ----------
+        values
+            Parameter sets, shape (sets, parameters).
+        band
+            The analysis band.
+
+        Returns
+        -------
+        Taps, shape (sets, taps), the first of which is one, and their derivatives,
+        shape (sets, parameters, taps).
+        """
         if self.order == 0 and band.factor == 1:
             return np.ones((len(values), 1)), np.zeros((len(values), 0, 1))
         power, log_slopes = self.power(band.folded[0], values)
@@ -183,6 +131,7 @@ class LowPass:
         return (np.geomspace(0.5, 60.0, 40), np.geomspace(0.12, 1.8, 12))[: len(self.keys)]
 
     def guess(self, products: FloatArray, band: Band) -> tuple[FloatArray, float]:
+        """Parameters that suit a residual, shape (parameters,), and the power that they leave."""
         grid, taps = _catalogue(self, band)
         reach = taps.shape[1]
         power = np.sum((taps @ products[:reach, :reach]) * taps, axis=1)
@@ -295,6 +244,14 @@ class Autoregressive:
         return values, float(taps @ own @ taps)
 
 
+#: A family of remnant spectra, up to the power, which is estimated apart.  It has the bounds of
+#: its parameters, so that it can be searched by `pilotid.solve.least_squares.minimise`; whitening
+#: filters with their derivatives (`taps`) and alone, fast for many sets (`filters`); and a `guess`
+#: from a residual's `lagged_products`.  The parameters of a `regressive` one are coefficients of
+#: the residual's own past.
+NoiseModel = LowPass | Autoregressive
+
+
 @lru_cache(maxsize=32)
 def _catalogue(model: LowPass, band: Band) -> tuple[FloatArray, FloatArray]:
     """A grid of parameter sets of a model and their whitening filters."""
@@ -331,3 +288,127 @@ def remnant_estimate(
         band.omega,
         density,
     )
+
+
+#: The families to choose from.
+NOISE_MODELS: tuple[NoiseModel, ...] = (
+    *(LowPass(order) for order in range(4)),
+    *(BandPass(order) for order in (1, 2)),
+    *(Autoregressive(order) for order in (2, 3, 4, 6, 8, 10, 12, 16, 20)),
+)
+
+
+def lagged_products(residual: FloatArray) -> FloatArray:
+    """Mean products of a residual (runs, samples) at all pairs of lags 0 to FAR.
+
+    A filter's output power is then exact, taps @ products @ taps.  Autocovariances would
+    not do: their end effects leak from the strong low frequencies of a steep spectrum,
+    and a whitening filter magnifies that until a wrong model wins.
+
+    Returns
+    -------
+    Array of shape (FAR + 1, FAR + 1).
+    """
+    runs, samples = residual.shape
+    by_lag = [np.correlate(run, run[FAR:], mode="valid")[::-1] for run in residual]
+    gained, lost = residual[:, FAR - 1 :: -1], residual[:, : samples - FAR - 1 : -1]
+    products = shifted_products(np.sum(by_lag, axis=0), gained.T @ gained - lost.T @ lost)
+    return np.asarray(products / (runs * (samples - FAR)))
+
+
+#: Contenders lie this close: the residual of a first estimate decides no more than that.
+CLOSE = 20.0
+
+
+#: By how much a band-pass must predict better: its corner and the pilot's gain at low frequencies
+#: explain one another, and where none is needed it would take the gain for its own.
+CORNER = 7.0
+
+
+def handicap(model: NoiseModel) -> float:
+    """By how much the criterion of a model, fitted with the pilot, must be lower to be chosen."""
+    return CORNER if isinstance(model, BandPass) else 0.0
+
+
+def criterion(model: NoiseModel, power: float, samples: int, pilot: int = 0) -> float:
+    """Akaike's information criterion of a noise model, corrected for few samples.
+
+    It asks which model predicts best, not which one is true: of remnants outside all
+    families a long autoregression is never true, and the one that predicts best.
+
+    Parameters
+    ----------
+    model
+        The noise model.
+    power
+        Mean square of the prediction error.
+    samples
+        Number of prediction errors.
+    pilot
+        Number of pilot parameters estimated along with it.
+    """
+    count = len(model.keys) + pilot + 1  # the variance too
+    # A residual that a filter predicts to the last digit leaves rounding, of any sign.
+    deviance = samples * math.log(max(power, 1e-300))
+    return deviance + 2.0 * count * samples / max(samples - count - 1.0, 1.0)
+
+
+class Guess(NamedTuple):
+    """A model of the remnant, and its parameters, shape (parameters,)."""
+
+    model: NoiseModel
+    values: FloatArray
+
+    def whitener(self, band: Band) -> FloatArray:
+        """The filter that whitens it, shape (taps,)."""
+        return np.asarray(self.model.filters(self.values[None], band)[0])
+
+
+def guessed(model: NoiseModel, residual: FloatArray, band: Band) -> FloatArray:
+    """The parameters of a noise model that a residual (runs, samples) suggests."""
+    return model.guess(lagged_products(residual), band)[0]
+
+
+def suiting(residual: FloatArray, band: Band) -> Guess:
+    """The noise model that suits a residual (runs, samples) best."""
+    return contenders(lagged_products(residual), residual.size, band)[0]
+
+
+def contenders(products: FloatArray, samples: int, band: Band) -> list[Guess]:
+    """The noise model that suits a residual best, and the best of the other kind if it is close.
+
+    The kinds are filters of white noise and autoregressions.  Beside a band-pass stands the best
+    low-pass as well: whether there is a corner is for `CORNER` to decide.
+
+    Parameters
+    ----------
+    products
+        The residual's `lagged_products`, before whitening.
+    samples
+        Its samples in all runs.
+    band
+        The analysis band.
+    """
+    scored: dict[bool, list[tuple[float, Guess]]] = {False: [], True: []}
+    for model in NOISE_MODELS:
+        values, power = model.guess(products, band)
+        scored[model.regressive].append((criterion(model, power, samples), Guess(model, values)))
+    best = [min(kind, key=_score) for kind in scored.values()]
+    if isinstance(best[0][1].model, BandPass):
+        plain = [each for each in scored[False] if not isinstance(each[1].model, BandPass)]
+        best.append(min(plain, key=_score))
+    best.sort(key=_score)
+    return [guess for score, guess in best if score < best[0][0] + CLOSE]
+
+
+def _score(scored: tuple[float, Guess]) -> float:
+    return scored[0]
+
+
+def neighbours(model: NoiseModel) -> list[NoiseModel]:
+    """The next shorter and the next longer autoregression; none for another kind of model."""
+    if not model.regressive or model not in NOISE_MODELS:
+        return []
+    place = NOISE_MODELS.index(model)
+    beside = [NOISE_MODELS[place - 1], *NOISE_MODELS[place + 1 : place + 2]]
+    return [other for other in beside if other.regressive]

@@ -9,12 +9,15 @@ is at a chance of `SELDOM`.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pilotid.chance import SELDOM, chi_squared_limit
+from pilotid.estimates.estimate import Estimate
+from pilotid.estimates.parts import RemnantEstimate
 from pilotid.recordings.plant import COHERENT, FEWEST_BANDS, plant_of
-from pilotid.recordings.recording import Recording
+from pilotid.recordings.recording import INPUTS, Recording
 from pilotid.remarks import Remark
 from pilotid.solve.covariance import covariance_of
 from pilotid.time_domain.band_likelihood import BandTerms
@@ -26,10 +29,166 @@ from pilotid.time_domain.constancy import (
     relative_steps,
     scores_of,
 )
-from pilotid.time_domain.drift import drift_left
 from pilotid.time_domain.maximum_likelihood import Maximum
+from pilotid.time_domain.output_error import OutputErrors
+from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
+from pilotid.time_domain.prepare import (
+    Band,
+    analysis_band,
+    decimation,
+    lowpass,
+    prediction_error_filters,
+    prepare,
+)
+from pilotid.time_domain.remnant_models import suiting
 from pilotid.types import FloatArray
+
+USUAL = 50.0  # rad/s, the analysis band where the method has no model of the remnant
+
+NARROWEST = 20.0  # rad/s, of an analysis band: that of a pilot
+
+
+@dataclass(frozen=True, eq=False)
+class Whitened:
+    """Prediction errors in an analysis band.
+
+    Attributes
+    ----------
+    dt
+        Sampling interval in the band [s].
+    errors
+        Prediction errors in the unit of the control, shape (runs, samples).
+    inputs
+        What the model's channels act on, by the signal's name, low-passed to the band and
+        without its mean; each of shape (runs, samples).
+    noise
+        Name of the model of the remnant that whitened them.
+    own
+        Whether that is the estimate's own model of the remnant; else it was chosen here.
+    """
+
+    dt: float
+    errors: FloatArray
+    inputs: dict[str, FloatArray]
+    noise: str
+    own: bool
+
+
+def prediction_errors(recording: Recording, estimate: Estimate) -> Whitened:
+    """The prediction errors of an estimate.
+
+    They are whitened by the estimate's model of the remnant, from its density; without one, by
+    the model that suits best what the estimate leaves, see `suiting`.
+
+    Parameters
+    ----------
+    recording
+        What was fitted.
+    estimate
+        An estimate with values.
+    """
+    remnant = estimate.remnant
+    band = analysis_band(recording.dt, USUAL) if remnant is None else _band(recording, remnant)
+    rate = None if band.factor == 1 else math.pi / band.dt
+    prediction = predict(recording, estimate.model, rate)
+    residual = OutputErrors(prediction).residual(estimate.values)
+    if remnant is not None:
+        density = np.interp(band.omega, remnant.omega, remnant.density)
+        name, taps = remnant.model, prediction_error_filters((density @ band.cosines)[None])[0]
+    else:
+        guess = suiting(residual, band)
+        name, taps = guess.model.name, guess.whitener(band)
+    errors = prediction.without_nuisance(prediction.residual(estimate.values, taps))
+    prepared = prepare(recording, estimate.model, rate)
+    scored = np.round(prepared.time[prepared.first :] / recording.dt).astype(int) + recording.run_in
+    inputs = {}
+    for key in dict.fromkeys(channel.input for channel in estimate.model.channels):
+        own = _low_passed(recording.input(key), band)[:, scored]
+        inputs[INPUTS[key]] = own - own.mean(axis=1, keepdims=True)
+    return Whitened(band.dt, errors, inputs, name, remnant is not None)
+
+
+def _band(recording: Recording, remnant: RemnantEstimate) -> Band:
+    """The analysis band up to the last frequency at which a remnant's density is known."""
+    factor = round(float(Band(recording.dt, 1).omega[-1] / remnant.omega[-1]))
+    return Band(recording.dt, min(max(1, factor), decimation(recording.dt, NARROWEST)))
+
+
+def _low_passed(signal: FloatArray, band: Band) -> FloatArray:
+    """A signal (runs, samples) through the filter that keeps the band."""
+    return np.array([np.convolve(run, lowpass(band.factor), "same") for run in signal])
+
+
+def correlations(errors: FloatArray, signal: FloatArray, lags: range) -> FloatArray:
+    """Correlation coefficients of errors with a signal some samples before, all runs together.
+
+    Parameters
+    ----------
+    errors, signal
+        Shape (runs, samples), both without a mean.
+    lags
+        Whole numbers of samples; negative ones for a signal after the error.
+
+    Returns
+    -------
+    FloatArray
+        Shape (lags,).
+    """
+    samples = errors.shape[1]
+    scale = math.sqrt(float(np.sum(errors**2)) * float(np.sum(signal**2)))
+    found = []
+    for lag in lags:
+        late, early = (errors, signal) if lag >= 0 else (signal, errors)
+        gap = min(abs(lag), samples)
+        found.append(float(np.sum(late[:, gap:] * early[:, : samples - gap])))
+    return np.array(found) / scale
+
+
+def drift_left(joint: PredictionErrors, values: FloatArray) -> tuple[float, FloatArray]:
+    """How well a straight line in the control of each run would be seen, beside the pilot.
+
+    A fit takes a drift for slow remnant, and under that remnant it is hardly to be seen.  So the
+    remnant's model is chosen again of what a line leaves of the residual, and the line is tested
+    under it.
+
+    Parameters
+    ----------
+    joint
+        Pilot and remnant that were fitted.
+    values
+        Their parameters at the optimum, shape (parameters,).
+
+    Returns
+    -------
+    statistic, drifts
+        Chi-squared with a degree of freedom for each run if there is no drift; and what the
+        control gains over the scored part of each run, shape (runs,).
+    """
+    pilot, band = values[: joint.pilot], joint.band
+    terms = tuple(dict.fromkeys((0.0, *joint.prediction.terms)))  # an offset is no drift
+    prediction = replace(joint.prediction, terms=terms)
+    line = prediction.without_nuisance(np.linspace(-0.5, 0.5, prediction.scored))
+    residual = prediction.without_nuisance(prediction.residual(pilot))
+    flat = residual - np.outer(residual @ line, line) / (line @ line)
+    taps = suiting(flat, band).whitener(band)
+    rows = prediction.without_nuisance(prediction.rows(pilot[None], taps))[0]
+    *jacobian, errors = rows.reshape(len(rows), -1)
+    own = np.array([column / (np.linalg.norm(column) or 1.0) for column in jacobian])
+    # What the pilot explains comes first; a line in each run then explains of the rest what it
+    # may.  Lines of two runs share no sample, and meet only in what the pilot takes of both.
+    basis = np.linalg.qr(own.T).Q
+    rest = errors - basis @ (basis.T @ errors)
+    across = line @ basis.reshape(prediction.runs, prediction.scored, -1)
+    seen = (line @ line) * np.eye(prediction.runs) - across @ across.T
+    along = rest.reshape(prediction.runs, prediction.scored) @ line
+    found = np.linalg.solve(seen, along)
+    explained = along @ found
+    freedom = errors.size - len(own) - prediction.runs
+    # Whitening makes a line of a line: it multiplies the slope by the sum of the taps.
+    drifts = np.asarray(found / np.sum(taps))
+    return float(explained * freedom / (rest @ rest - explained)), drifts
+
 
 LAGS = 40  # samples of the analysis band over which prediction errors must not be correlated
 #: Share of the samples at which the control keeps its value, or one value, from which on that

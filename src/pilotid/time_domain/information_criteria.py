@@ -1,11 +1,11 @@
-"""How well several pilot models describe one recording, in numbers that can be compared.
+"""Information criteria of several pilot models of one recording, made comparable.
 
 Each model is fitted by maximum likelihood, the remnant along with it, in one analysis band, with
 one kind of model of the remnant and the same nuisance terms, and all are scored on the same
 samples: information criteria of fits of different bands, or of windows that end at different
-samples, say nothing.  Runs that a
-fit has not seen judge without any count of parameters: models of people are never true, and
-what a criterion counts as a parameter may only be a misfit that another parameter mends.
+samples, say nothing.  Runs that a fit has not seen judge without any count of parameters: models
+of people are never true, and what a criterion counts as a parameter may only be a misfit that
+another parameter mends.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from pilotid.time_domain.constancy import Constancy, constancy
 from pilotid.time_domain.maximum_likelihood import Maximum, maximise_likelihood, maximum_from
 from pilotid.time_domain.output_error import OutputErrors, simulated_vaf
 from pilotid.time_domain.prediction_errors import PredictionErrors
-from pilotid.time_domain.settings import LikelihoodSettings
+from pilotid.time_domain.search import LikelihoodSettings
 from pilotid.types import FloatArray
 
 #: One band for all models.

@@ -1,0 +1,108 @@
+"""Maximum likelihood's weights with instruments from the forcing functions.
+
+The remnant and whatever a recorder adds to e and x are in the model's inputs too, through the loop
+or by themselves.  The forcing functions know of neither.  What they alone make of e and x in the
+closed loop, and hence of the prediction's Jacobian, are instruments: the estimate is where they are
+orthogonal to the whitened prediction error (refined instrumental variables; Young & Jakeman,
+*International Journal of Control* 29, 1979; Gilson & Van den Hof, *Automatica* 41, 2005).
+
+It is consistent whatever the remnant's spectrum and wherever it enters, with noise on e and x, and
+with an instrument from a wrong pilot or element, which costs precision alone.  Standard errors are
+those of the moments, from the power that the prediction error has at each frequency.  It knows
+nothing that the remnant excites: where the forcing functions tell little of gain and lead time,
+their intervals are wide.
+
+Assumes recorded forcing functions, a controlled element that is named or found, and a pilot who
+does not change.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from pilotid.chance import CHI_SQUARED_95
+from pilotid.estimates.applicability import varying
+from pilotid.estimates.estimate import Estimate, Outcome, failed
+from pilotid.pilot.loops import unstable_poles
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import Recording
+from pilotid.solve.covariance import covariance_of
+from pilotid.solve.intervals import profile_intervals
+from pilotid.solve.least_squares import minimise
+from pilotid.time_domain.band_likelihood import closing_element
+from pilotid.time_domain.instruments import Moments, forcing_functions, references
+from pilotid.time_domain.maximum_likelihood import maximise_likelihood
+from pilotid.time_domain.output_error import concluded
+from pilotid.time_domain.search import LikelihoodSettings
+
+
+@dataclass(frozen=True)
+class MLEReference(LikelihoodSettings):
+    """Instrumental variables from the forcing functions, with the weights of maximum likelihood.
+
+    Attributes
+    ----------
+    search_band, candidates, refined, band, wide, rounds, noise, loop, weighed
+        See `pilotid.time_domain.search.LikelihoodSettings`: of the fit by ``mle`` that gives the
+        remnant's spectrum and the instruments.
+    """
+
+    name: ClassVar[str] = "mle-reference"
+
+    def objection(self, recording: Recording, model: PilotModel) -> str | None:
+        """Why there are no instruments: no forcing function, no element, or a pilot who changes."""
+        if why := varying(model):
+            return why
+        if not any(np.ptp(signal) > 0.0 for signal in forcing_functions(recording)):
+            return "no forcing function is recorded (ft, fd), and instruments are made of them"
+        if closing_element(recording)[0] is None:
+            return "the controlled element is not known: name it, for example --element 4/s^2"
+        return None
+
+    def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
+        """Solve the moments from the optimum of the likelihood; intervals follow their deviance.
+
+        Parameters
+        ----------
+        recording
+            The recording; all its runs are fitted jointly.
+        model
+            The pilot model, whose start is one of the starts of the search.
+        rng
+            Draws the other starts.
+        """
+        found = maximise_likelihood(recording, model, rng, self)
+        element, _ = closing_element(recording)
+        assert element is not None
+        values = found.pilot[None]
+        if not found.follows and found.known is not None:
+            values = found.known
+        if unstable_poles(model, values[0], element):
+            why = f"the loop of the pilot and {element.name} is unstable: there are no instruments"
+            return failed(self.name, model, Outcome.NOT_APPLICABLE, why)
+        moments = Moments(found, references(recording, model, values[0], element), values[0])
+        # The weights of the moments do not move their root, but they say how well it is known.
+        moments = moments.at(minimise(moments.gram, values, model).values[0])
+        end = minimise(moments.gram, moments.values[None], model)
+        covariance = covariance_of(end.gram[0, :-1, :-1], found.widened)
+        if covariance is None:
+            return failed(self.name, model, Outcome.SINGULAR)
+        profile = profile_intervals(
+            moments.gram, model, end, 1.0, len(values[0]), widened=found.widened
+        )
+        estimate = concluded(
+            self.name, recording, model, end.values[0], covariance, converged=bool(end.converged[0])
+        )
+        length = np.diff(profile.intervals, axis=1)[:, 0]
+        return replace(
+            estimate,
+            intervals=profile.intervals,
+            errors=length / (2.0 * CHI_SQUARED_95**0.5),
+            iterations=found.iterations + end.iterations,
+            starts=found.starts,
+            remnant=found.remnant,
+            band=found.band_of(recording),
+        )

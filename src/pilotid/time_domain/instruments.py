@@ -1,0 +1,106 @@
+"""Instruments: what the forcing functions alone make of a prediction's Jacobian.
+
+The remnant, and what a recorder adds to e and x, are in the model's inputs too; the forcing
+functions know of neither.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.fft import next_fast_len
+
+from pilotid.pilot.element import ControlledElement
+from pilotid.pilot.loops import pilot_on
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import Recording
+from pilotid.solve.least_squares import Problem
+from pilotid.time_domain.maximum_likelihood import Maximum
+from pilotid.time_domain.prediction import Prediction, predict
+from pilotid.types import FloatArray
+
+#: Seconds of zeros behind a recording, in which the loop comes to rest.
+REST = 30.0
+#: Bins over which the power of the prediction error is averaged.
+SMOOTHED = 61
+
+
+def references(
+    recording: Recording, model: PilotModel, values: FloatArray, element: ControlledElement
+) -> Recording:
+    """A recording with the e and x that its forcing functions alone make in the loop."""
+    target, disturbance = forcing_functions(recording)
+    samples = target.shape[1]
+    length = next_fast_len(samples + round(REST / recording.dt), real=True)
+    omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(length, recording.dt), dtype=float)
+    omega[0] = 1e-3 * omega[1]  # an integrator has no response at rest
+    on_error, on_output = pilot_on(model, omega, values)
+    plant = element.response(omega)
+    closed = 1.0 + plant * (on_error + on_output)
+    driven = on_error * np.fft.rfft(target, length) + np.fft.rfft(disturbance, length)
+    output = np.fft.irfft(plant / closed * driven, length)[:, :samples]
+    return replace(recording, e=target - output, x=output, ft=target)
+
+
+def forcing_functions(recording: Recording) -> tuple[FloatArray, FloatArray]:
+    """Target and disturbance, shape (runs, samples); zeros for one that there is not."""
+    none = np.zeros_like(recording.e)
+    target = recording.input("target")
+    if recording.ft is None and np.std(target) <= 1e-6 * np.std(recording.e):
+        target = none
+    return target, none if recording.fd is None else recording.fd
+
+
+class Moments(Problem):
+    """Products of instruments and prediction errors, standardised: their root is the estimate.
+
+    Parameters
+    ----------
+    found
+        The optimum of the likelihood: band, weights and whitening filter.
+    reference
+        The recording whose Jacobian the instruments are.
+    values
+        Parameters at which the prediction errors tell their power, shape (parameters,).
+    """
+
+    def __init__(self, found: Maximum, reference: Recording, values: FloatArray) -> None:
+        prediction: Prediction = found.joint.prediction
+        self.found, self.reference, self.values = found, reference, values
+        self._prediction = prediction
+        self._taps = found.joint.whitener(found.end.values[0])
+        rate = None if found.joint.band.factor == 1 else np.pi / prediction.dt
+        other = predict(reference, prediction.model, rate)
+        instruments = prediction.without_nuisance(other.rows(found.pilot[None], self._taps)[0, :-1])
+        errors = prediction.without_nuisance(prediction.rows(values[None], self._taps)[0, -1:])
+        self._instruments = self._weighed(instruments)
+        power = self._weighed(errors).reshape(-1, 2)
+        power = np.mean(power**2, axis=1)
+        half = SMOOTHED // 2
+        smooth = np.convolve(
+            np.pad(power, half, mode="reflect"), np.ones(SMOOTHED) / SMOOTHED, "valid"
+        )
+        scatter = (self._instruments * np.repeat(smooth, 2)) @ self._instruments.T
+        self._whitener = np.linalg.inv(np.linalg.cholesky(scatter))
+
+    def at(self, values: FloatArray) -> Moments:
+        """The same, with the power that prediction errors have at other parameters."""
+        return Moments(self.found, self.reference, values)
+
+    def _weighed(self, rows: FloatArray) -> FloatArray:
+        """Rows (n, runs, samples) as real numbers whose products are weighted, shape (n, m)."""
+        weighed = self._prediction.weighed(rows)
+        return weighed.reshape(len(rows), -1)
+
+    @property
+    def residuals(self) -> int:
+        """Number of moments."""
+        return len(self._instruments)
+
+    def rows(self, values: FloatArray) -> FloatArray:
+        """Jacobian and below it the moments, shape (sets, parameters + 1, parameters)."""
+        rows = self._prediction.rows(values, self._taps)
+        weighed = self._weighed(rows.reshape(-1, *rows.shape[2:]))
+        products = weighed.reshape(*rows.shape[:2], -1) @ self._instruments.T
+        return np.asarray(products @ self._whitener.T)
