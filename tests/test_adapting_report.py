@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers import written
 
-from pilotid.report.recording_figures import paths
+from pilotid.report.study_figures import paths
 from pilotid.study.comparison import Comparison, comparison_of
 from pilotid.study.entries import (
     TRAJECTORY,

@@ -13,8 +13,7 @@ import pytest
 from helpers import Run
 from stores import finish
 
-from pilotid.publishing.changes import COLUMNS, find_changes
-from pilotid.publishing.studies import read_study
+from pilotid.publishing.changes import COLUMNS, find_changes, read_study
 from pilotid.study.entries import MethodEntry, Result, ScenarioEntry
 from pilotid.study.store import STORE, Store
 from pilotid.types import InputError

@@ -9,8 +9,10 @@ import pytest
 from tidy_rows import row, table
 
 from pilotid.analysis.contrasts import contrasts
-from pilotid.analysis.latex import chance, escaped, number, tables_tex
+from pilotid.analysis.report_tables import tables_tex
 from pilotid.analysis.rows import Row
+from pilotid.document import Column, Table, escaped_latex, table_latex
+from pilotid.numbers import p_value, to_error
 
 A = (1.12, 1.43, 0.91, 2.02, 1.31)
 B = (1.61, 1.52, 1.73, 2.14, 2.25)
@@ -52,20 +54,20 @@ def made(rows: Sequence[Row]) -> list[list[list[str]]]:
 def test_means_over_subjects_and_contrasts() -> None:
     means, differences = made(table({"C1": A, "C2": B}))
     assert means == [
-        ["", "C1 ($n = 5$)", "C2 ($n = 5$)"],
-        ["tlead (s)", "$1.36$ ($0.42$)", "$1.85$ ($0.33$)"],
+        ["parameter", "unit", "C1 (n = 5)", "C2 (n = 5)"],
+        ["tlead", "s", "$1.36$ ($0.42$)", "$1.85$ ($0.33$)"],
     ]
-    assert differences[0][3:5] == ["difference", r"95\,\% interval"]
-    assert differences[1][:5] == ["C1, C2", "tlead (s)", "5", "$0.49$", "[$0.01$, $0.98$]"]
-    assert re.fullmatch(r"\$t\(4\) = 2\.\d\d\$", differences[1][5])
+    assert differences[0][4:6] == ["difference", r"95 \% interval"]
+    assert differences[1][:6] == ["C1:C2", "tlead", "s", "$5$", "$0.49$", "[$0.01$, $0.98$]"]
+    assert re.fullmatch(r"\$2\.\d\d\$ \(\$4\$\)", differences[1][6])
 
 
 def test_fewer_values_than_subjects_are_said() -> None:
     rows = table({"C1": A, "C2": B})
     rows[0] = row("1", "C1", 1.0, outcome="died")
     means, differences = made(rows)
-    assert means[1][1].endswith(", $n = 4$)")
-    assert differences[1][2] == "4"
+    assert means[1][2].endswith(", n = $4$)")
+    assert differences[1][3] == "$4$"
 
 
 def test_files_where_there_are_no_subjects_to_average() -> None:
@@ -73,9 +75,9 @@ def test_files_where_there_are_no_subjects_to_average() -> None:
     rows += [row("1", c, 12.3, parameter="fnm", unit="rad/s") for c in ("C1", "C2")]
     values = checked(tables_tex(rows))[0]
     assert values == [
-        ["subject", "condition", "tlead (s)", "fnm (rad/s)"],
-        ["1", "C1", r"$1.234$ $\pm$ $0.057$", r"$12.30$ $\pm$ $0.10$"],
-        ["1", "C2", "--", r"$12.30$ $\pm$ $0.10$"],
+        ["parameter", "unit", "C1", "C2"],
+        ["tlead", "s", r"$1.234$ $\pm$ $0.057$", "--"],
+        ["fnm", "rad/s", r"$12.30$ $\pm$ $0.10$", r"$12.30$ $\pm$ $0.10$"],
     ]
 
 
@@ -84,9 +86,11 @@ def test_each_condition_with_its_own_model_is_one_table() -> None:
     rows += [row(s, "C6", float(s), model="multi") for s in "12"]
     rows += [row(s, "C6", float(s), model="multi", parameter="Kvest", unit="") for s in "12"]
     chosen = {((), "C3"): "single", ((), "C6"): "multi"}
-    (means,) = checked(tables_tex(rows, chosen=chosen))
-    assert [line[0] for line in means] == ["", "tlead (s)", "Kvest"]
-    assert means[2][1] == "--"
+    text = tables_tex(rows, chosen=chosen)
+    (means,) = checked(text)
+    assert [line[0] for line in means] == ["parameter", "tlead", "Kvest"]
+    assert means[2][2] == "--"
+    assert "models: C3 `single`, C6 `multi`" in text
 
 
 def test_names_cannot_break_the_tables() -> None:
@@ -97,8 +101,8 @@ def test_names_cannot_break_the_tables() -> None:
         for s in "123"
     ]
     means, differences = made(rows)
-    assert any(escaped(nasty) in cell for cell in means[0])
-    assert differences[1][1].startswith(escaped(nasty))
+    assert any(escaped_latex(nasty) in cell for cell in means[0])
+    assert differences[1][1] == escaped_latex(nasty)
 
 
 def test_the_head_is_a_comment() -> None:
@@ -112,8 +116,10 @@ def test_the_head_is_a_comment() -> None:
      (123.4, 27.0, "$123$"), (-2.5, float("nan"), "$-2.50$"), (0.0, 0.0, "$0$")],
 )  # fmt: skip
 def test_numbers_have_the_digits_of_their_errors(value: float, error: float, shown: str) -> None:
-    assert number(value, error) == shown
+    column = Column[float]("x", lambda v: (v, error), to_error)
+    (head, cells) = checked(table_latex(Table("", [column], [value])))[0]
+    assert (head, cells) == (["x"], [shown])
 
 
-def test_chances() -> None:
-    assert (chance(0.0004), chance(0.0312), chance(float("nan"))) == ("$<0.001$", "$0.031$", "--")
+def test_p_values() -> None:
+    assert [p_value(p) for p in (0.0004, 0.0312, float("nan"))] == ["< .001", ".031", "-"]

@@ -12,12 +12,11 @@ import pytest
 from rich.console import Console
 
 from pilotid.disk import strict_json
+from pilotid.document import print_blocks
 from pilotid.estimates.estimate import Estimate, Outcome, Starts, failed, symmetric_intervals
 from pilotid.estimates.parts import FrequencyResponse
-from pilotid.estimates.quantities import Quantity
-from pilotid.estimates.tables import quantity_table, side_by_side
+from pilotid.estimates.quantities import Quantity, abreast, quantity_tables
 from pilotid.pilot.catalogue import MODELS, SINGLE
-from pilotid.terminal import print_table
 
 
 def estimate(method: str = "mine", **fields: object) -> Estimate:
@@ -128,11 +127,11 @@ def test_json_of_a_two_step_method_holds_its_frequency_response() -> None:
 @pytest.mark.parametrize(("width", "tables"), [(80, 3), (140, 1)])
 def test_tables_stay_within_the_width(width: int, tables: int) -> None:
     several = [estimate(name) for name in ("one", "two", "three")]
-    groups = side_by_side([(e.method, e.quantities) for e in several], width)
-    assert len(groups) == tables
-    for group in groups:
+    found = quantity_tables([(e.method, e.quantities) for e in several], abreast(width))
+    assert len(found) == tables
+    for table in found:
         stream = io.StringIO()
-        print_table(Console(file=stream, width=width), quantity_table(group))
+        print_blocks(Console(file=stream, width=width), table)
         lines = stream.getvalue().splitlines()
         assert len(lines) == 2 + len(SINGLE.keys) + 1
         assert max(map(len, lines)) <= width

@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pilotid.datasets import scenario_named, simulate
+from pilotid.document import svg
 from pilotid.estimates.estimate import Estimate, Outcome, failed, symmetric_intervals
 from pilotid.estimates.fitted import Fitted
 from pilotid.estimates.parts import FrequencyResponse, RemnantEstimate
@@ -23,10 +24,9 @@ from pilotid.methods import methods
 from pilotid.pilot.catalogue import MODELS, MULTI, SINGLE
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
+from pilotid.report.fit import html_report
 from pilotid.show import plots
-from pilotid.show.page import html_report
 from pilotid.show.style import OTHERS, STYLES
-from pilotid.show.svg import svg
 from pilotid.types import FloatArray, InputError
 
 

@@ -20,9 +20,8 @@ from helpers import Run
 from pilotid.methods import METHODS, label_of, method_named, methods
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.naming.code import PluginWarning, taken
-from pilotid.publishing.changes import find_changes
+from pilotid.publishing.changes import find_changes, read_study
 from pilotid.publishing.pages import publish
-from pilotid.publishing.studies import read_study
 from pilotid.study.store import Store
 from pilotid.types import InputError
 

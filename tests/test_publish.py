@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from stores import KEYS, finish, fit
 
+from pilotid.publishing.changes import names_for, read_study
 from pilotid.publishing.pages import publish
-from pilotid.publishing.studies import names_for, read_study
 from pilotid.study.archive import KEPT
 from pilotid.study.entries import MethodEntry, ParameterTruth, ScenarioEntry, Unit
 from pilotid.study.store import STORE, Store

@@ -17,7 +17,7 @@ from pilotid.methods.mle_white import MLEWhite
 from pilotid.pilot.catalogue import MULTI
 from pilotid.seeds import fit_rng, recording_rng
 from pilotid.solve.covariance import hessian, sandwich_of, score_products
-from pilotid.study.facts import scenario_entry
+from pilotid.study.study import scenario_entry
 from pilotid.theory.bounds import View, bounds, monic, white_limit
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict

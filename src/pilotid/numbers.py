@@ -1,11 +1,10 @@
-"""Numbers as words: how many digits, which signs."""
+"""Numbers as plain text: how many digits; pages set the signs of print."""
 
 from __future__ import annotations
 
 import math
 
-NONE = "\N{EN DASH}"
-MINUS = "\N{MINUS SIGN}"
+NONE = "-"
 
 
 def decimals(value: float, digits: int = 2, most: int = 9) -> int:
@@ -22,36 +21,51 @@ def number(value: float, digits: int = 3) -> str:
         text = f"{value:.{places}f}"
     else:
         text = f"{value:.1e}"
-    return text.replace("-", MINUS) if float(text) else text.lstrip("-")
+    return text if float(text) else text.lstrip("-")
+
+
+def to_error(value: float, error: float, most: int = 4) -> str:
+    """A value with the decimals that its error allows, at the most `most`."""
+    if not (math.isfinite(value) and math.isfinite(error) and error > 0.0):
+        return number(value)
+    text = f"{value:.{decimals(error, most=most)}f}"
+    return text if float(text) else text.lstrip("-")
+
+
+def unsigned(value: float, error: float) -> str:
+    """A value with its error, of which two digits are shown."""
+    text = to_error(value, error)
+    if not (math.isfinite(value) and math.isfinite(error) and error > 0.0):
+        return text
+    return f"{text} ± {to_error(error, error)}"
 
 
 def plus_minus(value: float, error: float) -> str:
-    """A value with its error, of which two digits are shown."""
-    if not math.isfinite(value):
-        return NONE
-    if not (math.isfinite(error) and error > 0.0):
-        return number(value)
-    places = decimals(error, most=4)
-    text = f"{value:+.{places}f}"
-    text = text.replace("-", MINUS) if float(text) else text[1:]
-    return f"{text} ± {error:.{places}f}"
+    """A difference, with its sign, and its error, of which two digits are shown."""
+    text = unsigned(value, error)
+    known = value > 0.0 and error > 0.0 and float(text.partition(" ")[0]) > 0.0
+    return f"+{text}" if known and math.isfinite(error) else text
+
+
+def percent(value: float, error: float = math.nan) -> str:
+    """A share in %, with its error if there is one."""
+    return unsigned(100.0 * value, 100.0 * error)
 
 
 def signed(value: float) -> str:
-    """A percentage with its sign, a decimal where that matters and a true minus."""
-    return printed(value, 0 if abs(value) >= 9.95 else 1)
+    """A percentage with its sign, and a decimal where that matters."""
+    return f"{value:+.{0 if abs(value) >= 9.95 else 1}f}"
 
 
-def printed(value: float, places: int = 1) -> str:
-    """A number of the paper with the decimals that it has there."""
-    return f"{value:+.{places}f}".replace("-", MINUS)
-
-
-def share(value: float, interval: tuple[float, float] | None = None) -> str:
-    """A share in %, with its interval if there is one."""
+def share(value: float, interval: tuple[float, float]) -> str:
+    """A share in %, with its interval."""
     if not math.isfinite(value):
         return NONE
-    text = f"{100.0 * value:.0f}"
-    if interval is None:
-        return text
-    return f"{text} ({100.0 * interval[0]:.0f}{NONE}{100.0 * interval[1]:.0f})"
+    return f"{100.0 * value:.0f} ({100.0 * interval[0]:.0f}-{100.0 * interval[1]:.0f})"
+
+
+def p_value(p: float) -> str:
+    """A p-value as papers print it."""
+    if not math.isfinite(p):
+        return NONE
+    return "< .001" if p < 0.001 else f"{p:.3f}".lstrip("0")

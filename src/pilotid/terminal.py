@@ -1,13 +1,13 @@
-"""The terminal: consoles, tables and bars."""
+"""The terminal: consoles and bars."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
-    from rich.table import Table
 
 T = TypeVar("T")
 
@@ -26,14 +26,6 @@ def make_console(*, errors: bool = False) -> Console:
     return console
 
 
-def make_table() -> Table:
-    """An empty table in the style of all tables here."""
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-
-    return Table(box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
-
-
 def print_table(console: Console, table: RenderableType) -> None:
     """Print without the spaces that fill each line up to the console's width."""
     if console.is_terminal:
@@ -42,7 +34,7 @@ def print_table(console: Console, table: RenderableType) -> None:
     console.file.write(_captured(console, table) + "\n")
 
 
-def plain(table: RenderableType) -> str:
+def as_text(table: RenderableType) -> str:
     """A table as text, without the spaces that fill each line up."""
     from rich.console import Console
 
@@ -53,6 +45,17 @@ def _captured(console: Console, table: RenderableType) -> str:
     with console.capture() as captured:
         console.print(table)
     return "\n".join(line.rstrip() for line in captured.get().splitlines()).strip("\n")
+
+
+@contextmanager
+def share_bar(what: str) -> Iterator[Callable[[float], None]]:
+    """A bar on standard error, if that is a terminal, that is told the share that is done."""
+    from rich.progress import Progress
+
+    console = make_console(errors=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task(what, total=1.0)
+        yield lambda share: progress.update(task, completed=share)
 
 
 def with_bar(items: Iterable[T], what: str, total: int) -> Iterator[T]:

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pilotid.analysis.cells import Cell, Layout
-from pilotid.analysis.rows import in_order
+from pilotid.analysis.rows import Cell, Layout, in_order
 from pilotid.analysis.spread import ConditionSpread
-from pilotid.show.style import GRID, INK, WIDTH, journal_style, log_ticks
+from pilotid.show.style import INK, draw_grid, journal_figure, log_ticks
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,13 +41,10 @@ def estimates_figure(layouts: Sequence[Layout]) -> Figure:
     layouts
         Quantities of one stratum and method.
     """
-    from matplotlib.figure import Figure
-
     rows = math.ceil(len(layouts) / ACROSS)
     conditions = in_order([c for layout in layouts for c in layout.conditions])
     subjects = in_order([s for lay in layouts for cells in lay.cells.values() for s in cells])
-    with journal_style():
-        figure = Figure(figsize=(WIDTH, 1.75 * rows + 0.4), layout="constrained")
+    with journal_figure(1.75 * rows + 0.4) as figure:
         panels = figure.subplots(rows, min(ACROSS, len(layouts)), squeeze=False).ravel()
         for axes, layout in zip(panels, layouts, strict=False):
             _panel(axes, layout, conditions, subjects)
@@ -91,8 +87,7 @@ def _panel(axes: Axes, layout: Layout, conditions: Sequence[str], subjects: Sequ
     axes.set_title(f"{SHORT.get(layout.parameter, layout.parameter)}{unit}", loc="left")
     axes.set_xticks(range(len(conditions)), list(conditions))
     axes.set_xlim(-0.6, len(conditions) - 0.4)
-    axes.grid(axis="y", color=GRID, linewidth=0.5)
-    axes.set_axisbelow(True)
+    draw_grid(axes, "y")
     _scale(axes, shown)
 
 
@@ -127,13 +122,10 @@ def spread_figure(spreads: Sequence[ConditionSpread]) -> Figure:
     spreads
         Those of one stratum and method.
     """
-    from matplotlib.figure import Figure
-
     keys = list(dict.fromkeys(s.parameter for s in spreads))
     conditions = in_order([s.condition for s in spreads])
     offsets = np.linspace(-0.3, 0.3, len(conditions)) if len(conditions) > 1 else np.zeros(1)
-    with journal_style():
-        figure = Figure(figsize=(WIDTH, 2.5), layout="constrained")
+    with journal_figure(2.5) as figure:
         axes = figure.subplots()
         axes.axhline(1.0, color=INK, linewidth=0.8)
         for number, condition in enumerate(conditions):
@@ -154,8 +146,7 @@ def spread_figure(spreads: Sequence[ConditionSpread]) -> Figure:
         if len(keys) > 8:
             axes.tick_params("x", rotation=30)
         axes.set_ylabel("scatter of runs / claimed error")
-        axes.grid(axis="y", color=GRID, linewidth=0.5)
-        axes.set_axisbelow(True)
+        draw_grid(axes, "y")
         figure.legend(*axes.get_legend_handles_labels(), loc="outside upper right", ncols=6,
                       frameon=False)  # fmt: skip
     return figure

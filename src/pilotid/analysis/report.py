@@ -3,43 +3,61 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from pilotid.analysis.analyse import Analysis, group_of
-from pilotid.analysis.report_estimates import (
+from pilotid.analysis.analyse import PAGES, Analysis, group_of
+from pilotid.analysis.board import group_words, left_out_blocks
+from pilotid.analysis.figures import estimates_figure, spread_figure
+from pilotid.analysis.report_tables import (
     LEVEL,
-    chance,
-    conditions,
-    estimates,
-    group_words,
-    runs,
+    contrast_tables,
+    estimate_groups,
+    means_table,
+    model_table,
+    recording_table,
+    repeated_table,
+    table_title,
 )
-from pilotid.analysis.report_left_out import left_out_blocks
 from pilotid.analysis.results import Results
 from pilotid.analysis.rows import SUBJECT
 from pilotid.analysis.spread import ConditionSpread, spread_sentence
-from pilotid.analysis.tasks import PAGES
-from pilotid.disk import write_file
-from pilotid.numbers import NONE, number
-from pilotid.report.content import (
-    Block,
-    Bullets,
-    Column,
-    Command,
-    Entry,
-    Section,
-    Table,
-    Text,
-    entries,
-    web_page,
-    write_pictures,
-)
+from pilotid.document import Block, Bullets, Command, Figure, Section, Text, write_page
 from pilotid.report.trust import trust_blocks
 from pilotid.study.trust import UNKNOWN
 from pilotid.time_domain.constancy import LEVEL as CHANGES
 
 TITLE = "Pilot models of recorded subjects"
+CRITERIA = (
+    "What judges is the control at the lines of the forcing functions against what the model "
+    "in its loop makes of them, in runs left out of the fit. Information criteria of the whole "
+    "control are shown beside it, but a channel on the output can win there as the inverse of "
+    "the controlled element, with a simulated response that explains nothing (VAF)."
+)
+MEANS = (
+    "Means over subjects with the standard deviation between them in parentheses, or single values "
+    "with their standard errors."
+)
+PAIRED = (
+    "Paired differences over subjects, b less a, between conditions or between parameters "
+    "of the same fits: mean with the 95 % interval, t-test, p "
+    "and p after Holm's correction for the number of pairs or conditions, effect size "
+    "(Cohen's d_z after Hedges). Weighted: by claimed errors, with the spread between "
+    "subjects apart from the errors of estimation (random effects). `contrasts.csv` has "
+    "it all."
+)
+OTHER_MODELS = (
+    "Where the models of two conditions differ, parameters of the same key are "
+    "compared; a gain or lead beside a lag or a motion channel need not mean the "
+    "same as one without. `--model` with one name fits the same to all."
+)
+RUNS = (
+    "A claimed error says what the same pilot would scatter who did the same again. Runs "
+    "fitted one by one show what people do: where they differ by more than they claim, "
+    "the errors of fits of all runs together are too short for the pilot, and the "
+    "estimates above have errors with the variation from run to run instead "
+    "(`runs.csv` has both)."
+)
 
 
 def write_report(folder: Path, results: Results, command: str, about: Mapping[str, str]) -> Path:
@@ -56,22 +74,34 @@ def write_report(folder: Path, results: Results, command: str, about: Mapping[st
     about
         Versions that the numbers depend on.
     """
-    sections = [
-        _summary(results),
-        _models(results),
-        *estimates(results),
-        *conditions(results),
-        *runs(results),
-        *_tried(results, folder),
-        *_left_out(results, command, about),
-        _recordings(results.analysis),
-        _origin(results, command, about),
-    ]
-    write_pictures(folder, sections)
     _clear(folder, results.analysis)
     path = folder / "report.html"
-    write_file(path, web_page(TITLE, sections).encode("utf-8", "replace"))
+    sections = list(report_sections(folder, results, command, about))
+    write_page(path, TITLE, sections, kinds=("svg", "pdf"))
     return path
+
+
+def report_sections(
+    folder: Path, results: Results, command: str, about: Mapping[str, str]
+) -> Iterator[Section]:
+    """The sections of a report, without those that have nothing to say."""
+    yield _summary(results)
+    yield _models(results.analysis)
+    if estimates := _estimates(results):
+        yield Section("estimates", "Estimates", [Text(MEANS), *estimates])
+    if results.contrasts:
+        yield _conditions(results)
+    if results.by_condition:
+        yield Section("runs", "From run to run", [Text(RUNS), *_runs(results)])
+    if results.tried:
+        yield Section("trust", "What the fits are worth", [*_tried(results, folder), Text(UNKNOWN)])
+    if results.analysis.left_out:
+        board = results.board(command, about)
+        yield Section("left-out", "Runs left out", left_out_blocks(board))
+    yield Section("recordings", "Recordings", [recording_table(results.analysis)])
+    versions = ", ".join(f"{name} {version}" for name, version in about.items())
+    again: list[Block] = [Command("To make it again:", command), Text(f"Versions: {versions}.")]
+    yield Section("origin", "How this was made", again)
 
 
 def _clear(folder: Path, analysis: Analysis) -> None:
@@ -152,63 +182,61 @@ def _changing(analysis: Analysis) -> list[str]:
     ]
 
 
-def _models(results: Results) -> Section:
-    analysis = results.analysis
+def _models(analysis: Analysis) -> Section:
     items = [
         f"**{group_words(group)}** {choice.reason.replace('+-', '±')}"
         for group, choice in analysis.choices.items()
         if choice.reason
     ]
-    columns = [
-        Column("recordings", text=True),
-        Column("model", text=True),
-        Column("parameters", hint="of the pilot"),
-        Column("misfit", hint="chi-squared of the forcing functions' lines per degree of freedom"),
-        Column("left out", hint="the same of runs left out of the fit, summed, over the best"),
-        Column("ΔAICc", hint="of pilot and remnant, over the best"),
-        Column("ΔBIC", hint="of pilot and remnant, over the best"),
-        Column("VAF %", hint="variance accounted for by the simulated response"),
-        Column("VAF left out %", hint="the same in runs left out of the fit"),
-    ]
-    rows = [row for group in analysis.choices for row in _model_rows(analysis, group)]
-    caption = (
-        "What recordings say for each model, summed over the recordings of a group (VAF: mean); "
-        "the chosen one is marked"
-    )
-    reading = (
-        "What judges is the control at the lines of the forcing functions against what the model "
-        "in its loop makes of them, in runs left out of the fit. Information criteria of the whole "
-        "control are shown beside it, but a channel on the output can win there as the inverse of "
-        "the controlled element, with a simulated response that explains nothing (VAF)."
-    )
-    return Section(
-        "models",
-        "Which model",
-        [Bullets(items), Table(caption, columns, rows, heads=2), Text(reading)],
-    )
+    blocks: list[Block] = [Bullets(items), model_table(analysis), Text(CRITERIA)]
+    return Section("models", "Which model", blocks)
 
 
-def _model_rows(analysis: Analysis, group: Sequence[tuple[str, str]]) -> Iterator[list[Entry]]:
-    parts = [part for part in analysis.parts if group_of(part) == tuple(group)]
-    held = [{c.model: c for c in analysis.candidates(part)} for part in parts]
-    names = [name for name in held[0] if all(name in own for own in held)]
-    left = {n: sum(sum(own[n].left_out_misfit) for own in held) for n in names}
-    aicc = {n: sum(own[n].aicc for own in held) for n in names}
-    bic = {n: sum(own[n].bic for own in held) for n in names}
-    for name in sorted(names, key=lambda n: left[n] or aicc[n]):
-        own = [candidates[name] for candidates in held]
-        mark = "good" if name == analysis.choices[tuple(group)].model else ""
-        yield [
-            Entry(group_words(group)),
-            Entry(name, mark),
-            Entry(str(own[0].pilot)),
-            Entry(number(sum(c.misfit for c in own) / max(sum(c.freedom for c in own), 1))),
-            Entry(number(left[name] - min(left.values())) if left[name] else NONE),
-            Entry(number(aicc[name] - min(aicc.values()))),
-            Entry(number(bic[name] - min(bic.values()))),
-            Entry(number(sum(c.vaf for c in own) / len(own))),
-            Entry(number(sum(c.left_out_vaf for c in own) / len(own))),
-        ]
+def _estimates(results: Results) -> list[Block]:
+    """Estimates over conditions, in tables and figures."""
+    blocks: list[Block] = []
+    wider = ", with the variation from run to run" if results.wider else ""
+    groups = estimate_groups(results.shown, results.chosen)
+    for place, (title, group) in enumerate(groups, start=1):
+        caption = (
+            f"Estimates over conditions, {title}. Bars: 95 % from the claimed errors{wider}; "
+            "black: means over subjects. Long bars are cut."
+        )
+        blocks.append(means_table(group, title))
+        blocks.append(Figure(f"estimates-{place}", estimates_figure(group), caption))
+    return blocks
+
+
+def _conditions(results: Results) -> Section:
+    """Conditions compared, in pairs and together."""
+    blocks: list[Block] = [Text(PAIRED), *contrast_tables(results)]
+    if any(c.model_a != c.model_b for c in results.contrasts):
+        blocks.append(Text(OTHER_MODELS))
+    if results.repeated:
+        blocks.append(repeated_table(results.repeated))
+    return Section("conditions", "Conditions compared", blocks)
+
+
+def _runs(results: Results) -> Iterator[Block]:
+    """How runs differ that were fitted one by one."""
+    groups: dict[str, list[ConditionSpread]] = {}
+    for spread in results.by_condition:
+        title = table_title(spread.stratum, spread.method, "")
+        groups.setdefault(title, []).append(spread)
+    for place, (title, own) in enumerate(groups.items(), start=1):
+        caption = (
+            f"Scatter of runs over claimed errors, {title}. Bars: 95 % by chi-squared; 1: as "
+            "claimed."
+        )
+        yield Figure(f"runs-{place}", spread_figure(own), caption)
+
+
+def _tried(results: Results, folder: Path) -> Iterator[Block]:
+    """What simulations say of the fits."""
+    for own in results.tried:
+        page = (own.folder / "report.html").relative_to(folder).as_posix()
+        yield Text(f"**{own.words}**: [all methods]({page})")
+        yield from trust_blocks(own.trust.to_dict())
 
 
 def _by_condition(results: Results) -> list[list[ConditionSpread]]:
@@ -217,71 +245,3 @@ def _by_condition(results: Results) -> list[list[ConditionSpread]]:
         key = (spread.stratum, spread.condition, spread.model, spread.method)
         groups.setdefault(key, []).append(spread)
     return list(groups.values())
-
-
-def _recordings(analysis: Analysis) -> Section:
-    columns = [
-        Column("recording", text=True),
-        Column("model", text=True),
-        Column("method", text=True),
-        Column("runs"),
-        Column("VAF %"),
-        Column("p constant", hint="chance that a constant pilot seems to change as this one"),
-        Column("by %", hint="how much a gain or lead changes at most"),
-        Column("at s", hint="when that change is seen best, from the start of the window"),
-        Column("outcome", text=True),
-        Column("remarks", text=True),
-    ]
-    rows: list[list[str]] = []
-    for fit in analysis.fits:
-        if fit.run is not None:
-            continue
-        look = analysis.looks[fit.part]
-        page = fit.content.get("page")
-        name = f"[{fit.part.words}]({page})" if page else fit.part.words
-        own = {c.model: c for c in analysis.candidates(fit.part)}.get(fit.content["model"])
-        for place, e in enumerate(fit.content["estimates"]):
-            told = [*(look["remarks"] if not place else ()), *e["remarks"]]
-            rows.append(
-                [
-                    name,
-                    fit.content["model"],
-                    e["method"],
-                    str(look["recording"]["runs"]),
-                    number(math.nan if e["vaf"] is None else e["vaf"]),
-                    chance(own.change_p) if own else NONE,
-                    number(100.0 * own.change_size) if own else NONE,
-                    number(own.change_time) if own and own.change_p < CHANGES else NONE,
-                    e["outcome"],
-                    "; ".join(told) or NONE,
-                ]
-            )
-    caption = "Every recording, all runs together; the names lead to pages with figures"
-    return Section("recordings", "Recordings", [Table(caption, columns, entries(rows))])
-
-
-def _tried(results: Results, folder: Path) -> Iterator[Section]:
-    """What simulations say of the fits; nothing where that was not asked for."""
-    if results.tried:
-        blocks: list[Block] = []
-        for own in results.tried:
-            page = (own.folder / "report.html").relative_to(folder).as_posix()
-            blocks += [Text(f"**{own.words}**: [all methods]({page})")]
-            blocks += trust_blocks(own.trust.to_dict())
-        yield Section("trust", "What the fits are worth", [*blocks, Text(UNKNOWN)])
-
-
-def _left_out(results: Results, command: str, about: Mapping[str, str]) -> Iterator[Section]:
-    """Runs left out; nothing where that was not asked for."""
-    if results.analysis.left_out:
-        board = results.board(command, about)
-        yield Section("left-out", "Runs left out", left_out_blocks(board))
-
-
-def _origin(results: Results, command: str, about: Mapping[str, str]) -> Section:
-    versions = ", ".join(f"{name} {version}" for name, version in about.items())
-    return Section(
-        "origin",
-        "How this was made",
-        [Command("To make it again:", command), Text(f"Versions: {versions}.")],
-    )

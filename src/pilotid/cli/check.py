@@ -2,106 +2,72 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypedDict
+from dataclasses import asdict
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 
-from pilotid.analysis.candidates import sensible
-from pilotid.analysis.choice import select
-from pilotid.cli.arguments import methods_of, require_writable
-from pilotid.cli.reading import (
-    DetrendOption,
-    IntervalOption,
-    JointOption,
-    LeadInOption,
-    MapOption,
-)
-from pilotid.disk import strict_json, write_file
+from pilotid.cli import options
+from pilotid.document import Bullets, Column, Table, Text, print_blocks
 from pilotid.element.fit import ElementChoice, chosen_element
 from pilotid.estimates.applicability import lines_objection, motionless_input
 from pilotid.estimates.method import Method
 from pilotid.methods import methods
+from pilotid.model_choice import default_candidates, select
 from pilotid.naming.settings import split_list
 from pilotid.pilot.catalogue import model_named
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
-from pilotid.recordings.files import Reading
+from pilotid.recordings.detectors import findings
 from pilotid.recordings.recording import LEAD_IN, Recording
-from pilotid.recordings.understood import Forcing, Understood, understood
+from pilotid.recordings.understood import Forcing, Signal, Understood, understood
 from pilotid.remarks import codes_of, remarks_json
 from pilotid.seeds import DEFAULT_SEED, fit_rng
-from pilotid.terminal import make_console, make_table, print_table
+from pilotid.terminal import make_console
 from pilotid.time_domain.constancy import LEVEL, constancy_of
 from pilotid.types import InputError
 
-if TYPE_CHECKING:
-    from rich.console import Console
-
-
-class Entry(TypedDict):
-    """What JSON has of one recording."""
-
-    recording: dict[str, object]
-    understood: dict[str, Any]
-    remarks: list[str]
-    codes: list[str]
-    methods: dict[str, dict[str, str]]
-
-
+#: What JSON has of one recording.
+Entry = dict[str, Any]
 YES = "yes"
 MUCH_REST = 0.2  # share of the time from which a control that rests is worth a line
 
 
 def check(
-    files: Annotated[
-        list[Path], typer.Argument(metavar="F.csv|F.mat ...", help="Recordings to look at.")
-    ],
+    files: options.FilesArgument,
     model: Annotated[
         str,
         typer.Option(metavar="NAME,...", help="Models of which is told what methods can do."),
     ] = "single,multi",
-    mapping: MapOption = None,
-    dt: IntervalOption = None,
-    joint: JointOption = False,
-    detrend: DetrendOption = False,
-    lead_in: LeadInOption = LEAD_IN,
+    mapping: options.MapOption = None,
+    dt: options.IntervalOption = None,
+    joint: options.JointOption = False,
+    detrend: options.DetrendOption = False,
+    lead_in: options.LeadInOption = LEAD_IN,
     element: Annotated[
         str | None,
         typer.Option(metavar="4/s^2", help="Controlled element, to compare with what is seen."),
     ] = None,
-    json: Annotated[
-        str | None, typer.Option(metavar="F.json|-", help="Write it as JSON; - prints.")
-    ] = None,
+    json: options.JsonOption = None,
 ) -> None:
-    """Tell what was understood of recordings, and what is wrong with them."""
+    """Summarise recordings and report problems."""
     plant = element_named(element) if element else None
     models = [model_named(name) for name in split_list(model, names=True)]
-    json_file = None if json in (None, "-") else Path(str(json))
-    if json_file is not None:
-        require_writable(json_file, files)
-    recordings, refused = Reading(tuple(mapping or ()), dt, detrend, lead_in).all(
-        files, joint=joint
-    )
-    known = methods_of(None, list(methods()))
+    options.require_writable(files, json)
+    recordings, refused = options.recordings_of(files, mapping, dt, detrend, lead_in, joint=joint)
+    known = options.methods_of(None, list(methods()))
     found = [_checked(recording, models, known, plant) for recording in recordings]
-    text = strict_json(found[0][1] if len(found) == 1 else [entry for _, entry in found])
-    if json_file is not None:
-        write_file(json_file, text.encode())
-    if json == "-":
-        sys.stdout.write(text)
-    else:
+    entries = [entry for _, entry in found]
+    if not options.write_json(json, entries[0] if len(entries) == 1 else entries):
         console = make_console()
         for number, (facts, entry) in enumerate(found):
             if number:
                 console.print()
-            _print(console, recordings[number], facts, entry)
-    if refused:
-        raise InputError("; ".join(refused))
+            print_blocks(console, *_blocks(recordings[number], facts, entry))
+    options.raise_refused(refused)
 
 
 def _checked(
@@ -126,6 +92,7 @@ def _checked(
         "recording": {**recording.to_dict(), **remarks_json(told)},
         "understood": {
             **facts.to_dict(),
+            "recorder": [asdict(fault) for fault in findings(recording)],
             "element": _element(choice),
             "constancy": constancy,
         },
@@ -141,7 +108,7 @@ def _constancy(recording: Recording) -> dict[str, object] | None:
 
     None where no model has its inputs, or where the signals allow no fit.
     """
-    able = [m for m in sensible(recording) if motionless_input(recording, m) is None]
+    able = [m for m in default_candidates(recording) if motionless_input(recording, m) is None]
     if not able:
         return None
     try:
@@ -164,7 +131,8 @@ def _constancy(recording: Recording) -> dict[str, object] | None:
     if found.changes:
         words = (
             f"{what} change during the recording, most about t = {found.time:.0f} s ({found}; "
-            f"{p} of a constant pilot): fit the parts apart, or the model adapting"
+            f"{p} under constant parameters). Fit the segments separately, or use the model "
+            "adapting"
         )
     return {**found.to_dict(), "model": model.name, "words": words}
 
@@ -177,35 +145,31 @@ def _element(choice: ElementChoice) -> str:
     return f"{choice.element.name} ({how.get(choice.origin, choice.origin)})"
 
 
-def _print(
-    console: Console,
-    recording: Recording,
-    facts: Understood,
-    entry: Entry,
-) -> None:
-    console.print(recording.description, style="bold", soft_wrap=True)
-    console.print()
-    table = make_table()
-    for title in ("signal", "what it is", "from", "unit"):
-        table.add_column(title)
-    for title in ("rms", "smallest", "largest"):
-        table.add_column(title, justify="right")
-    for s in facts.signals:
-        numbers = (f"{n:.4g}" for n in (s.rms, s.smallest, s.largest))
-        table.add_row(s.name, s.meaning, s.origin, s.unit, *numbers)
-    print_table(console, table)
-    console.print()
-    for line in _lines(facts):
-        console.print(line, soft_wrap=True)
-    console.print(f"controlled element: {entry['understood']['element']}", soft_wrap=True)
+def _blocks(
+    recording: Recording, facts: Understood, entry: Entry
+) -> list[Text | Bullets | Table[Signal]]:
+    columns: list[Column[Signal]] = [
+        Column("signal", lambda s: s.name),
+        Column("what it is", lambda s: s.meaning),
+        Column("from", lambda s: s.origin),
+        Column("unit", lambda s: s.unit),
+        Column("rms", lambda s: s.rms, "{:.4g}".format),
+        Column("smallest", lambda s: s.smallest, "{:.4g}".format),
+        Column("largest", lambda s: s.largest, "{:.4g}".format),
+    ]
+    lines = [*_lines(facts), f"controlled element: {entry['understood']['element']}"]
     if constancy := entry["understood"]["constancy"]:
-        console.print(f"pilot: {constancy['words']}", soft_wrap=True)
-    for remark in entry["remarks"]:
-        console.print(f"recording: {remark}", style="yellow", soft_wrap=True)
-    if not entry["remarks"]:
-        console.print("nothing is wrong with the signals")
-    for name, answers in entry["methods"].items():
-        console.print(_methods(name, answers), soft_wrap=True)
+        lines.append(f"pilot: {constancy['words']}")
+    faults = entry["understood"]["recorder"]
+    lines += [f"recorder: {f['sentence']}" for f in faults if f["grade"] == "note"]
+    sound = [] if entry["remarks"] else ["nothing is wrong with the signals"]
+    return [
+        Text(recording.description, "heading"),
+        Table("", columns, facts.signals),
+        Bullets(lines),
+        *(Text(f"recording: {remark}", "warning") for remark in entry["remarks"]),
+        Bullets([*sound, *(_methods(name, able) for name, able in entry["methods"].items())]),
+    ]
 
 
 def _lines(facts: Understood) -> list[str]:
@@ -220,8 +184,8 @@ def _lines(facts: Understood) -> list[str]:
         lines.append("all of the window is scored: the run-in is long enough")
     if facts.rest >= MUCH_REST:
         lines.append(
-            f"u rests at one value for {100.0 * facts.rest:.0f} % of the time, as on a breakout: a "
-            "non-linearity, which linear models take for remnant"
+            f"u is constant for {100.0 * facts.rest:.0f} % of the time (stiction or breakout "
+            "force?). Linear models will attribute this to remnant"
         )
     return lines
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from pilotid.designing.design import Design
 from pilotid.designing.lines import multisine
-from pilotid.show.style import GRID, INK, WIDTH, journal_style, log_ticks
+from pilotid.show.style import INK, draw_grid, journal_figure, log_ticks
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,7 +44,7 @@ def spectrum(axes: Axes, made: Design, signal: str) -> Axes:
         title=f"amplitudes of {NAMES[signal]}",
     )
     log_ticks(axes, "x")
-    axes.grid(color=GRID, linewidth=0.5)
+    draw_grid(axes)
     return axes
 
 
@@ -67,7 +67,7 @@ def relative_errors(axes: Axes, made: Design) -> Axes:
     axes.set_xticks(range(len(keys)), keys)
     axes.set(yscale="log", title="predicted standard errors [%]")
     log_ticks(axes, "y")
-    axes.grid(axis="y", color=GRID, linewidth=0.5)
+    draw_grid(axes, "y")
     axes.legend(frameon=False)
     return axes
 
@@ -88,10 +88,7 @@ def signal(axes: Axes, made: Design, name: str) -> Axes:
 
 def spectra_figure(made: Design) -> Figure:
     """Spectra of both signals, and the predicted errors."""
-    from matplotlib.figure import Figure
-
-    with journal_style():
-        figure = Figure(figsize=(WIDTH, 4.4), layout="constrained")
+    with journal_figure(4.4) as figure:
         above, below = figure.subfigures(2, 1, squeeze=False).ravel()
         names = [name for name, _ in made.lines.signals]
         for axes, name in zip(
@@ -104,11 +101,8 @@ def spectra_figure(made: Design) -> Figure:
 
 def signals_figure(made: Design) -> Figure:
     """Both signals over time."""
-    from matplotlib.figure import Figure
-
-    with journal_style():
-        names = [name for name, _ in made.lines.signals]
-        figure = Figure(figsize=(WIDTH, 1.5 * len(names)), layout="constrained")
+    names = [name for name, _ in made.lines.signals]
+    with journal_figure(1.5 * len(names)) as figure:
         for axes, name in zip(
             figure.subplots(len(names), 1, squeeze=False).ravel(), names, strict=True
         ):

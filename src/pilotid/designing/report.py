@@ -1,31 +1,30 @@
-"""The report of a design: spectra, predicted errors, price, signals, wrong pilots, plan."""
+"""What a design is: its report and what the terminal shows of it."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 
-import numpy as np
-
-from pilotid.designing.design import OFF, Design, wrong_pilots
+from pilotid.designing.design import OFF, Design, Wrong, wrong_pilots
 from pilotid.designing.figures import signals_figure, spectra_figure
+from pilotid.designing.limits import Limits
 from pilotid.designing.planning import Plan
-from pilotid.designing.summary import chance_sentence, limits_kept, pilots_sentence, sentences
-from pilotid.disk import write_file
-from pilotid.numbers import MINUS, NONE, number
-from pilotid.report.content import (
+from pilotid.document import (
     Block,
     Bullets,
     Column,
     Command,
-    Picture,
+    Figure,
     Section,
     Table,
     Text,
-    entries,
-    web_page,
+    print_blocks,
+    write_page,
 )
+from pilotid.numbers import NONE, number
+from pilotid.terminal import make_console
 
 #: What the summary shows beside, by what the remnant's power is taken for.
 OTHERWISE = {
@@ -33,6 +32,9 @@ OTHERWISE = {
     "share": ("design %, remnant held", "if the remnant has the power that it has now"),
 }
 COSTS = {"e": "error e", "u": "control u", "de": "rate of e", "du": "rate of u"}
+two_decimals = "{:.2f}".format
+#: Plans by the name of their forcing functions.
+Plans = Sequence[tuple[str, Plan]]
 
 
 def write_report(
@@ -40,54 +42,71 @@ def write_report(
     made: Design,
     command: str,
     version: str,
-    plans: Sequence[tuple[str, Plan]] = (),
+    plans: Plans = (),
     subjects: int = 8,
 ) -> Path:
-    """Write report.html.
-
-    Parameters
-    ----------
-    folder
-        Where to write.
-    made
-        The design.
-    command
-        The command that made it.
-    version
-        Of this package.
-    plans, subjects
-        Plans by the name of their forcing functions, and how many subjects there are.
-    """
-    sections = [_summary(made), _spectra(made), _price(made), _signals(made), _wrong(made)]
-    if len(made.gains) > 1:
-        sections.append(_pilots(made))
-    if plans:
-        sections.append(_planning(plans, subjects, made.scenario.runs))
-    sections.append(_origin(folder, command, version, alternating=made.scenario.alternating))
+    """Write report.html, with the command and the version that made the design."""
     path = folder / "report.html"
-    title = f"Forcing functions for {made.reference.name}"
-    write_file(path, web_page(title, sections).encode("utf-8", "replace"))
+    sections = report_sections(made, plans, subjects)
+    sections.append(_origin(folder, command, version, alternating=made.scenario.alternating))
+    write_page(path, f"Forcing functions for {made.reference.name}", sections)
     return path
 
 
-def _summary(made: Design) -> Section:
-    columns = [
-        Column("parameter", text=True),
-        Column("design %"),
-        Column("reference %"),
-        Column("ratio"),
-        Column(OTHERWISE[made.remnant][0], hint=OTHERWISE[made.remnant][1]),
+def print_design(made: Design, plans: Plans, subjects: int) -> None:
+    """Print what a design gives, and the plans."""
+    costs = ", ".join(f"{name} {cost:.2f}" for name, cost in made.costs.items())
+    crests = ", ".join(f"{name} {crest:.2f}" for name, (crest, _) in made.crest.items())
+    told = [f"Variances over the reference's: {costs}. Crest factors: {crests}.", *sentences(made)]
+    told += [pilots_sentence(made)] if len(made.gains) > 1 else []
+    print_blocks(
+        make_console(),
+        error_table(made),
+        Bullets([*told, *_chances(plans, subjects, made.scenario.runs)]),
+        *(plan_table(name, found) for name, found in plans),
+    )
+
+
+def report_sections(made: Design, plans: Plans, subjects: int) -> list[Section]:
+    """Summary, spectra, price, signals, wrong pilots, and plans if there are any."""
+    summary: list[Block] = [Bullets(sentences(made)), error_table(made), purpose_table(made)]
+    spectra = Figure(
+        "spectra",
+        spectra_figure(made),
+        "Amplitudes of the design and of the reference, and the standard errors predicted",
+    )
+    signals = Figure(
+        "signals",
+        signals_figure(made),
+        "The forcing functions in the first seconds of the measurement window",
+    )
+    whose = "is held" if made.remnant == "held" else "grows with the control"
+    price = Text(f"What the pilot pays for it: variances with the remnant's part, which {whose}.")
+    sections = [
+        Section("summary", "Summary", summary),
+        Section("spectra", "Spectra", [spectra, line_table(made)]),
+        Section("price", "Price", [price, cost_table(made)]),
+        Section("signals", "Signals", [signals, peak_table(made)]),
+        Section("wrong", "Another pilot", [wrong_table(made)]),
     ]
+    if len(made.gains) > 1:
+        sections.append(Section("pilots", "Pilots", [Text(pilots_sentence(made))]))
+    if plans:
+        sections.append(_planning(plans, subjects, made.scenario.runs))
+    return sections
+
+
+def error_table(made: Design) -> Table[str]:
+    """Predicted standard errors, those of the reference, and with another kind of remnant."""
     other = made.errors_if_scaled if made.remnant == "held" else made.errors_if_held
-    rows = [
-        [
-            key,
-            number(100.0 * error),
-            number(100.0 * made.reference_errors[key]),
-            f"{error / made.reference_errors[key]:.2f}",
-            number(100.0 * other[key]),
-        ]
-        for key, error in made.errors.items()
+    reference = made.reference_errors
+    title, hint = OTHERWISE[made.remnant]
+    columns: list[Column[str]] = [
+        Column("parameter", str),
+        Column("design %", lambda key: 100.0 * made.errors[key], number),
+        Column("reference %", lambda key: 100.0 * reference[key], number),
+        Column("ratio", lambda key: made.errors[key] / reference[key], two_decimals),
+        Column(title, lambda key: 100.0 * other[key], number, hint),
     ]
     runs = made.scenario.runs
     caption = (
@@ -95,163 +114,132 @@ def _summary(made: Design) -> Section:
         f"{runs} run{'s' if runs > 1 else ''} of {made.scenario.duration:.2f} s, the remnant's own "
         "parameters estimated too"
     )
-    blocks: list[Block] = [
-        Bullets(sentences(made)),
-        Table(caption, columns, entries(rows)),
-        _asked(made),
-    ]
-    return Section("summary", "Summary", blocks)
+    return Table(caption, columns, list(made.errors))
 
 
-def _asked(made: Design) -> Table:
+def purpose_table(made: Design) -> Table[tuple[str, str]]:
     """Pilot, loop and limits that the design is for."""
     scenario, remnant = made.reference, made.scenario.remnant
-    values = ", ".join(
-        f"{key} {number(value)}"
-        for key, value in zip(scenario.model.keys, scenario.truth, strict=True)
-    )
+    known = zip(scenario.model.keys, scenario.truth, strict=True)
+    values = ", ".join(f"{key} {number(value)}" for key, value in known)
+    power = "held" if made.remnant == "held" else "a share of the control's"
     rows = [
-        ["pilot", f"model {scenario.model.name}: {values}"],
-        ["controlled element", scenario.element.name],
-        [
+        ("pilot", f"model {scenario.model.name}: {values}"),
+        ("controlled element", scenario.element.name),
+        (
             "remnant",
             f"{remnant.shape} of order {remnant.order}, {number(remnant.frequency)} rad/s, power "
-            + ("held" if made.remnant == "held" else "a share of the control's"),
-        ],
-        ["reference", f"{scenario.name}, {scenario.runs} x {scenario.duration:.2f} s"],
-        ["limits", limits_kept(made.limits)],
+            f"{power}",
+        ),
+        ("reference", f"{scenario.name}, {scenario.runs} x {scenario.duration:.2f} s"),
+        ("limits", limits_kept(made.limits)),
     ]
-    columns = [Column("what", text=True), Column("value", text=True)]
-    return Table("What the design is for", columns, entries(rows), folded=True)
+    columns: list[Column[tuple[str, str]]] = [
+        Column("what", lambda row: row[0]),
+        Column("value", lambda row: row[1]),
+    ]
+    return Table("What the design is for", columns, rows, folded=True)
 
 
-def _spectra(made: Design) -> Section:
-    picture = Picture.of(
-        spectra_figure(made),
-        "spectra",
-        "Amplitudes of the lines of the design and of the reference, and predicted errors",
-        "Amplitudes of the design and of the reference, and the standard errors predicted",
-    )
-    columns = [
-        Column("signal", text=True),
-        Column("line"),
-        Column("rad/s"),
-        Column("amplitude"),
-        Column("share %", hint="of the signal's power"),
-        Column("phase rad"),
-    ]
-    rows: list[list[str]] = []
+def line_table(made: Design) -> Table[tuple[str, int, float, float, float, float]]:
+    """The lines of the forcing functions: number, frequency, power, share of power, phase."""
+    rows = []
     for name, at in made.lines.signals:
         forcing = made.scenario.target if name == "ft" else made.scenario.disturbance
         assert forcing is not None
-        phases = getattr(forcing, "phases", ())
         powers = made.powers[at]
-        for line, omega, power, phase in zip(
-            forcing.lines, made.lines.omega[at], powers, phases, strict=True
-        ):
-            share = 100.0 * power / powers.sum()
-            rows.append(
-                [
-                    name,
-                    str(line),
-                    number(float(omega)),
-                    number(math.sqrt(2.0 * power), 4),
-                    number(share),
-                    f"{phase:.3f}".replace("-", MINUS),
-                ]
+        rows += [
+            (name, line, float(omega), float(power), float(power / powers.sum()), phase)
+            for line, omega, power, phase in zip(
+                forcing.lines,
+                made.lines.omega[at],
+                powers,
+                getattr(forcing, "phases", ()),
+                strict=True,
             )
-    table = Table("The lines", columns, entries(rows), heads=2, folded=True)
-    return Section("spectra", "Spectra", [picture, table])
-
-
-def _price(made: Design) -> Section:
-    columns = [Column("signal", text=True), Column("variance over the reference's")]
-    rows = [[COSTS[name], f"{cost:.2f}"] for name, cost in made.costs.items()]
-    whose = "is held" if made.remnant == "held" else "grows with the control"
-    text = f"What the pilot pays for it: variances with the remnant's part, which {whose}."
-    return Section(
-        "price",
-        "Price",
-        [Text(text), Table("Variances over those of the reference", columns, entries(rows))],
-    )
-
-
-def _signals(made: Design) -> Section:
-    columns = [
-        Column("signal", text=True),
-        Column("crest factor"),
-        Column("reference", hint="with the phases that it has"),
-        Column("peak"),
-        Column("rms"),
+        ]
+    columns: list[Column[tuple[str, int, float, float, float, float]]] = [
+        Column("signal", lambda row: row[0]),
+        Column("line", lambda row: row[1], str),
+        Column("rad/s", lambda row: row[2], number),
+        Column("amplitude", lambda row: (math.sqrt(2.0 * row[3]), 4), number),
+        Column("share %", lambda row: 100.0 * row[4], number, "of the signal's power"),
+        Column("phase rad", lambda row: row[5], "{:.3f}".format),
     ]
-    rows = []
-    for name, at in made.lines.signals:
-        rms = math.sqrt(float(made.powers[at].sum()))
-        crest, before = made.crest[name]
-        rows.append([name, f"{crest:.2f}", f"{before:.2f}", number(crest * rms), number(rms)])
-    picture = Picture.of(
-        signals_figure(made),
-        "signals",
-        "The forcing functions over time",
-        "The forcing functions in the first seconds of the measurement window",
-    )
-    return Section(
-        "signals",
-        "Signals",
-        [picture, Table("Peaks of the forcing functions", columns, entries(rows))],
-    )
+    return Table("The lines", columns, rows, heads=2, folded=True)
 
 
-def _wrong(made: Design) -> Section:
-    keys = list(made.errors)
-    columns = [
-        Column("pilot", text=True),
-        *(Column(key) for key in keys),
-        Column("e"),
-        Column("u"),
+def cost_table(made: Design) -> Table[str]:
+    """Variances of error and control."""
+    columns: list[Column[str]] = [
+        Column("signal", lambda name: COSTS[name]),
+        Column("variance over the reference's", lambda name: made.costs[name], two_decimals),
     ]
-    rows = []
-    for wrong in wrong_pilots(made):
-        name = f"{wrong.key} {'+' if wrong.share > 0 else MINUS}{100.0 * abs(wrong.share):.0f} %"
-        shown = (
-            [NONE] * len(keys)
-            if wrong.errors is None
-            else [f"{ratio:.2f}" for ratio in np.asarray(wrong.errors)]
+    return Table("Variances over those of the reference", columns, list(made.costs))
+
+
+def peak_table(made: Design) -> Table[tuple[str, float]]:
+    """Crest factors, peaks and root mean squares of the forcing functions."""
+    rows = [(name, math.sqrt(float(made.powers[at].sum()))) for name, at in made.lines.signals]
+    columns: list[Column[tuple[str, float]]] = [
+        Column("signal", lambda row: row[0]),
+        Column("crest factor", lambda row: made.crest[row[0]][0], two_decimals),
+        Column("reference", lambda row: made.crest[row[0]][1], two_decimals, "with its phases"),
+        Column("peak", lambda row: made.crest[row[0]][0] * row[1], number),
+        Column("rms", lambda row: row[1], number),
+    ]
+    return Table("Peaks of the forcing functions", columns, rows)
+
+
+def wrong_table(made: Design) -> Table[Wrong]:
+    """What the design is worth for pilots with one other parameter."""
+
+    def ratio(place: int, key: str) -> Column[Wrong]:
+        return Column(
+            key, lambda w: None if w.errors is None else float(w.errors[place]), two_decimals
         )
-        costs = (wrong.error_cost, wrong.control_cost)
-        rows.append([name, *shown, *(NONE if math.isnan(c) else f"{c:.2f}" for c in costs)])
+
+    def cost(value: float) -> str:
+        return NONE if math.isnan(value) else two_decimals(value)
+
+    columns: list[Column[Wrong]] = [
+        Column("pilot", lambda w: f"{w.key} {100.0 * w.share:+.0f} %"),
+        *(ratio(place, key) for place, key in enumerate(made.errors)),
+        Column("e", lambda w: w.error_cost, cost),
+        Column("u", lambda w: w.control_cost, cost),
+    ]
     caption = (
         f"Standard errors, and variances of e and u, over those of the reference if one parameter "
         f"of the pilot is {100.0 * OFF:.0f} % off; a dash: the loop is unstable"
     )
-    return Section("wrong", "Another pilot", [Table(caption, columns, entries(rows))])
+    return Table(caption, columns, list(wrong_pilots(made)))
 
 
-def _pilots(made: Design) -> Section:
-    return Section("pilots", "Pilots", [Text(pilots_sentence(made))])
+def plan_table(name: str, found: Plan) -> Table[list[str]]:
+    """Subjects that suffice, by the length of a run and the number of runs."""
 
+    def of_runs(place: int, runs: int) -> Column[list[str]]:
+        return Column(f"{runs} run{'s' if runs > 1 else ''}", lambda row: row[place], str)
 
-def _planning(plans: Sequence[tuple[str, Plan]], subjects: int, runs: int) -> Section:
-    first = plans[0][1]
-    blocks: list[Block] = [
-        Text(
-            f"Difference sought: {first.key} {100.0 * first.effect:+g} % between two conditions, "
-            "the same subjects in both; two-sided paired t test at 5 %. Spread between subjects "
-            f"{100.0 * first.between:g} % of the value (of the difference), from run to run "
-            f"{100.0 * first.within:g} %."
-        ),
-        Bullets([f"{chance_sentence(name, found, subjects, runs)}." for name, found in plans]),
+    columns = [
+        Column("window", lambda row: row[0]),
+        *(of_runs(place, runs) for place, runs in enumerate(found.choices, start=1)),
     ]
-    for name, found in plans:
-        columns = [
-            Column("window", text=True),
-            *(Column(f"{runs} run{'s' if runs > 1 else ''}") for runs in found.choices),
-        ]
-        caption = (
-            f"Subjects that see it with 80 %, forcing functions of the {name}, runs a condition"
-        )
-        blocks.append(Table(caption, columns, entries(found.rows(NONE))))
-    return Section("plan", "Subjects, runs and time", blocks)
+    caption = f"Subjects that see it with 80 %, forcing functions of the {name}, runs a condition"
+    return Table(caption, columns, found.rows(NONE))
+
+
+def _planning(plans: Plans, subjects: int, runs: int) -> Section:
+    first = plans[0][1]
+    text = (
+        f"Difference sought: {first.key} {100.0 * first.effect:+g} % between two conditions, "
+        "the same subjects in both; two-sided paired t test at 5 %. Spread between subjects "
+        f"{100.0 * first.between:g} % of the value (of the difference), from run to run "
+        f"{100.0 * first.within:g} %."
+    )
+    chances = Bullets([f"{words}." for words in _chances(plans, subjects, runs)])
+    tables = [plan_table(name, found) for name, found in plans]
+    return Section("plan", "Subjects, runs and time", [Text(text), chances, *tables])
 
 
 def _origin(folder: Path, command: str, version: str, *, alternating: bool) -> Section:
@@ -271,3 +259,97 @@ def _origin(folder: Path, command: str, version: str, *, alternating: bool) -> S
             ),
         ],
     )
+
+
+# ---------------------------------------------------------------------------------- words
+
+
+def objective(made: Design) -> str:
+    """What a design makes small, in words."""
+    whose = "" if len(made.loops) == 1 else f", the {made.over} of {len(made.loops)} pilots"
+    if made.wanted:
+        wish = ", ".join(f"{key} to {100.0 * share:g} %" for key, share in made.wanted.items())
+        return f"shortest time for {wish}{whose}"
+    words = {
+        "A": "mean relative variance of all parameters (A)",
+        "D": "volume of the confidence ellipsoid (D)",
+        "E": "longest axis of the confidence ellipsoid (E)",
+    }
+    return words.get(made.minimise, f"mean relative variance of {made.minimise}") + whose
+
+
+def sentences(made: Design) -> list[str]:
+    """What to know of a design, a sentence each."""
+    told = [f"Minimised: {objective(made)}.", gap_sentence(made)]
+    if made.remnant == "share":
+        told.append(
+            "The remnant's power is taken for a share of the control's, as large as with the "
+            "reference; limits on e and u count what it then is."
+        )
+    if made.lines.shared:
+        told.append(
+            "Target and disturbance share their lines: in every other run the disturbance has the "
+            "other sign, which tells the answers to both apart."
+        )
+    if made.wanted:
+        told.append(
+            f"The shortest window is {made.unrounded:.1f} s; with whole periods it is "
+            f"{made.scenario.duration:.2f} s."
+        )
+    if made.binding:
+        prices = ", ".join(
+            f"{name} ({100.0 * price / abs(made.optimum.value):.2g} %)"
+            for name, price in made.optimum.prices[:4]
+        )
+        told.append(
+            "Limits that bind, with the share of the variance that each would save, to first "
+            f"order, if it were doubled: {prices}."
+        )
+    return told
+
+
+def gap_sentence(made: Design) -> str:
+    """How near the optimum the design is."""
+    return (
+        f"No design within the limits has more than {100.0 * max(made.gap, 1e-5):.1g} % less of "
+        f"that variance (optimality gap)."
+    )
+
+
+def limits_kept(limits: Limits) -> str:
+    """The limits, as they are typed."""
+    told = []
+    for field in fields(limits):
+        value = getattr(limits, field.name)
+        if isinstance(value, bool):
+            told.append(f"{field.name}={str(value).lower()}")
+        elif value is not None:
+            told.append(f"{field.name}={value:g}")
+    return ", ".join(told)
+
+
+def pilots_sentence(made: Design) -> str:
+    """For how many pilots a design is better, and what keeps it from more."""
+    gains = sorted(made.gains)
+    told = (
+        f"Better than the reference for {made.better} of {len(gains)} pilots: errors "
+        f"{gains[0]:.2f} to {gains[-1]:.2f} of the reference's, median "
+        f"{gains[len(gains) // 2]:.2f}."
+    )
+    if made.better < len(gains):
+        held = f"what binds is {', '.join(made.binding[:3])}" if made.binding else "no limit binds"
+        told += (
+            " The powers that some pilots could spare others need, and there are no more within "
+            f"the limits; {held}."
+        )
+    return told
+
+
+def _chances(plans: Plans, subjects: int, runs: int) -> list[str]:
+    """The chances of plans."""
+    return [
+        f"{name}: {subjects} subjects with {runs} run{'s' if runs > 1 else ''} in each condition "
+        f"see {plan.key} {100.0 * plan.effect:+g} % with a chance of "
+        f"{100.0 * plan.chance(subjects, runs):.0f} %"
+        for name, plan in plans
+    ]

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pilotid.chance import Z95
+from pilotid.document import table_html, table_text
 from pilotid.estimates.draws import Draws
 from pilotid.estimates.parts import AnalysedBand, FrequencyResponse, RemnantEstimate, Trajectory
 from pilotid.estimates.quantities import (
@@ -20,11 +21,11 @@ from pilotid.estimates.quantities import (
     product_spreads,
     products_by_delta,
     quantity_of,
+    quantity_tables,
 )
-from pilotid.estimates.tables import quantity_html, quantity_table
+from pilotid.estimates.specification import Specification
 from pilotid.pilot.model import PilotModel
 from pilotid.remarks import remarks_json
-from pilotid.terminal import plain
 from pilotid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -124,6 +125,8 @@ class Estimate:
         Wall-clock time of the fit.
     band
         The frequencies that it rests on; None if nothing was fitted.
+    specification
+        Whether it agrees with what another way to estimate says; None where it was not tested.
     """
 
     method: str
@@ -145,6 +148,7 @@ class Estimate:
     criterion: float = float("nan")
     seconds: float = float("nan")
     band: AnalysedBand | None = None
+    specification: Specification | None = None
 
     @property
     def std_error(self) -> FloatArray:
@@ -240,8 +244,10 @@ class Estimate:
         """All quantities, verdict and remarks, as `pilotid fit` prints them."""
         lines = []
         if np.isfinite(self.values).any():
-            lines += [plain(quantity_table([(self.method, self.quantities)])), ""]
-        return "\n".join([*lines, self.verdict(), *self.remarks])
+            (table,) = quantity_tables([(self.method, self.quantities)], 1)
+            lines += [table_text(table), ""]
+        tested = [self.specification.sentence] if self.specification else []
+        return "\n".join([*lines, *tested, self.verdict(), *self.remarks])
 
     def summary(self) -> None:
         """Print all quantities, the verdict and the remarks."""
@@ -251,7 +257,8 @@ class Estimate:
         lines = "".join(f"<p>{html.escape(line)}</p>" for line in (self.verdict(), *self.remarks))
         if not np.isfinite(self.values).any():
             return lines
-        return quantity_html([(self.method, self.quantities)]) + lines
+        (table,) = quantity_tables([(self.method, self.quantities)], 1)
+        return table_html(table) + lines
 
     def to_dict(self) -> dict[str, object]:
         """Plain objects, in the form that `pilotid fit --json` writes; NaN where there is none."""
@@ -269,6 +276,7 @@ class Estimate:
             "starts": starts and {"total": len(starts.cost), "agreeing": starts.agreeing},
             "seconds": self.seconds,
             "band": self.band and self.band.to_dict(),
+            "specification": self.specification and self.specification.to_dict(),
             **remarks_json(self.remarks),
         }
         if self.remnant is not None:

@@ -5,20 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pilotid.document import Bullets, Table, Text, print_blocks
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.loops import LoopElement, Loops, loops_of
 from pilotid.estimates.method import Method, identify
-from pilotid.estimates.tables import quantity_table, side_by_side
+from pilotid.estimates.quantities import abreast, quantity_tables
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import Recording
-from pilotid.remarks import Remark, remarks_json
+from pilotid.remarks import GRADES, Remark, remark_of, remarks_json
 from pilotid.seeds import fit_rng
-from pilotid.terminal import print_table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -88,49 +88,62 @@ class Fitted:
 
     @property
     def warnings(self) -> list[str]:
-        """All remarks, each with what it is about."""
-        found = [f"recording: {remark}" for remark in self.remarks]
-        found += [f"{e.method}: {remark}" for e in self.estimates for remark in e.remarks]
+        """All remarks, each with what it is about, those that say what is wrong first."""
+        found = [("recording", remark) for remark in self.remarks]
+        found += [(e.method, remark) for e in self.estimates for remark in e.remarks]
         pairs = zip(self.estimates, self.loops, strict=False)
-        return found + [f"{e.method}: {remark}" for e, loops in pairs for remark in loops.remarks]
+        found += [(e.method, remark) for e, loops in pairs for remark in loops.remarks]
+        found.sort(key=lambda pair: GRADES.index(remark_of(pair[1]).grade))
+        return [f"{about}: {remark}" for about, remark in found]
 
-    def print(self, console: Console) -> None:
-        """Print tables, a line for each method, and all remarks."""
-        console.print(self.heading, style="bold", soft_wrap=True)
-        if self.choice:
-            console.print(self.choice, soft_wrap=True)
+    def tables(self, abreast: int) -> list[Table[Any]]:
+        """The quantities of all estimates that have values, so many side by side."""
         shown = [(e.method, e.quantities) for e in self.estimates if np.isfinite(e.values).any()]
-        sign = "±" if console.encoding == "utf-8" else "+-"
-        for columns in side_by_side(shown, console.width):
-            console.print()
-            print_table(console, quantity_table(columns, sign))
-        notes = self._print_loops(console, sign)
-        console.print()
-        for estimate in self.estimates:
-            style = None if estimate.outcome.usable else "red"
-            console.print(estimate.verdict(), style=style, soft_wrap=True)
-        for note in notes:
-            console.print(note, soft_wrap=True)
-        for warning in self.warnings:
-            console.print(warning, style="yellow", soft_wrap=True)
+        return [*quantity_tables(shown, abreast)]
 
-    def _print_loops(self, console: Console, sign: str) -> list[str]:
-        """Print the loops of estimates, and return what is to be said of them."""
-        if self.loop_element is None or self.loop_element.element is None:
-            return [self.loop_element.why] if self.loop_element else []
+    @property
+    def specifications(self) -> list[Text]:
+        """Whether estimates agree with another way to estimate."""
+        tested = [(e.method, e.specification) for e in self.estimates if e.specification]
+        return [
+            Text(f"{method}: {test.sentence}", "" if test.agrees else "failure")
+            for method, test in tested
+        ]
+
+    def loop_blocks(self, abreast: int) -> list[Text | Bullets | Table[Any]]:
+        """With what element loops were drawn, their quantities, and what to know of them."""
+        if self.loop_element is None:
+            return []
+        if self.loop_element.element is None:
+            return [Bullets([self.loop_element.why])]
         pairs = [
             (estimate.method, loops)
             for estimate, loops in zip(self.estimates, self.loops, strict=True)
             if np.isfinite(estimate.values).any()
         ]
-        if pairs:
-            console.print()
-            console.print(self.loop_element.words, soft_wrap=True)
+        if not pairs:
+            return []
         shown = [(method, loops.quantities) for method, loops in pairs]
-        for columns in side_by_side(shown, console.width):
-            console.print()
-            print_table(console, quantity_table(columns, sign, "loop"))
-        return [f"{method}: {note}" for method, loops in pairs for note in loops.notes]
+        notes = [f"{method}: {note}" for method, loops in pairs for note in loops.notes]
+        tables = quantity_tables(shown, abreast, "loop")
+        return [Text(self.loop_element.words), *tables, Bullets(notes)]
+
+    def print(self, console: Console) -> None:
+        """Print tables, a line for each method, and all remarks."""
+        side = abreast(console.width)
+        verdicts = (
+            Text(e.verdict(), "" if e.outcome.usable else "failure") for e in self.estimates
+        )
+        print_blocks(
+            console,
+            Text(self.heading, "heading"),
+            *[Text(self.choice)] * bool(self.choice),
+            *self.tables(side),
+            *self.specifications,
+            *self.loop_blocks(side),
+            *verdicts,
+            *(Text(warning, "warning") for warning in self.warnings),
+        )
 
 
 def fit_all(
@@ -155,5 +168,5 @@ def fit_all(
         replace(identify(method, closed, model, fit_rng(seed, label)), method=label)
         for label, method in methods.items()
     )
-    found = (*remarks(recording), *(loop_element.remarks if loop_element else ()))
+    found = (*remarks(closed), *(loop_element.remarks if loop_element else ()))
     return Fitted(recording, model, tuple(estimates), found, loop_element)

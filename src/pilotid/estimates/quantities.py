@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pilotid.chance import Z95
+from pilotid.document import Column, Table
 from pilotid.estimates.draws import Draws, Spread, spread_of
 from pilotid.numbers import decimals
 from pilotid.types import BoolArray, FloatArray
@@ -74,6 +75,39 @@ class Quantity:
         value, interval = self.shown()
         unit = f" {self.unit}" if self.unit else ""
         return f"{self.key} = {value}{unit}" + (f", 95 % {interval}" if interval else "")
+
+
+#: What stands side by side: a name, and quantities with the same keys for all.
+SideBySide = Sequence[tuple[str, Sequence[Quantity]]]
+
+
+def quantity_tables(
+    columns: SideBySide, abreast: int, what: str = "parameter"
+) -> list[Table[tuple[Quantity, ...]]]:
+    """A row for each quantity, two columns for each estimate, so many estimates in a table."""
+
+    def of(place: int, name: str) -> list[Column[tuple[Quantity, ...]]]:
+        return [
+            Column(name, lambda row: row[place].shown()[0], str),
+            Column("95 % interval", lambda row: row[place].shown()[1], str),
+        ]
+
+    front: list[Column[tuple[Quantity, ...]]] = [
+        Column(what, lambda row: row[0].key),
+        Column("unit", lambda row: row[0].unit),
+    ]
+    tables = []
+    for begin in range(0, len(columns), abreast):
+        some = columns[begin : begin + abreast]
+        own = [column for place, (name, _) in enumerate(some) for column in of(place, name)]
+        rows = list(zip(*(quantities for _, quantities in some), strict=True))
+        tables.append(Table("", [*front, *own], rows))
+    return tables
+
+
+def abreast(width: int) -> int:
+    """How many estimates stand side by side in a terminal of this width."""
+    return max(1, (width - 20) // 40)  # an estimate takes some 40 characters
 
 
 def quantity_of(spread: Spread) -> Quantity:

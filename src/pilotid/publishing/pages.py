@@ -5,35 +5,31 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
-from pilotid.analysis.board import BOARD, Board, read_board
-from pilotid.analysis.report_left_out import left_out_blocks
+from pilotid.analysis.board import BOARD, Board, left_out_blocks, read_board
 from pilotid.disk import make_folder, strict_json, table_bytes, write_file
-from pilotid.naming.settings import shown
-from pilotid.numbers import NONE
-from pilotid.publishing.studies import StudyData, difference, names_for, read_study
-from pilotid.report.content import (
+from pilotid.document import (
     Block,
     Bullets,
     Column,
     Command,
-    Entry,
+    LogAxis,
     Section,
     Table,
     Text,
-    entries,
-    web_page,
-    write_pictures,
+    write_page,
 )
-from pilotid.report.page import COLUMNS, LOSS, details, write_report
-from pilotid.report.provenance import command, mixed
-from pilotid.report.tables import key_of, ranked, ranking
+from pilotid.naming.settings import shown
+from pilotid.publishing.changes import StudyData, difference, names_for, read_study
+from pilotid.report.study import COLUMNS, LOSS, command, details, mixed, write_report
+from pilotid.report.study_tables import key_of, ranked, ranking, ranking_columns
 from pilotid.study.archive import KEPT
 from pilotid.study.comparison import ESTIMATES, SUMMARY, SUMMARY_COLUMNS, Cell
 from pilotid.study.entries import ScenarioEntry
-from pilotid.study.facts import LIBRARIES
 from pilotid.study.judge import RULES, sentence
 from pilotid.study.store import Store
+from pilotid.study.study import LIBRARIES
 from pilotid.types import InputError
 
 TITLE = "Pilot-model identification: studies side by side"
@@ -121,10 +117,8 @@ def publish(folders: Sequence[Path], out: Path) -> Path:
         _write_study(data, out / data.name)
     scenarios = shared_scenarios(studies)
     for shared in scenarios:
-        sections = [section.with_pdfs() for section in _scenario_page(shared)]
-        write_pictures(out / FOLDER, sections)
-        page = web_page(f"Scenario {shared.entry.name}", sections, f"../{INDEX}")
-        write_file(out / FOLDER / f"{shared.key}.html", page.encode("utf-8", "replace"))
+        page, title = out / FOLDER / f"{shared.key}.html", f"Scenario {shared.entry.name}"
+        write_page(page, title, _scenario_page(shared), f"../{INDEX}", ("svg", "pdf"))
     rows = ([data.name, *row] for data in studies for row in data.study.summary_rows())
     columns = ("study", "scenario", "method", *SUMMARY_COLUMNS)
     write_file(out / SCORES, table_bytes(columns, rows))
@@ -132,7 +126,7 @@ def publish(folders: Sequence[Path], out: Path) -> Path:
         make_folder(out / name)
         write_file(out / name / BOARD, strict_json(board.to_dict()).encode())
     sections = [*_index(studies, scenarios), *_people(boards)]
-    write_file(out / INDEX, web_page(TITLE, sections).encode("utf-8", "replace"))
+    write_page(out / INDEX, TITLE, sections)
     return out / INDEX
 
 
@@ -142,7 +136,7 @@ def _write_study(data: StudyData, folder: Path) -> None:
     with Store(data.folder) as store:
         store.keep(folder)
         data.study.write_tables(folder)
-        write_report(folder, store, data.study, pdf=True, above=f"../{INDEX}")
+        write_report(folder, store, data.study, kinds=("svg", "pdf"), above=f"../{INDEX}")
 
 
 def shared_scenarios(studies: Sequence[StudyData]) -> list[SharedScenario]:
@@ -151,10 +145,13 @@ def shared_scenarios(studies: Sequence[StudyData]) -> list[SharedScenario]:
     for data in studies:
         for entry in data.study.scenarios:
             same = next(
-                (i for i, shared in enumerate(found)
-                 if shared.entry.name == entry.name and not difference(shared.entry, entry)),
+                (
+                    i
+                    for i, shared in enumerate(found)
+                    if shared.entry.name == entry.name and not difference(shared.entry, entry)
+                ),
                 None,
-            )  # fmt: skip
+            )
             if same is None:
                 plain = key_of(entry.name).encode("ascii", "replace").decode().replace("?", "-")
                 taken = {shared.key for shared in found}
@@ -218,6 +215,15 @@ def _people(boards: Mapping[str, Board]) -> Iterator[Section]:
         yield Section(f"people-{name}", f"Recordings of people: {name}", blocks)
 
 
+class _Row(NamedTuple):
+    """A method of a study in a scenario."""
+
+    shared: SharedScenario
+    data: StudyData
+    cell: Cell
+    best: Cell
+
+
 def _results(studies: Sequence[StudyData], scenarios: Sequence[SharedScenario]) -> list[Block]:
     fits = sum(data.fits for data in studies)
     what = (
@@ -225,48 +231,66 @@ def _results(studies: Sequence[StudyData], scenarios: Sequence[SharedScenario]) 
         f"whose truth is known. A scenario's page has its methods side by side; "
         f"[{SCORES}]({SCORES}) has every score, and each study its rows."
     )
-    columns: list[Column] = []
-    rows: list[list[Entry]] = []
+
+    def of_method(place: int) -> Column[_Row]:
+        """A column of the rankings of single scenarios."""
+
+        def own(row: _Row) -> Column[Cell]:
+            return ranking_columns(row.best, axis)[place]
+
+        def value(row: _Row) -> object:
+            return own(row).value(row.cell)
+
+        def mark(row: _Row) -> str:
+            column = own(row)
+            return column.mark(row.cell) if column.mark else ""
+
+        like = columns[place]
+        return Column(like.title, value, like.form, like.hint, mark, axis=like.axis)
+
+    axis, rows = LogAxis(-0.1, 2.0), []
     for shared in scenarios:
-        # A ranking's columns differ by what there is to tell: the first ones are always there.
-        table = ranking(shared.labelled, axis=(-0.1, 2.0))
-        head, ends = Column("scenario", text=True), (*table.columns[1:7], table.columns[-1])
-        columns = [head, table.columns[0], Column("study", text=True), *ends]
-        origins = {
-            label.method: (own.method, data.name)
-            for (data, own), label in zip(shared.cells, shared.labelled, strict=True)
-        }
-        for row in table.rows:
-            method, name = origins[row[0].text]
-            study = Entry(f"[{name}]({name}/report.html)")
-            rows.append([Entry(shared.link), Entry(method), study, *row[1:7], row[-1]])
+        studied = {id(cell): data for data, cell in shared.cells}
+        order = ranked([cell for _, cell in shared.cells])
+        rows += [_Row(shared, studied[id(cell)], cell, order[0]) for cell in order]
+    columns = ranking_columns(rows[0].cell, axis) if rows else []
+    front: list[Column[_Row]] = [
+        Column("scenario", lambda r: r.shared.link),
+        Column("method", lambda r: r.cell.method),
+        Column("study", lambda r: f"[{r.data.name}]({r.data.name}/report.html)"),
+    ]
     caption = "What every method did, by scenario and study, in the order of the loss"
-    table = Table(caption, columns, rows, heads=2, filters=(0, 1, 2))
+    table = Table(
+        caption,
+        [*front, *(of_method(place) for place in range(1, len(columns)))],
+        rows,
+        heads=2,
+        filters=(0, 1, 2),
+    )
     return [Text(what), table, Text(LOSS), Text(COLUMNS), Text(RULES)]
 
 
 def _studies(studies: Sequence[StudyData]) -> list[Block]:
-    names = ["seed", "pilotid", "code", "python"]
-    names += [name for name in LIBRARIES if name in studies[0].about]
-    columns = [
-        *(Column(t, text=True) for t in ("study", "rows")),
-        *(Column(t) for t in ("scenarios", "methods", "recordings", "fits")),
-        *(Column("code digest" if name == "code" else name, text=True) for name in names),
+    def fact(name: str) -> Column[StudyData]:
+        return Column("code digest" if name == "code" else name, lambda d: d.about.get(name))
+
+    libraries = [name for name in LIBRARIES if name in studies[0].about]
+    columns: list[Column[StudyData]] = [
+        Column("study", lambda d: f"[{d.name}]({d.name}/report.html)"),
+        Column(
+            "rows",
+            lambda d: (
+                f"[fits]({d.name}/{ESTIMATES}), [scores]({d.name}/{SUMMARY}), "
+                f"[store]({d.name}/{KEPT})"
+            ),
+        ),
+        Column("scenarios", lambda d: len(d.study.names), str),
+        Column("methods", lambda d: len(d.study.methods), str),
+        Column("recordings", lambda d: d.study.replications(d.study.names), str),
+        Column("fits", lambda d: d.fits, str),
+        *map(fact, ("seed", "pilotid", "code", "python", *libraries)),
     ]
-    rows = [
-        [
-            f"[{data.name}]({data.name}/report.html)",
-            f"[fits]({data.name}/{ESTIMATES}), [scores]({data.name}/{SUMMARY}), "
-            f"[store]({data.name}/{KEPT})",
-            str(len(data.study.names)),
-            str(len(data.study.methods)),
-            str(data.study.replications(data.study.names)),
-            str(data.fits),
-            *(data.about.get(name, NONE) for name in names),
-        ]
-        for data in studies
-    ]
-    blocks: list[Block] = [Table("What each study is of", columns, entries(rows))]
+    blocks: list[Block] = [Table("What each study is of", columns, studies)]
     for data in studies:
         if "mixed" in data.about:
             blocks.append(Text(f"**{data.name}: {mixed(data.about['mixed'])}**"))
@@ -278,43 +302,34 @@ def _studies(studies: Sequence[StudyData]) -> list[Block]:
     return blocks
 
 
-def _methods(studies: Sequence[StudyData]) -> Table:
-    titles = ("method", "study", "settings", "to type", "code")
-    rows = []
-    for data in studies:
-        for label in data.study.methods:
-            code = data.methods[label].code
-            rows.append(
-                [
-                    label,
-                    data.name,
-                    f"`{shown(data.methods[label].settings)}`",
-                    f"`{data.study.typed[label]}`",
-                    f"of its own, digest {code}" if code else "of pilotid",
-                ]
-            )
-    columns = [Column(title, text=True) for title in titles]
-    return Table("All that defines each method", columns, entries(rows), heads=2)
+def _methods(studies: Sequence[StudyData]) -> Table[tuple[StudyData, str]]:
+    def code(item: tuple[StudyData, str]) -> str:
+        own = item[0].methods[item[1]].code
+        return f"of its own, digest {own}" if own else "of pilotid"
 
-
-def _scenarios(scenarios: Sequence[SharedScenario]) -> Table:
-    titles = ("scenario", "studies", "description", "model", "truth")
-    rows = [
-        [
-            shared.link,
-            ", ".join(data.name for data in shared.studies),
-            shared.entry.description,
-            shared.entry.model,
-            _truth(shared.entry),
-        ]
-        for shared in scenarios
+    columns: list[Column[tuple[StudyData, str]]] = [
+        Column("method", lambda i: i[1]),
+        Column("study", lambda i: i[0].name),
+        Column("settings", lambda i: f"`{shown(i[0].methods[i[1]].settings)}`"),
+        Column("to type", lambda i: f"`{i[0].study.typed[i[1]]}`"),
+        Column("code", code),
     ]
-    columns = [Column(title, text=True) for title in titles]
-    return Table("What each scenario is", columns, entries(rows))
+    items = [(data, label) for data in studies for label in data.study.methods]
+    return Table("All that defines each method", columns, items, heads=2)
 
 
-def _truth(entry: ScenarioEntry) -> str:
-    if entry.population:
-        return "drawn for each recording"
-    values = (f"{p.parameter} {p.truth:.4g} {p.unit}" for p in entry.parameters)
-    return ", ".join(value.rstrip() for value in values)
+def _scenarios(scenarios: Sequence[SharedScenario]) -> Table[SharedScenario]:
+    def truth(shared: SharedScenario) -> str:
+        if shared.entry.population:
+            return "drawn for each recording"
+        known = shared.entry.parameters
+        return ", ".join(f"{p.parameter} {p.truth:.4g} {p.unit}".rstrip() for p in known)
+
+    columns: list[Column[SharedScenario]] = [
+        Column("scenario", lambda s: s.link),
+        Column("studies", lambda s: ", ".join(data.name for data in s.studies)),
+        Column("description", lambda s: s.entry.description),
+        Column("model", lambda s: s.entry.model),
+        Column("truth", truth),
+    ]
+    return Table("What each scenario is", columns, scenarios)

@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from pilotid.report.content import Block, Picture, Section, Text
-from pilotid.report.figures import starts, sweep
-from pilotid.report.tables import bias_table, starts_table
+from pilotid.document import Block, Figure, Section, Text
+from pilotid.report.study_figures import errors, sweep
+from pilotid.report.study_tables import bias_table, starts_table
 from pilotid.study.comparison import Comparison
 from pilotid.study.entries import ScenarioEntry
 
@@ -113,10 +113,8 @@ def _remnant(
     )  # fmt: skip
     return [
         Text(text),
-        Picture.of(bias, "remnant-bias", "Bias over the remnant's gain, by parameter and method",
-                   "Bias over the remnant. Triangles lie outside the scale."),
-        Picture.of(std, "remnant-std", "Standard deviation over the remnant's gain",
-                   "Standard deviation over the remnant."),
+        Figure("remnant-bias", bias, "Bias over the remnant. Triangles lie outside the scale."),
+        Figure("remnant-std", std, "Standard deviation over the remnant."),
         bias_table(study, [n for n, _ in points], {"remnant-0.4": [b for b, _ in FIGURE_3]},
                    "Bias by remnant gain"),
     ]  # fmt: skip
@@ -135,12 +133,11 @@ def _starts(study: Comparison, own: Sequence[ScenarioEntry]) -> list[Block]:
         "common end if every parameter lies within a tenth of the bound of the median end."
     )
     caption = (
-        "Ends of the search, a dot for each start; behind the method's name the starts that reach "
-        f"the common end. Dotted: {PAPER}, Fig. 5."
+        "Ends of the search: mean and standard deviation over the starts; crosses: "
+        f"{PAPER}, Fig. 5."
     )
-    alt = "Ends of the search from each start, by parameter and method"
     return [
         Text(text),
-        Picture.of(starts(cells, paper), "starts", alt, caption),
+        Figure("starts", errors(cells, [(end, 0.0) for end in paper], PAPER), caption),
         starts_table(cells, paper),
     ]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from pilotid.document import Block, Bullets, Column, Section, Table, Text
 from pilotid.numbers import NONE, number, plus_minus, share
-from pilotid.report.content import Block, Bullets, Column, Section, Table, Text, entries
 from pilotid.study.trust import TRUST
 
 
@@ -22,44 +22,33 @@ def read_trust(folder: Path) -> dict[str, Any] | None:
     return told if isinstance(told, dict) and "parameters" in told else None
 
 
-def trust_table(told: Mapping[str, Any]) -> Table:
+def trust_table(told: Mapping[str, Any]) -> Table[Mapping[str, Any]]:
     """Claimed and corrected intervals, bias and coverage of each parameter."""
-    columns = [
-        Column("parameter", text=True),
-        Column("value"),
-        Column("claimed 95 %", hint="interval that the method gives for the recording"),
-        Column("corrected 95 %", hint="its length multiplied so that 95 % hold the truth here"),
-        Column("length times"),
-        Column("bias", hint="mean error on simulations, with its Monte Carlo error"),
-        Column("bias / claim", hint="in claimed standard errors"),
-        Column("coverage %", hint="of the claimed intervals, with its 95 % interval"),
-    ]
-    return Table(
-        f"`{told['method']}` on pilots like this one, {Path(told['recording']).name}",
-        columns,
-        entries(_row(p) for p in told["parameters"].values()),
-    )
 
-
-def _row(p: Mapping[str, Any]) -> list[str]:
     def known(held: float | None) -> float:
         return math.nan if held is None else held
 
-    def between(name: str) -> str:
-        low, high = map(known, p[name])
-        return f"{number(low)} to {number(high)}"
+    def between(low: float, high: float) -> str:
+        return f"{number(low)} to {number(high)}" if math.isfinite(low) else NONE
 
-    low, high = map(known, p["coverage_95"])
-    return [
-        f"{p['parameter']} {p['unit']}".strip(),
-        number(known(p["value"])),
-        between("interval_95"),
-        between("corrected_95") if math.isfinite(known(p["factor"])) else NONE,
-        number(known(p["factor"]), 2),
-        plus_minus(*map(known, p["bias"])),
-        plus_minus(*map(known, p["bias_claimed"])),
-        share(known(p["coverage"]), (low, high)),
+    def pair(key: str) -> Callable[[Mapping[str, Any]], tuple[float, ...]]:
+        return lambda p: tuple(map(known, p[key]))
+
+    def coverage(p: Mapping[str, Any]) -> tuple[float, tuple[float, ...]]:
+        return known(p["coverage"]), pair("coverage_95")(p)
+
+    columns: list[Column[Mapping[str, Any]]] = [
+        Column("parameter", lambda p: f"{p['parameter']} {p['unit']}".strip()),
+        Column("value", lambda p: p["value"], number),
+        Column("claimed 95 %", pair("interval_95"), between, "as the method gives it"),
+        Column("corrected 95 %", pair("corrected_95"), between, "so that 95 % hold the truth here"),
+        Column("length times", lambda p: (known(p["factor"]), 2), number),
+        Column("bias", pair("bias"), plus_minus, "mean error on simulations, with its own error"),
+        Column("bias / claim", pair("bias_claimed"), plus_minus, "in claimed standard errors"),
+        Column("coverage %", coverage, share, "of the claimed intervals, with its 95 % interval"),
     ]
+    caption = f"`{told['method']}` on pilots like this one, {Path(told['recording']).name}"
+    return Table(caption, columns, list(told["parameters"].values()))
 
 
 def advice(told: Mapping[str, Any]) -> list[str]:

@@ -12,15 +12,11 @@ from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.parts import FrequencyResponse
 from pilotid.pilot.element import ControlledElement
 from pilotid.recordings.recording import INPUTS, Recording
-from pilotid.show.bands import band
-from pilotid.show.correlations import correlation
-from pilotid.show.named import with_unit
-from pilotid.show.residuals import autocorrelation, cross_correlation, normal_plot
+from pilotid.show.residuals import autocorrelation, correlation, cross_correlation, normal_plot
 from pilotid.show.responses import NO_UNITS, describing_function, open_loop
-from pilotid.show.signals import residual, signals
-from pilotid.show.spectra import remnant
-from pilotid.show.style import SMALLEST, WIDTH, journal_style
-from pilotid.show.trajectories import trajectory
+from pilotid.show.signals import residual, signals, trajectory
+from pilotid.show.spectra import band, remnant
+from pilotid.show.style import SMALLEST, journal_figure, with_unit
 from pilotid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -40,13 +36,10 @@ def time_figure(recording: Recording, estimates: Sequence[Estimate], chosen: Est
     chosen
         The estimate whose response is drawn.
     """
-    from matplotlib.figure import Figure
-
     count = len(estimates)
     span = (0.0, min(SECONDS, float(recording.time[-1])))
-    with journal_style():
-        row = 0.9 if count < 4 else 0.55
-        figure = Figure(figsize=(WIDTH, 2.5 + row * count), layout="constrained")
+    row = 0.9 if count < 4 else 0.55
+    with journal_figure(2.5 + row * count) as figure:
         panels = figure.subplots(1 + count, 1, sharex=True, height_ratios=[1.9, *[row] * count])
         signals(recording, chosen, span=span, band=True, axes=panels[0]).set_xlabel("")
         reach = 0.0
@@ -87,11 +80,8 @@ def response_figure(
     points, units
         See `describing_function`.
     """
-    from matplotlib.figure import Figure
-
     channels = estimates[0].model.channels
-    with journal_style():
-        figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
+    with journal_figure(4.2) as figure:
         panels = figure.subplots(2, len(channels), sharex=True, squeeze=False, height_ratios=(3, 2))
         for channel, pair in zip(channels, panels.T, strict=True):
             describing_function(
@@ -113,13 +103,10 @@ def trajectory_figure(estimates: Sequence[Estimate], truth: FloatArray | None = 
     truth
         True parameters of a simulation, shape (parameters,).
     """
-    from matplotlib.figure import Figure
-
     keys = next(e.trajectory.keys for e in estimates if e.trajectory is not None)
     columns = min(3, len(keys))
     rows = -(-len(keys) // columns)
-    with journal_style():
-        figure = Figure(figsize=(WIDTH, 0.5 + 1.55 * rows), layout="constrained")
+    with journal_figure(0.5 + 1.55 * rows) as figure:
         panels = list(figure.subplots(rows, columns, sharex=True, squeeze=False).flat)
         for place, (key, axes) in enumerate(zip(keys, panels, strict=False)):
             trajectory(*estimates, key=key, truth=truth, axes=axes)
@@ -135,10 +122,7 @@ def trajectory_figure(estimates: Sequence[Estimate], truth: FloatArray | None = 
 
 def open_loop_figure(estimate: Estimate, element: ControlledElement) -> Figure:
     """Target and disturbance open loops."""
-    from matplotlib.figure import Figure
-
-    with journal_style():
-        figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
+    with journal_figure(4.2) as figure:
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(4, 5))
         open_loop(estimate, element, (above, below))
         above.set_title("", loc="left")
@@ -149,10 +133,7 @@ def open_loop_figure(estimate: Estimate, element: ControlledElement) -> Figure:
 
 def remnant_figure(recording: Recording, estimates: Sequence[Estimate]) -> Figure:
     """The remnant's spectrum as models have it, and that of the residuals."""
-    from matplotlib.figure import Figure
-
-    with journal_style():
-        figure = Figure(figsize=(WIDTH, 2.9), layout="constrained")
+    with journal_figure(2.9) as figure:
         remnant(*estimates, recording=recording, axes=figure.subplots())
         _legend_above(figure)
     return figure
@@ -160,10 +141,7 @@ def remnant_figure(recording: Recording, estimates: Sequence[Estimate]) -> Figur
 
 def band_figure(recording: Recording, estimate: Estimate) -> Figure:
     """What the recording tells at each frequency, and what an estimate makes of that."""
-    from matplotlib.figure import Figure
-
-    with journal_style():
-        figure = Figure(figsize=(WIDTH, 3.4), layout="constrained")
+    with journal_figure(3.4) as figure:
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(5, 2))
         band(recording, estimate, axes=(above, below))
         _legend_above(figure)
@@ -172,13 +150,10 @@ def band_figure(recording: Recording, estimate: Estimate) -> Figure:
 
 def whiteness_figure(recording: Recording, estimate: Estimate) -> Figure:
     """Tests of the prediction errors of one estimate."""
-    from matplotlib.figure import Figure
-
     inputs = dict.fromkeys(INPUTS[channel.input] for channel in estimate.model.channels)
-    with journal_style():
-        rows = 1 if len(inputs) == 1 else 2
-        columns = 3 if rows == 1 else 2
-        figure = Figure(figsize=(WIDTH, 2.2 * rows + 0.2))
+    rows = 1 if len(inputs) == 1 else 2
+    columns = 3 if rows == 1 else 2
+    with journal_figure(2.2 * rows + 0.2) as figure:
         figure.set_layout_engine("constrained", w_pad=0.08, h_pad=0.06)
         panels = iter(figure.subplots(rows, columns, squeeze=False).ravel())
         autocorrelation(recording, estimate, axes=next(panels))
@@ -192,12 +167,9 @@ def whiteness_figure(recording: Recording, estimate: Estimate) -> Figure:
 
 def correlation_figure(estimates: Sequence[Estimate]) -> Figure:
     """Correlation matrices of estimates of one model, three or two in a row."""
-    from matplotlib.figure import Figure
-
     across = 3 if len(estimates[0].values) <= 7 else 2
     rows = math.ceil(len(estimates) / across)
-    with journal_style():
-        figure = Figure(figsize=(WIDTH, 2.5 * 3 / across * rows), layout="constrained")
+    with journal_figure(2.5 * 3 / across * rows) as figure:
         panels = figure.subplots(rows, across, squeeze=False).ravel()
         for estimate, axes in zip(estimates, panels, strict=False):
             correlation(estimate, axes)

@@ -10,13 +10,10 @@ Functions of several estimates draw what there is of those that failed.
 
 from __future__ import annotations
 
-from pilotid.show.bands import band
-from pilotid.show.correlations import correlation
-from pilotid.show.residuals import autocorrelation, cross_correlation, normal_plot
+from pilotid.show.residuals import autocorrelation, correlation, cross_correlation, normal_plot
 from pilotid.show.responses import describing_function, open_loop
-from pilotid.show.signals import residual, signals
-from pilotid.show.spectra import remnant
-from pilotid.show.trajectories import trajectory
+from pilotid.show.signals import residual, signals, trajectory
+from pilotid.show.spectra import band, remnant
 
 __all__ = [
     "autocorrelation",

@@ -8,8 +8,17 @@ import numpy as np
 
 from pilotid.estimates.draws import Draws, equal_tailed_interval
 from pilotid.posterior.predictive import PredictiveBand
-from pilotid.show.named import legend, with_unit
-from pilotid.show.style import INK, SMALLEST, STYLES, WIDTH, colour_of, journal_style
+from pilotid.show.style import (
+    INK,
+    SMALLEST,
+    STYLES,
+    WIDTH,
+    colour_of,
+    journal_figure,
+    journal_style,
+    legend,
+    with_unit,
+)
 from pilotid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -102,15 +111,12 @@ def _pair(
 
 def trace(draws: Draws, units: dict[str, str]) -> Figure:
     """Mean of the walkers of every ensemble, step by step, and the range of nine tenths."""
-    from matplotlib.figure import Figure
-
     chains = _chains(draws)
     stride = max(1, chains.shape[1] // STEPS)
     chains = chains[:, ::stride]
     steps = np.arange(chains.shape[1]) * stride
     colours = (COLOUR, OTHER, colour_of("arx"), colour_of("fourier"))
-    with journal_style():
-        figure = Figure(figsize=(WIDTH, 0.9 * len(draws.keys) + 0.5), layout="constrained")
+    with journal_figure(0.9 * len(draws.keys) + 0.5) as figure:
         panels = figure.subplots(len(draws.keys), 1, sharex=True, squeeze=False)[:, 0]
         for i, (axes, key) in enumerate(zip(panels, draws.keys, strict=True)):
             low, high = np.quantile(chains[..., i], (0.05, 0.95), axis=(0, 2))
@@ -128,14 +134,11 @@ def trace(draws: Draws, units: dict[str, str]) -> Figure:
 
 def autocorrelation(draws: Draws, lags: int = 60) -> Figure:
     """Autocorrelation of every parameter along the chains, walkers averaged."""
-    from matplotlib.figure import Figure
-
     chains = _chains(draws)
     lags = min(lags, chains.shape[1] - 1)
     offset = chains - chains.mean(axis=(0, 1, 2))
     power = np.mean(offset**2, axis=(0, 1, 2))
-    with journal_style():
-        figure = Figure(figsize=(WIDTH, 2.9), layout="constrained")
+    with journal_figure(2.9) as figure:
         axes = figure.subplots()
         for i, key in enumerate(draws.keys):
             own = offset[..., i]
@@ -160,12 +163,9 @@ def _chains(draws: Draws) -> FloatArray:
 
 def band(predictive: PredictiveBand, unit: str = "", seconds: float = 30.0) -> Figure:
     """Recorded control of the first run inside its posterior predictive band."""
-    from matplotlib.figure import Figure
-
     shown = predictive.time <= seconds
     time = predictive.time[shown]
-    with journal_style():
-        figure = Figure(figsize=(WIDTH, 2.8), layout="constrained")
+    with journal_figure(2.8) as figure:
         axes = figure.subplots()
         for limits, colour, alpha, label in (
             (predictive.with_remnant, GREY, 0.3, "95 % band with remnant"),

@@ -1,4 +1,4 @@
-"""Plots of tests: whether prediction errors are white, unpredicted by inputs, and normal."""
+"""Plots of tests of prediction errors, and of the correlations of parameters."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 from pilotid.chance import Z95
 from pilotid.estimates.estimate import Estimate
 from pilotid.recordings.recording import INPUTS, Recording
-from pilotid.show.named import Named, legend, named, new_axes
-from pilotid.show.style import GRID, INK
+from pilotid.show.style import INK, SMALLEST, Named, draw_grid, legend, named, new_axes
 from pilotid.time_domain.residual_tests import Whitened, correlations, prediction_errors
 from pilotid.types import FloatArray, InputError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
 
 SECONDS = 2.5  # of lags
 SHADE = "#e8e8e8"
@@ -103,8 +103,7 @@ def normal_plot(recording: Recording, *estimates: Estimate, axes: Axes | None = 
         kept = np.unique(np.concatenate([middle, tails, ordered.size - 1 - tails]))
         axes.plot(expected[kept], ordered[kept], own.marker, color=own.colour, markersize=2.5,
                   markerfacecolor="white", markeredgewidth=0.6, label=own.label)  # fmt: skip
-    axes.grid(color=GRID, linewidth=0.5)
-    axes.set_axisbelow(True)
+    draw_grid(axes)
     axes.set_xlabel("normal quantile [-]")
     axes.set_ylabel("prediction error [std. dev.]")
     if len(estimates) > 1:
@@ -146,9 +145,61 @@ def _over_lags(axes: Axes, begin: float) -> Axes:
     if reach > 0.0:
         axes.set_ylim(-reach, reach)
     axes.set_xlim(begin, SECONDS)
-    axes.grid(color=GRID, linewidth=0.5)
-    axes.set_axisbelow(True)
+    draw_grid(axes)
     axes.set_xlabel("lag [s]")
     if len(axes.get_legend_handles_labels()[1]) > 1:
         legend(axes)
     return axes
+
+
+DARK = 0.6  # size of a correlation from which on its field is too dark for dark numbers
+
+
+def correlation(estimate: Estimate, axes: Axes | None = None) -> Axes:
+    """Claimed correlations of all pairs of parameters, as colours and numbers.
+
+    Dark fields are strong correlations of either sign; the number tells the sign.
+
+    Parameters
+    ----------
+    estimate
+        An estimate with values.
+    axes
+        Where to draw; None makes a new figure by pyplot.
+
+    Raises
+    ------
+    InputError
+        If the estimate has no values.
+    """
+    if not np.isfinite(estimate.values).all():
+        raise InputError(f"{estimate.method} has no values, so that there are no correlations")
+    axes = axes if axes is not None else new_axes(3.6, 3.8)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        matrix = estimate.correlation
+    keys = estimate.model.keys
+    below = np.tril(np.ones(matrix.shape, dtype=bool), -1)[1:, :-1]
+    shown = np.ma.masked_where(~below, matrix[1:, :-1])
+    edges = np.arange(len(keys)) - 0.5
+    axes.pcolormesh(edges, edges, shown, cmap="PuOr_r", vmin=-1.0, vmax=1.0, edgecolors="white",
+                    linewidth=0.5)  # fmt: skip
+    axes.invert_yaxis()
+    for row, column in zip(*np.nonzero(below), strict=True):
+        value = float(shown[row, column])
+        if np.isfinite(value):
+            axes.text(column, row, _number(value), ha="center", va="center", fontsize=SMALLEST,
+                      color="white" if abs(value) > DARK else "black")  # fmt: skip
+    axes.set_xticks(np.arange(len(keys) - 1), keys[:-1], rotation=45, ha="right",
+                    rotation_mode="anchor")  # fmt: skip
+    axes.set_yticks(np.arange(len(keys) - 1), keys[1:])
+    axes.tick_params(length=0.0)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+    axes.set_title(estimate.method, loc="left")
+    return axes
+
+
+def _number(value: float) -> str:
+    """Two decimals without the zero in front: -.97."""
+    text = f"{value:.2f}".replace("0.", ".").replace("-", "\N{MINUS SIGN}")
+    return "0" if text.strip("\N{MINUS SIGN}") == ".00" else text

@@ -31,7 +31,7 @@ from zlib import crc32
 import numpy as np
 
 from pilotid.chance import Z95
-from pilotid.numbers import NONE, number
+from pilotid.numbers import number
 from pilotid.types import BoolArray, FloatArray, IntArray
 
 MISSED = 40.0  # what a missed distance costs: 2 over the chance that a 95 % interval misses
@@ -64,7 +64,7 @@ class Interval(NamedTuple):
 
     def __str__(self) -> str:
         value, lower, upper = map(loss_text, self)
-        return f"{value} ({lower}{NONE}{upper})" if math.isfinite(self.upper) else value
+        return f"{value} ({lower}-{upper})" if math.isfinite(self.upper) else value
 
 
 def loss_text(loss: float) -> str:

@@ -1,0 +1,226 @@
+"""What the names of files say: subject, condition, run, and whatever else a laboratory writes."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from pilotid.analysis.rows import in_order
+from pilotid.recordings.files import Reading
+from pilotid.recordings.recording import Recording
+from pilotid.recordings.text import sidecar_path
+from pilotid.types import InputError
+
+#: The field whose values are runs of one recording, each in a file of its own.
+RUN = "run"
+
+FIELD = re.compile(r"\{([^{}]*)\}")
+
+#: Columns of estimates.csv that a field may not be named as.
+TAKEN = (
+    "file", "model", "method", "parameter", "unit", "value", "std_error", "lower_95", "upper_95",
+    "outcome", "remarks",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """A pattern such as ``subj{subject}_{condition}`` for the names of files.
+
+    Fields are in braces and stand for letters, digits and other signs than ``_`` and ``/``; all
+    else stands for itself, in any case of letters.  The pattern may match any part of the name
+    without its suffix; one with a ``/`` is matched against the end of the whole path, so that
+    folders may be fields.
+
+    Parameters
+    ----------
+    text
+        The pattern.
+
+    Raises
+    ------
+    InputError
+        If it has no field, one without a name, or one name twice.
+    """
+
+    text: str
+
+    def __post_init__(self) -> None:
+        names = FIELD.findall(self.text)
+        wrong = [n for n in names if not re.fullmatch(r"[A-Za-z]\w{0,30}", n, re.ASCII)]
+        if not names or wrong or len(set(names)) < len(names) or set("{}") & set(self._rest):
+            raise InputError(
+                f"--pattern '{self.text}': must have fields in braces, each with its own name of "
+                "letters; write for example 'subj{subject}_{condition}'"
+            )
+        if taken := [n for n in names if n in TAKEN]:
+            raise InputError(
+                f"--pattern '{self.text}': {taken[0]} is a column of its own in the tables; give "
+                "that field another name"
+            )
+
+    @property
+    def _rest(self) -> str:
+        return FIELD.sub("", self.text)
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Names of the fields, in order of appearance."""
+        return tuple(FIELD.findall(self.text))
+
+    def match(self, path: Path) -> dict[str, str] | None:
+        """The values of the fields in a file's name, None where it does not fit."""
+        whole = "/" in self.text
+        name = path.with_suffix("").as_posix() if whole else path.stem
+        parts = FIELD.split(self.text)
+        expression = "".join(
+            f"(?P<{part}>[^_/]+?)" if index % 2 else re.escape(part)
+            for index, part in enumerate(parts)
+        )
+        if whole:
+            expression = f"(?:^|/){expression}$"
+        elif not parts[-1]:  # the last field takes all that it can
+            expression += "(?![^_])"
+        found = re.search(expression, name, re.IGNORECASE)
+        return found.groupdict() if found else None
+
+
+@dataclass(frozen=True)
+class Part:
+    """One recording of an analysis: a file, or several that hold a run each.
+
+    Attributes
+    ----------
+    files
+        The files, in the order of their runs.
+    fields
+        What the pattern found, without the run, as pairs of field and value.
+    """
+
+    files: tuple[Path, ...]
+    fields: tuple[tuple[str, str], ...]
+
+    @property
+    def name(self) -> str:
+        """The file, as it is named in tables; the first of several."""
+        return str(self.files[0])
+
+    @property
+    def words(self) -> str:
+        """The fields, or else the file's name, as headings have it."""
+        return " ".join(f"{field} {value}" for field, value in self.fields) or self.files[0].stem
+
+
+def parts_of(files: Sequence[Path], pattern: Pattern | None) -> tuple[list[Part], list[str]]:
+    """The recordings that files hold, and a sentence for each file that is left out.
+
+    Parameters
+    ----------
+    files
+        As the user named them.
+    pattern
+        What their names say; None for nothing.
+    """
+    if pattern is None:
+        return [Part((file,), ()) for file in dict.fromkeys(files)], []
+    refused: list[str] = []
+    grouped: dict[tuple[tuple[str, str], ...], list[tuple[str, Path]]] = {}
+    for file in dict.fromkeys(files):
+        found = pattern.match(file)
+        if found is None:
+            refused.append(
+                f"{file}: its name does not fit the pattern '{pattern.text}'; change the pattern, "
+                "or leave the file out"
+            )
+            continue
+        run = found.pop(RUN, "")
+        held = grouped.setdefault(tuple(found.items()), [])
+        if run in [other for other, _ in held]:
+            first = next(other for same, other in held if same == run)
+            refused.append(
+                f"{file}: has the same fields as {first}; what differs must be a field of the "
+                "pattern, {run} if they are runs of one recording"
+            )
+            continue
+        held.append((run, file))
+    parts = []
+    for fields, entries in grouped.items():
+        order = in_order([run for run, _ in entries])
+        by_run = dict(entries)
+        parts.append(Part(tuple(by_run[run] for run in order), fields))
+    order = in_order([part.words for part in parts])
+    return sorted(parts, key=lambda part: order.index(part.words)), refused
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a recording is, and how it is read.
+
+    Attributes
+    ----------
+    part
+        Its files.
+    reading
+        How they are read.
+    """
+
+    part: Part
+    reading: Reading
+
+    def recording(self, run: int | None = None) -> Recording:
+        """The recording, or one run of it alone, counted from 1.
+
+        Raises
+        ------
+        InputError
+            If a file cannot be used.
+        """
+        (whole,), _ = self.reading.all(self.part.files, joint=True)
+        return whole if run is None else alone(whole, run)
+
+    def digest(self) -> str:
+        """A digest of all that is read.
+
+        Raises
+        ------
+        InputError
+            If a file cannot be read.
+        """
+        digest = hashlib.sha256(repr(self).encode("utf-8", "replace"))
+        for file in self.part.files:
+            try:
+                digest.update(file.read_bytes())
+                side = sidecar_path(file)
+                digest.update(side.read_bytes() if side.exists() else b"")
+            except OSError as error:
+                raise InputError(
+                    f"{file}: cannot be read ({error.strerror or error}); check the file and its "
+                    "rights"
+                ) from error
+        return digest.hexdigest()
+
+
+def alone(recording: Recording, run: int) -> Recording:
+    """One run of a recording, counted from 1."""
+    return _of_runs(recording, [run - 1], f"run {run}")
+
+
+def without(recording: Recording, run: int) -> Recording:
+    """All runs of a recording but one, counted from 1."""
+    rows = [place for place in range(recording.runs) if place != run - 1]
+    return _of_runs(recording, rows, f"without run {run}")
+
+
+def _of_runs(recording: Recording, rows: list[int], words: str) -> Recording:
+    return replace(
+        recording,
+        e=recording.e[rows],
+        u=recording.u[rows],
+        x=recording.x[rows],
+        ft=None if recording.ft is None else recording.ft[rows],
+        fd=None if recording.fd is None else recording.fd[rows],
+        source=f"{recording.source}, {words}",
+    )

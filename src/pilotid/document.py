@@ -1,0 +1,618 @@
+"""Documents: sections of text, tables and figures, as HTML, Markdown, LaTeX and terminal output.
+
+Texts hold `code`, **strong** words and links to a [section](#key), a [file](folder/name.html)
+beside the page or [one](../name.html) above it; nothing else is marked up.  Tables hold values,
+which columns format as plain text; each writer escapes them and sets signs in its own way.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, TypeVar
+from xml.etree import ElementTree
+
+from pilotid.disk import write_file
+from pilotid.numbers import NONE
+from pilotid.terminal import as_text, print_table
+from pilotid.types import InputError, printable
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+    from matplotlib.figure import Figure as Drawing
+    from pandas import DataFrame
+    from rich.console import Console
+    from rich.table import Table as RichTable
+
+T = TypeVar("T")
+Kinds = Sequence[Literal["svg", "pdf"]]
+
+#: The folder of figures beside a page.
+FIGURES = "figures"
+MINUS, DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
+LINK = r"\[([^\]]+)\]\((#[\w-]+|(?:[\w.-]+/)+[\w.+-]+|[\w-]+\.csv)\)"
+#: Text of figures stays text; a reader's machine sets it in the first of these that it has.
+FONTS = ("DejaVu Sans", "Verdana", "sans-serif")
+POINTS = 72.0  # an inch, in which matplotlib writes SVG
+SVG, LINKS = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
+LATEX = {
+    "\\": r"\textbackslash{}",
+    "{": r"\{",
+    "}": r"\}",
+    "$": r"\$",
+    "&": r"\&",
+    "#": r"\#",
+    "%": r"\%",
+    "_": r"\_",
+    "^": r"\textasciicircum{}",
+    "~": r"\textasciitilde{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "|": r"\textbar{}",
+    "±": r"$\pm$",
+}
+#: Colours of texts and rows in a terminal by their marks.
+STYLES = {"heading": "bold", "warning": "yellow", "failure": "red"}
+
+
+class LogAxis(NamedTuple):
+    """A logarithmic axis of dots and whiskers; its ends as powers of ten."""
+
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, intervals: Iterable[tuple[float, float, float]]) -> LogAxis:
+        """An axis that shows 1 and all values with their lower and upper ends."""
+        known = [each for each in intervals if each[0] > 0.0]
+        values = [value for value, *_ in known]
+        ends = [end for _, *own in known for end in own if end > 0.0 and math.isfinite(end)]
+        low, high = min([0.8, *values, *ends]), max([2.0, *values, *ends])
+        # One wild interval must not press all others together.
+        high = min(high, 3.0 * max([1.0, *values]))
+        return cls(math.log10(low) - 0.02, math.log10(high) + 0.02)
+
+    def place(self, value: float) -> float:
+        """Where a value lies [%]."""
+        share = (math.log10(value) - self.low) / (self.high - self.low)
+        return round(min(max(100.0 * share, 0.0), 100.0), 1)
+
+    def whisker(self, value: float, lower: float, upper: float) -> tuple[float, ...] | None:
+        """Places of a value and of the ends of its interval [%]; None without a value."""
+        if not value > 0.0:
+            return None
+        ends = (end if end > 0.0 and math.isfinite(end) else value for end in (lower, upper))
+        return tuple(map(self.place, (value, *ends)))
+
+    @property
+    def ticks(self) -> list[tuple[float, str]]:
+        """Places [%] and labels."""
+        values = [base * 10.0**power for power in range(-1, 6) for base in (1.0, 2.0, 5.0)]
+        inside = [v for v in values if self.low <= math.log10(v) <= self.high]
+        if self.high - self.low > 2.2:
+            inside = [v for v in inside if math.log10(v).is_integer()]
+        return [(self.place(v), f"{v:g}") for v in inside]
+
+
+@dataclass(frozen=True)
+class Column(Generic[T]):
+    """A column of a table.
+
+    Attributes
+    ----------
+    title
+        Its heading.
+    value
+        The value of a row's item; None for nothing.
+    form
+        Writes a value as a number, in ASCII but for ±; a tuple's members are its arguments.  None
+        for words, which are set to the left.
+    hint
+        What the heading means, where it is short.
+    mark
+        How good an item's value is, which a page colours: ``good``, ``partly``, ``poor``, ``bad``
+        or ``none``.
+    paper
+        Whether its numbers are those of the paper that a study repeats.
+    axis
+        Of a column of whiskers, whose values are intervals: the axis; pages alone draw it.
+    """
+
+    title: str
+    value: Callable[[T], object]
+    form: Callable[..., str] | None = None
+    hint: str = ""
+    mark: Callable[[T], str] | None = None
+    paper: bool = False
+    axis: LogAxis | None = None
+
+    def cell(self, item: T) -> Cell:
+        """What the table shows of an item."""
+        value, mark = self.value(item), self.mark(item) if self.mark else ""
+        if self.axis is not None and isinstance(value, tuple):
+            return Cell("", mark, self.axis.whisker(*value))
+        if value is None:
+            text = NONE
+        elif self.form is None:
+            text = str(value)
+        else:
+            text = self.form(*value) if isinstance(value, tuple) else self.form(value)
+        return Cell(text, mark)
+
+
+class Cell(NamedTuple):
+    """A cell of a table: its text, its mark and the places of its whisker."""
+
+    text: str
+    mark: str = ""
+    whisker: tuple[float, ...] | None = None
+
+
+@dataclass(frozen=True)
+class Table(Generic[T]):
+    """A table with a row for each item; columns that say nothing of any item are left out.
+
+    Attributes
+    ----------
+    caption
+        What it shows.
+    columns
+        Its columns; the first `heads` hold what the rows are about.
+    items
+        What the rows are about.
+    heads
+        Number of columns in front.
+    folded
+        Whether a page shows it only when asked.
+    filters
+        Columns by whose entries a page can choose rows.
+    upright
+        Whether a page sets headings upright, above many narrow columns.
+    """
+
+    caption: str
+    columns: Sequence[Column[T]]
+    items: Sequence[T]
+    heads: int = 1
+    folded: bool = False
+    filters: tuple[int, ...] = ()
+    upright: bool = False
+
+    @cached_property
+    def shown(self) -> list[tuple[Column[T], list[Cell]]]:
+        """The columns that say something, with their cells."""
+        every = [(column, [column.cell(item) for item in self.items]) for column in self.columns]
+        return [
+            (column, cells)
+            for place, (column, cells) in enumerate(every)
+            if place < self.heads
+            or column.axis
+            or any(cell.text not in ("", "0", NONE) for cell in cells)
+        ]
+
+    @property
+    def titles(self) -> list[Column[T]]:
+        """The columns that say something."""
+        return [column for column, _ in self.shown]
+
+    @property
+    def rows(self) -> list[list[Cell]]:
+        """Cells by row."""
+        return [list(row) for row in zip(*(cells for _, cells in self.shown), strict=True)]
+
+    def begins_group(self, number: int) -> bool:
+        """Whether a row is the first of those with the same first entry."""
+        if self.heads < 2 or not number:
+            return False
+        first = self.shown[0][1]
+        return first[number].text != first[number - 1].text
+
+    def to_dataframe(self) -> DataFrame:
+        """The values, a column for each title."""
+        from pandas import DataFrame
+
+        return DataFrame({c.title: [c.value(item) for item in self.items] for c in self.columns})
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure; its SVG is part of a page.
+
+    Attributes
+    ----------
+    name
+        What its files are called.
+    drawing
+        What matplotlib drew.
+    caption
+        What it shows.
+    alt
+        The same in short, for those who do not see it; empty for the caption.
+    """
+
+    name: str
+    drawing: Drawing = field(repr=False)
+    caption: str
+    alt: str = ""
+
+    @property
+    def file(self) -> str:
+        """Its name as that of a file: the name may hold a scenario's."""
+        return re.sub(r"[^\w.,()=+ -]", "-", self.name)
+
+    @cached_property
+    def svg(self) -> str:
+        """The figure as an SVG element."""
+        return svg(self.drawing, self.file, self.alt or self.caption)
+
+
+@dataclass(frozen=True)
+class Text:
+    """A paragraph; its mark is empty, ``heading``, ``warning`` or ``failure``."""
+
+    text: str
+    mark: str = ""
+
+
+@dataclass(frozen=True)
+class Bullets:
+    """A list; in a terminal a line for each item."""
+
+    items: Sequence[str]
+
+
+@dataclass(frozen=True)
+class Command:
+    """Something to type, and what it does."""
+
+    text: str
+    command: str
+
+
+Block = Table[Any] | Figure | Text | Bullets | Command
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of a document with a heading; its key is the target of links.
+
+    A page shows one that is `folded` when asked.
+    """
+
+    key: str
+    title: str
+    blocks: Sequence[Block]
+    folded: bool = False
+
+    def in_short(self) -> Section:
+        """The same without folded tables."""
+        blocks = [b for b in self.blocks if not (isinstance(b, Table) and b.folded)]
+        return replace(self, blocks=blocks)
+
+
+# ------------------------------------------------------------------------------------- signs
+
+
+def typeset(text: str) -> str:
+    """A number's text with the signs of print."""
+    if text == NONE:
+        return DASH
+    text = re.sub(r"(?<!\d)-(?=[.\d])", MINUS, text)
+    return re.sub(r"(?<=\d)-(?=\d)", DASH, text)
+
+
+def _cell_text(column: Column[Any], cell: Cell) -> str:
+    return typeset(cell.text) if column.form or cell.text == NONE else cell.text
+
+
+# -------------------------------------------------------------------------------------- HTML
+
+
+def inline_html(text: str) -> str:
+    """A text as HTML."""
+    from markupsafe import escape
+
+    safe = str(escape(text))
+    safe = re.sub(r"`([^`]+)`", r"<code>\1</code>", safe)
+    safe = re.sub(r"\*\*([^*]+)\*\*", r"<strong>\1</strong>", safe)
+    safe = safe.replace(" %", "&nbsp;%")
+    return re.sub(LINK, r'<a href="\2">\1</a>', safe)
+
+
+def _templates() -> Environment:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup
+
+    environment = Environment(
+        loader=PackageLoader("pilotid"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["inline"] = lambda text: Markup(inline_html(text))
+    environment.filters["kind"] = lambda block: type(block).__name__
+    environment.globals["cell_text"] = _cell_text
+    return environment
+
+
+def to_html(title: str, sections: Sequence[Section], above: str = "", kinds: Kinds = ()) -> str:
+    """A document as one HTML text that needs no network; equal documents give equal bytes.
+
+    Parameters
+    ----------
+    title
+        Its heading.
+    sections
+        What it consists of.
+    above
+        The page above it, if there is one: of several studies, for example.
+    kinds
+        Files of each figure beside the page, to which it links.
+    """
+    template = _templates().get_template("document.html")
+    return template.render(
+        title=title, sections=sections, above=above, kinds=kinds, figures=FIGURES
+    )
+
+
+def table_html(table: Table[Any]) -> str:
+    """A table as HTML, for notebooks."""
+    macros: Any = _templates().get_template("table.html").module
+    return str(macros.table_of(table))
+
+
+def write_page(
+    path: Path, title: str, sections: Sequence[Section], above: str = "", kinds: Kinds = ()
+) -> None:
+    """Write a document as a page, and the figures of these kinds in a folder beside it.
+
+    Raises
+    ------
+    InputError
+        If they cannot be written.
+    """
+    if kinds:
+        figures = [b for section in sections for b in section.blocks if isinstance(b, Figure)]
+        save_figures(path.parent / FIGURES, figures, kinds)
+    write_file(path, to_html(title, sections, above, kinds).encode("utf-8", "replace"))
+
+
+# ---------------------------------------------------------------------------------- Markdown
+
+
+def to_markdown(title: str, sections: Sequence[Section]) -> str:
+    """A document as Markdown, with figures from the folder beside it."""
+    parts = [f"# {title}", "\n".join(f"- [{s.title}](#{s.key})" for s in sections)]
+    for section in sections:
+        parts.append(f'<a id="{section.key}"></a>\n\n## {section.title}')
+        parts += map(_block_markdown, section.blocks)
+    keys = {section.key for section in sections}
+    text = "\n\n".join(parts) + "\n"
+    # What links to a section that is left out stays as words.
+    return re.sub(r"\[([^\]]+)\]\(#([\w-]+)\)", lambda m: m[0] if m[2] in keys else m[1], text)
+
+
+def _block_markdown(block: Block) -> str:
+    if isinstance(block, Table):
+        return _table_markdown(block)
+    if isinstance(block, Figure):
+        return f"![{block.alt or block.caption}]({FIGURES}/{block.file}.svg)\n\n*{block.caption}*"
+    if isinstance(block, Bullets):
+        return "\n".join(f"- {_safe(item)}" for item in block.items)
+    if isinstance(block, Command):
+        return f"{_safe(block.text)}\n\n    {block.command}"
+    return _safe(block.text)
+
+
+def _safe(text: str) -> str:
+    return text.replace("<", "&lt;")
+
+
+def _table_markdown(table: Table[Any]) -> str:
+    def line(cells: Iterable[str]) -> str:
+        return f"| {' | '.join(_safe(cell).replace('|', chr(92) + '|') for cell in cells)} |"
+
+    shown = [(column, cells) for column, cells in table.shown if not column.axis]
+    columns = [[_cell_text(column, cell) for cell in cells] for column, cells in shown]
+    return "\n".join(
+        [
+            f"**{table.caption}**",
+            "",
+            line(column.title for column, _ in shown),
+            line("---:" if column.form else "---" for column, _ in shown),
+            *(line(row) for row in zip(*columns, strict=True)),
+        ]
+    )
+
+
+# ------------------------------------------------------------------------------------- LaTeX
+
+
+def escaped_latex(text: str) -> str:
+    """A text as LaTeX sets it, letter by letter."""
+    return "".join(LATEX.get(letter, letter) for letter in printable(text))
+
+
+def table_latex(table: Table[Any]) -> str:
+    """A table as a booktabs tabular without its caption."""
+
+    def cell(column: Column[Any], text: str) -> str:
+        if text == NONE:
+            return "--"
+        if column.form is None:
+            return escaped_latex(text)
+        number = r"(?:(?<!\d)-)?\d*\.?\d+(?:e[-+]\d+)?"
+        return re.sub(number, r"$\g<0>$", escaped_latex(text))
+
+    def line(cells: Iterable[str]) -> str:
+        return " & ".join(cells) + r" \\"
+
+    shown = [(column, cells) for column, cells in table.shown if not column.axis]
+    columns = [[cell(column, each.text) for each in cells] for column, cells in shown]
+    return "\n".join(
+        [
+            rf"\begin{{tabular}}{{{''.join('r' if c.form else 'l' for c, _ in shown)}}}",
+            r"\toprule",
+            line(escaped_latex(column.title) for column, _ in shown),
+            r"\midrule",
+            *(line(row) for row in zip(*columns, strict=True)),
+            r"\bottomrule",
+            r"\end{tabular}",
+            "",
+        ]
+    )
+
+
+# ---------------------------------------------------------------------------------- terminal
+
+
+def plain(text: str) -> str:
+    """A text without marks."""
+    return re.sub(LINK, r"\1", text).replace("`", "").replace("**", "")
+
+
+def print_blocks(console: Console, *blocks: Text | Bullets | Table[Any]) -> None:
+    """Print texts, lists, and tables without whiskers between empty lines."""
+    lines = 0
+    for block in blocks:
+        if isinstance(block, Table):
+            if lines:
+                console.print()
+            if block.caption:
+                console.print(plain(block.caption), soft_wrap=True)
+            print_table(console, table_rich(block, console.encoding))
+            lines = -1
+            continue
+        texts = [block.text] if isinstance(block, Text) else block.items
+        style = STYLES.get(block.mark) if isinstance(block, Text) else None
+        for text in texts:
+            if lines < 0:
+                console.print()
+            console.print(plain(text), style=style, soft_wrap=True)
+            lines = 1
+
+
+def table_text(table: Table[Any]) -> str:
+    """A table as plain text."""
+    return as_text(table_rich(table))
+
+
+def table_rich(table: Table[Any], encoding: str = "utf-8") -> RichTable:
+    """A table for the terminal."""
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table as RichTable
+
+    shown = [(column, cells) for column, cells in table.shown if not column.axis]
+    found = RichTable(box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
+    sign = "±" if encoding == "utf-8" else "+-"
+    for place, (column, _) in enumerate(shown):
+        # What rows are about is kept whole, and so are numbers.
+        whole = place < table.heads or column.form is not None
+        justify: Literal["left", "right"] = "right" if column.form else "left"
+        title = plain(column.title)
+        found.add_column(title, justify=justify, no_wrap=whole, overflow="fold")
+    for row in zip(*(cells for _, cells in shown), strict=True):
+        found.add_row(*(plain(printable(cell.text)).replace("±", sign) for cell in row))
+    return found
+
+
+# ----------------------------------------------------------------------------------- figures
+
+
+def save_figures(
+    folder: Path, figures: Sequence[Figure], kinds: Kinds = ("svg", "pdf"), prefix: str = ""
+) -> list[Path]:
+    """Write each figure as SVG and as PDF; equal figures give equal bytes.
+
+    Parameters
+    ----------
+    folder
+        Where to; it is made.
+    figures
+        The figures.
+    kinds
+        Which files to write; most of the time goes into the fonts of PDF.
+    prefix
+        Before the names of all files, such as ``subject1-C3-``.
+
+    Returns
+    -------
+    The files.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made ({error.strerror}); free the name") from error
+    written = []
+    for figure in figures:
+        for kind in kinds:
+            path = folder / f"{prefix}{figure.file}.{kind}"
+            write_file(path, pdf(figure.drawing) if kind == "pdf" else figure.svg.encode())
+            written.append(path)
+    return written
+
+
+def _lay_out(drawing: Drawing) -> None:
+    """Find places for all axes once and for all: each drawing would find them anew."""
+    engine = drawing.get_layout_engine()
+    if engine is not None:
+        drawing.set_dpi(POINTS)
+        engine.execute(drawing)
+        drawing.set_layout_engine("none")
+
+
+def pdf(drawing: Drawing) -> bytes:
+    """A figure as PDF, its text as text, without a date."""
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_pdf import FigureCanvasPdf
+
+    _lay_out(drawing)
+    stream = io.BytesIO()
+    nothing = dict.fromkeys(("Creator", "Producer", "CreationDate"))
+    with rc_context({"pdf.fonttype": 42}):
+        # Not `savefig`, which draws everything twice; matplotlib's backends have no types.
+        FigureCanvasPdf(drawing).print_pdf(stream, metadata=nothing)  # type: ignore[no-untyped-call]
+    return stream.getvalue()
+
+
+def svg(drawing: Drawing, name: str, alt: str) -> str:
+    """A figure as an SVG element, the same bytes for the same figure.
+
+    Parameters
+    ----------
+    drawing
+        The figure.
+    name
+        Tells it from the other figures of a page: no two of them share an id.
+    alt
+        What the figure shows, for those who do not see it.
+    """
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+    stream = io.StringIO()
+    nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+    with rc_context({"svg.hashsalt": name, "svg.fonttype": "none", "font.sans-serif": FONTS}):
+        canvas = FigureCanvasSVG(drawing)
+        _lay_out(drawing)
+        canvas.print_svg(stream, metadata=nothing)  # type: ignore[no-untyped-call]
+    root = ElementTree.fromstring(stream.getvalue())
+    for element in root.iter():
+        if element.tag == f"{{{SVG}}}g":
+            # Groups are numbered in each figure from one, and nothing refers to them.
+            element.attrib.pop("id", None)
+        element.text = element.text if (element.text or "").strip() else None
+        element.tail = "\n"
+        if "d" in element.attrib:
+            element.set("d", " ".join(element.attrib["d"].split()))
+    root.set("role", "img")
+    root.set("aria-label", alt)
+    ElementTree.register_namespace("", SVG)
+    ElementTree.register_namespace("xlink", LINKS)
+    return ElementTree.tostring(root, encoding="unicode")

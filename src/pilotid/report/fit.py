@@ -1,0 +1,363 @@
+"""The report of fits: a summary in words, tables, and figures, for each recording."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pilotid.document import Block, Bullets, Figure, Section, Text, to_html
+from pilotid.estimates.estimate import Estimate, Outcome, is_at_bound
+from pilotid.estimates.fitted import Fitted
+from pilotid.estimates.parts import FrequencyResponse
+from pilotid.estimates.quantities import Quantity
+from pilotid.pilot.element import ControlledElement, parsed_element
+from pilotid.recordings.recording import INPUTS, Recording
+from pilotid.show.panels import (
+    band_figure,
+    correlation_figure,
+    open_loop_figure,
+    remnant_figure,
+    response_figure,
+    time_figure,
+    trajectory_figure,
+    whiteness_figure,
+)
+from pilotid.show.responses import BANDS
+from pilotid.show.spectra import RESIDUALS
+from pilotid.show.style import leading
+from pilotid.types import FloatArray
+
+TITLE = "Identified pilot models"
+#: Estimates side by side in a table, as many as a page of paper holds.
+ABREAST = 3
+#: Correlation matrices in one figure, which a page of paper holds.
+MATRICES = 6
+READING = (
+    "Values with the standard error that the method claims, and 95 % intervals. Gain and lead time "
+    "of the visual channel are strongly correlated; their product is known better than either."
+)
+#: Half of a 95 % interval over the value up to which a parameter is well known, and from which
+#: on it is poorly known.
+WELL, POORLY = 0.1, 0.5
+
+
+def html_report(
+    fits: Sequence[Fitted],
+    truth: FloatArray | None = None,
+    *,
+    points: Sequence[FrequencyResponse | None] | None = None,
+    element: ControlledElement | None = None,
+) -> str:
+    """The report as one HTML text that needs no network; equal fits give equal bytes.
+
+    Parameters
+    ----------
+    fits
+        What was fitted.
+    truth
+        True parameters of a simulation, to be drawn beside the frequency responses.
+    points
+        For each fit an estimate of the responses without a model of the pilot, or None; see
+        `figures_of`.
+    element
+        The controlled element; None for that of each fit, see `figures_of`.
+    """
+    behind = points if points is not None else [None] * len(fits)
+    sections = [
+        fit_section(fit, f"recording-{number}", figures_of(fit, own, element, truth, f"-{number}"))
+        for number, (fit, own) in enumerate(zip(fits, behind, strict=True), start=1)
+    ]
+    return to_html(TITLE, sections)
+
+
+def fit_section(fit: Fitted, key: str, figures: Sequence[Figure]) -> Section:
+    """One recording's part of a page."""
+    blocks: list[Block] = [Text(" ".join(summary(fit))), *fit.specifications, *warnings_of(fit)]
+    tables = fit.tables(ABREAST)
+    if tables:
+        blocks += [Text("Parameters", "heading"), Text(READING), *tables]
+    loops = fit.loop_blocks(ABREAST)
+    if loops:
+        blocks += [Text("Loops", "heading"), *loops]
+    verdicts = Bullets([e.verdict(timed=False) for e in fit.estimates])
+    blocks += [Text("How each fit ended", "heading"), verdicts, *figures]
+    return Section(key, fit.heading, blocks)
+
+
+def warnings_of(fit: Fitted) -> list[Block]:
+    """All remarks, if there are any."""
+    if not fit.warnings:
+        return []
+    return [Text("Before you believe these numbers:", "heading"), Bullets(fit.warnings)]
+
+
+# ---------------------------------------------------------------------------------- words
+
+
+def summary(fit: Fitted) -> list[str]:
+    """What was fitted, how well, what is known, and whether methods agree: a sentence each."""
+    sentences = [_what(fit), *_outcomes(fit.estimates)]
+    chosen = leading(fit.estimates)
+    if chosen is not None:
+        sentences += _how_well(chosen)
+        if chosen.outcome.usable:
+            sentences += [*_known(chosen), *_agreement(chosen, fit.estimates)]
+        else:
+            sentences.append("No numbers here are to be used.")
+    count = len(fit.warnings)
+    if count:
+        remarks = "One remark below says" if count == 1 else f"{count} remarks below say"
+        sentences.append(f"{remarks} what to know before the numbers are used.")
+    elif chosen is not None:
+        sentences.append("No test spoke against recording or fit.")
+    return sentences
+
+
+def listed(words: Sequence[str]) -> str:
+    """Words with commas, and an ``and`` before the last."""
+    return " and ".join(part for part in (", ".join(words[:-1]), *words[-1:]) if part)
+
+
+def _what(fit: Fitted) -> str:
+    recording, model = fit.recording, fit.model
+    channels = [f"a {c.name} channel on {INPUTS[c.input]}" for c in model.channels]
+    runs = "one run" if recording.runs == 1 else f"{recording.runs} runs together, each"
+    return (
+        f"The pilot model {model.name} ({listed(channels)}; {len(model.parameters)} parameters) "
+        f"was fitted to {runs} of {recording.duration:.4g} s at {1.0 / recording.dt:.4g} Hz, by "
+        f"{listed([e.method for e in fit.estimates])}."
+    )
+
+
+def _outcomes(estimates: Sequence[Estimate]) -> list[str]:
+    good = [e.method for e in estimates if e.outcome is Outcome.CONVERGED]
+    others = [f"{e.method} {e.sentence}" for e in estimates if e.method not in good]
+    if not others:
+        return ["The fit converged." if len(good) == 1 else "All fits converged."]
+    return [f"{listed(good)} converged."] * bool(good) + [f"{other}." for other in others]
+
+
+def _how_well(chosen: Estimate) -> list[str]:
+    if not math.isfinite(chosen.vaf):
+        return []
+    told = (
+        f"The response of the model by {chosen.method} to the recorded inputs accounts for "
+        f"{chosen.vaf:.1f} % of the variance of the control"
+    )
+    if chosen.remnant is not None:
+        told += f"; {chosen.remnant.words}"
+    return [f"{told}."]
+
+
+def _known(chosen: Estimate) -> list[str]:
+    there = is_at_bound(chosen.model, chosen.values)
+    bound = [key for key, at_bound in zip(chosen.model.keys, there, strict=True) if at_bound]
+    shares = {q.key: _share(q) for q in chosen.quantities if not set(q.key.split("*")) & set(bound)}
+    if not all(math.isfinite(share) for share in shares.values()):
+        return []
+    well = [f"{key} (± {_percent(share)})" for key, share in shares.items() if share <= WELL]
+    poorly = [f"{key} (± {_percent(share)})" for key, share in shares.items() if share >= POORLY]
+    told = [
+        f"{what} is {listed(keys)}"
+        for what, keys in (
+            ("well known (95 % interval within 10 %)", well),
+            ("poorly known (beyond 50 %)", poorly),
+            ("held by a bound", bound),
+        )
+        if keys
+    ]
+    if not (poorly or bound):
+        told.append("nothing is poorly known (beyond 50 %)")
+    return [f"By {chosen.method}, {'; '.join(told)}."]
+
+
+def _share(quantity: Quantity) -> float:
+    """Half of the interval over the value."""
+    if quantity.value == 0.0:
+        return math.inf
+    return 0.5 * (quantity.upper - quantity.lower) / abs(quantity.value)
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2g} %" if share < 0.995 else f"{100.0 * share:.0f} %"
+
+
+def _agreement(chosen: Estimate, estimates: Sequence[Estimate]) -> list[str]:
+    others = [
+        e for e in estimates
+        if e is not chosen and e.outcome.usable and np.isfinite(e.intervals).all()
+    ]  # fmt: skip
+    if not others or not np.isfinite(chosen.intervals).all():
+        return []
+    apart = []
+    for other in others:
+        gap = np.maximum(chosen.intervals[:, 0], other.intervals[:, 0]) > np.minimum(
+            chosen.intervals[:, 1], other.intervals[:, 1]
+        )
+        if gap.any():
+            keys = [key for key, far in zip(chosen.model.keys, gap, strict=True) if far]
+            apart.append(f"{other.method} ({', '.join(keys)})")
+    if not apart:
+        return [f"The 95 % intervals of all methods overlap those of {chosen.method}."]
+    return [f"95 % intervals that do not overlap those of {chosen.method}: {listed(apart)}."]
+
+
+# -------------------------------------------------------------------------------- figures
+
+
+def figures_of(
+    fit: Fitted,
+    points: FrequencyResponse | None = None,
+    element: ControlledElement | None = None,
+    truth: FloatArray | None = None,
+    suffix: str = "",
+) -> list[Figure]:
+    """All figures that a recording's estimates allow, in the order of a page.
+
+    Parameters
+    ----------
+    fit
+        What was fitted.
+    points
+        An estimate of the channels' responses without a model of the pilot, to be drawn behind
+        the describing functions where no estimate has a first step of its own; such as
+        ``Fourier().first_step(recording, model)``.
+    element
+        The controlled element, for the open loops; None for that of the fit or, where it has
+        none, that which the recording names.
+    truth
+        True parameters of a simulation, shape (parameters,).
+    suffix
+        Behind the names of all figures, which tells them from others of a page.
+    """
+    found = _figures(fit, points, element, truth)
+    return [replace(figure, name=f"{figure.name}{suffix}") for figure in found]
+
+
+def _figures(
+    fit: Fitted,
+    points: FrequencyResponse | None,
+    element: ControlledElement | None,
+    truth: FloatArray | None,
+) -> Iterator[Figure]:
+    recording = fit.recording
+    shown = [e for e in fit.estimates if np.isfinite(e.values).all()]
+    first_steps = [e for e in fit.estimates if e.frequency_response is not None]
+    chosen = leading(shown)
+    if chosen is not None:
+        yield Figure("time", time_figure(recording, shown, chosen), _time_words(recording, chosen))
+    if shown or first_steps:
+        drawn = [e for e in fit.estimates if e in shown or e in first_steps]
+        behind = None if first_steps else points
+        figure = response_figure(drawn, truth, points=behind, units=recording.units)
+        yield Figure("describing-function", figure, _response_words(drawn, first_steps, behind))
+    followed = [e for e in shown if e.trajectory is not None]
+    if followed:
+        yield Figure("trajectories", trajectory_figure(followed, truth), _track_words(followed))
+    if chosen is None:
+        return
+    plant = element or _element_of(fit)
+    if plant is not None and not chosen.model.changes:
+        caption = (
+            f"Open loops of the pilot ({chosen.method}) with the controlled element "
+            f"{plant.name or 'given'}, with 95 % bands: that which the target sees and that which "
+            "the disturbance sees. Marks: first crossovers; bars: phase margins."
+        )
+        yield Figure("open-loop", open_loop_figure(chosen, plant), caption)
+    modelled = [e for e in shown if e.remnant is not None] or [chosen]
+    yield Figure("remnant", remnant_figure(recording, modelled), _remnant_words(modelled))
+    if chosen.band is not None:
+        yield Figure("band", band_figure(recording, chosen), _band_words(chosen))
+    yield Figure("residual-tests", whiteness_figure(recording, chosen), _test_words(chosen))
+    known = [e for e in shown if np.isfinite(e.covariance).all() and len(e.values) > 1]
+    for begin in range(0, len(known), MATRICES):
+        some = known[begin : begin + MATRICES]
+        number = f"-{1 + begin // MATRICES}" if begin else ""
+        names = listed([e.method for e in some])
+        caption = f"Correlations of errors, claimed by {names}: the darker, the stronger."
+        yield Figure(f"correlations{number}", correlation_figure(some), caption)
+
+
+def _element_of(fit: Fitted) -> ControlledElement | None:
+    if fit.loop_element is not None:
+        return fit.loop_element.element
+    return parsed_element(fit.recording.controlled_element)
+
+
+def _time_words(recording: Recording, chosen: Estimate) -> str:
+    which = "The run" if recording.runs == 1 else f"Run 1 of {recording.runs}"
+    return (
+        f"{which}, its first seconds: the control and the response of the model ({chosen.method}) "
+        "to the recorded inputs with 95 % of its remnant about it; below, what each method leaves."
+    )
+
+
+def _response_words(
+    drawn: Sequence[Estimate],
+    first_steps: Sequence[Estimate],
+    points: FrequencyResponse | None,
+) -> str:
+    chosen = leading(drawn) if len(drawn) > BANDS else None
+    whose = f"the 95 % band of {chosen.method}" if chosen else "their 95 % bands"
+    caption = f"Describing functions of the fitted models, with {whose}"
+    if first_steps:
+        names = ", ".join(e.method for e in first_steps)
+        caption += f"; points: the first step of {names}, with bars that hold 95 %"
+    if points is not None:
+        caption += (
+            "; circles: Fourier coefficients at the forcing lines, without a model of the pilot, "
+            "with bars that hold 95 %"
+        )
+    return f"{caption}."
+
+
+def _track_words(drawn: Sequence[Estimate]) -> str:
+    chosen = leading(drawn) or drawn[0]
+    return (
+        "Parameters of the pilot over time, from the start of the measurement window, with the "
+        f"95 % band of {chosen.method}."
+    )
+
+
+def _remnant_words(drawn: Sequence[Estimate]) -> str:
+    modelled = drawn[0].remnant is not None
+    if len(drawn) > RESIDUALS and (chosen := leading(drawn)) is not None:
+        whose = f"the model of the pilot by {chosen.method} leaves"
+    else:
+        whose = (
+            "the models of the pilot leave" if len(drawn) > 1 else "the model of the pilot leaves"
+        )
+    if not modelled:
+        return f"Power density of what {whose} of the control (smoothed periodogram)."
+    return (
+        f"Power density of the remnant as modelled (lines), and of what {whose} of the control "
+        "(points; smoothed periodogram)."
+    )
+
+
+def _band_words(chosen: Estimate) -> str:
+    caption = (
+        "Spectra of what the pilot acts on and of the control (running medians over the variance; "
+        "thin lines: the recorder's floors), and the weight of each frequency in the fit of "
+        f"{chosen.method}; marks: lines of the forcing functions."
+    )
+    if chosen.band is None or not chosen.band.element:
+        return caption
+    return f"{caption} The loop of the likelihood is closed by {chosen.band.element}."
+
+
+def _test_words(chosen: Estimate) -> str:
+    by = (
+        "its own model of the remnant"
+        if chosen.remnant is not None
+        else "a model of the remnant that was fitted to what it leaves"
+    )
+    inputs = " and ".join(dict.fromkeys(INPUTS[c.input] for c in chosen.model.channels))
+    return (
+        f"Prediction errors of {chosen.method}, whitened by {by}: their autocorrelation, their "
+        f"correlation with {inputs} some time before (shaded: after, which the loop explains), and "
+        "their distribution against a normal one. Dashed: 95 % of white errors lie within."
+    )

@@ -1,0 +1,235 @@
+"""What `pilotid posterior` prints and writes: its tables, page, figures and files."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pilotid.disk import strict_json, table_bytes, write_file
+from pilotid.document import (
+    Block,
+    Bullets,
+    Column,
+    Figure,
+    Section,
+    Table,
+    Text,
+    print_blocks,
+    save_figures,
+    to_html,
+)
+from pilotid.estimates.draws import Draws, Spread
+from pilotid.estimates.fitted import Fitted
+from pilotid.numbers import to_error
+from pilotid.pilot.element import ControlledElement
+from pilotid.posterior.predictive import PredictiveBand
+from pilotid.report.fit import figures_of, summary, warnings_of
+from pilotid.show.posterior_figures import autocorrelation, band, corner, trace
+from pilotid.terminal import make_console
+
+TITLE = "Posterior of a pilot model"
+CSV_COLUMNS = (
+    *("quantity", "unit", "mean", "std", "equal_tailed_lower", "equal_tailed_upper"),
+    *("highest_density_lower", "highest_density_upper", "effective_size", "r_hat"),
+)
+#: R-hat up to which ensembles agree (Vehtari et al. 2021), and independent draws that an interval
+#: needs for its ends to be known.
+AGREE, ENOUGH = 1.01, 400.0
+#: Figures of a fit that a posterior's page has, too: between its own.
+OF_FITS = ("describing-function", "open-loop", "remnant", "residual-tests")
+QUANTITIES = (
+    "Posterior means, standard deviations and 95 % intervals of the parameters, and of what "
+    "follows from them; effective: number of independent draws that tell as much."
+)
+
+
+def spread_table(spreads: Sequence[Spread]) -> Table[Spread]:
+    """A row for each quantity."""
+
+    def ends(low: float, high: float, error: float) -> str:
+        return f"{to_error(low, error, 9)} .. {to_error(high, error, 9)}"
+
+    columns: list[Column[Spread]] = [
+        Column("quantity", lambda s: s.key),
+        Column("unit", lambda s: s.unit),
+        Column("mean", lambda s: (s.mean, s.deviation, 9), to_error),
+        Column("std", lambda s: (s.deviation, s.deviation, 9), to_error),
+        Column("95 % equal-tailed", lambda s: (*s.equal_tailed, s.deviation), ends),
+        Column("95 % highest density", lambda s: (*s.highest_density, s.deviation), ends),
+        Column("effective", lambda s: s.effective, lambda n: f"{n:.0f}" if n == n else ""),
+        Column("R-hat", lambda s: s.r_hat, lambda r: f"{r:.4f}" if r == r else ""),
+    ]
+    return Table("", columns, spreads)
+
+
+def print_posterior(
+    fit: Fitted,
+    spreads: Sequence[Spread] = (),
+    predictive: PredictiveBand | None = None,
+    notes: Sequence[str] = (),
+) -> None:
+    """Print the table of a posterior, if it was sampled, and what should be known of it."""
+    estimate = fit.estimates[0]
+    words = [] if estimate.draws is None else convergence_words(estimate.draws)
+    words += [] if predictive is None else [inside_words(predictive)]
+    print_blocks(
+        make_console(),
+        Text(fit.heading, "heading"),
+        *[spread_table(spreads)] * bool(spreads),
+        Text(estimate.verdict(), "" if estimate.outcome.usable else "failure"),
+        Bullets(words),
+        *(Text(warning, "warning") for warning in fit.warnings),
+        Bullets(notes),
+    )
+
+
+def write_posterior(
+    folder: Path,
+    fit: Fitted,
+    spreads: Sequence[Spread],
+    predictive: PredictiveBand,
+    element: ControlledElement | None = None,
+    notes: Sequence[str] = (),
+) -> list[Path]:
+    """Write draws, summary, figures (SVG and PDF) and page; each file is complete or not there.
+
+    Parameters
+    ----------
+    folder
+        Where to; it exists.
+    fit
+        What was fitted, with one estimate that has draws.
+    spreads, predictive
+        What follows from the draws.
+    element
+        The controlled element, for the open loops; None for that which the recording names.
+    notes
+        What else a reader should know, a sentence each.
+
+    Returns
+    -------
+    The files.
+    """
+    estimate = fit.estimates[0]
+    draws = estimate.draws
+    assert draws is not None
+    figures = posterior_figures(fit, predictive, {s.key: s.unit for s in spreads}, element)
+    blocks: list[Block] = [
+        Text(" ".join(summary(fit))),
+        *warnings_of(fit),
+        Text("Quantities", "heading"),
+        Text(QUANTITIES),
+        spread_table(spreads),
+        Bullets(notes),
+        Text("Convergence", "heading"),
+        Bullets([*convergence_words(draws), inside_words(predictive)]),
+        Text(estimate.verdict(timed=False)),
+        *figures,
+    ]
+    page = to_html(TITLE, [Section("posterior", fit.heading, blocks)])
+    rows = [
+        [
+            s.key,
+            s.unit,
+            s.mean,
+            s.deviation,
+            *s.equal_tailed,
+            *s.highest_density,
+            s.effective,
+            s.r_hat,
+        ]
+        for s in spreads
+    ]
+    contents = {
+        "report.html": page.encode("utf-8", "replace"),
+        "draws.npy": draws_bytes(draws),
+        "summary.csv": table_bytes(CSV_COLUMNS, rows),
+        "estimate.json": strict_json(estimate.to_dict()).encode(),
+    }
+    for name, content in contents.items():
+        write_file(folder / name, content)
+    return [*(folder / name for name in contents), *save_figures(folder, figures)]
+
+
+def draws_bytes(draws: Draws) -> bytes:
+    """A structured array for `numpy.load`: a field for each parameter, and ``log_density``."""
+    names = (*draws.keys, "log_density")
+    array = np.empty(draws.chains, dtype=[(name, float) for name in names])
+    for i, key in enumerate(draws.keys):
+        array[key] = draws.values[:, i].reshape(draws.chains)
+    array["log_density"] = draws.log_density.reshape(draws.chains)
+    stream = io.BytesIO()
+    np.save(stream, array)
+    return stream.getvalue()
+
+
+def posterior_figures(
+    fit: Fitted,
+    predictive: PredictiveBand,
+    units: dict[str, str],
+    element: ControlledElement | None = None,
+) -> list[Figure]:
+    """All figures of a posterior, in the order of its page, with units by parameter."""
+    draws = fit.estimates[0].draws
+    assert draws is not None
+    unit = fit.recording.units.get("u", "")
+    runs = "the recorded control" if fit.recording.runs == 1 else "the control of the first run"
+    return [
+        Figure(
+            "corner",
+            corner(draws, units),
+            "Posterior of every parameter (diagonal: density, with mean and equal-tailed 95 % "
+            "interval dashed) and of every pair (contours hold 50 and 95 % of the draws).",
+        ),
+        Figure(
+            "predictive",
+            band(predictive, unit),
+            f"First seconds of {runs} in its posterior predictive band: of the model's answer to "
+            "the recorded inputs, and with the remnant.",
+        ),
+        *(f for f in figures_of(fit, element=element) if f.name in OF_FITS),
+        Figure(
+            "trace",
+            trace(draws, units),
+            "Course of every parameter: the mean of each ensemble's walkers, over the middle nine "
+            "tenths of all (shaded).",
+        ),
+        Figure(
+            "autocorrelation",
+            autocorrelation(draws),
+            "Autocorrelation of every parameter along the chains, walkers averaged.",
+        ),
+    ]
+
+
+def convergence_words(draws: Draws) -> list[str]:
+    """Whether the chains have converged, and what the draws are worth: a sentence each."""
+    ensembles, steps, walkers = draws.chains
+    least, most = int(np.argmin(draws.effective)), int(np.argmax(draws.r_hat))
+    effective, r_hat = float(draws.effective[least]), float(draws.r_hat[most])
+    agree = (
+        f"at most {AGREE:g}: the ensembles agree"
+        if r_hat <= AGREE
+        else f"above {AGREE:g}: the ensembles do not agree, and nothing here is to be used"
+    )
+    enough = (
+        "enough for the ends of 95 % intervals"
+        if effective >= ENOUGH
+        else f"fewer than the {ENOUGH:g} that the ends of 95 % intervals need"
+    )
+    return [
+        f"{ensembles} ensembles of {walkers} walkers ran with a start of their own each; {steps} "
+        f"steps were kept, {100.0 * draws.acceptance:.0f} % of the proposals accepted.",
+        f"R-hat across ensembles is largest for {draws.keys[most]}, {r_hat:.4f}, {agree}.",
+        f"The autocorrelation time is at most {np.max(draws.autocorrelation):.1f} steps; the draws "
+        f"are worth at least {effective:.0f} independent ones ({draws.keys[least]}), {enough}.",
+    ]
+
+
+def inside_words(predictive: PredictiveBand) -> str:
+    """How much of the recording lies where the posterior says."""
+    share = f"{100.0 * predictive.inside:.1f} % of the recorded control lies inside"
+    return f"{share} the 95 % posterior predictive band."

@@ -1,0 +1,488 @@
+"""The report of a study, as a page and as Markdown, from its store alone."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from shlex import quote
+from typing import Any
+
+from pilotid.disk import write_file
+from pilotid.document import (
+    Block,
+    Bullets,
+    Column,
+    Command,
+    Figure,
+    Kinds,
+    Section,
+    Table,
+    Text,
+    to_markdown,
+    write_page,
+)
+from pilotid.naming.settings import shown
+from pilotid.numbers import number, share
+from pilotid.report import study_figures as figures
+from pilotid.report.paper import PAPER, paper_of, paper_sections
+from pilotid.report.study_tables import (
+    RECORDER,
+    VIOLATION,
+    all_numbers,
+    by_mean_loss,
+    failure_table,
+    key_of,
+    matrices,
+    mean_loss,
+    ranked,
+    ranking,
+    recorder_table,
+    remark_table,
+    track_table,
+)
+from pilotid.report.trust import read_trust, trust_section
+from pilotid.study.comparison import Cell, Comparison, loss_ratio
+from pilotid.study.entries import TRAJECTORY, ScenarioEntry
+from pilotid.study.judge import RULES, USABLE, judge, sentence
+from pilotid.study.scores import EFFICIENT, loss_text
+from pilotid.study.store import Store
+
+TITLE = "Pilot-model identification: methods compared"
+REFERENCE = "nominal"
+OPEN = 3  # scenarios of which all is said at once; of more, of the first alone
+FEWEST = 20  # fits of a part of a population that can be its weakest
+
+LOSS = (
+    "**Loss**: for each parameter of each fit the interval score of its 95 % interval (width, plus "
+    "40 times the distance by which it misses the truth), over the score that an exact and "
+    f"efficient estimator has on that recording ({EFFICIENT:.3f} Cramér-Rao bounds): **1 is "
+    "perfect**, and bias, scatter, and intervals too short or too long all cost. Mean over "
+    "recordings, geometric mean over parameters; in parentheses a 95 % bootstrap interval over "
+    "recordings. A fit that failed is charged with the interval from zero to twice the true value. "
+    "A method without intervals is ranked behind the others, by its rmse over the bound."
+)
+COLUMNS = (
+    "**Times best**: the ratio of losses on the same recordings, with an interval of its own; one "
+    "that holds 1 means that the recordings do not tell the two apart. **Bias**: the largest mean "
+    "error in claimed standard errors, with its Monte Carlo standard error. **Coverage**: share of "
+    "the 95 % intervals that hold the truth, with its 95 % interval."
+)
+SHORT = (
+    "Loss of the 95 % intervals: an exact, efficient estimator has 1, and a mean below 1 is chance "
+    "within its interval. Times best: ratio on the same recordings. Bias: largest mean error of a "
+    "parameter, in claimed standard errors. Coverage of the 95 % intervals. ± one standard error; "
+    "in parentheses 95 % intervals, of failures the loss of the fits that ended well."
+)
+VARYING = (
+    "The controlled element varies during the run, and the pilot with it. **Trajectories** are the "
+    "parameters over time: errors are relative to the true value at the time, before, during and "
+    "after the change, as root mean square over time and recordings. The **lag** is the shift in "
+    "time at which the truth fits a trajectory best, median over recordings. **In band** is the "
+    "share of the time at which the 95 % band holds the true value."
+)
+NUMBERS = "Numbers: [summary.csv](summary.csv), each fit: [estimates.csv](estimates.csv)."
+
+
+def write_report(
+    folder: Path,
+    store: Store,
+    study: Comparison,
+    *,
+    kinds: Kinds = ("svg",),
+    above: str = "",
+) -> Path:
+    """Write report.html, report.md and the figures; equal stores give equal bytes.
+
+    What a `trust.json` beside the store says comes first.
+
+    The Markdown is the report in short: what the page folds, it leaves out.
+
+    Parameters
+    ----------
+    folder
+        Where to write.
+    store
+        The study's store.
+    study
+        What the store holds.
+    kinds
+        Files of each figure.
+    above
+        The page above this one, if there is one.
+
+    Returns
+    -------
+    Path
+        The page.
+    """
+    told = read_trust(store.path.parent)
+    sections = [*([trust_section(told)] if told else []), *report_sections(study, store)]
+    page = folder / "report.html"
+    write_page(page, TITLE, sections, above, kinds)
+    short = to_markdown(TITLE, [section.in_short() for section in sections if not section.folded])
+    write_file(folder / "report.md", short.encode("utf-8", "replace"))
+    return page
+
+
+def overview(study: Comparison, *, widest: int = 21) -> tuple[list[str], list[Table[Any]]]:
+    """The answer in sentences and tables, which the terminal and the page's first screen show.
+
+    At most `widest` scenarios stand beside one another; 0 for none.
+    """
+    names = compared(study)
+    shown = names if len(names) <= OPEN else [_reference(names)]
+    words = [answer(study.of(name)) for name in shown]
+    tables: list[Table[Any]] = [ranking(study.of(name)) for name in shown]
+    if len(names) > 1:
+        words.insert(0, _over_all(study, names))
+        tables = [*matrices(study, names, widest), *tables]
+    return words, tables
+
+
+def _over_all(study: Comparison, names: Sequence[str]) -> str:
+    """Which method to take where it is not known which scenario is the nearest."""
+    means = {
+        method: mean_loss(losses)
+        for method, losses in by_mean_loss(study, names).items()
+        if len(losses) == len(names)
+    }
+    if not means:
+        return f"No method is ranked in all {len(names)} scenarios."
+    best, *others = means
+    words = f"Over these {len(names)} scenarios **`{best}` is best**: mean loss "
+    return f"{words}{loss_text(means[best])}" + (
+        f", then `{others[0]}`, {loss_text(means[others[0]])}." if others else "."
+    )
+
+
+def compared(study: Comparison) -> list[str]:
+    """Scenarios and populations of which means say something."""
+    return [entry.name for entry in study.scenarios if not entry.one_recording]
+
+
+def _reference(names: Sequence[str]) -> str:
+    return REFERENCE if REFERENCE in names else names[0]
+
+
+def answer(cells: Sequence[Cell]) -> str:
+    """Which method to take in a scenario, how much better it is than the next, which to avoid."""
+    name = cells[0].scenario.name
+    order = [cell for cell in ranked(cells) if math.isfinite(cell.overall.loss.value)]
+    if not order:
+        return f"On `{name}` no method can be ranked: none gives intervals."
+    best, *others = order
+    grade = judge(best.scores).grade
+    words = f"On `{name}`, **`{best.method}` is best**: loss {best.overall.loss}, {grade}."
+    if grade == "poor":
+        words = (
+            f"On `{name}` no method is good enough: `{best.method}`, the best, is poor, with a "
+            f"loss of {best.overall.loss}."
+        )
+    alike = [cell for cell in others if (r := loss_ratio(cell, best)).lower <= 1.0 <= r.upper]
+    if alike:
+        listed = ", ".join(f"`{cell.method}`" for cell in alike)
+        words += f" Not distinguishable from it with these recordings: {listed}."
+    worse = next((cell for cell in others if cell not in alike), None)
+    if worse is not None:
+        words += f" Then comes `{worse.method}`, with {loss_ratio(worse, best)} times that loss."
+    poor = [f"`{cell.method}`" for cell in others if cell.overall.loss.lower >= USABLE]
+    if poor and grade != "poor":
+        words += f" **Do not use** {', '.join(poor)}: certainly poor."
+    return words
+
+
+def report_sections(study: Comparison, store: Store) -> list[Section]:
+    """The report's sections: the answer, all on each scenario, failures, provenance."""
+    about = store.about()
+    if not study.cells:
+        return [Section("summary", "Summary", [Text("The study holds no fits yet.")])]
+    names = compared(study)
+    return [
+        _summary(study, about),
+        *_recorders(study, names),
+        *(_scenario(study, about, name) for name in names),
+        *_trends(study),
+        *paper_sections(study, about),
+        failures(study),
+        provenance(study, store, about),
+    ]
+
+
+def _summary(study: Comparison, about: Mapping[str, str]) -> Section:
+    blocks: list[Block] = []
+    if "mixed" in about:
+        blocks.append(Text(f"**Careful: {mixed(about['mixed'])}**"))
+    words, tables = overview(study)
+    names = compared(study)
+    blocks += [Text(" ".join(words)) if len(words) == 1 else Bullets(words), *tables]
+    if names:
+        blocks.append(Text(SHORT))
+        name = _reference(names)
+        order = ranked(study.of(name))
+        if len(names) == 1:
+            blocks.append(Bullets([sentence(cell.method, cell.scores) for cell in order]))
+        if any(cell.seconds > 0.0 and cell.overall.loss.value > 0.0 for cell in order):
+            blocks.append(
+                Figure(
+                    "cost",
+                    figures.cost(order),
+                    f"`{name}`: loss with its 95 % interval, and what a fit takes on one core. "
+                    f"Stepped line: no other method is both faster and better. {NUMBERS}",
+                    f"Loss of each method in {name} over the median time of a fit",
+                )
+            )
+        blocks += [Text(LOSS), Text(COLUMNS), Text(RULES)]
+    return Section("summary", "Which method to use", blocks)
+
+
+def _recorders(study: Comparison, names: Sequence[str]) -> list[Section]:
+    """What faulty recorders do to each method."""
+    own = [name for name in names if study.entry(name).family == RECORDER]
+    if not own:
+        return []
+    return [Section("recorders", "What your recorder may do to you", [recorder_table(study, own)])]
+
+
+def _scenario(study: Comparison, about: Mapping[str, str], name: str) -> Section:
+    """All on one scenario or population."""
+    entry, cells = study.entry(name), study.of(name)
+    power = float(about.get(f"remnant ratio {name}", "nan"))
+    remnant = f"; remnant {100 * power:.0f} % of the control's power" if power == power else ""
+    blocks: list[Block] = [
+        Text(
+            f"{entry.description[:1].upper()}{entry.description[1:]}{remnant}; model {entry.model}."
+        )
+    ]
+    if len(compared(study)) > OPEN and name != _reference(compared(study)):
+        blocks.append(ranking(cells))
+    if len(compared(study)) > 1:
+        blocks.append(Bullets([sentence(cell.method, cell.scores) for cell in ranked(cells)]))
+    if entry.family in (RECORDER, VIOLATION):
+        blocks.append(remark_table(cells))
+    blocks += details(cells, name)
+    if f"{TRAJECTORY} {name}" in about:
+        blocks += _varying(name, cells, json.loads(about[f"{TRAJECTORY} {name}"]))
+    return Section(key_of(name), f"Scenario {name}", blocks, folded=True)
+
+
+def details(cells: Sequence[Cell], key: str, *, linked: bool = True) -> list[Block]:
+    """Figures, which `key` names, and all numbers of a scenario or a population.
+
+    `linked` says whether the tables that figures are drawn from lie beside the page.
+    """
+    entry, usable = cells[0].scenario, [cell for cell in cells if cell.usable]
+    blocks: list[Block] = []
+    if entry.one_recording:
+        return [all_numbers(cells)]
+    if entry.population:
+        blocks = _population(key, usable, NUMBERS if linked else "")
+    elif usable:
+        blocks = [_errors(key, usable, NUMBERS if linked else "")]
+    return [*blocks, all_numbers(cells, paper_of(entry))]
+
+
+def _errors(key: str, cells: Sequence[Cell], source: str) -> Figure:
+    name, paper = cells[0].scenario.name, paper_of(cells[0].scenario)
+    beside = f"; the crosses are {PAPER}, Fig. 3 (10 runs, ± standard deviation)" if paper else ""
+    return Figure(
+        f"errors-{key}",
+        figures.errors(cells, paper, PAPER),
+        f"Scenario {name}: mean error, standard deviation and claimed standard error beside the "
+        f"Cramér-Rao bound{beside}. Each panel has its own scale; a triangle marks a method whose "
+        f"mean error lies outside it. {source}".rstrip(),
+        f"Mean error and scatter of each parameter by each method in scenario {name}",
+    )
+
+
+def _population(key: str, cells: Sequence[Cell], source: str) -> list[Block]:
+    """Where in a population methods are weak, and how their errors are distributed."""
+    if not cells:
+        return []
+    name = cells[0].scenario.name
+    parts = "Numbers: [population.csv](population.csv)." if source else ""
+    weak = [words for cell in cells if (words := _weakest(cell))]
+    blocks: list[Block] = [Bullets(weak)] if weak else []
+    if not any(cell.overall.n for cell in cells):
+        return blocks
+    return [
+        *blocks,
+        Figure(
+            f"coverage-{key}",
+            figures.by_stratum(cells),
+            f"`{name}`: share of the 95 % intervals that hold the truth, over all parameters, in "
+            "parts of the recordings. Bars: 95 % Monte Carlo intervals; grey: 93.5 to 96.5 %; a "
+            f"hollow triangle marks a share to the left of the axis. {parts}".rstrip(),
+            f"Coverage of 95 % intervals by part of {name} and method",
+        ),
+        Figure(
+            f"errors-{key}",
+            figures.by_parameter(cells),
+            f"`{name}`: error over claimed error in ascending order, against the quantiles of a "
+            "normal distribution, where an exact method lies on the line. Grey: where 95 % of each "
+            f"quantile would lie for as many recordings. {source}".rstrip(),
+            f"Quantiles of standardised errors in {name} by parameter and method",
+        ),
+    ]
+
+
+def _weakest(cell: Cell) -> str:
+    """The part of a population where a method loses most, in words."""
+    found = [
+        (scores[0].loss.value, f"{name} {value}", scores[0])
+        for (name, value), scores in cell.parts.items()
+        if len(cell.strata[name]) > 1
+        and scores[0].tried >= FEWEST
+        and math.isfinite(scores[0].loss.value)
+    ]
+    if not found:
+        return ""
+    loss, where, own = max(found, key=lambda each: each[:2])
+    covered = share(own.coverage.value, own.coverage_interval)
+    return (
+        f"`{cell.method}` loses most in {where}: {number(loss)} in {own.tried} fits, "
+        f"coverage {covered} %."
+    )
+
+
+def _varying(name: str, every: Sequence[Cell], truth: Mapping[str, Sequence[float]]) -> list[Block]:
+    """How well methods follow a pilot whose parameters vary in time."""
+    cells = [cell for cell in every if cell.tracks]
+    if not cells:
+        return []
+    return [
+        Text(f"{VARYING} Numbers: [trajectories.csv](trajectories.csv)."),
+        Figure(
+            f"trajectories-{name}",
+            figures.paths(cells, truth),
+            f"Scenario {name}: median (line) and range from 5 to 95 % (shaded) of the estimated "
+            "trajectories, at each time; dashed: the truth.",
+            f"Gain and lead over time by each method in scenario {name}, beside the truth",
+        ),
+        track_table(f"`{name}`: trajectories of what varies", cells, moving=True),
+        track_table(f"`{name}`: trajectories of what stays", cells, moving=False),
+    ]
+
+
+def _trends(study: Comparison) -> list[Section]:
+    """Errors over the one number in which the scenarios of a family differ."""
+    varied = {
+        str(e.settings["varied"]): e.family
+        for e in study.scenarios
+        if e.family and e.settings.get("varied")
+    }
+    blocks: list[Block] = []
+    for path, family in varied.items():
+        own = [e for e in study.scenarios if e.family == family]
+        points = {e.number(path): e.name for e in own}
+        same = [e for e in study.scenarios if e.name == REFERENCE and e.model == own[0].model]
+        points = {e.number(path): e.name for e in same} | points
+        known = sorted((name, x) for x, name in points.items() if x > 0.0)
+        if len(known) < 2:
+            continue
+        figure = figures.sweep(
+            study,
+            sorted(known, key=lambda point: point[1]),
+            lambda s: s.rmse,
+            (path, "rmse [% of true value]"),
+            log=True,
+            line=lambda s: s.bound,
+            line_label="bound",
+        )
+        alt = f"Root mean square error by parameter and method over {path}"
+        caption = f"Root mean square error and Cramér-Rao bound over `{path}`. {NUMBERS}"
+        blocks.append(Figure(f"trend-{family}", figure, caption, alt))
+    return [Section("trends", "Trends", blocks, folded=True)] if blocks else []
+
+
+# ------------------------------------------------------------------------------ provenance
+
+#: Facts on a study that are no versions.
+OWN_FACTS = ("format", "seed", "mixed", "code", "sparing")
+
+
+def command(
+    study: Comparison, about: Mapping[str, str], scenarios: Sequence[str], folder: str
+) -> str:
+    """What to type for these scenarios and the methods that were tried on them.
+
+    Where methods for time-varying pilots were left out of other scenarios, the whole study is
+    that of all methods, which `compare` chooses by itself.
+    """
+    tried = {cell.method for name in scenarios for cell in study.of(name)}
+    methods = [study.typed[method] for method in study.methods if method in tried]
+    names = dict.fromkeys(study.entry(name).typed or name for name in scenarios)
+    chosen = f"--method {quote(','.join(methods))} "
+    if "sparing" in about and set(scenarios) == set(study.names):
+        chosen = ""
+    return (
+        f"pilotid compare --scenario {quote(','.join(names))} {chosen}"
+        f"--replications {study.replications(scenarios)} --seed {about.get('seed', '?')} "
+        f"--out results/{folder}"
+    )
+
+
+def mixed(what: str) -> str:
+    """The warning on a store with results of different code."""
+    return (
+        f"this store mixes results of different code or settings ({what}); differences between "
+        "methods may be differences between versions."
+    )
+
+
+def failures(study: Comparison) -> Section:
+    """Which fits failed, and why."""
+    table = failure_table(study)
+    text = (
+        "A failure counts in the loss as the interval from zero to twice the true value; bias, "
+        "scatter, rmse and coverage are those of the fits that count. A recording that a method "
+        "cannot treat is no try."
+    )
+    every = Text("Every fit of this study converged.")
+    return Section(
+        "failures",
+        "Failures and their reasons",
+        [Text(text), table if table.items else every],
+        folded=True,
+    )
+
+
+def provenance(study: Comparison, store: Store, about: Mapping[str, str]) -> Section:
+    """All that defines methods and scenarios, seed, versions, and how to make the numbers again."""
+    held = store.methods()
+    facts = ", ".join(
+        f"{key} {value}"
+        for key, value in about.items()
+        if key not in OWN_FACTS and not key.startswith(("remnant ratio", TRAJECTORY))
+    )
+    seed = f"Seed {about.get('seed', '?')}, code digest {about.get('code', '?')}; {facts}."
+    methods: list[Column[str]] = [
+        Column("method", str),
+        Column("settings", lambda label: f"`{shown(held[label].settings)}`"),
+    ]
+    scenarios: list[Column[ScenarioEntry]] = [
+        Column("scenario", lambda e: e.name),
+        Column("description", lambda e: e.description),
+        Column("model", lambda e: e.model),
+        Column("start", lambda e: e.start),
+        Column("all that defines it", lambda e: f"`{shown(e.settings)}`"),
+    ]
+    blocks: list[Block] = [
+        Command(
+            "The whole study (resumes an interrupted one; the same numbers for any number of "
+            "workers):",
+            command(study, about, study.names, "compare"),
+        ),
+        Command("This report again, from the store alone:", "pilotid report DIR"),
+        Text(
+            "No method is told the truth. All methods have the same recordings and are handed the "
+            "same **start**: that of the model, or one drawn at random where the scenarios say so. "
+            f"{seed}"
+        ),
+        Table("Methods", methods, study.methods, folded=True),
+        Table("Scenarios", scenarios, study.scenarios, folded=True),
+    ]
+    if "mixed" in about:
+        blocks.insert(0, Text(f"**{mixed(about['mixed'])}**"))
+    return Section("provenance", "Provenance", blocks)

@@ -1,0 +1,486 @@
+"""Tables of a study."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from pilotid.document import Column, LogAxis, Table
+from pilotid.estimates.estimate import Outcome
+from pilotid.numbers import number, percent, plus_minus, share, signed, unsigned
+from pilotid.study.comparison import Cell, Comparison, Score, loss_ratio
+from pilotid.study.judge import EFFICIENT, FEWEST, USABLE, judge
+from pilotid.study.scores import Interval, loss_text
+from pilotid.study.tracks import TrackScore
+
+VIOLATION = "violation"  # family of the scenarios that violate an assumption
+RECORDER = "recorder"  # family of the scenarios whose recorder is faulty
+OFF = 4.0  # claimed standard errors by which a value is wrong
+#: Loss from which a cell of the matrix is darkest.
+BAD = 10.0
+FEW = 4  # scenarios of which the matrix shows intervals
+LONGEST_WORDS = 60  # characters of a remark that a table shows
+LATE = 1.0  # seconds from which a lag counts
+GRADES = {"efficient": "good", "usable": "partly", "poor": "poor"}
+
+
+def loss_mark(loss: float) -> str:
+    """The colour of a loss."""
+    limits = {"good": EFFICIENT, "partly": USABLE, "poor": BAD, "bad": math.inf}
+    return next((mark for mark, limit in limits.items() if loss < limit), "none")
+
+
+def with_interval(value: float, lower: float, upper: float) -> str:
+    """A loss, or a ratio of losses, with its interval."""
+    return str(Interval(value, lower, upper))
+
+
+def ranked(cells: Sequence[Cell]) -> list[Cell]:
+    """Methods by their loss, behind them those without intervals, and those not applicable."""
+
+    def place(cell: Cell) -> tuple[int, float]:
+        loss, ratio = cell.overall.loss.value, cell.overall.ratio.value
+        known = math.isfinite(loss)
+        rest = ratio if math.isfinite(ratio) else math.inf
+        return (0 if known else 1 if cell.tried else 2), loss if known else rest
+
+    return sorted(cells, key=place)
+
+
+def ranking(cells: Sequence[Cell]) -> Table[Cell]:
+    """The methods of a scenario in the order of their loss."""
+    order, entry = ranked(cells), cells[0].scenario
+    count = max(len(cell.results) for cell in cells)
+    what = "all fits of one recording" if entry.one_recording else "1 recording"
+    if count > 1 and not entry.one_recording:
+        what = f"{count} recordings"
+    axis = LogAxis.of(cell.overall.loss for cell in order)
+    caption = f"`{entry.name}`, {what}: methods by their loss (1: perfect)"
+    return Table(caption, ranking_columns(order[0], axis), order)
+
+
+def ranking_columns(best: Cell, axis: LogAxis) -> list[Column[Cell]]:
+    """The columns of a ranking, whose best method times are compared with."""
+
+    def times_best(cell: Cell) -> str | None:
+        if not math.isfinite(cell.overall.loss.value):
+            return None
+        return "best" if cell is best else str(loss_ratio(cell, best))
+
+    return [
+        Column("method", lambda c: c.method),
+        Column("loss (95 %)", _loss, str, hint="interval score over an efficient estimator's"),
+        Column(
+            "",
+            lambda c: c.overall.loss,
+            hint="logarithmic; 1 is perfect",
+            mark=lambda c: loss_mark(c.overall.loss.value),
+            axis=axis,
+        ),
+        Column("times best", times_best, str, "ratio to the first row's loss, same recordings"),
+        Column("verdict", lambda c: judge(c.scores).words, None, "by fixed limits", _grade),
+        Column("bias", _largest_bias, str, "mean error in claimed standard errors"),
+        Column("coverage %", lambda c: covered(c.overall), share, "of 95 % intervals"),
+        Column("failed", _failed, str, "in parentheses the loss of the other fits"),
+        Column("objects", _objections, of, "recordings that it objects to"),
+        Column("warned", _warned_of_violation, str, "recordings with a remark or a failure"),
+        Column("lag", _lags, hint="of what varies, if certainly above 1 s"),
+        Column("s per fit", lambda c: (c.seconds, 2), number, "median"),
+    ]
+
+
+def _loss(cell: Cell) -> str:
+    if math.isfinite(cell.overall.loss.value):
+        return str(cell.overall.loss)
+    return f"rmse {number(cell.overall.ratio.value)} x bound" if cell.tried else "not applicable"
+
+
+def _largest_bias(cell: Cell) -> str | None:
+    known = [s for s in cell.scores[1:] if s.n >= FEWEST and s.z.error > 0.0]
+    worst = max(known, key=lambda s: abs(s.z.value), default=None)
+    return f"{worst.parameter} {plus_minus(*worst.z)}" if worst else None
+
+
+def of(count: int, total: int) -> str:
+    """A share as two counts."""
+    return f"{count} of {total}" if count else "0"
+
+
+def covered(score: Score) -> tuple[float, tuple[float, float]]:
+    """Coverage with its 95 % interval."""
+    return score.coverage.value, score.coverage_interval
+
+
+def _grade(cell: Cell) -> str:
+    return GRADES.get(judge(cell.scores).grade, "none")
+
+
+def _objections(cell: Cell) -> tuple[int, int]:
+    count = cell.overall.objections
+    return count, count + cell.overall.tried
+
+
+def _warned(cell: Cell) -> str:
+    """Recordings that the method can treat of which a user is told something."""
+    return of(sum(bool(r.remarks) or not r.usable for r in cell.attempts), cell.tried)
+
+
+def _warned_of_violation(cell: Cell) -> str | None:
+    """Warnings where an assumption is violated, or the recorder is faulty."""
+    return _warned(cell) if cell.scenario.family in (VIOLATION, RECORDER) else None
+
+
+def recorder_table(study: Comparison, names: Sequence[str]) -> Table[Cell]:
+    """What each method makes of faulty recorders."""
+    columns: list[Column[Cell]] = [
+        Column("recorder", lambda c: c.scenario.name),
+        Column("method", lambda c: c.method),
+        Column("n", lambda c: c.tried),
+        Column("right %", lambda c: shares_told(c)[0], _percents, f"off by {OFF:g} errors at most"),
+        Column("wrong, said %", lambda c: shares_told(c)[1], _percents, "a remark or a failure"),
+        Column("wrong, silent %", lambda c: shares_told(c)[2], _percents),
+    ]
+    cells = [cell for name in names for cell in study.of(name) if cell.tried]
+    return Table("What faulty recorders do to each method", columns, cells, 2)
+
+
+def shares_told(cell: Cell) -> tuple[float, float, float]:
+    """Shares of fits that are right, wrong with a word of it, and wrong in silence."""
+    known, tried = cell.numbers, cell.applicable
+    off = np.abs(known.value - known.truth) > OFF * known.std_error
+    wrong = off.any(axis=1) | ~cell.counted
+    said = np.array([bool(r.remarks) or not r.usable for r in cell.results])
+    right, named, silent = (
+        float(np.mean(share[tried])) for share in (~wrong, wrong & said, wrong & ~said)
+    )
+    return right, named, silent
+
+
+def _percents(value: float) -> str:
+    return f"{100.0 * value:.0f}"
+
+
+def _failed(cell: Cell) -> str:
+    """Fits that failed, and the loss of the others."""
+    own = cell.overall
+    return of(own.failures, own.tried) + (
+        f" ({number(own.loss_ended_well)})" if own.failures else ""
+    )
+
+
+def _lags(cell: Cell) -> str | None:
+    """Parameters that a method follows certainly too late, or runs ahead of."""
+    late = [s for s in cell.tracks if abs(s.lag) - 1.96 * s.lag_se > LATE]
+    words = (
+        f"{s.parameter} {number(abs(s.lag), 2)} s {'late' if s.lag > 0 else 'ahead'}" for s in late
+    )
+    return ", ".join(words) or ("none" if cell.tracks else None)
+
+
+# ------------------------------------------------------------------------------ scenarios
+
+
+def mean_loss(losses: Mapping[str, float]) -> float:
+    """Geometric mean over scenarios."""
+    return math.exp(float(np.mean(np.log(list(losses.values()))))) if losses else math.nan
+
+
+def by_mean_loss(study: Comparison, names: Sequence[str]) -> dict[str, dict[str, float]]:
+    """Losses by scenario of each method: those ranked in most scenarios first, then the best."""
+    found = {}
+    for method in study.methods:
+        cells = {name: cell for name in names if (cell := study.at(name, method))}
+        losses = {name: cell.overall.loss.value for name, cell in cells.items()}
+        found[method] = {name: loss for name, loss in losses.items() if loss > 0.0}
+    order = sorted(found, key=lambda m: (-len(found[m]), mean_loss(found[m]) if found[m] else 0.0))
+    return {method: found[method] for method in order}
+
+
+def matrices(study: Comparison, names: Sequence[str], widest: int) -> list[Table[str]]:
+    """Loss of every method in every scenario, a row a method.
+
+    At most `widest` scenarios stand beside one another, and more have a table each so many; with
+    0 the table has the means alone.
+    """
+    count = -(-len(names) // widest) if widest else 1
+    size = -(-len(names) // count)
+    few, losses = len(names) <= FEW, by_mean_loss(study, names)
+
+    def mean(method: str) -> str | None:
+        whole = len(losses[method]) == len(names)
+        return loss_text(mean_loss(losses[method])) if whole else None
+
+    def worst(method: str) -> str | None:
+        loss, name = max(((v, k) for k, v in losses[method].items()), default=(0.0, ""))
+        return f"{number(loss, 2)} {name}" if name else None
+
+    def column(name: str) -> Column[str]:
+        def loss(method: str) -> str | None:
+            cell = study.at(name, method)
+            if cell is None or math.isfinite(cell.overall.loss.value):
+                own = cell.overall.loss if cell else None
+                return own and (str(own) if few else number(own.value, 2))
+            return "no intervals" if cell.tried else "n/a"
+
+        def mark(method: str) -> str:
+            cell = study.at(name, method)
+            return loss_mark(cell.overall.loss.value) if cell else ""
+
+        return Column(f"[{name}](#{key_of(name)})", loss, str, mark=mark)
+
+    front: list[Column[str]] = [
+        Column("mean", mean, str, "geometric, where there is a loss in every scenario"),
+        Column("worst", worst),
+    ]
+    caption = f"Loss of every method in {len(names)} scenarios (1: perfect; n/a: not applicable)"
+    tables = []
+    for i in range(0, len(names), size):
+        shown = [column(name) for name in names[i : i + size]] if widest else []
+        columns: list[Column[str]] = [Column("method", str), *([] if i else front), *shown]
+        title = "Loss in further scenarios" if i else caption
+        tables.append(Table(title, columns, list(losses), upright=not few))
+    return tables
+
+
+def key_of(name: str) -> str:
+    """The target of links to a scenario, whose name may hold its settings."""
+    return re.sub(r"[^\w-]+", "-", name)
+
+
+def remark_table(cells: Sequence[Cell]) -> Table[Cell]:
+    """What users of each method are told most often."""
+    columns = [
+        Column("method", lambda c: c.method),
+        Column("warned", _warned, str, "of the recordings"),
+        Column("commonest remarks, and how often", _remarks),
+    ]
+    tried = [cell for cell in ranked(cells) if cell.tried]
+    return Table("What users are told", columns, tried, folded=True)
+
+
+def _remarks(cell: Cell) -> str | None:
+    """The first words of the two commonest remarks, and how often they came."""
+    every = [remark for r in cell.attempts for remark in r.remarks.split(" | ") if remark]
+    kinds = Counter(map(_kind, every))
+    first = {_kind(remark): remark for remark in reversed(every)}
+    common = sorted(kinds, key=lambda kind: (-kinds[kind], kind))[:2]
+    return "; ".join(f"{_short(first[kind])} ({kinds[kind]})" for kind in common) or None
+
+
+def _short(words: str) -> str:
+    if len(words) <= LONGEST_WORDS:
+        return words
+    return f"{words[:LONGEST_WORDS].rsplit(' ', 1)[0]} ..."
+
+
+def _kind(remark: str) -> str:
+    """The first words without numbers, which differ from recording to recording."""
+    return " ".join(re.sub(r"[-+.e\d]*\d[-+.e\d]*", "", remark).split()[:6])
+
+
+class Row(NamedTuple):
+    """A parameter by a method in a scenario."""
+
+    cell: Cell
+    place: int
+
+    @property
+    def key(self) -> str:
+        """The parameter."""
+        return self.cell.keys[self.place]
+
+    @property
+    def score(self) -> Score:
+        """Its scores in % of the true value."""
+        return self.cell.scores[1 + self.place].percent
+
+
+def _rows(cells: Sequence[Cell]) -> list[Row]:
+    """All parameters, each by all methods."""
+    keys = dict.fromkeys(key for cell in cells for key in cell.keys)
+    return [
+        Row(cell, cell.keys.index(key))
+        for key in keys
+        for cell in cells
+        if key in cell.keys and cell.tried
+    ]
+
+
+FRONT: list[Column[Row]] = [
+    Column("parameter", lambda r: r.key),
+    Column("method", lambda r: r.cell.method),
+]
+
+
+def all_numbers(cells: Sequence[Cell], paper: Sequence[tuple[float, float]] = ()) -> Table[Row]:
+    """All scores of a scenario: a row for each parameter and method."""
+    entry = cells[0].scenario
+
+    def of_paper(which: int) -> Callable[[Row], float | None]:
+        return lambda r: paper[r.place][which] if paper else None
+
+    def shape(title: str, name: str, hint: str, form: Callable[..., str] = unsigned) -> Column[Row]:
+        """A score of the distribution of errors, which only a population has."""
+        population = entry.population
+        return Column(title, lambda r: getattr(r.score, name) if population else None, form, hint)
+
+    columns: list[Column[Row]] = [
+        *FRONT,
+        Column("n", lambda r: r.score.n, str, "values of fits that count"),
+        Column("loss", lambda r: r.score.loss, with_interval, "with its 95 % interval"),
+        Column("bias / claim", lambda r: r.score.z, plus_minus, "mean standardised error"),
+        Column("rmse / bound", lambda r: r.score.ratio, unsigned, "with its error"),
+        Column("coverage %", lambda r: covered(r.score), share, "of the 95 % intervals"),
+        shape("rms", "rms", "of error over claim"),
+        shape("trimmed", "trimmed", "by 1 %"),
+        shape("beyond 3 %", "beyond", "share of errors beyond 3 claimed errors", percent),
+        shape("median", "typical", "of error over bound", number),
+        Column("wrong optima", lambda r: (r.score.wrong, r.score.optima), of, "where it is known"),
+        Column("bias %", lambda r: r.score.bias, plus_minus, "of the true value"),
+        Column("paper: bias %", of_paper(0), signed, paper=True),
+        Column("std %", lambda r: r.score.std, unsigned, "standard deviation"),
+        Column("paper: std %", of_paper(1), "{:g}".format, paper=True),
+        Column("claimed %", lambda r: r.score.claimed, number, "mean standard error"),
+        Column("posterior %", lambda r: r.score.posterior, number, "mean spread"),
+        Column("bound %", lambda r: r.score.bound, number, "of Cramér and Rao"),
+    ]
+    return Table(f"`{entry.name}`: all numbers", columns, _rows(cells), heads=2, folded=True)
+
+
+def bias_table(
+    study: Comparison,
+    scenarios: Sequence[str],
+    paper: Mapping[str, Sequence[float]],
+    caption: str,
+) -> Table[tuple[str, int]]:
+    """Bias [%] in some scenarios, a column for the paper, by scenario, and one for each method."""
+
+    def bias(method: str) -> Column[tuple[str, int]]:
+        def of(item: tuple[str, int]) -> tuple[float, float] | None:
+            cell = study.at(item[0], method)
+            return cell.percent[item[1]].bias if cell else None
+
+        return Column(method, of, plus_minus, "bias % with its Monte Carlo error")
+
+    def of_paper(item: tuple[str, int]) -> float | None:
+        name, place = item
+        return paper[name][place] if name in paper else None
+
+    columns: list[Column[tuple[str, int]]] = [
+        Column("scenario", lambda i: i[0]),
+        Column("parameter", lambda i: study.entry(i[0]).parameters[i[1]].parameter),
+        Column("paper: bias %", of_paper, signed, paper=True),
+        *map(bias, study.methods),
+    ]
+    items = [(name, i) for name in scenarios for i in range(len(study.entry(name).parameters))]
+    return Table(caption, columns, items, heads=2)
+
+
+def _common_end(row: Row) -> str:
+    return f"{row.cell.agreeing} of {row.cell.tried}"
+
+
+def starts_table(cells: Sequence[Cell], paper: Sequence[float]) -> Table[Row]:
+    """Where fits of one recording end, by parameter and method."""
+
+    def middle(row: Row) -> float:
+        found = row.cell.errors[:, row.place]
+        return float(np.median(found)) if found.size else math.nan
+
+    columns: list[Column[Row]] = [
+        *FRONT,
+        Column("n", lambda r: r.score.n, str, "fits that count"),
+        Column("failed", lambda r: r.score.failures, str, "of those tried"),
+        Column("common end", _common_end, str, "starts within a tenth of the bound of the median"),
+        Column("error %", middle, number, "of the median end"),
+        Column("paper: error %", lambda r: paper[r.place] if paper else None, signed, paper=True),
+        Column("spread %", lambda r: r.score.std.value, number, "standard deviation over starts"),
+        Column("bound %", lambda r: r.score.bound, number, "of Cramér and Rao"),
+    ]
+    return Table(f"`{cells[0].scenario.name}`: ends of the search", columns, _rows(cells), heads=2)
+
+
+def track_table(
+    caption: str, cells: Sequence[Cell], *, moving: bool
+) -> Table[tuple[str, TrackScore]]:
+    """A row for each parameter and method, of parameters that vary or of those that stay."""
+    keys = dict.fromkeys(s.parameter for cell in cells for s in cell.tracks)
+    items = [
+        (cell.method, s)
+        for key in keys
+        for cell in cells
+        for s in cell.tracks
+        if s.parameter == key and math.isfinite(s.lag) == moving
+    ]
+
+    def error(period: int, name: str) -> Column[tuple[str, TrackScore]]:
+        return Column(
+            name,
+            lambda i: (i[1].rmse[period], i[1].rmse_se[period]),
+            percent,
+            hint="rms of relative errors with its Monte Carlo standard error",
+        )
+
+    columns: list[Column[tuple[str, TrackScore]]] = [
+        Column("parameter", lambda i: i[1].parameter),
+        Column("method", lambda i: i[0]),
+        Column("n", lambda i: i[1].n, str, "trajectories"),
+        *(error(i, n) for i, n in enumerate(("before %", "during %", "after %", "whole %"))),
+        Column("median %", lambda i: i[1].median, percent, "of root mean squares"),
+        Column("lag s", lambda i: (i[1].lag, i[1].lag_se), plus_minus, "median with its error"),
+        Column("in band %", lambda i: (i[1].coverage, i[1].coverage_se), percent, "of the time"),
+    ]
+    return Table(caption, columns, items, heads=2, folded=not moving)
+
+
+class Failure(NamedTuple):
+    """An outcome but plain convergence in a scenario by a method, and how often it came."""
+
+    cell: Cell
+    outcome: str
+    fits: int
+
+    @property
+    def treated(self) -> str:
+        """What it counts as."""
+        if any(r.usable for r in self.cell.results if r.outcome == self.outcome):
+            return "result"
+        return "no try" if self.outcome == Outcome.NOT_APPLICABLE.slug else "failure"
+
+    @property
+    def details(self) -> str:
+        """The commonest messages."""
+        own = (r.message for r in self.cell.results if r.outcome == self.outcome)
+        messages = Counter(" ".join(message.split()) for message in own)
+        messages.pop("", None)
+        common = sorted(messages.items(), key=lambda item: (-item[1], item[0]))
+        words = [f"{text} ({count})" if len(common) > 1 else text for text, count in common[:3]]
+        if len(common) > 3:
+            words.append(f"and {sum(count for _, count in common[3:])} more")
+        return "; ".join(words)
+
+
+def failure_table(study: Comparison) -> Table[Failure]:
+    """Every outcome but plain convergence, with its details and how often it came."""
+    sentences = {outcome.slug: outcome.value for outcome in Outcome}
+    columns: list[Column[Failure]] = [
+        Column("scenario", lambda f: f.cell.scenario.name),
+        Column("method", lambda f: f.cell.method),
+        Column("fits", lambda f: f.fits, str),
+        Column("of", lambda f: len(f.cell.results), str),
+        Column("counts as", lambda f: f.treated),
+        Column("outcome", lambda f: sentences.get(f.outcome, f.outcome)),
+        Column("details", lambda f: f.details),
+    ]
+    items = [
+        Failure(cell, outcome, count)
+        for cell in study.cells
+        for outcome, count in sorted(Counter(r.outcome for r in cell.results).items())
+        if outcome != Outcome.CONVERGED.slug
+    ]
+    return Table("Fits that did not simply converge", columns, items, heads=2, folded=True)
