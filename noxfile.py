@@ -87,6 +87,7 @@ def check(session: nox.Session) -> None:
         "constancy": "constancy.py",
         "design": "design.py",
         "models": "models.py",
+        "recorder": "recorder.py",
     }
     names = [name for name in session.posargs[:1] if name in scripts]
     if not names:

@@ -24,7 +24,7 @@ from typing import TypeVar
 import numpy as np
 
 from pilotid.datasets.forcing import Multisine
-from pilotid.datasets.recorder import drawn_recorder
+from pilotid.datasets.recorder import Recorder, drawn_faulty_recorder, drawn_recorder
 from pilotid.datasets.remnant import Place, Remnant
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.simulation import white_level
@@ -86,8 +86,9 @@ class Population:
         Whether remnants are outside the families of low-pass filters.
     enters
         Where low-pass remnants may enter, see `Remnant`.
-    recorded
-        Whether a recorder drawn at random stands between loop and file.
+    recorded, faulty
+        Whether a recorder drawn at random stands between loop and file, and whether half of these
+        record a signal late or filter some signals only.
     aperiodic
         Whether forcing functions have no whole period in the recording.
     intervals
@@ -104,6 +105,7 @@ class Population:
     exotic: bool = False
     enters: tuple[Place, ...] = ("control",)
     recorded: bool = False
+    faulty: bool = False
     aperiodic: bool = False
     intervals: tuple[float, ...] = (0.01, 0.02)
     durations: tuple[float, float] = (60.0, 120.0)
@@ -160,8 +162,13 @@ class Population:
             run_in=round(_one((0.0, 3.0, 8.0), rng) / dt) * dt,
             dt=dt,
             runs=_one(self.runs, rng),
-            recorder=drawn_recorder(rng) if self.recorded else None,
+            recorder=self._recorder(rng),
         )
+
+    def _recorder(self, rng: np.random.Generator) -> Recorder | None:
+        if self.faulty:
+            return drawn_faulty_recorder(rng)
+        return drawn_recorder(rng) if self.recorded else None
 
     def _remnant(self, rng: np.random.Generator) -> Remnant:
         remnant = drawn_remnant(rng, exotic=self.exotic)
@@ -344,6 +351,13 @@ POPULATIONS: dict[str, Population] = {
             "population-recorded",
             "recorders: rates from 25 to 200 Hz, anti-alias filters, noise, converters, text files",
             recorded=True,
+            intervals=(0.04, 0.02, 0.01, 0.005),
+        ),
+        Population(
+            "population-timing",
+            "the same, a sixth with a signal late by a sample, a third with filters on some "
+            "signals only",
+            faulty=True,
             intervals=(0.04, 0.02, 0.01, 0.005),
         ),
         Population(

@@ -1,8 +1,9 @@
 """Recorders: what stands between a loop and the file of it.
 
 All signals pass one anti-alias filter; noise is added to each, a converter rounds it, and a text
-file rounds it again.  A laboratory records the error or makes it of target and output.  All of
-it leaves the timing of signals with one another as it is.
+file rounds it again.  A laboratory records the error or makes it of target and output.  Faulty
+recorders filter some signals only, record some late, lose samples, or take them at times that
+jitter.
 """
 
 from __future__ import annotations
@@ -13,11 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pilotid.recordings.recording import Recording
-from pilotid.types import FloatArray
+from pilotid.types import FloatArray, IntArray
 
 #: A loop is simulated so many times as fast as it is recorded, so that the filter is that of
 #: continuous signals.
 FASTER = 4
+SIGNALS = ("e", "u", "x", "ft", "fd")
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,16 @@ class Recorder:
         Digits behind the point of a text file, of a signal whose peak is 1; 0 for a binary file.
     makes_error
         Whether the error is made of the target and the recorded output, or recorded.
+    filtered
+        Signals that pass the filter.
+    smoothed
+        Corner of a fourth-order low-pass without phase that all signals pass afterwards [Hz].
+    late
+        Signals that are recorded late, and by how many samples.
+    lost
+        Share of the samples of e, u and x that are replaced by the one before.
+    jitter
+        Standard deviation of the times of samples, as a share of the interval.
     """
 
     order: int = 0
@@ -47,10 +59,17 @@ class Recorder:
     headroom: float = 2.0
     decimals: int = 0
     makes_error: bool = False
+    filtered: tuple[str, ...] = SIGNALS
+    smoothed: float = 0.0
+    late: tuple[tuple[str, int], ...] = ()
+    lost: float = 0.0
+    jitter: float = 0.0
 
     def __post_init__(self) -> None:
         if self.order < 0 or not 0.0 < self.corner < FASTER:
             raise ValueError("the filter needs an order of 0 or more and a corner below the rate")
+        if set(self.filtered) | {name for name, _ in self.late} > set(SIGNALS):
+            raise ValueError(f"signals of a recorder are {', '.join(SIGNALS)}")
         if min(self.noise) < 0.0 or self.bits < 0 or self.decimals < 0 or self.headroom < 1.0:
             raise ValueError(
                 "noise, bits and decimals must be 0 or more, and the headroom 1 or more"
@@ -66,24 +85,40 @@ class Recorder:
         rng
             Draws the noise.
         """
-        signals = {name: getattr(loop, name) for name in ("e", "u", "x", "ft", "fd")}
-        signals = {name: self._sampled(loop, signal) for name, signal in signals.items()}
+        at = np.arange(loop.run_in % FASTER, loop.u.shape[1], FASTER)
+        if self.jitter:
+            moved = at + FASTER * self.jitter * rng.standard_normal(at.size)
+            at = np.clip(np.round(moved).astype(int), 0, loop.u.shape[1] - 1)
+        signals = {name: self._sampled(name, getattr(loop, name), at) for name in SIGNALS}
+        if self.smoothed:
+            from scipy.signal import butter, sosfiltfilt
+
+            sections = butter(4, self.smoothed, fs=1.0 / (FASTER * loop.dt), output="sos")
+            signals = {n: np.asarray(sosfiltfilt(sections, s, axis=1)) for n, s in signals.items()}
         for name, noise in zip(("e", "u", "x"), self.noise, strict=True):
             drawn = noise * _rms(signals[name]) * rng.standard_normal(signals[name].shape)
             signals[name] = self._converted(signals[name] + drawn)
+        for name, count in self.late:
+            signals[name] = np.roll(signals[name], count, axis=1)
+            signals[name][:, :count] = signals[name][:, count : count + 1]
+        if self.lost:
+            kept = rng.random(at.size) >= self.lost
+            kept[0] = True
+            last = np.maximum.accumulate(np.where(kept, np.arange(at.size), 0))
+            signals |= {name: signals[name][:, last] for name in ("e", "u", "x")}
         if self.makes_error:
             signals["e"] = signals["ft"] - signals["x"]
         signals = {name: self._written(signal) for name, signal in signals.items()}
         return replace(loop, dt=FASTER * loop.dt, run_in=loop.run_in // FASTER, **signals)
 
-    def _sampled(self, loop: Recording, signal: FloatArray) -> FloatArray:
-        if self.order:
+    def _sampled(self, name: str, signal: FloatArray, at: IntArray) -> FloatArray:
+        if self.order and name in self.filtered:
             from scipy.signal import butter, sosfilt, sosfilt_zi
 
             sections = butter(self.order, self.corner / FASTER, output="sos")
             start = sosfilt_zi(sections)[:, None] * signal[None, :, :1]
             signal = np.asarray(sosfilt(sections, signal, axis=1, zi=start)[0])
-        return signal[:, loop.run_in % FASTER :: FASTER]
+        return signal[:, at]
 
     def _converted(self, signal: FloatArray) -> FloatArray:
         peak = float(np.abs(signal).max())
@@ -112,6 +147,19 @@ def drawn_recorder(rng: np.random.Generator) -> Recorder:
         decimals=int(rng.choice([0, 3, 4, 5])),
         makes_error=bool(rng.random() < 0.5),
     )
+
+
+def drawn_faulty_recorder(rng: np.random.Generator) -> Recorder:
+    """The same, of which a sixth records a signal late, and a third filters some signals only."""
+    recorder = drawn_recorder(rng)
+    fault = rng.random()
+    if fault < 1.0 / 6.0:
+        late = ("e", "u", "x", "fd")[int(rng.integers(4))]
+        return replace(recorder, late=((late, 1),))
+    if fault < 0.5:
+        some = (("u",), ("x",), ("e", "x", "ft"), ("u", "x"))[int(rng.integers(4))]
+        return replace(recorder, order=int(rng.choice([2, 4])), filtered=some)
+    return recorder
 
 
 def _rms(signal: FloatArray) -> float:

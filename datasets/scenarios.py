@@ -89,7 +89,7 @@ class Scenario:
     family, varied
         Scenarios of one family differ in one number alone, such as ``duration`` or
         ``remnant.level``; reports draw errors over it.  Those of the family ``violation``
-        differ in that.
+        and ``recorder`` differ in that.
     """
 
     name: str
@@ -331,6 +331,32 @@ def _violated() -> list[Scenario]:
     ]
 
 
+def _recorded() -> list[Scenario]:
+    nominal = Scenario("nominal", "", family="recorder")
+    cases: dict[str, tuple[str, Recorder]] = {
+        "noise": (
+            "noise of .3 % of the rms on e and x",
+            Recorder(noise=(0.0, 0.0, 3e-3), makes_error=True),
+        ),
+        "rounded": ("a text file of three decimals", Recorder(decimals=3)),
+        "bits": ("a converter of 10 bits", Recorder(bits=10, makes_error=True)),
+        "filtered": ("a low-pass without phase at 3 Hz on all signals", Recorder(smoothed=3.0)),
+        "filtered-control": (
+            "an anti-alias filter at 10 Hz on the control alone",
+            Recorder(order=2, corner=0.4, filtered=("u",)),
+        ),
+        "late": ("a control recorded late by a sample", Recorder(late=(("u", 1),))),
+        "lost": ("0.2 % of the samples of e, u and x lost", Recorder(lost=0.002)),
+        "jitter": ("times of samples that jitter by half an interval", Recorder(jitter=0.5)),
+    }
+    return [
+        replace(
+            nominal, name=f"recorder-{name}", description=f"nominal with {words}", recorder=recorder
+        )
+        for name, (words, recorder) in cases.items()
+    ]
+
+
 def _changing() -> list[Scenario]:
     """The Monte Carlo simulations of Zaal (JGCD 39(5) 2016), roll."""
     middle = 50.0 - (90.0 - PERIOD)  # 50 s after the start of a run of 90 s
@@ -359,7 +385,14 @@ def _changing() -> list[Scenario]:
 #: Scenarios by the name that the command line takes.
 SCENARIOS: dict[str, Scenario] = {
     s.name: s
-    for s in (*_of_the_paper(), *_beyond_the_paper(), _trained(), *_violated(), *_changing())
+    for s in (
+        *_of_the_paper(),
+        *_beyond_the_paper(),
+        _trained(),
+        *_violated(),
+        *_recorded(),
+        *_changing(),
+    )
 }
 
 

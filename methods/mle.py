@@ -22,6 +22,7 @@ import numpy as np
 
 from pilotid.chance import CHI_SQUARED_95
 from pilotid.estimates.estimate import Estimate, Outcome, failed, is_at_bound
+from pilotid.lines.specification import specification_of
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.remarks import Remark
@@ -127,15 +128,24 @@ class MLE(LikelihoodSettings):
                 information = np.asarray(np.linalg.inv(covariance[pilot, pilot]))
                 inside = covariance_at_bounds(information, at_bound, profile.intervals)
                 estimate = estimate if inside is None else replace(estimate, covariance=inside)
+        tested_against = specification_of(
+            recording, model, estimate.values, estimate.covariance, found.remnant
+        )
         return replace(
             estimate,
+            specification=tested_against,
             iterations=found.iterations,
             starts=found.starts,
             remnant=found.remnant,
             criterion=found.criterion,
             band=found.band_of(recording),
             message="; ".join(part for part in (estimate.message, found.curves) if part),
-            remarks=(*self._not_closed(found), *_not_followed(found), *tested(found, recording)),
+            remarks=(
+                *(tested_against.remarks if tested_against else ()),
+                *self._not_closed(found),
+                *_not_followed(found),
+                *tested(found, recording),
+            ),
         )
 
     def _not_closed(self, found: Maximum) -> list[Remark]:

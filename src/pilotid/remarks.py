@@ -8,6 +8,7 @@ from typing import Literal, Self
 from pilotid.types import one_line
 
 Grade = Literal["wrong", "doubt", "note"]
+GRADES: tuple[Grade, ...] = ("wrong", "doubt", "note")
 
 #: Code of what a method says in words of its own.
 OTHER = "other"
@@ -34,7 +35,21 @@ CODES: dict[str, tuple[Grade, str]] = {
     "forcing-unanswered": ("wrong", "u does not answer to the forcing functions"),
     "repeated-samples": ("doubt", "a stretch of u comes twice"),
     "element-differs": ("doubt", "the element given or named is not that of the signals"),
+    # of a recording, by what a recorder leaves in signals
+    "low-pass": ("doubt", "a low-pass filter or an interpolation ends a signal's band"),
+    "resampled": ("doubt", "a signal was held or interpolated between slower samples"),
+    "lost-samples": ("wrong", "samples of x are lost, repeated or spiked"),
+    "noise": ("note", "white noise or rounding hides the upper band of a signal"),
+    "rounded": ("note", "a signal has steps"),
+    "jitter": ("note", "ft or fd holds noise: the times of samples jitter"),
+    "late-signal": ("wrong", "a signal is recorded late or early against another"),
+    "late-forcing": ("doubt", "a forcing function is recorded late or early"),
+    "includes-fd": ("wrong", "u holds fd"),
+    "gain-differs": ("doubt", "the gains of u and fd differ"),
+    "clock-drifts": ("wrong", "u is recorded by a clock of its own"),
+    "copied-run": ("wrong", "two runs have one remnant"),
     # of an estimate, by any method
+    "misspecified": ("wrong", "the forcing functions' lines say otherwise"),
     "little-explained": ("wrong", "the model explains next to nothing of the control"),
     "short-delay": ("doubt", "a delay is shorter than people's"),
     "shared-signals": ("doubt", "several channels act on one signal or the same two"),
@@ -92,6 +107,11 @@ class Remark(str):
 def codes_of(remarks: Iterable[str]) -> list[str]:
     """The codes of remarks, of plain sentences as well."""
     return [getattr(remark, "code", OTHER) for remark in remarks]
+
+
+def gravest_first(remarks: Iterable[Remark]) -> tuple[Remark, ...]:
+    """Remarks by grade, those of one grade in the order they were in."""
+    return tuple(sorted(remarks, key=lambda remark: GRADES.index(remark.grade)))
 
 
 def remark_of(sentence: str) -> Remark:

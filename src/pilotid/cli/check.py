@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Annotated, Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from pilotid.pilot.catalogue import model_named
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
+from pilotid.recordings.detectors import findings
 from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.recordings.understood import Forcing, Signal, Understood, understood
 from pilotid.remarks import codes_of
@@ -88,7 +90,12 @@ def _checked(
     }
     entry: Entry = {
         "recording": {**recording.to_dict(), "remarks": told, "codes": codes_of(told)},
-        "understood": {**facts.to_dict(), "element": _element(choice), "constancy": constancy},
+        "understood": {
+            **facts.to_dict(),
+            "recorder": [asdict(fault) for fault in findings(recording)],
+            "element": _element(choice),
+            "constancy": constancy,
+        },
         "remarks": told,
         "codes": codes_of(told),
         "methods": able,
@@ -153,6 +160,8 @@ def _blocks(
     lines = [*_lines(facts), f"controlled element: {entry['understood']['element']}"]
     if constancy := entry["understood"]["constancy"]:
         lines.append(f"pilot: {constancy['words']}")
+    faults = entry["understood"]["recorder"]
+    lines += [f"recorder: {f['sentence']}" for f in faults if f["grade"] == "note"]
     sound = [] if entry["remarks"] else ["nothing is wrong with the signals"]
     return [
         Text(recording.description, "heading"),

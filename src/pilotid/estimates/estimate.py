@@ -23,6 +23,7 @@ from pilotid.estimates.quantities import (
     quantity_of,
     quantity_tables,
 )
+from pilotid.estimates.specification import Specification
 from pilotid.estimates.trajectory import Trajectory
 from pilotid.pilot.model import PilotModel
 from pilotid.remarks import codes_of
@@ -125,6 +126,8 @@ class Estimate:
         Wall-clock time of the fit.
     band
         The frequencies that it rests on; None if nothing was fitted.
+    specification
+        Whether it agrees with what another way to estimate says; None where it was not tested.
     """
 
     method: str
@@ -146,6 +149,7 @@ class Estimate:
     criterion: float = float("nan")
     seconds: float = float("nan")
     band: AnalysedBand | None = None
+    specification: Specification | None = None
 
     @property
     def std_error(self) -> FloatArray:
@@ -243,7 +247,8 @@ class Estimate:
         if np.isfinite(self.values).any():
             (table,) = quantity_tables([(self.method, self.quantities)], 1)
             lines += [table_text(table), ""]
-        return "\n".join([*lines, self.verdict(), *self.remarks])
+        tested = [self.specification.sentence] if self.specification else []
+        return "\n".join([*lines, *tested, self.verdict(), *self.remarks])
 
     def summary(self) -> None:
         """Print all quantities, the verdict and the remarks."""
@@ -272,6 +277,7 @@ class Estimate:
             "starts": starts and {"total": len(starts.cost), "agreeing": starts.agreeing},
             "seconds": self.seconds,
             "band": self.band and self.band.to_dict(),
+            "specification": self.specification and self.specification.to_dict(),
             "remarks": list(self.remarks),
             "codes": codes_of(self.remarks),
         }

@@ -17,7 +17,7 @@ from pilotid.estimates.quantities import abreast, quantity_tables
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import Recording
-from pilotid.remarks import OTHER, codes_of
+from pilotid.remarks import GRADES, OTHER, codes_of, remark_of
 from pilotid.seeds import fit_rng
 
 if TYPE_CHECKING:
@@ -94,16 +94,27 @@ class Fitted:
 
     @property
     def warnings(self) -> list[str]:
-        """All remarks, each with what it is about."""
-        found = [f"recording: {remark}" for remark in self.remarks]
-        found += [f"{e.method}: {remark}" for e in self.estimates for remark in e.remarks]
+        """All remarks, each with what it is about, those that say what is wrong first."""
+        found = [("recording", remark) for remark in self.remarks]
+        found += [(e.method, remark) for e in self.estimates for remark in e.remarks]
         pairs = zip(self.estimates, self.loops, strict=False)
-        return found + [f"{e.method}: {remark}" for e, loops in pairs for remark in loops.remarks]
+        found += [(e.method, remark) for e, loops in pairs for remark in loops.remarks]
+        found.sort(key=lambda pair: GRADES.index(remark_of(pair[1]).grade))
+        return [f"{about}: {remark}" for about, remark in found]
 
     def tables(self, abreast: int) -> list[Table[Any]]:
         """The quantities of all estimates that have values, so many side by side."""
         shown = [(e.method, e.quantities) for e in self.estimates if np.isfinite(e.values).any()]
         return [*quantity_tables(shown, abreast)]
+
+    @property
+    def specifications(self) -> list[Text]:
+        """Whether estimates agree with another way to estimate."""
+        tested = [(e.method, e.specification) for e in self.estimates if e.specification]
+        return [
+            Text(f"{method}: {test.sentence}", "" if test.agrees else "failure")
+            for method, test in tested
+        ]
 
     def loop_blocks(self, abreast: int) -> list[Text | Bullets | Table[Any]]:
         """With what element loops were drawn, their quantities, and what to know of them."""
@@ -134,6 +145,7 @@ class Fitted:
             Text(self.heading, "heading"),
             *[Text(self.choice)] * bool(self.choice),
             *self.tables(side),
+            *self.specifications,
             *self.loop_blocks(side),
             *verdicts,
             *(Text(warning, "warning") for warning in self.warnings),
@@ -162,5 +174,5 @@ def fit_all(
         replace(identify(method, closed, model, fit_rng(seed, label)), method=label)
         for label, method in methods.items()
     )
-    found = (*remarks(recording), *(loop_element.remarks if loop_element else ()))
+    found = (*remarks(closed), *(loop_element.remarks if loop_element else ()))
     return Fitted(recording, model, tuple(estimates), found, loop_element)

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from pilotid.recordings.detectors import findings
 from pilotid.recordings.plant import COHERENT, element_changes, late, opposed, plant_of, unrelated
 from pilotid.recordings.recording import ABSENT, Recording, remembered
 from pilotid.recordings.spectra import (
@@ -21,7 +22,7 @@ from pilotid.recordings.spectra import (
     forcing_lines,
     target_lines,
 )
-from pilotid.remarks import Remark
+from pilotid.remarks import Remark, gravest_first
 from pilotid.types import BoolArray, FloatArray
 
 STILL = 1e-9  # standard deviation over the size of the signal: it does not move
@@ -33,6 +34,7 @@ OWN = 0.1  # share of a trend that the signals of the loop must leave, for it to
 BLOCK = 5.0  # seconds whose mean is one observation of an offset
 LONG = 60.0  # seconds from which lines and remnant can be told apart
 ANSWERED = 0.5  # by which the median ratio exceeds one in one run; sound ones have 0.9 and more
+LATE = ("late-signal", "late-forcing", "clock-drifts")
 OFFSET = 4.0  # standard errors of the mean; simulations stay below 1, pilots below 1.4
 
 
@@ -42,8 +44,15 @@ def remarks(recording: Recording) -> tuple[Remark, ...]:
     Empty for a sound one that is as it was recorded.
     """
     found = [check(recording) for check in CHECKS]
+    named = _names(recording)
+    faults = [f for f in findings(recording) if f.grade != "note"]
+    if named and named.code == "not-the-error" and any(f.code in LATE for f in faults):
+        named = None  # that tells why e is not ft - x
+    if named:  # explains what times and gains seem to be
+        faults = [f for f in faults if f.code not in (*LATE, "gain-differs", "includes-fd")]
+    told = [named, *found, *(Remark(f.code, f.sentence, f.grade) for f in faults)]
     treated = (Remark("preprocessed", sentence) for sentence in recording.treatment)
-    return (*treated, *(remark for remark in found if remark))
+    return (*treated, *gravest_first(remark for remark in told if remark))
 
 
 def motionless(recording: Recording, name: str) -> bool:
@@ -201,6 +210,7 @@ def _longest_run(held: BoolArray) -> tuple[int, int]:
 
 IDENTITY = 0.01  # rms of e - (ft - x) over that of e; recordings reach 3e-6
 SHOWN = 0.5  # share of the target's fast lines that the error must show
+FASTEST_LOOP = 7.0  # rad/s; people cross over at 6 rad/s at most
 SCALED = 0.02  # by which a factor between signals must differ from 1 to be one of units
 SAME = 0.01  # by which it may differ from line to line
 
@@ -302,6 +312,9 @@ def exchanged(recording: Recording) -> Remark | None:
     if lines is None or recording.ft is None:
         return None
     fast = lines["ft"][lines["ft"].size // 2 :]
+    fast = fast[fast > FASTEST_LOOP * recording.duration / (2.0 * np.pi)]
+    if not fast.size:
+        return None
     error, noise = at_lines(recording, recording.e, fast, lines)
     target = np.fft.rfft(recording.window(recording.ft))[:, fast]
     weight = np.abs(target) ** 2 / noise
@@ -452,7 +465,6 @@ def unanswered(recording: Recording) -> Remark | None:
 CHECKS: tuple[Callable[[Recording], Remark | None], ...] = (
     _spikes,
     _still,
-    _names,
     _held,
     _clipped,
     _drifting,

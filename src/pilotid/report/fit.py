@@ -75,7 +75,7 @@ def html_report(
 
 def fit_section(fit: Fitted, key: str, figures: Sequence[Figure]) -> Section:
     """One recording's part of a page."""
-    blocks: list[Block] = [Text(" ".join(summary(fit))), *warnings_of(fit)]
+    blocks: list[Block] = [Text(" ".join(summary(fit))), *fit.specifications, *warnings_of(fit)]
     tables = fit.tables(ABREAST)
     if tables:
         blocks += [Text("Parameters", "heading"), Text(READING), *tables]

@@ -28,6 +28,7 @@ from pilotid.numbers import number, share
 from pilotid.report import study_figures as figures
 from pilotid.report.paper import PAPER, paper_of, paper_sections
 from pilotid.report.study_tables import (
+    RECORDER,
     VIOLATION,
     all_numbers,
     by_mean_loss,
@@ -37,6 +38,7 @@ from pilotid.report.study_tables import (
     mean_loss,
     ranked,
     ranking,
+    recorder_table,
     remark_table,
     track_table,
 )
@@ -193,6 +195,7 @@ def report_sections(study: Comparison, store: Store) -> list[Section]:
     names = compared(study)
     return [
         _summary(study, about),
+        *_recorders(study, names),
         *(_scenario(study, about, name) for name in names),
         *_trends(study),
         *paper_sections(study, about),
@@ -227,6 +230,14 @@ def _summary(study: Comparison, about: Mapping[str, str]) -> Section:
     return Section("summary", "Which method to use", blocks)
 
 
+def _recorders(study: Comparison, names: Sequence[str]) -> list[Section]:
+    """What faulty recorders do to each method."""
+    own = [name for name in names if study.entry(name).family == RECORDER]
+    if not own:
+        return []
+    return [Section("recorders", "What your recorder may do to you", [recorder_table(study, own)])]
+
+
 def _scenario(study: Comparison, about: Mapping[str, str], name: str) -> Section:
     """All on one scenario or population."""
     entry, cells = study.entry(name), study.of(name)
@@ -241,7 +252,7 @@ def _scenario(study: Comparison, about: Mapping[str, str], name: str) -> Section
         blocks.append(ranking(cells))
     if len(compared(study)) > 1:
         blocks.append(Bullets([sentence(cell.method, cell.scores) for cell in ranked(cells)]))
-    if entry.family == VIOLATION:
+    if entry.family in (RECORDER, VIOLATION):
         blocks.append(remark_table(cells))
     blocks += details(cells, name)
     if f"{TRAJECTORY} {name}" in about:

@@ -19,6 +19,8 @@ from pilotid.study.scores import Interval, loss_text
 from pilotid.study.tracks import TrackScore
 
 VIOLATION = "violation"  # family of the scenarios that violate an assumption
+RECORDER = "recorder"  # family of the scenarios whose recorder is faulty
+OFF = 4.0  # claimed standard errors by which a value is wrong
 #: Loss from which a cell of the matrix is darkest.
 BAD = 10.0
 FEW = 4  # scenarios of which the matrix shows intervals
@@ -129,8 +131,38 @@ def _warned(cell: Cell) -> str:
 
 
 def _warned_of_violation(cell: Cell) -> str | None:
-    """Warnings where an assumption is violated."""
-    return _warned(cell) if cell.scenario.family == VIOLATION else None
+    """Warnings where an assumption is violated, or the recorder is faulty."""
+    return _warned(cell) if cell.scenario.family in (VIOLATION, RECORDER) else None
+
+
+def recorder_table(study: Comparison, names: Sequence[str]) -> Table[Cell]:
+    """What each method makes of faulty recorders."""
+    columns: list[Column[Cell]] = [
+        Column("recorder", lambda c: c.scenario.name),
+        Column("method", lambda c: c.method),
+        Column("n", lambda c: c.tried),
+        Column("right %", lambda c: shares_told(c)[0], _percents, f"off by {OFF:g} errors at most"),
+        Column("wrong, said %", lambda c: shares_told(c)[1], _percents, "a remark or a failure"),
+        Column("wrong, silent %", lambda c: shares_told(c)[2], _percents),
+    ]
+    cells = [cell for name in names for cell in study.of(name) if cell.tried]
+    return Table("What faulty recorders do to each method", columns, cells, 2)
+
+
+def shares_told(cell: Cell) -> tuple[float, float, float]:
+    """Shares of fits that are right, wrong with a word of it, and wrong in silence."""
+    known, tried = cell.numbers, cell.applicable
+    off = np.abs(known.value - known.truth) > OFF * known.std_error
+    wrong = off.any(axis=1) | ~cell.counted
+    said = np.array([bool(r.remarks) or not r.usable for r in cell.results])
+    right, named, silent = (
+        float(np.mean(share[tried])) for share in (~wrong, wrong & said, wrong & ~said)
+    )
+    return right, named, silent
+
+
+def _percents(value: float) -> str:
+    return f"{100.0 * value:.0f}"
 
 
 def _failed(cell: Cell) -> str:

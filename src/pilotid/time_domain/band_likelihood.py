@@ -28,6 +28,7 @@ import numpy as np
 from pilotid.element.fit import SIGNALS, chosen_element
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
+from pilotid.recordings.detectors import band_end
 from pilotid.recordings.recording import INPUTS, Recording, remembered
 from pilotid.recordings.spectra import floors_of, periodogram, running_median
 from pilotid.time_domain.prepare import FAR
@@ -340,13 +341,17 @@ def most_likely_regression(products: FloatArray, terms: BandTerms) -> tuple[Floa
     return taps, np.where(sign > 0.0, log_determinant, np.nan)
 
 
-def group_begins(omega: FloatArray) -> list[int]:
-    """First bins of the groups of bins at `omega` [rad/s]."""
-    listed = omega.tolist()
-    begins = [0]
+def group_begins(
+    omega: FloatArray, share: float = GROUP_SHARE, widest: float = GROUP_WIDEST, first: int = 0
+) -> list[int]:
+    """First bins of the groups of bins at `omega` [rad/s].
+
+    A group is a share of its frequency wide, and at most so many rad/s.
+    """
+    listed, begins = omega.tolist(), [first]
     while begins[-1] < len(listed):
-        first = listed[begins[-1]]
-        end = bisect_right(listed, first + min(GROUP_SHARE * first, GROUP_WIDEST))
+        lowest = listed[begins[-1]]
+        end = bisect_right(listed, lowest + min(share * lowest, widest))
         begins.append(max(end, begins[-1] + 1))
     return begins[:-1]
 
@@ -396,7 +401,7 @@ def weighting_of(
     inputs = (INPUTS[channel.input] for channel in model.channels)
     share = floors.share(tuple(dict.fromkeys((*inputs, *others))))[inside]
     power = np.interp(omega, *running_median(*periodogram(control, dt))) * nyquist
-    share = np.where(omega <= TOP * nyquist, share, 0.0)
+    share = np.where(omega <= min(TOP * nyquist, band_end(recording)), share, 0.0)
     share[share < LEAST] = 0.0
     hidden = float(np.mean(share)) * control.shape[1] / 2.0 < FEWEST
     if hidden:

@@ -1,0 +1,773 @@
+"""What a recorder did to signals, each fault with its size.
+
+Nothing here knows a model of the pilot.  Each detector rests on what a sound recording has
+whoever flies: spectra fall smoothly, x is the smooth answer of an element to u + fd, and
+e = ft - x.  Limits are those of `LIMITS`, with their sources.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import combinations, pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from pilotid.pilot.element import parsed_element
+from pilotid.recordings.recording import Recording, remembered
+from pilotid.recordings.spectra import floors_of
+from pilotid.remarks import GRADES, Grade
+from pilotid.types import ComplexArray, FloatArray
+
+
+class Limits(NamedTuple):
+    """Limits of the detectors; in brackets the largest value of about 760 sound simulations.
+
+    Two thirds of those were from generators outside this project, which share no code with it.
+    None was set on recordings that judge detectors.
+    """
+
+    half_octave: tuple[float, float] = (-45.0, -52.0)  # dB, steepest of u (-38.8) and x (-45.9)
+    octave: tuple[float, float] = (-54.0, -70.0)  # dB, from 1 to 9 Hz (-50.7, -64.6)
+    goes_on: float = -15.0  # dB in half an octave: a fall begins where it gets as steep
+    grid: float = 8.0  # mean difference over that of the smallest phase (5.6)
+    lattice: float = 1e-6  # step over rms; encoders have it, and nothing else
+    flat: float = -8.0  # dB an octave at the top of the spectrum of e and x (-10.8)
+    own: float = 3e-5  # rms of e - (ft - x) over that of e (1e-15); files of 5 decimals reach it
+    unanswered: float = 0.5  # share of x there that is no smooth answer to u + fd
+    flat_forcing: tuple[float, float] = (-6.0, 5e-6)  # of ft and fd, and level over rms (1e-12)
+    outlier: tuple[float, float] = (60.0, 5e-3)  # over the usual error, and over rms (3e-6)
+    identity: float = 0.02  # of a sample, by which e and ft or x are apart (0)
+    apart: tuple[float, float] = (0.2, 0.005)  # of a sample, and s, of u against fd (.003 s)
+    acausal: tuple[float, float] = (0.7, 0.003)  # the same of x: half a sample is a way to simulate
+    named: float = 0.55  # of a sample, of x against the element that is named, for the same reason
+    errors: float = 5.0  # standard errors beyond which a time differs from none
+    told: float = 0.01  # s, standard error up to which a time is told
+    gain: float = 0.05  # by which the share of fd in the drive differs from 1 (.014)
+    left: tuple[float, float] = (0.03, 1e-3)  # share of u that may be unexplained beside fd, and x
+    drift: tuple[float, float, float] = (150.0, 12e-6, 8.0)  # ppm (92), scatter, standard errors
+    copy: float = 0.65  # correlation of remnants (.541 in 568 pairs)
+
+
+LIMITS = Limits()
+#: Frequency [Hz] up to which signals must be usable for a fit to lose next to nothing: pilots
+#: have no power above 30 rad/s, and a band of 26 rad/s tells as much as a wider one.
+ENOUGH = 5.0
+#: Standard deviation of the Gaussian that all signals pass before times are compared [s].
+SMOOTH = 0.06
+LOWEST, PER_OCTAVE = 0.3, 6  # Hz, and bands in an octave
+STEPS = 10.0  # of a converter, that are no jump
+HIGHEST = 5.0  # Hz, of the remnants that are held against one another
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A fault of the recorder.
+
+    Attributes
+    ----------
+    code, signal
+        What it is, see `pilotid.remarks.CODES`, and of which signal.
+    grade
+        ``wrong`` if a fit is wrong for it, ``doubt`` if it may be, ``note`` if fits allow for it.
+    size, unit
+        How large it is.
+    sentence
+        What is wrong, how large it is, and what to do.
+    usable
+        Highest frequency up to which the signal can be used [Hz].
+    """
+
+    code: str
+    signal: str
+    grade: Grade
+    size: float
+    unit: str
+    sentence: str
+    usable: float = math.inf
+
+
+@remembered
+def findings(recording: Recording) -> tuple[Finding, ...]:
+    """All faults of the recorder that the signals show, the gravest first."""
+    moving = _moving(recording)
+    if not {"e", "u"} <= set(moving):
+        return ()
+    with np.errstate(all="ignore"):  # a signal may be of any size
+        found = _found(_Look(recording, moving))
+    once = {(f.code, f.signal): f for f in reversed(found)}
+    return tuple(sorted(once.values(), key=lambda finding: GRADES.index(finding.grade)))
+
+
+def _found(look: _Look) -> list[Finding]:
+    found = list(look.ends())
+    found += [*look.lost(found), *look.floors(), *look.steps()]
+    if not any(f.code == "lost-samples" for f in found):
+        found += look.identity()
+        found += look.times(found)
+    return found + list(look.copies(found))
+
+
+def usable_of(recording: Recording) -> dict[str, float]:
+    """Highest usable frequency of each signal [Hz], of those that have one."""
+    found: dict[str, float] = {}
+    for finding in findings(recording):
+        if finding.usable < math.inf:
+            found[finding.signal] = min(finding.usable, found.get(finding.signal, math.inf))
+    return found
+
+
+@remembered
+def band_end(recording: Recording) -> float:
+    """Frequency above which a filter or an interpolation left nothing of a signal [rad/s]."""
+    with np.errstate(all="ignore"):
+        ends = list(_Look(recording, _moving(recording)).ends())
+    return 2.0 * math.pi * min((f.usable for f in ends), default=math.inf)
+
+
+def _moving(recording: Recording) -> dict[str, FloatArray]:
+    signals = {name: recording.window(getattr(recording, name)) for name in recording.signals}
+    return {name: s for name, s in signals.items() if np.any(np.diff(s, axis=1))}
+
+
+class _Look:
+    """The signals of a recording that move, and what several detectors use of them."""
+
+    def __init__(self, recording: Recording, signals: dict[str, FloatArray]) -> None:
+        self.recording, self.signals, self.dt = recording, signals, recording.dt
+        self.samples = recording.samples
+        self.bands = _bands(self.samples, self.dt)
+        self.hertz = np.array([math.sqrt(a * b) for a, b in self.bands]) / recording.duration
+        self.spectra = {name: _transform(signal) for name, signal in signals.items()}
+        self.power = {name: self._power(spectrum) for name, spectrum in self.spectra.items()}
+        self.units = {name: recording.units.get(name, "") for name in signals}
+
+    def _power(self, spectrum: ComplexArray) -> FloatArray:
+        density = np.mean(np.abs(spectrum) ** 2, axis=0)
+        return np.array([np.median(density[a:b]) for a, b in self.bands]) + 1e-300
+
+    @property
+    def drive(self) -> FloatArray:
+        """What the element answers to."""
+        return self.signals["u"] + self.signals.get("fd", 0.0)
+
+    def ends(self) -> Iterator[Finding]:
+        """What ends the band of a signal, so that nothing is left of it above."""
+        yield from self.falls()
+        yield from self.grids()
+
+    def falls(self) -> Iterator[Finding]:
+        """Low-pass filters: spectra of pilots and elements fall, but nowhere that steeply."""
+        if self.hertz.size < 10:
+            return
+        for which, name in enumerate(("u", "x")):
+            if name not in self.signals:
+                continue
+            level = 10.0 * np.log10(self.power[name])
+            slope, at = level[3:] - level[:-3], self.hertz[:-3]
+            if not (at > 1.0).any():
+                continue
+            steepest = first = int(np.argmin(np.where(at > 1.0, slope, 0.0)))
+            between = (self.hertz[:-6] > 1.0) & (self.hertz[:-6] < 9.0)
+            octave = float(np.min((level[6:] - level[:-6])[between], initial=0.0))
+            half = LIMITS.half_octave[which]
+            if slope[steepest] >= half and octave >= LIMITS.octave[which]:
+                continue
+            while first > 0 and slope[first - 1] < LIMITS.goes_on:
+                first -= 1
+            usable = float(at[first])
+            yield Finding(
+                "low-pass",
+                name,
+                "note" if usable >= ENOUGH else "doubt",
+                usable,
+                "Hz",
+                f"{name} is usable up to {usable:.2g} Hz: a low-pass filter or an interpolation "
+                "begins there; fits end there, and record without it, or with the same causal "
+                "filter on all signals",
+                usable,
+            )
+
+    def grids(self) -> Iterator[Finding]:
+        """Signals resampled from a lower rate: every k-th difference is small."""
+        for name in ("e", "u", "x"):
+            if name not in self.signals:
+                continue
+            score, step, order = _grid(self.signals[name])
+            if score <= LIMITS.grid or not step:
+                continue
+            rate, usable = 1.0 / (step * self.dt), 0.25 / (step * self.dt)
+            how = {1: "held", 2: "linearly interpolated", 4: "interpolated by cubics"}[order]
+            yield Finding(
+                "resampled",
+                name,
+                "note" if usable >= ENOUGH else "doubt",
+                rate,
+                "Hz",
+                f"{name} is usable up to {usable:.2g} Hz: it was recorded at {rate:.3g} Hz and "
+                f"{how} between; give the samples as they were recorded",
+                usable,
+            )
+
+    def steps(self) -> Iterator[Finding]:
+        """Rounding, by a converter or by the decimals of a text file."""
+        for name in ("e", "u", "x"):
+            if name not in self.signals:
+                continue
+            step, rms = _step(self.signals[name]), float(np.std(self.signals[name]))
+            if step > LIMITS.lattice * rms:
+                yield Finding(
+                    "rounded",
+                    name,
+                    "note",
+                    step,
+                    self.units[name],
+                    f"{name} has steps of {step:.3g}, {100.0 * step / rms:.2g} % of its rms",
+                )
+
+    def floors(self) -> Iterator[Finding]:
+        """White noise, whose spectrum is flat where that of a loop falls."""
+        own = self._unanswered > LIMITS.unanswered
+        floors = floors_of(self.recording)
+        for name in ("x", "e"):
+            if name not in self.signals or not self._slope(name) > LIMITS.flat:
+                continue
+            if not own and not (name == "e" and self._apart > LIMITS.own):
+                continue
+            above = floors.omega[floors.share((name,)) >= 0.5]
+            usable = float(above[-1] if above.size else floors.omega[0]) / (2.0 * math.pi)
+            size = math.sqrt(floors.floor[name] * math.pi / self.dt)
+            yield Finding(
+                "noise",
+                name,
+                "note" if usable >= 1.0 else "doubt",
+                size,
+                self.units[name],
+                f"{name} is usable up to {usable:.2g} Hz: it is met by a floor there, of noise or "
+                f"rounding of {size:.2g} {self.units[name]}".rstrip()
+                + "; mle allows for it; record with less noise or more digits to use more",
+                usable,
+            )
+        for name in ("ft", "fd"):
+            if name not in self.signals or _is_stepped(self.signals[name]):
+                continue
+            rms = float(np.std(self.signals[name]))
+            top = self.hertz > 0.35 * self.hertz[-1]
+            window = np.hanning(self.samples) ** 4
+            level = float(np.median(self.power[name][top])) / math.log(2.0) / float(window.sum())
+            size = math.sqrt(level) / rms
+            if self._slope(name) > LIMITS.flat_forcing[0] and size > LIMITS.flat_forcing[1]:
+                yield Finding(
+                    "jitter",
+                    name,
+                    "note",
+                    size,
+                    "",
+                    f"{name} holds noise of {100.0 * size:.2g} % of its rms: the times of samples "
+                    "jitter, or it was recorded through a converter; give it as it was commanded",
+                )
+
+    @property
+    def _apart(self) -> float:
+        """Root mean square of e - (ft - x) over that of e; 0 where it cannot be told."""
+        if not {"x", "ft"} <= set(self.signals):
+            return 0.0
+        e, x, ft = (self.signals[n] for n in ("e", "x", "ft"))
+        return float(np.std(e - ft + x) / np.std(e))
+
+    def _slope(self, name: str) -> float:
+        """Slope of the upper part of a spectrum [dB an octave]; NaN if it is too short."""
+        top = self.hertz > 0.35 * self.hertz[-1] if self.hertz.size else np.zeros(0, dtype=bool)
+        if np.count_nonzero(top) < 4:
+            return math.nan
+        return float(
+            np.polyfit(np.log2(self.hertz[top]), 10 * np.log10(self.power[name][top]), 1)[0]
+        )
+
+    @property
+    def _unanswered(self) -> float:
+        """Share of x that is no smooth answer to the drive, in the upper half of the bands.
+
+        In each band the answer is a polynomial of order two in frequency times the drive.
+        """
+        if "x" not in self.signals or not self.bands:
+            return 1.0
+        output, drive = self.spectra["x"], _transform(self.drive)
+        first, last = 0.35 * self.hertz[-1], 0.75 * self.hertz[-1]
+        shares = []
+        for (a, b), at in zip(self.bands, self.hertz, strict=True):
+            if not first < at < last or len(output) * (b - a) < 9:
+                continue
+            along = np.linspace(-1.0, 1.0, b - a)
+            columns = np.stack([drive[:, a:b] * along**i for i in range(3)], axis=-1).reshape(-1, 3)
+            wanted = output[:, a:b].ravel()
+            size = np.abs(wanted)
+            weight = 1.0 / np.maximum(size, np.median(size) + 1e-300)  # lines must not rule
+            weighted, target = columns * weight[:, None], wanted * weight
+            left = target - weighted @ np.linalg.lstsq(weighted, target, rcond=None)[0]
+            total = float(np.mean(np.abs(target) ** 2)) or 1.0
+            shares.append(float(np.sum(np.abs(left) ** 2)) / (len(left) - 3) / total)
+        return float(np.median(shares)) if shares else 1.0
+
+    def lost(self, found: Sequence[Finding]) -> Iterator[Finding]:
+        """Samples of x lost, repeated or spiked: x cannot be told from its past and its drive."""
+        forced = [self.signals[n] for n in ("ft", "fd") if n in self.signals]
+        if "x" not in self.signals or any(_is_stepped(signal) for signal in forced):
+            return
+        if any(f.signal == "x" and f.code == "resampled" for f in found):
+            return
+        ratio, share, count, run, sample = _outliers(self.signals["x"], self.drive)
+        # What stands still between steps of a converter is told without error.
+        rms = float(np.std(self.signals["x"]))
+        least = max(LIMITS.outlier[1], STEPS * _step(self.signals["x"]) / rms)
+        if ratio > LIMITS.outlier[0] and share > least:
+            yield Finding(
+                "lost-samples",
+                "x",
+                "wrong",
+                float(count),
+                "samples",
+                f"x jumps at {count} samples, first at t = {sample * self.dt:.4g} s of run "
+                f"{run + 1}, by up to {100.0 * share:.2g} % of its rms where u + fd do not: "
+                "samples are lost or spiked; leave those parts or runs out",
+            )
+
+    def identity(self) -> Iterator[Finding]:
+        """E = ft - x: how much later than in e target and output are recorded."""
+        if not {"x", "ft"} <= set(self.signals) or _is_stepped(self.signals["ft"]):
+            return
+        e, x, ft = (self.signals[n] for n in ("e", "x", "ft"))
+        if self._apart < LIMITS.own:
+            return
+        every = max(1, round(0.045 / self.dt))
+        (error,), (output, rate), (target, speed) = (
+            [d[:, ::every] for d in _derivatives(s, self.dt, order)]
+            for s, order in ((e, 0), (x, 1), (ft, 1))
+        )
+        values, errors, left = _regression(
+            error, [target, -output, -speed, rate, np.ones_like(error)], every * self.dt
+        )
+        if not left < 0.01 or min(abs(values[0]), abs(values[1])) < 0.5:
+            return
+        for name, late, error_of in (
+            ("ft", values[2] / values[0], errors[2]),
+            ("x", values[3] / values[1], errors[3]),
+        ):
+            if abs(late) > max(LIMITS.errors * error_of, LIMITS.identity * self.dt):
+                yield _late(name, "e", late, self.dt, "e = ft - x does not hold otherwise")
+
+    def times(self, found: Sequence[Finding]) -> Iterator[Finding]:
+        """Times of u, fd and x against one another, and what the drive holds of fd."""
+        if "x" not in self.signals:
+            return
+        late = list(self._drift())
+        if not late:
+            late = [*self._against_forcing(found), *self._against_output()]
+        yield from late
+        known = {f.code for f in (*late, *found)}
+        if not known & {"late-signal", "late-forcing", "clock-drifts"}:
+            yield from self._against_named()
+
+    def _against_forcing(self, found: Sequence[Finding]) -> Iterator[Finding]:
+        """Times and gains of u and fd against one another, whatever the element is."""
+        if "fd" not in self.signals or _is_stepped(self.signals["fd"]):
+            return
+        best = _Relation(self.signals, self.dt).best(order=4)
+        if not best.left < LIMITS.left[0]:
+            return
+        # Noise on x, which stands on the right-hand side, moves times and shares.
+        noisy = any(f.signal == "x" and f.code in ("noise", "resampled") for f in found)
+        least = max(LIMITS.errors * best.error, LIMITS.apart[0] * self.dt, LIMITS.apart[1])
+        if best.error < LIMITS.told and abs(best.late) > (2.0 if noisy else 1.0) * least:
+            yield _late("u", "fd", best.late, self.dt, "x would not be their answer otherwise")
+        off = abs(best.share - 1.0)
+        if (
+            not noisy
+            and best.share_error < 0.05
+            and off > max(LIMITS.errors * best.share_error, LIMITS.gain)
+        ):
+            includes = abs(best.share) < 0.1
+            yield Finding(
+                "includes-fd" if includes else "gain-differs",
+                "u",
+                "wrong" if includes else "doubt",
+                best.share,
+                "",
+                "u includes fd: x is the answer to u alone; subtract fd from u"
+                if includes
+                else f"x answers to u + {best.share:.3g} fd: the gain of fd, or that of u, is not "
+                "as recorded; give both in one unit",
+            )
+
+    def _against_named(self) -> Iterator[Finding]:
+        """X against the answer of the element that the recording names."""
+        element = parsed_element(self.recording.controlled_element)
+        if element is None or len(element.denominator) > 5:
+            return
+        every = max(1, round(0.045 / self.dt))
+
+        def applied(signal: FloatArray, polynomial: Sequence[float], delay: float) -> FloatArray:
+            """A polynomial of derivatives of a delayed signal, and its derivative."""
+            order = len(polynomial)
+            derivatives = _derivatives(signal, self.dt, order, delay)
+            rows = [derivatives[i : i + order] for i in range(2)]
+            ascending = np.array(polynomial[::-1], dtype=float)
+            return np.array([np.tensordot(ascending, r, axes=1)[:, ::every] for r in rows])
+
+        output, _ = applied(self.signals["x"], element.denominator, 0.0)
+        late = 0.0
+        for _ in range(3):  # the derivative is right for small shifts alone
+            drive, rate = applied(self.drive, element.numerator, element.delay + late)
+            columns = [drive, -rate, np.ones_like(drive)]
+            values, errors, left = _regression(output, columns, every * self.dt)
+            late += float(values[1] / values[0])
+        error = float(errors[1] / abs(values[0]))
+        least = max(LIMITS.errors * error, LIMITS.named * self.dt, LIMITS.acausal[1])
+        if left < LIMITS.left[0] and error < LIMITS.told and abs(late) > least:
+            yield Finding(
+                "late-signal",
+                "x",
+                "wrong",
+                late,
+                "s",
+                f"x answers {1e3 * abs(late):.3g} ms {'later' if late > 0 else 'earlier'} than the "
+                f"controlled element {element.name} that is named: u, or x and e, passed a filter "
+                "or are shifted in time, and delays are wrong by as much; or name the element with "
+                "that delay",
+            )
+
+    def _against_output(self) -> Iterator[Finding]:
+        """U or fd recorded later than x has answered to it."""
+        relation = _Relation(self.signals, self.dt)
+        for scanned, order in ((s, o) for s in (False, True) for o in range(3)):
+            best = relation.best(order, against_output=True, scanned=scanned)
+            if best.left < LIMITS.left[1]:
+                break
+        else:
+            return
+        for name, late, error in (
+            ("u", best.late, best.error),
+            ("fd", best.other, best.other_error),
+        ):
+            least = max(LIMITS.errors * error, LIMITS.acausal[0] * self.dt, LIMITS.acausal[1])
+            if error < LIMITS.told and late > least:
+                yield _late(name, "x", late, self.dt, "x would answer before it moves otherwise")
+                return
+
+    def _drift(self, parts: int = 4) -> Iterator[Finding]:
+        """The clock of u against that of fd, by quarters of the window."""
+        length = self.samples // parts
+        moving = "fd" in self.signals and not _is_stepped(self.signals["fd"])
+        if not moving or length * self.dt < 12.0:
+            return
+        quarters = [
+            _Relation(
+                {n: s[:, i * length : (i + 1) * length] for n, s in self.signals.items()}, self.dt
+            )
+            for i in range(parts)
+        ]
+        best = [quarter.best(order=4) for quarter in quarters]
+        late, along = np.array([b.late for b in best]), np.arange(parts) - 0.5 * (parts - 1)
+        slope = float(along @ late) / float(along @ along)
+        scatter = float(np.std(late - late.mean() - slope * along))
+        ppm = 1e6 * slope / (length * self.dt)
+        error = max(b.error for b in best)
+        least, straight, errors = LIMITS.drift
+        if (
+            max(b.left for b in best) < LIMITS.left[0]
+            and error < LIMITS.told
+            and abs(ppm) > least
+            and scatter < straight * abs(ppm)
+            and abs(slope) * parts > errors * error
+        ):
+            yield Finding(
+                "clock-drifts",
+                "u",
+                "wrong",
+                ppm,
+                "ppm",
+                f"u is recorded by a clock that drifts by {ppm:.0f} ppm against that of fd, "
+                f"{1e3 * abs(slope) * parts:.2g} ms over the recording; bring all to one clock",
+            )
+
+    def copies(self, found: Sequence[Finding]) -> Iterator[Finding]:
+        """Runs with one remnant, which never comes twice."""
+        if self.recording.runs < 2 or self.recording.duration < 30.0:
+            return
+        highest = min((f.usable for f in found if f.signal == "u"), default=HIGHEST)
+        remnants, step = _remnants(self.recording, min(highest, HIGHEST))
+        for one, other in combinations(range(self.recording.runs), 2):
+            alike = _alike(remnants[one], remnants[other], step)
+            if alike > LIMITS.copy:
+                yield Finding(
+                    "copied-run",
+                    "u",
+                    "wrong",
+                    alike,
+                    "",
+                    f"runs {one + 1} and {other + 1} have the same remnant (correlation "
+                    f"{alike:.2f}): one is a copy of the other; leave it out",
+                )
+
+
+def _late(name: str, other: str, late: float, dt: float, why: str) -> Finding:
+    word, by = ("late", "earlier") if late > 0 else ("early", "later")
+    return Finding(
+        "late-forcing" if name in ("ft", "fd") else "late-signal",
+        name,
+        "doubt" if name in ("ft", "fd") else "wrong",
+        late,
+        "s",
+        f"{name} is {1e3 * abs(late):.3g} ms {word} against {other} ({abs(late) / dt:.2g} samples)"
+        f": {why}; take {name} so much {by}, since delays are wrong by as much",
+    )
+
+
+@lru_cache
+def _bands(samples: int, dt: float) -> tuple[tuple[int, int], ...]:
+    """First and end of the bins of bands of a sixth of an octave, of those with five bins."""
+    top = 0.48 / dt
+    edges = np.geomspace(LOWEST, top, max(2, int(PER_OCTAVE * math.log2(top / LOWEST)) + 1))
+    bins = np.unique(np.ceil(edges * samples * dt).astype(int)).tolist()
+    return tuple((a, b) for a, b in pairwise(bins) if b - a >= 5)
+
+
+def _transform(signals: FloatArray) -> ComplexArray:
+    """Transforms behind a window cos^4, whose side lobes fall by 30 dB an octave."""
+    centred = signals - signals.mean(axis=1, keepdims=True)
+    return np.asarray(np.fft.rfft(centred * np.hanning(signals.shape[1]) ** 2))
+
+
+def _is_stepped(signal: FloatArray) -> bool:
+    return bool(np.mean(np.diff(signal, axis=1) == 0.0) > 0.5)
+
+
+def _grid(signal: FloatArray, largest: int = 25) -> tuple[float, int, int]:
+    """Mean difference over that of the smallest phase of every k, that k, and the order."""
+    found = []
+    for order in (1, 2, 4):
+        size = np.abs(np.diff(signal, order, axis=1))
+        size = np.minimum(size, np.quantile(size, 0.99))
+        for step in range(2, min(largest, size.shape[1] // 40) + 1):
+            whole = size.shape[1] // step * step
+            phases = size[:, :whole].reshape(len(size), -1, step).mean(axis=(0, 1))
+            mean = float(phases.mean())
+            score = mean / (float(phases.min()) + 1e-12 * float(phases.max()) + 1e-300)
+            found.append((float(np.mean(phases < mean / 3.0)), -order, -step, score))
+    share, order, step, score = max(found, default=(0.0, 0, 0, 0.0))
+    return (score, -step, -order) if share else (0.0, 0, 0)
+
+
+def _step(signal: FloatArray) -> float:
+    """The step of which all differences of values are multiples; 0 if there is none."""
+    values = np.unique(signal)
+    apart = np.sort(np.diff(values))
+    apart = apart[apart > 1e-9 * (values[-1] - values[0])]
+    if apart.size < 20:
+        return float(apart[0]) if apart.size else 0.0
+    step = float(apart[0])
+    for top in (3, 10, 30, 100):  # it grows sharper with every decade
+        near = apart[apart < (top + 0.5) * step]
+        whole = np.round(near / step)
+        step = float(whole @ near) / float(whole @ whole)
+    near = apart[apart < 100.5 * step] / step
+    return step if near.size > 10 and float(np.std(near - np.round(near))) < 0.1 else 0.0
+
+
+def _outliers(
+    output: FloatArray, drive: FloatArray, order: int = 8
+) -> tuple[float, float, int, int, int]:
+    """Largest error of x told from its past and its drive: over the usual one, and over rms.
+
+    Then how many stand out, and run and sample of the first.  Differences take the place of past
+    values, which are all but equal.
+    """
+    scale = float(np.std(output)) or 1.0
+    past, difference = [], output / scale
+    for _ in range(order):
+        past.append(difference)
+        difference = np.diff(difference, axis=1)
+    count = difference.shape[1]
+    # What is known a sample before: x_t less its past is the difference of the highest order.
+    columns = [p[:, order - 1 - i : order - 1 - i + count] for i, p in enumerate(past)]
+    columns += [drive[:, order - i : order - i + count] for i in range(4)]
+    table = np.stack([c.ravel() for c in columns], axis=1)
+    table = table / (np.sqrt(np.mean(table**2, axis=0)) + 1e-300)
+    wanted = difference.ravel()
+    kept = np.ones(wanted.size, dtype=bool)
+    for _ in range(3):
+        part = table * kept[:, None]
+        gram = part.T @ table
+        values = np.linalg.lstsq(gram, part.T @ wanted, rcond=1e-13)[0]
+        error = np.abs(wanted - table @ values)
+        usual = float(np.median(error)) / 0.6745 + 1e-13
+        kept = error < 6.0 * usual
+    far = np.flatnonzero(error > max(LIMITS.outlier[0] * usual, LIMITS.outlier[1]))
+    first = int(far[0]) if far.size else 0
+    events = int(np.count_nonzero(np.diff(far, prepend=-order - 1) > order))
+    run, sample = divmod(first, count)
+    return float(error.max()) / usual, float(error.max()), events, run, sample + order
+
+
+def _derivatives(signal: FloatArray, dt: float, order: int, delay: float = 0.0) -> list[FloatArray]:
+    """A delayed signal and its derivatives behind a Gaussian filter, without what ends reach."""
+    centred = signal - signal.mean(axis=1, keepdims=True)
+    omega = 2.0 * np.pi * np.fft.rfftfreq(signal.shape[1], dt)
+    spectrum = np.fft.rfft(centred) * np.exp(-0.5 * (omega * SMOOTH) ** 2 - 1j * omega * delay)
+    edge = math.ceil(6.5 * SMOOTH / dt)
+    found = []
+    for power in range(order + 1):
+        response = spectrum * (1j * omega) ** power
+        found.append(np.fft.irfft(response, n=signal.shape[1])[:, edge:-edge])
+    return found
+
+
+def _regression(
+    wanted: FloatArray, columns: Sequence[FloatArray], step: float
+) -> tuple[FloatArray, FloatArray, float]:
+    """Least squares: values, their standard errors by blocks of 2 s, and the share left."""
+    table = np.stack([c.ravel() for c in columns], axis=1)
+    size = np.sqrt(np.mean(table**2, axis=0)) + 1e-300
+    table /= size
+    target = wanted.ravel()
+    inverse = np.linalg.inv(table.T @ table + 1e-12 * len(table) * np.eye(table.shape[1]))
+    values = inverse @ (table.T @ target)
+    left = target - table @ values
+    scores = np.add.reduceat(
+        table * left[:, None], np.arange(0, left.size, max(1, int(2.0 / step)))
+    )
+    covariance = inverse @ (scores.T @ scores) @ inverse
+    share = float(left @ left) / (float(target @ target) or 1.0)
+    return values / size, np.sqrt(np.diag(covariance)) / size, share
+
+
+class _Best(NamedTuple):
+    """How much later u is [s], the share of fd, and what is left of u unexplained."""
+
+    late: float
+    error: float
+    share: float
+    share_error: float
+    left: float
+    other: float  # how much later fd is
+    other_error: float
+
+
+class _Relation:
+    """u(t + a) + b fd(t + f) = sum of c_j times the j-th derivative of x(t + c)."""
+
+    REACH, OUTPUT = 1.2, 0.45  # s, by which u and x are shifted at most
+    STEP = 0.05
+
+    def __init__(self, signals: dict[str, FloatArray], dt: float) -> None:
+        self.dt = dt
+        self.reach = int(self.REACH / dt)
+        self.every = max(1, int(0.045 / dt))
+        self.control = _derivatives(signals["u"], dt, 1)
+        self.output = _derivatives(signals["x"], dt, 4)
+        self.forcing = _derivatives(signals["fd"], dt, 1) if "fd" in signals else []
+
+    def _cut(self, signal: FloatArray, shift: int) -> FloatArray:
+        end = signal.shape[1] - self.reach + shift
+        return signal[:, self.reach + shift : end : self.every]
+
+    def _at(
+        self, order: int, shifts: tuple[int, int], against_output: bool, runs: int | None = None
+    ) -> tuple[FloatArray, FloatArray, float]:
+        control, rate = (self._cut(s[:runs], shifts[0]) for s in self.control)
+        columns = [-rate, *(self._cut(s[:runs], shifts[1]) for s in self.output[: order + 1])]
+        columns.append(np.ones_like(control))
+        columns += [-self._cut(s[:runs], 0) for s in self.forcing[: 2 if against_output else 1]]
+        return _regression(control, columns, self.every * self.dt)
+
+    def best(self, order: int, *, against_output: bool = False, scanned: bool = True) -> _Best:
+        """The relation with the least left, of all shifts if without them much is."""
+        shifts = (0, 0)
+        found = self._at(order, shifts, against_output)
+        step = max(1, round(self.STEP / self.dt))
+        grid = range(-(self.reach // step) * step, self.reach, step)
+        scanned = scanned and found[2] > LIMITS.left[1]
+        left = self._at(order, shifts, against_output, 1)[2] if scanned else 0.0
+        for moves in (0, 1, 0, 1) if scanned else ():  # by the first run
+            for shift in grid:
+                if (moves == 0 and not self.forcing) or (
+                    moves == 1 and abs(shift * self.dt) > self.OUTPUT
+                ):
+                    continue
+                tried = (shift, shifts[1]) if moves == 0 else (shifts[0], shift)
+                other = self._at(order, tried, against_output, 1)[2]
+                if other < 0.7 * left:
+                    left, shifts = other, tried
+        if shifts != (0, 0):
+            found = self._at(order, shifts, against_output)
+        (values, errors, share_left), (of_control, of_output) = found, shifts
+        against = of_output * self.dt if against_output else 0.0
+        place = order + 3
+        share, share_error, other, other_error = 1.0, math.inf, 0.0, math.inf
+        if self.forcing:
+            share, share_error = float(values[place]), float(errors[place])
+            if against_output:
+                other = float(values[place + 1]) / share - against
+                other_error = float(errors[place + 1]) / abs(share)
+        return _Best(
+            float(values[0]) + of_control * self.dt - against,
+            float(errors[0]),
+            share,
+            share_error,
+            share_left,
+            other,
+            other_error,
+        )
+
+
+def _remnants(
+    recording: Recording, highest: float, memory: float = 5.0
+) -> tuple[FloatArray, float]:
+    """What is left of u beside its answers to ft and fd, whitened; and its interval [s]."""
+    every = max(1, round(0.08 / recording.dt))
+    step = every * recording.dt
+    count = recording.u.shape[1] // every
+
+    def sampled(signal: FloatArray) -> FloatArray:
+        means = signal[:, : count * every].reshape(len(signal), count, every).mean(axis=2)
+        return np.asarray(means - means.mean(axis=1, keepdims=True))
+
+    past = int(memory / step)
+    left = sampled(recording.u)[:, past:].copy()
+    forced = [s for s in (recording.ft, recording.fd) if s is not None and np.any(np.diff(s))]
+    windows = [
+        np.lib.stride_tricks.sliding_window_view(sampled(s), past + 1, axis=1) for s in forced
+    ]
+    for run in range(len(left)) if forced else ():
+        table = np.concatenate([w[run] for w in windows], axis=1)
+        gram = table.T @ table
+        gram += 1e-9 * np.trace(gram) / len(gram) * np.eye(len(gram))
+        left[run] -= table @ np.linalg.solve(gram, table.T @ left[run])
+    samples = left.shape[1]
+    spectra = np.fft.rfft(left * np.hanning(samples) ** 0.25)
+    hertz = np.fft.rfftfreq(samples, step)
+    smooth = np.ones(31) / 31
+    size = np.array([np.sqrt(np.convolve(np.abs(s) ** 2, smooth, "same")) for s in spectra])
+    inside = (hertz > 0.15) & (hertz < min(highest, 0.45 / step))
+    return np.fft.irfft(spectra / (size + 1e-300) * inside, n=samples), step
+
+
+def _alike(one: FloatArray, other: FloatArray, step: float, seconds: float = 12.0) -> float:
+    """Second largest correlation of pieces of one remnant with any of the other.
+
+    The largest may be of a transient that both have.
+    """
+    length, samples = int(seconds / step), other.size
+    spectrum = np.fft.rfft(other, 2 * samples)
+    energy = np.concatenate([[0.0], np.cumsum(other**2)])
+    energy = energy[length:] - energy[:-length]
+    found = []
+    for first in range(0, one.size - length + 1, length // 2):
+        piece = one[first : first + length]
+        products = np.fft.irfft(spectrum * np.conj(np.fft.rfft(piece, 2 * samples)))
+        products = products[: samples - length + 1]
+        found.append(float(np.max(np.abs(products) / np.sqrt(energy * (piece @ piece) + 1e-300))))
+    return sorted(found)[-2] if len(found) > 1 else 0.0

@@ -1,0 +1,135 @@
+"""Detectors of what a recorder did: codes and sizes of faults, silence on sound recordings."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+from checks.recorder import FAULTS
+
+from pilotid.datasets import SCENARIOS, scenario_named, simulate
+from pilotid.estimates.method import identify
+from pilotid.methods import method_named
+from pilotid.recordings.checks import remarks
+from pilotid.recordings.detectors import Finding, band_end, findings, usable_of
+from pilotid.recordings.recording import Recording
+from pilotid.seeds import start_rng
+
+pytestmark = pytest.mark.numerical
+
+ALWAYS = (
+    # fault, signal, code, size, tolerance
+    ("u late 20 ms", "u", "late-signal", 0.02, 0.001),
+    ("u early 100 ms", "u", "late-signal", -0.1, 0.002),
+    ("x late a sample", "x", "late-signal", -0.02, 0.0005),
+    ("e, x, ft late a sample", "x", "late-signal", 0.02, 0.001),
+    ("e = ft - filtered x", "x", "late-signal", 0.045, 0.003),
+    ("fd late a sample", "fd", "late-forcing", 0.02, 0.002),
+    ("u causal 10 Hz", "u", "late-signal", 0.036, 0.002),
+    ("all zero-phase 3 Hz", "u", "low-pass", 2.6, 0.4),
+    ("u zero-phase 3 Hz", "u", "low-pass", 2.6, 0.4),
+    ("all held, every 5th", "x", "resampled", 10.0, 1e-9),
+    ("all linear, every 10th", "u", "resampled", 5.0, 1e-9),
+    ("all cubic, every 5th", "x", "resampled", 10.0, 1e-9),
+    ("0.1 % of x lost", "x", "lost-samples", 5.0, 5.0),
+    ("u includes fd", "u", "includes-fd", 0.0, 0.01),
+    ("u times 1.1", "u", "gain-differs", 1.1, 0.01),
+    ("clock of u 2000 ppm", "u", "clock-drifts", -2000.0, 100.0),
+    ("a run copied", "u", "copied-run", 1.0, 0.05),
+    ("jitter 0.1", "ft", "jitter", 0.01, 0.01),
+)
+
+
+@cache
+def recording_of(name: str, seed: int) -> Recording:
+    return simulate(SCENARIOS[name], np.random.default_rng(seed))
+
+
+def faulty(fault: str, seed: int = 3) -> Recording:
+    return FAULTS[fault](recording_of("nominal", seed), np.random.default_rng(seed + 100))
+
+
+def of(recording: Recording, signal: str, code: str) -> Finding:
+    (found,) = (f for f in findings(recording) if (f.signal, f.code) == (signal, code))
+    return found
+
+
+@pytest.mark.parametrize(("fault", "signal", "code", "size", "within"), ALWAYS)
+def test_a_fault_is_named_with_its_size(
+    fault: str, signal: str, code: str, size: float, within: float
+) -> None:
+    found = of(faulty(fault), signal, code)
+    assert found.size == pytest.approx(size, abs=within)
+    assert found.sentence.startswith((signal, "runs ", "x answers"))
+
+
+@pytest.mark.parametrize("share", [1e-4, 1e-3, 1e-2])
+def test_the_level_of_noise_is_told(share: float) -> None:
+    clean = recording_of("nominal", 5)
+    recording = FAULTS[f"noise {share:g} on x"](clean, np.random.default_rng(6))
+    found = of(recording, "x", "noise")
+    assert found.grade == "note"
+    assert found.size == pytest.approx(share * np.std(clean.x), rel=0.15)
+    assert usable_of(recording)["x"] == pytest.approx(found.usable)
+
+
+def test_the_more_noise_the_less_is_usable() -> None:
+    clean = recording_of("nominal", 5)
+    usable = [
+        usable_of(FAULTS[f"noise {s:g} on x"](clean, np.random.default_rng(6)))["x"]
+        for s in (1e-4, 1e-3, 1e-2)
+    ]
+    assert usable == sorted(usable, reverse=True)
+    assert 1.0 < usable[-1] < usable[0] < 8.0
+
+
+@pytest.mark.parametrize("name", ["nominal", "single", "training", "white-remnant", "target-only"])
+def test_sound_recordings_have_no_findings(name: str) -> None:
+    for seed in range(5):
+        recording = recording_of(name, seed)
+        assert findings(recording) == ()
+        assert band_end(recording) == math.inf
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "name", ["population-usual", "population-aperiodic", "population-rates", "population-inner"]
+)
+def test_sound_populations_have_no_grave_findings(name: str) -> None:
+    for number in range(40):
+        drawn = scenario_named(name).drawn(start_rng(11, name, number))
+        recording = simulate(drawn, np.random.default_rng(number))
+        assert all(f.grade == "note" for f in findings(recording))
+
+
+def test_times_do_not_accuse_signals_whose_names_are_wrong() -> None:
+    recording = recording_of("nominal", 1)
+    from dataclasses import replace
+
+    codes = [r.code for r in remarks(replace(recording, u=-recording.u))]
+    assert codes == ["wrong-sign"]
+
+
+def test_a_shift_explains_that_the_error_is_not_target_less_output() -> None:
+    codes = [r.code for r in remarks(faulty("e late a sample"))]
+    assert "not-the-error" not in codes
+    assert codes[0] == "late-signal"
+
+
+@pytest.mark.parametrize("fault", ["all zero-phase 3 Hz", "all linear, every 5th"])
+def test_a_fit_ends_where_a_filter_left_nothing(fault: str) -> None:
+    """Before, delays were off by 20 claimed errors and more."""
+    scenario = SCENARIOS["nominal"]
+    off = []
+    for seed in (3, 4):
+        recording = faulty(fault, seed)
+        estimate = identify(
+            method_named("mle"), recording, scenario.model, np.random.default_rng(seed)
+        )
+        assert estimate.band is not None
+        assert 8.0 < band_end(recording) < 30.0
+        off.append((estimate.values - scenario.values) / estimate.std_error)
+    assert np.abs(off).max() < 4.0
+    assert math.sqrt(np.mean(np.square(off))) < 1.6

@@ -1,0 +1,80 @@
+"""Whether an estimate agrees with the lines: silent where the model is right, loud where not."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from pilotid.datasets import SCENARIOS, scenario_named, simulate
+from pilotid.estimates.estimate import Estimate
+from pilotid.estimates.method import identify
+from pilotid.estimates.specification import LEVEL, Specification
+from pilotid.methods import method_named
+from pilotid.pilot.catalogue import MODELS
+from pilotid.seeds import start_rng
+
+pytestmark = pytest.mark.numerical
+
+
+@cache
+def fit(scenario: str, model: str, seed: int) -> Estimate:
+    recording = simulate(SCENARIOS[scenario], np.random.default_rng(seed))
+    return identify(method_named("mle"), recording, MODELS[model], np.random.default_rng(seed))
+
+
+def test_a_right_model_agrees() -> None:
+    for seed in range(3):
+        tested = fit("nominal", "multi", seed).specification
+        assert tested is not None
+        assert tested.agrees
+
+
+def test_a_model_that_lacks_a_channel_disagrees() -> None:
+    estimate = fit("nominal", "single", 0)
+    assert estimate.specification is not None
+    assert not estimate.specification.agrees
+    assert estimate.specification.p_value < 1e-6
+    (remark,) = (r for r in estimate.remarks if getattr(r, "code", "") == "misspecified")
+    assert remark.grade == "wrong"
+    assert estimate.to_dict()["specification"] == {
+        "statistic": estimate.specification.statistic,
+        "p_value": estimate.specification.p_value,
+        "against": "fourier",
+        "agrees": False,
+    }
+
+
+def test_it_is_the_first_line_under_the_table() -> None:
+    lines = str(fit("nominal", "multi", 0)).split("\n\n")[1].splitlines()
+    assert lines[0].startswith("specification: agrees with fourier (p = ")
+    assert lines[1].startswith("mle: converged")
+
+
+def test_without_lines_there_is_no_test() -> None:
+    estimate = fit("disturbance-step", "multi", 0)
+    assert estimate.specification is None
+    assert estimate.to_dict()["specification"] is None
+
+
+def test_the_level() -> None:
+    assert Specification(1.0, LEVEL).agrees
+    assert not Specification(1.0, 0.9 * LEVEL).agrees
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["nominal", "population-usual", "population-recorded"])
+def test_p_values_of_right_models_are_as_they_say(name: str) -> None:
+    known = []
+    for number in range(40):
+        drawn = scenario_named(name).drawn(start_rng(12, name, number))
+        recording = simulate(drawn, np.random.default_rng(number))
+        estimate = identify(
+            method_named("mle"), recording, drawn.model, np.random.default_rng(number)
+        )
+        if estimate.specification is not None:
+            known.append(estimate.specification.p_value)
+    assert len(known) > 20
+    assert np.mean(np.array(known) < 0.1) < 0.25
+    assert min(known) > 1e-4
