@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -108,8 +109,8 @@ class Recorder:
             signals |= {name: signals[name][:, last] for name in ("e", "u", "x")}
         if self.makes_error:
             signals["e"] = signals["ft"] - signals["x"]
-        signals = {name: self._written(signal) for name, signal in signals.items()}
-        return replace(loop, dt=FASTER * loop.dt, run_in=loop.run_in // FASTER, **signals)
+        written: dict[str, Any] = {name: self._written(s) for name, s in signals.items()}
+        return replace(loop, dt=FASTER * loop.dt, run_in=loop.run_in // FASTER, **written)
 
     def _sampled(self, name: str, signal: FloatArray, at: IntArray) -> FloatArray:
         if self.order and name in self.filtered:

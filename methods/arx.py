@@ -27,7 +27,7 @@ Three things that decide over success:
   and x carry no noise of their own; a lag of one sample lets a regression find it.
 
 No structure holds every pilot: delays may be shorter, lags longer than the memory.  What that
-does to the estimate, the recording tells (`pilotid.frequency.consistency`): errors hold how far
+does to the estimate, the recording tells (`pilotid.frequency.second_step`): errors hold how far
 prediction errors move it, and one that they move by five claimed errors is refused.
 Shorter lags, finer sampling, more poles and a longer memory, on pilots drawn at random, did not
 make up for it.
@@ -51,7 +51,6 @@ from pilotid.chance import SELDOM, chi_squared_limit
 from pilotid.estimates.applicability import dependent_signals, varying
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.parts import FrequencyResponse
-from pilotid.frequency.consistency import against_recording, output_at_once
 from pilotid.frequency.regression import (
     BlackBox,
     Criterion,
@@ -61,7 +60,12 @@ from pilotid.frequency.regression import (
     channel_response,
     signals,
 )
-from pilotid.frequency.second_step import ResponseFit, second_step
+from pilotid.frequency.second_step import (
+    ResponseFit,
+    against_recording,
+    output_at_once,
+    second_step,
+)
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import minimise
@@ -177,10 +181,8 @@ class ARX:
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
         """Why least squares cannot tell the pilot: no forcing function, or an output at once."""
-        if constant_only := varying(model):
-            return constant_only
-        if dependent := dependent_signals(model):
-            return dependent
+        if unsuited := varying(model) or dependent_signals(model):
+            return unsuited
         signals_used = {c.input for c in model.channels}
         if len(signals_used) > 1:
             for name, forcing in (

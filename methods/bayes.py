@@ -30,19 +30,21 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from pilotid.estimates.applicability import one_signal
+from pilotid.estimates.draws import Draws
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.warnings import is_vague
 from pilotid.pilot.model import PilotModel
-from pilotid.posterior.ensembles import DEFAULT_RUN, Run
+from pilotid.posterior.ensembles import DEFAULT_RUN, Chains, Run, ensembles
+from pilotid.posterior.importance import Weighted, importance
 from pilotid.posterior.likelihood import Likelihood, Posterior
 from pilotid.posterior.priors import Prior, priors_of
-from pilotid.posterior.sampling import Sampler, sample
 from pilotid.recordings.recording import Recording
 from pilotid.solve.smoothing import AGAINST_WHITE
 from pilotid.time_domain.maximum_likelihood import maximise_likelihood
 from pilotid.time_domain.output_error import concluded
 from pilotid.time_domain.remnant_models import LowPass
 from pilotid.time_domain.search import LikelihoodSettings
+from pilotid.types import FloatArray
 
 #: Measured on the scenario disturbance-only: samplers that start from different summits end with
 #: posteriors that do not agree, each with draws enough.
@@ -50,6 +52,20 @@ SUMMITS = (
     "without a target the posterior has several summits, and no sampler here finds them all "
     "reliably; record with a target and a disturbance, or fit one channel"
 )
+
+
+#: Steps of an emcee run, at the most, where it only stands in for importance sampling.
+SHORT = 500
+
+Sampler = Literal["auto", "importance", "emcee"]
+
+
+class Sampled(NamedTuple):
+    """Draws, whether there are as many effective ones as asked, and a note for the reader."""
+
+    draws: Draws | None
+    converged: bool
+    message: str
 
 
 class Inference(NamedTuple):
@@ -143,16 +159,7 @@ class Bayes(LikelihoodSettings):
         joint = found.joint
         likelihood = Likelihood(joint, 1.0 if white else found.widened)
         posterior = Posterior(likelihood, priors_of(model, joint.noise, self.priors))
-        sampled = sample(
-            posterior,
-            found,
-            rng,
-            sampler=self.sampler,
-            count=self.draws,
-            wanted=self.wanted,
-            run=self.run,
-            watch=watch,
-        )
+        sampled = self._sampled(posterior, posterior.approximation(found), rng, watch)
         draws = sampled.draws
         if draws is None:
             nothing = failed(self.name, model, Outcome.NOT_CONVERGED, sampled.message)
@@ -186,3 +193,71 @@ class Bayes(LikelihoodSettings):
             # Several summits, far apart: draws about one of them look as good as any others.
             estimate = replace(estimate, outcome=Outcome.NOT_CONVERGED, message=SUMMITS)
         return Inference(estimate, likelihood)
+
+    def _sampled(
+        self,
+        posterior: Posterior,
+        start: tuple[FloatArray, FloatArray],
+        rng: np.random.Generator,
+        watch: Callable[[float], None] | None,
+    ) -> Sampled:
+        """Draws by the sampler asked for, which begins at a mode with a covariance."""
+        run, message = self.run, ""
+        if self.sampler != "emcee":
+            weighted = importance(
+                posterior.log_density, *start, rng, count=self.draws, wanted=self.wanted
+            )
+            enough = weighted.effective >= self.wanted
+            few = f"importance sampling gave {weighted.effective:.0f} effective draws only"
+            if enough or self.sampler == "importance":
+                return Sampled(_weighted(posterior, weighted), enough, "" if enough else few)
+            message = f"{few}, so emcee took over"
+            start = weighted.moments(*start)
+            run = replace(run, effective=self.wanted, most=min(run.most, SHORT))
+        chains = ensembles(posterior.log_density, *start, rng, run, watch)
+        if chains is None:
+            return Sampled(None, False, "the posterior density is zero around the best fit")
+        if not chains.converged:
+            message = (
+                f"after {chains.steps} steps the ensembles have {np.min(chains.effective):.0f} "
+                f"effective draws, of {run.effective:.0f} wanted, and R-hat "
+                f"{np.max(chains.r_hat):.3f}"
+            )
+        return Sampled(_drawn(posterior, chains), chains.converged, message)
+
+
+def _weighted(posterior: Posterior, weighted: Weighted) -> Draws:
+    # Points outside the bounds may be beyond what numbers can hold; they have no weight.
+    inside = weighted.weights > 0.0
+    values = posterior.values(weighted.points[inside])
+    parameters = values.shape[1]
+    return Draws(
+        "importance",
+        posterior.likelihood.keys,
+        posterior.likelihood.positive,
+        values,
+        weighted.log_density[inside],
+        weighted.weights[inside],
+        chains=(1, len(values), 1),
+        effective=np.full(parameters, weighted.effective),
+        r_hat=np.full(parameters, np.nan),
+        autocorrelation=np.ones(parameters),
+    )
+
+
+def _drawn(posterior: Posterior, chains: Chains) -> Draws:
+    count, steps, walkers, parameters = chains.points.shape
+    values = posterior.values(chains.points.reshape(-1, parameters))
+    return Draws(
+        "emcee",
+        posterior.likelihood.keys,
+        posterior.likelihood.positive,
+        values,
+        chains.log_density.ravel(),
+        np.full(len(values), 1.0 / len(values)),
+        chains=(count, steps, walkers),
+        effective=chains.effective,
+        r_hat=chains.r_hat,
+        autocorrelation=chains.autocorrelation,
+        acceptance=chains.acceptance,
+    )

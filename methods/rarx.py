@@ -29,7 +29,7 @@ import numpy as np
 
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.trajectory import Trajectory, times_of
-from pilotid.frequency.regression import Regression, Structure, lagged_rows
+from pilotid.frequency.regression import Regression, Structure, arx_response, lagged_rows
 from pilotid.pilot.model import PilotModel, frozen
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Scale, minimise_each
@@ -150,7 +150,7 @@ class RARX:
             self.lowest, min(self.highest, 0.75 * np.pi / prepared.dt), self.points
         )
         response, slopes = arx_response(structure, coefficients, np.exp(-1j * omega * prepared.dt))
-        fit = _Reduction(plain, omega, response, slopes, covariance)
+        fit = _Reduction(plain, omega, response[:, 0], slopes[:, :, 0], covariance)
         middle = fit.at_once(rng)
         values, error = fit.over_time(middle)
         ends = Scale(plain.positive).interval(values, error, plain.lower, plain.upper)
@@ -204,34 +204,6 @@ def forgetting(
     covariance = variance * inverse @ squares[:, :-1, :-1] @ inverse
     unit = size[-1] / size[:-1]
     return coefficients * unit, covariance * unit[:, None] * unit
-
-
-def arx_response(
-    structure: Structure, coefficients: FloatArray, shift: ComplexArray
-) -> tuple[ComplexArray, ComplexArray]:
-    """Responses of polynomials B/A, and their derivatives by the coefficients.
-
-    Parameters
-    ----------
-    structure
-        Orders and delay.
-    coefficients
-        Those of A behind its 1, then those of B, shape (times, coefficients).
-    shift
-        Response of a delay by one sample at the frequencies, shape (n,).
-
-    Returns
-    -------
-    Arrays of shape (times, n) and (times, coefficients, n).
-    """
-    down = shift ** np.arange(1, structure.poles + 1)[:, None]
-    up = shift ** structure.lags(0)[:, None]
-    bottom = 1.0 + coefficients[:, : structure.poles] @ down
-    response = (coefficients[:, structure.poles :] @ up) / bottom
-    slopes = np.concatenate(
-        [-response[:, None] * down / bottom[:, None], up / bottom[:, None]], axis=1
-    )
-    return response, slopes
 
 
 class _Reduction:

@@ -19,7 +19,7 @@ What a pilot makes of the textbook's recipe:
 - Thresholds apply to standardised columns and stay low.  A pilot with a coloured remnant
   is not sparse in lags: every term has its small share, and to prune more costs accuracy.
 - The estimate is held against the recording, as that of `arx` is
-  (`pilotid.frequency.consistency`).
+  (`pilotid.frequency.second_step`).
 
 Assumes that the lags describe the remnant as well.  Two channels need two forcing functions, and
 no black box can do with a controlled element that is a mere gain.
@@ -40,7 +40,6 @@ import numpy as np
 from pilotid.estimates.applicability import dependent_signals, varying
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.parts import FrequencyResponse
-from pilotid.frequency.consistency import against_recording, output_at_once
 from pilotid.frequency.regression import (
     BlackBox,
     Regression,
@@ -49,7 +48,7 @@ from pilotid.frequency.regression import (
     lagged_rows,
     signals,
 )
-from pilotid.frequency.second_step import second_step
+from pilotid.frequency.second_step import against_recording, output_at_once, second_step
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.time_domain.prediction import predict
@@ -101,10 +100,8 @@ class SINDy:
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
         """Why no black box can tell the pilot: the inputs are one signal, or hold the control."""
-        if constant_only := varying(model):
-            return constant_only
-        if dependent := dependent_signals(model):
-            return dependent
+        if unsuited := varying(model) or dependent_signals(model):
+            return unsuited
         inputs = {c.input for c in model.channels}
         if len(inputs) > 1 and np.std(recording.e + recording.x) < 1e-6 * np.std(recording.e):
             return (

@@ -148,7 +148,7 @@ def test_what_is_reported_is_that_of_a_search_with_exact_products(
     scenario = replace(SCENARIOS[name], runs=RUNS)
     recording = simulate(scenario, np.random.default_rng(2))
     found = MLE().fit(recording, scenario.model, np.random.default_rng(3))
-    for place in ("joint_fits", "maximum_likelihood"):
+    for place in ("search", "maximum_likelihood"):
         monkeypatch.setattr(f"pilotid.time_domain.{place}.for_search", lambda joint, *_: joint)
     expected = MLE().fit(recording, scenario.model, np.random.default_rng(3))
     errors = np.sqrt(np.diag(expected.covariance))

@@ -14,7 +14,7 @@ import pytest
 from helpers import PILOTS, Run
 
 from pilotid.analysis.board import read_board
-from pilotid.analysis.pattern import Pattern, parts_of
+from pilotid.analysis.recordings import Pattern, parts_of
 from pilotid.analysis.rows import in_order
 from pilotid.datasets import simulate
 from pilotid.pilot.loops import margins

@@ -31,7 +31,7 @@ from pilotid.pilot.timevarying import Changing
 from pilotid.report.fit import html_report
 from pilotid.solve.intervals import Held
 from pilotid.solve.least_squares import minimise
-from pilotid.study.draws import truths_of
+from pilotid.study.fits import truths_of
 from pilotid.time_domain.competing_optima import over_changes
 from pilotid.time_domain.maximum_likelihood import maximise_likelihood
 from pilotid.time_domain.output_error import Residuals

@@ -221,7 +221,7 @@ def test_without_a_model_the_recording_chooses(run: Run, simulated: Path) -> Non
 
 def test_all_methods(run: Run, simulated: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     few = {m.name: m for m in METHODS if m.name in ("mmle3", "mle-white")}
-    for module in ("pilotid.methods", "pilotid.cli.arguments"):
+    for module in ("pilotid.methods", "pilotid.cli.options"):
         monkeypatch.setattr(f"{module}.methods", lambda: few)
     result = strict(run("fit", simulated, "--method", "all", "--json", "-").out)
     assert [e["method"] for e in result["estimates"]] == list(few)

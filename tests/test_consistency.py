@@ -9,7 +9,7 @@ import pytest
 from helpers import NOMINAL, SINGLE_LOOP, fit_of, recording_of
 
 from pilotid.estimates.estimate import Estimate, Outcome, failed, symmetric_intervals
-from pilotid.frequency.consistency import (
+from pilotid.frequency.second_step import (
     FARTHEST,
     against_recording,
     moved,

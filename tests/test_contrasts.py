@@ -11,8 +11,8 @@ import pytest
 from scipy.stats import ttest_rel
 from tidy_rows import row, table
 
-from pilotid.analysis.columns import CONTRAST_COLUMNS, contrast_table
 from pilotid.analysis.contrasts import Contrast, contrasts
+from pilotid.analysis.results import CONTRAST_COLUMNS, table_of
 from pilotid.disk import table_bytes
 from pilotid.types import InputError
 
@@ -188,7 +188,7 @@ def test_the_table_restores_every_number() -> None:
         row(s, c, float(s) * k, axis="roll") for c, k in (("C1", 0.1), ("C2", 1.7)) for s in "12"
     ]
     found = contrasts(rows)
-    head, lines = contrast_table(found)
+    head, lines = table_of(found, CONTRAST_COLUMNS)
     assert head == ["axis", *CONTRAST_COLUMNS]
     (read,) = csv.DictReader(io.StringIO(table_bytes(head, lines).decode()))
     assert read["axis"] == "roll"

@@ -10,7 +10,6 @@ from helpers import recording_of, without_remnant
 from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 
-from pilotid.analysis.candidates import sensible
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.fitted import Fitted
@@ -19,6 +18,7 @@ from pilotid.methods import methods
 from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
+from pilotid.model_choice import default_candidates
 from pilotid.pilot.catalogue import ADAPTING, ADAPTING_FREE, SINGLE, fault_of
 from pilotid.pilot.factors import Delay, Gain, Lag, Lead, Neuromuscular, Parameter
 from pilotid.pilot.model import (
@@ -319,7 +319,7 @@ def test_methods_that_know_constant_pilots_alone_say_so_and_nobody_is_asked_unaw
     }
     assert {"mmle3", "fourier", "arx", "sindy"} <= refusing
     assert not {"mle", "mle-white", "mle-genetic", "bayes"} & refusing
-    assert not any(model.changes for model in sensible(recording))
+    assert not any(model.changes for model in default_candidates(recording))
 
 
 # ------------------------------------------------------------------ a pilot who becomes another

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import NOMINAL, SINGLE_LOOP
+from helpers import NOMINAL, SINGLE_LOOP, simulated_chance
 from scipy.optimize import linprog, minimize
 
 import pilotid
@@ -16,11 +16,23 @@ from pilotid.cli.main import main
 from pilotid.datasets import scenario_named
 from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.forcing import PERIOD, Multisine
-from pilotid.designing.design import Design, RemnantPower, design, wrong_pilots
+from pilotid.designing.design import (
+    Design,
+    RemnantPower,
+    crest_factor,
+    design,
+    low_crest,
+    wrong_pilots,
+)
 from pilotid.designing.limits import Limits, linear
-from pilotid.designing.lines import chosen_lines, reference_lines, shares_like
-from pilotid.designing.loop import loop_of, powers_of, widening
-from pilotid.designing.objectives import goal_of
+from pilotid.designing.lines import (
+    chosen_lines,
+    loop_of,
+    powers_of,
+    reference_lines,
+    shares_like,
+    widening,
+)
 from pilotid.designing.optimum import (
     Criterion,
     Goal,
@@ -28,12 +40,12 @@ from pilotid.designing.optimum import (
     Kind,
     Limit,
     Over,
+    goal_of,
     minimise_within,
 )
 from pilotid.designing.output import forcing_table
 from pilotid.designing.pilots import drawn_pilots, studied, with_truth
-from pilotid.designing.planning import plan, read_effect, simulated_chance
-from pilotid.designing.signals import crest_factor, low_crest
+from pilotid.designing.planning import plan, read_effect
 from pilotid.theory.bounds import bounds
 from pilotid.types import FloatArray, InputError
 

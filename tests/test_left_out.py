@@ -11,9 +11,13 @@ import pytest
 from helpers import Run
 
 from pilotid.analysis.board import BOARD, Board, read_board
-from pilotid.analysis.left_out import LeftOut, log_likelihood, predicted, standings
-from pilotid.analysis.pattern import Part
-from pilotid.analysis.source import alone, without
+from pilotid.analysis.cross_validation import (
+    LeftOut,
+    log_likelihood,
+    predict_left_out,
+    rank_methods,
+)
+from pilotid.analysis.recordings import Part, alone, without
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.disk import strict_json
 from pilotid.methods.mle_white import MLEWhite
@@ -74,7 +78,7 @@ def test_scaled_signals_shift_all_likelihoods_alike(recording: Recording) -> Non
 
 @pytest.mark.numerical
 def test_every_run_is_predicted_by_the_others(recording: Recording) -> None:
-    (found,) = predicted(recording, SINGLE.model, {"mine": MLEWhite()}, 3, 1)
+    (found,) = predict_left_out(recording, SINGLE.model, {"mine": MLEWhite()}, 3, 1)
     assert found["method"] == "mine"
     assert found["usable"] is True
     vaf = found["vaf"]
@@ -86,7 +90,7 @@ def test_methods_are_ranked_by_pairs_of_runs() -> None:
     lines = [line("good", run, 100.0 + run, 80.0 + run) for run in (1, 2, 3)]
     lines += [line("bad", run, 100.0 + run - own) for run, own in ((1, 4.0), (2, 5.0), (3, 6.0))]
     lines += [line("lost", run, math.nan, math.nan) for run in (1, 2, 3)]
-    good, bad, lost = standings(lines)
+    good, bad, lost = rank_methods(lines)
     assert (good.method, good.behind, good.runs, good.failed) == ("good", 0.0, 3, 0)
     assert good.vaf == pytest.approx(82.0)
     assert good.vaf_error == pytest.approx(1.0 / math.sqrt(3.0))
@@ -98,7 +102,7 @@ def test_methods_are_ranked_by_pairs_of_runs() -> None:
 def test_a_method_that_fails_once_costs_the_others_that_run_alone() -> None:
     lines = [line("a", run, 10.0) for run in (1, 2, 3)]
     lines += [line("b", run, math.nan if run == 2 else 12.0) for run in (1, 2, 3)]
-    first, second = standings(lines)
+    first, second = rank_methods(lines)
     assert (first.method, first.failed) == ("b", 1)
     assert second.behind == pytest.approx(-2.0)
 

@@ -9,10 +9,14 @@ import numpy as np
 import pytest
 from helpers import NOMINAL, PILOTS, SINGLE_LOOP
 
-from pilotid.analysis.candidates import Candidate, compared, sensible
-from pilotid.analysis.choice import chosen
-from pilotid.analysis.forced import forced
 from pilotid.datasets import simulate
+from pilotid.model_choice import (
+    Candidate,
+    choose_model,
+    compare_models,
+    default_candidates,
+    fit_forced_response,
+)
 from pilotid.pilot.catalogue import MODELS
 from pilotid.recordings.files import load_recording
 from pilotid.recordings.recording import Recording
@@ -31,7 +35,7 @@ def candidate(model: str, pilot: int, left_out: tuple[float, ...], vaf: float = 
     """A candidate that lines judge."""
     return Candidate(
         model=model,
-        pilot=pilot,
+        pilot_parameters=pilot,
         parameters=pilot + 3,
         remnant="AR(2)",
         samples=1000,
@@ -41,9 +45,9 @@ def candidate(model: str, pilot: int, left_out: tuple[float, ...], vaf: float = 
         vaf=vaf,
         left_out_vaf=vaf,
         left_out_log_likelihood=tuple(-0.5 * number for number in left_out),
-        misfit=30.0,
+        chi_squared=30.0,
         freedom=30,
-        left_out_misfit=left_out,
+        left_out_chi_squared=left_out,
         bounds="",
         overdamped=False,
     )
@@ -52,12 +56,12 @@ def candidate(model: str, pilot: int, left_out: tuple[float, ...], vaf: float = 
 @pytest.mark.parametrize("name", ["single", "multi", "lead-lag"])
 def test_the_model_that_made_a_recording_is_chosen(name: str) -> None:
     recording = recording_of(name)
-    assert chosen([compared(recording, sensible(recording), 0)]).model == name
+    assert choose_model([compare_models(recording, default_candidates(recording), 0)]).model == name
 
 
 def test_a_recording_without_a_disturbance_tells_no_two_channels_apart() -> None:
     recording = replace(recording_of("single"), fd=None, lines={})
-    inputs = {c.input for model in sensible(recording) for c in model.channels}
+    inputs = {c.input for model in default_candidates(recording) for c in model.channels}
     assert inputs == {"error"}
 
 
@@ -83,7 +87,7 @@ def test_a_richer_model_is_taken_where_runs_left_out_clearly_favour_it(
 ) -> None:
     simple = candidate("single", 5, RUNS)
     richer = candidate("multi", 7, tuple(np.subtract(RUNS, gains).tolist()))
-    assert chosen([[simple, richer]]).model == taken
+    assert choose_model([[simple, richer]]).model == taken
 
 
 def test_recordings_of_a_condition_are_judged_together() -> None:
@@ -93,22 +97,22 @@ def test_recordings_of_a_condition_are_judged_together() -> None:
         [candidate("single", 5, RUNS), candidate("multi", 7, tuple((RUNS - gain).tolist()))]
         for gain in gains
     ]
-    assert chosen(pairs[:1]).model == "multi"
-    assert chosen(pairs).model == "single"
+    assert choose_model(pairs[:1]).model == "multi"
+    assert choose_model(pairs).model == "single"
 
 
 def test_a_single_run_is_judged_by_a_criterion() -> None:
     simple = candidate("single", 5, ())
     for misfit, taken in ((25.0, "single"), (20.0, "multi")):
-        richer = replace(candidate("multi", 7, ()), misfit=misfit)
-        assert chosen([[simple, richer]]).model == taken
+        richer = replace(candidate("multi", 7, ()), chi_squared=misfit)
+        assert choose_model([[simple, richer]]).model == taken
 
 
 def test_what_describes_the_loop_and_not_the_pilot_is_not_taken() -> None:
     """Where no line judges, a likelihood without a simulated response counts for nothing."""
-    pilot = replace(candidate("single", 5, ()), misfit=float("nan"), freedom=0)
-    loop = replace(pilot, model="multi", pilot=7, aicc=-1000.0, bic=-1000.0, vaf=3.0)
-    choice = chosen([[pilot, loop]])
+    pilot = replace(candidate("single", 5, ()), chi_squared=float("nan"), freedom=0)
+    loop = replace(pilot, model="multi", pilot_parameters=7, aicc=-1000.0, bic=-1000.0, vaf=3.0)
+    choice = choose_model([[pilot, loop]])
     assert choice.model == "single"
     assert "describes the loop, not the pilot" in choice.reason
 
@@ -116,10 +120,12 @@ def test_what_describes_the_loop_and_not_the_pilot_is_not_taken() -> None:
 def test_misfits_are_those_of_chance_for_the_true_model() -> None:
     """Chi-squared of the lines, over 20 recordings, within 3 errors of its freedom."""
     found = [
-        forced(simulate(SINGLE_LOOP, recording_rng(11, "single", k)), [MODELS["single"]], 0)[0]
+        fit_forced_response(
+            simulate(SINGLE_LOOP, recording_rng(11, "single", k)), [MODELS["single"]], 0
+        )[0]
         for k in range(20)
     ]
-    excess = np.array([f.excess for f in found])
+    excess = np.array([f.misfit / f.freedom for f in found])
     # Powers of the remnant are estimated from bins beside the lines.
     assert abs(excess.mean() - 1.0) < 3.0 * excess.std(ddof=1) / np.sqrt(20.0) + 0.05
 
@@ -146,7 +152,7 @@ def test_aperiodic_recordings_are_judged_by_their_prediction_errors() -> None:
     recording = replace(recording_of("single", runs=2), lines={})
     rng = np.random.default_rng(0)
     noisy = replace(recording, ft=recording.ft + 0.2 * rng.standard_normal(recording.e.shape))
-    choice = chosen([compared(noisy, [MODELS["gain"], MODELS["single"]], 0)])
+    choice = choose_model([compare_models(noisy, [MODELS["gain"], MODELS["single"]], 0)])
     assert choice.model == "single"
     assert "errors of prediction" in choice.reason
 
@@ -158,18 +164,18 @@ def test_people_without_motion_are_not_given_a_motion_channel(measured: Path) ->
         path = measured / "yaw" / f"ae2224I_measurement_data_subj4_{condition}.mat"
         recording = load_recording(path)
         models = [MODELS[n] for n in ("gain", "single", "lead-lag", "rate", "multi")]
-        assert chosen([compared(recording, models, 0)]).model in expected
+        assert choose_model([compare_models(recording, models, 0)]).model in expected
 
 
 def test_people_with_motion_are(measured: Path) -> None:
     recording = load_recording(measured / "yaw" / "ae2224I_measurement_data_subj4_C6.mat")
     models = [MODELS[n] for n in ("gain", "single", "lead-lag", "rate", "multi")]
-    assert chosen([compared(recording, models, 0)]).model in {"rate", "multi"}
+    assert choose_model([compare_models(recording, models, 0)]).model in {"rate", "multi"}
 
 
 def test_a_model_without_input_is_left_out() -> None:
     still = replace(NOMINAL, runs=1)
     recording = simulate(still, recording_rng(3, "still"))
     frozen = replace(recording, x=np.zeros_like(recording.x), ft=recording.e, fd=None, lines={})
-    found = compared(frozen, [MODELS["single"], MODELS["multi"]], 0)
+    found = compare_models(frozen, [MODELS["single"], MODELS["multi"]], 0)
     assert [c.model for c in found] == ["single"]

@@ -22,9 +22,8 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import draw_rng, fit_rng, recording_rng
 from pilotid.study.comparison import Cell, Comparison, Score, comparison_of
-from pilotid.study.draws import element_kind, facts_of, scenario_of, strata_of
-from pilotid.study.entries import Draw, Result
-from pilotid.study.fits import Task
+from pilotid.study.entries import Draw, Result, strata_of
+from pilotid.study.fits import Task, element_kind, facts_of, scenario_of
 from pilotid.study.store import Store
 from pilotid.study.study import Study
 from pilotid.theory.bounds import bounds

@@ -11,9 +11,8 @@ import pytest
 from scipy.stats import ttest_rel
 from tidy_rows import row, table
 
-from pilotid.analysis.columns import REPEATED_COLUMNS, repeated_table
-from pilotid.analysis.mixed import random_intercept
-from pilotid.analysis.repeated import Repeated, repeated, sphericity
+from pilotid.analysis.repeated import Repeated, random_intercept, repeated, sphericity
+from pilotid.analysis.results import REPEATED_COLUMNS, table_of
 from pilotid.types import FloatArray
 
 #: Six subjects under three conditions, with sums of squares worked out below.
@@ -160,6 +159,6 @@ def test_what_statsmodels_warns_of_becomes_a_note(monkeypatch: pytest.MonkeyPatc
 
 
 def test_its_table() -> None:
-    head, (line,) = repeated_table(repeated(table(SCORES)))
+    head, (line,) = table_of(repeated(table(SCORES)), REPEATED_COLUMNS)
     assert head == list(REPEATED_COLUMNS)
     assert dict(zip(head, line, strict=True))["conditions"] == "C1 C2 C3"

@@ -24,7 +24,7 @@ from pilotid.datasets import scenario_named
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import identify
 from pilotid.estimates.parts import FrequencyResponse
-from pilotid.frequency.regression import known_dynamics, lagged_rows
+from pilotid.frequency.regression import lagged_rows
 from pilotid.methods.sindy import Library, SINDy, ensemble_covariance, prune, undetermined
 from pilotid.pilot.catalogue import MULTI, SINGLE
 from pilotid.pilot.model import PilotModel
@@ -132,9 +132,9 @@ def test_no_row_reaches_across_runs() -> None:
 
 def test_known_dynamics_are_the_canals() -> None:
     s = 1j * np.array([0.1, 1.0, 10.0])
-    visual, vestibular = MULTI.channels
-    assert known_dynamics(visual, s) == pytest.approx(np.ones(3))
-    assert known_dynamics(vestibular, s) == pytest.approx((1.0 + 0.1 * s) / (1.0 + 6.0 * s))
+    visual, vestibular = MULTI.fixed_responses(s)
+    assert visual == pytest.approx(np.ones(1))
+    assert vestibular == pytest.approx((1.0 + 0.1 * s) / (1.0 + 6.0 * s))
 
 
 # ------------------------------------------------------------------------------- the estimate

@@ -24,10 +24,9 @@ from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.study.comparison import comparison_of
 from pilotid.study.entries import Result, Unit
-from pilotid.study.facts import method_entry, scenario_entry
 from pilotid.study.fits import Task, run_task, started
 from pilotid.study.store import STORE, Store
-from pilotid.study.study import Study, remaining_seconds
+from pilotid.study.study import Study, method_entry, remaining_seconds, scenario_entry
 from pilotid.types import InputError
 
 STUDY = Study(("single", "starts"), ("mle-white", "fourier"), 3, 5)

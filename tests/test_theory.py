@@ -17,7 +17,7 @@ from pilotid.methods.mle_white import MLEWhite
 from pilotid.pilot.catalogue import MULTI
 from pilotid.seeds import fit_rng, recording_rng
 from pilotid.solve.covariance import hessian, sandwich_of, score_products
-from pilotid.study.facts import scenario_entry
+from pilotid.study.study import scenario_entry
 from pilotid.theory.bounds import bounds, monic, white_limit
 from pilotid.theory.experiment import View
 from pilotid.time_domain.output_error import OutputErrors

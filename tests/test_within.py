@@ -9,8 +9,8 @@ import pytest
 from scipy.stats import ttest_rel
 from tidy_rows import row
 
+from pilotid.analysis.contrasts import split_pairs, within_fits
 from pilotid.analysis.rows import Row
-from pilotid.analysis.within import parted, within_fits
 from pilotid.types import InputError
 
 BEFORE, AFTER = (0.4, 0.5, 0.7), (0.9, 1.3, 1.2)
@@ -74,8 +74,8 @@ def test_different_units_are_not_compared() -> None:
 
 def test_pairs_are_of_conditions_or_of_parameters() -> None:
     rows = fits("C5", BEFORE, AFTER) + fits("C6", BEFORE, AFTER)
-    assert parted(rows, [("C5", "C6"), PAIR]) == ([("C5", "C6")], [PAIR])
+    assert split_pairs(rows, [("C5", "C6"), PAIR]) == ([("C5", "C6")], [PAIR])
     # What is neither is for the comparison of conditions to refuse.
-    assert parted(rows, [("tlead1", "C9")]) == ([("tlead1", "C9")], [])
+    assert split_pairs(rows, [("tlead1", "C9")]) == ([("tlead1", "C9")], [])
     with pytest.raises(InputError, match="names one parameter twice"):
-        parted(rows, [("tlead1", "tlead1")])
+        split_pairs(rows, [("tlead1", "tlead1")])

@@ -22,8 +22,8 @@ from pilotid.seeds import DEFAULT_SEED, draw_rng, fit_rng, recording_rng
 from pilotid.types import InputError
 
 if TYPE_CHECKING:
-    from pilotid.analysis.choice import Selection
     from pilotid.designing.design import Design
+    from pilotid.model_choice import Selection
     from pilotid.study.comparison import Comparison
     from pilotid.study.trust import Trust
 
@@ -85,7 +85,7 @@ def which_model(
     Selection
         The model, the reason in words, and the figures of all candidates.
     """
-    from pilotid.analysis.choice import select
+    from pilotid.model_choice import select
 
     named = [model_named(m) if isinstance(m, str) else m for m in models]
     return select(recording, named, seed)

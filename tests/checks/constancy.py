@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pilotid.analysis.choice import select
 from pilotid.datasets import POPULATIONS, SCENARIOS, Scenario, simulate
 from pilotid.datasets.population import Population
+from pilotid.model_choice import select
 from pilotid.pilot.catalogue import SINGLE
 from pilotid.recordings.files import load_recording
 from pilotid.recordings.recording import Recording

@@ -21,17 +21,20 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from helpers import simulated_chance
 from planned_fits import planned_fits
 
 from pilotid.datasets import Scenario, scenario_named, simulate
 from pilotid.datasets.forcing import Multisine
-from pilotid.designing.design import Design, design
+from pilotid.designing.design import Design, crest_factor, design, low_crest
 from pilotid.designing.figures import spectra_figure
 from pilotid.designing.limits import Limits
 from pilotid.designing.lines import chosen_lines, reference_lines
 from pilotid.designing.pilots import drawn_pilots
-from pilotid.designing.planning import plan, simulated_chance
-from pilotid.designing.signals import crest_factor, low_crest
+from pilotid.designing.planning import plan
 from pilotid.document import svg
 from pilotid.estimates.method import identify
 from pilotid.methods.mle import MLE

@@ -16,8 +16,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from helpers import PILOTS
 
-from pilotid.analysis.choice import select
 from pilotid.datasets import simulate
+from pilotid.model_choice import select
 from pilotid.seeds import recording_rng
 
 

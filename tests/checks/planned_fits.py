@@ -14,7 +14,7 @@ import numpy as np
 
 from pilotid.analysis.combine import plain_mean
 from pilotid.datasets import Scenario, simulate
-from pilotid.designing.loop import with_held_remnant
+from pilotid.designing.lines import with_held_remnant
 from pilotid.designing.planning import LEVEL, Plan
 from pilotid.estimates.method import Method, identify
 from pilotid.recordings.recording import joined

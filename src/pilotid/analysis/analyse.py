@@ -2,46 +2,47 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+import re
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any, Literal, NamedTuple
 
-from pilotid.analysis.candidates import Candidate
-from pilotid.analysis.choice import Choice, chosen
-from pilotid.analysis.left_out import LeftOut, left_out_rows
-from pilotid.analysis.pattern import Part
+from pilotid.analysis.cross_validation import LeftOut, failed_rows, left_out_rows, predict_left_out
+from pilotid.analysis.recordings import Part, Source
 from pilotid.analysis.rows import SUBJECT, Row, rows_of
-from pilotid.analysis.source import Source
-from pilotid.analysis.tasks import (
-    Answer,
-    Content,
-    Task,
-    candidates_of,
-    failed_content,
-    fit_task,
-    given_up,
-    left_out_task,
-    look_task,
-    perform,
-)
 from pilotid.database import DamagedError, checksum, in_words, open_to_write
+from pilotid.disk import make_folder, write_file
+from pilotid.element.fit import chosen_element
+from pilotid.estimates.estimate import Outcome, failed
+from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.method import Method
-from pilotid.jobs import USUAL_LIMITS, Limits, run_tasks
-from pilotid.naming.code import own_digest
+from pilotid.estimates.quantities import Quantity
+from pilotid.jobs import Loss, run_tasks
+from pilotid.methods.fourier import first_step_of
+from pilotid.model_choice import Candidate, Choice, choose_model, compare_models, default_candidates
+from pilotid.naming.code import code_digest, own_digest, packed, reason, unpacked
+from pilotid.naming.settings import plain
 from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
-from pilotid.types import InputError
+from pilotid.recordings.checks import remarks
+from pilotid.study.entries import number
+from pilotid.types import InputError, one_line
 
-#: What is done already: its keys say all that a content follows from (recording, model, methods,
-#: settings, code), so that whatever changes is done again.
+#: What is done already, as JSON by the key of its task.
 STORE = "analysis.sqlite"
 TABLE = "results (key TEXT PRIMARY KEY, content TEXT, checksum INTEGER)"
+#: The folder of the recordings' pages.
+PAGES = "recordings"
 
-#: Recordings that are judged together when a model is chosen: their fields but the subject.
+#: What a task gives back: plain objects, as JSON has them.
+Content = dict[str, Any]
+#: Recordings for which one model is chosen: their fields but the subject.
 Group = tuple[tuple[str, str], ...]
 
 
@@ -51,12 +52,10 @@ class Settings:
 
     Attributes
     ----------
-    models
-        Models that the user named, by name.
+    models, methods
+        Models that the user named, by name, and methods by their labels.
     auto
         Whether the catalogue's sensible models compete with them, and the best is fitted alone.
-    methods
-        Methods by their labels.
     per_run
         Whether every run is fitted on its own as well.
     left_out
@@ -151,19 +150,166 @@ def group_of(part: Part) -> Group:
     return tuple(pair for pair in part.fields if pair[0] != SUBJECT)
 
 
+# ----------------------------------------------------------------------------------- tasks
+
+
+@dataclass(frozen=True)
+class Task:
+    """One task, which may be done by another process.
+
+    Attributes
+    ----------
+    key
+        A digest of all that its content follows from: recording, settings and code.
+    what
+        Look at a recording and compare models, fit one model, or fit it to all runs but one and
+        predict that one.
+    source
+        The recording.
+    code
+        Models, methods (or whether models of the catalogue compete) and controlled element, see
+        `pilotid.naming.code.packed`.
+    seed
+        Seed of all random numbers.
+    run
+        Number of the run to take alone, or to leave out, from 1; None for all.
+    folder
+        Where the recording's page goes; None for none.
+    """
+
+    key: str
+    what: Literal["look", "fit", "left-out"]
+    source: Source
+    code: bytes
+    seed: int
+    run: int | None = None
+    folder: Path | None = None
+
+
+class Answer(NamedTuple):
+    """What a task gave, or why there is nothing."""
+
+    task: Task
+    content: Content | None
+    why: str = ""
+
+
+def perform(task: Task) -> Answer:
+    """Do a task; whatever goes wrong is an answer."""
+    try:
+        content = {"look": _look, "fit": _fit, "left-out": _leave_out}[task.what](task)
+        return Answer(task, json.loads(json.dumps(content)))
+    except InputError as error:
+        return Answer(task, None, str(error))
+    except MemoryError as error:
+        return _lost(task, f"{Outcome.OUT_OF_MEMORY.value} {one_line(str(error))}".strip())
+    except Exception as error:
+        return _lost(task, one_line(reason(error)))
+
+
+def given_up(task: Task, loss: Loss, why: str) -> Answer:
+    """The answer to a task whose process was lost."""
+    return _lost(task, f"{loss.value} ({why})")
+
+
+def _lost(task: Task, why: str) -> Answer:
+    return Answer(task, None, f"{task.source.part.name}: {why}" if task.what == "look" else why)
+
+
+def _look(task: Task) -> Content:
+    named, auto, element = unpacked(task.code)
+    recording = task.source.recording()
+    choice = chosen_element(recording, element)
+    models = {
+        model.name: model for model in (*(default_candidates(recording) if auto else ()), *named)
+    }
+    candidates = compare_models(choice.named_in(recording), list(models.values()), task.seed)
+    return {
+        "recording": recording.to_dict(),
+        "remarks": [*remarks(recording), *choice.remarks],
+        "candidates": [asdict(candidate) for candidate in candidates],
+    }
+
+
+def candidates_of(look: Content) -> list[Candidate]:
+    """The models compared, from what a look at a recording gave."""
+    found = []
+    for held in look["candidates"]:
+        fields: Content = {k: tuple(v) if isinstance(v, list) else v for k, v in held.items()}
+        found.append(Candidate(**fields))
+    return found
+
+
+def _fit(task: Task) -> Content:
+    model, methods, element = unpacked(task.code)
+    recording = task.source.recording(task.run)
+    fitted = fit_all(recording, model, methods, task.seed, chosen_element(recording, element))
+    content = content_of(fitted)
+    if task.folder is not None:
+        content["page"] = _write_page(task, task.folder, fitted)
+    return content
+
+
+def _leave_out(task: Task) -> Content:
+    model, methods, _ = unpacked(task.code)
+    assert task.run is not None
+    fits = predict_left_out(task.source.recording(), model, methods, task.run, task.seed)
+    return {"model": model.name, "left_out": fits}
+
+
+def _write_page(task: Task, folder: Path, fitted: Fitted) -> str:
+    """Write a recording's page, with its figures, and give its place beside the report."""
+    from pilotid.report.fit import html_report
+
+    text = html_report([fitted], points=[first_step_of(fitted.recording, fitted.model)])
+    words = re.sub(r"[^\w.+-]+", "_", f"{task.source.part.words}_{fitted.model.name}")
+    name = f"{PAGES}/{words}_{task.key[:6]}.html"
+    make_folder(folder / PAGES)
+    write_file(folder / name, text.encode("utf-8", "replace"))
+    return name
+
+
+def content_of(fitted: Fitted) -> Content:
+    """What the tables and the report need of fits."""
+    element = fitted.loop_element
+    loops = fitted.loops or [None] * len(fitted.estimates)
+    return {
+        "model": fitted.model.name,
+        "element": element.element.name if element and element.element else "",
+        "estimates": [
+            {
+                "method": e.method,
+                "outcome": e.outcome.slug,
+                "usable": e.outcome.usable,
+                "verdict": e.verdict(timed=False),
+                "vaf": number(e.vaf),
+                "remarks": list(e.remarks),
+                "parameters": [[q.key, q.unit, *_numbers(q)] for q in e.quantities],
+                "loops": [[q.key, q.unit, *_numbers(q)] for q in own.quantities] if own else [],
+                "loop_remarks": [*own.remarks, *own.notes] if own else [],
+            }
+            for e, own in zip(fitted.estimates, loops, strict=True)
+        ],
+    }
+
+
+def _failed_content(task: Task, why: str) -> Content:
+    """The same of fits that a process was lost with: rows without numbers."""
+    model, methods, _ = unpacked(task.code)
+    if task.what == "left-out":
+        return {"model": model.name, "left_out": failed_rows(methods, Outcome.DIED.slug)}
+    estimates = tuple(failed(label, model, Outcome.DIED, why) for label in methods)
+    return content_of(Fitted(None, model, estimates))  # type: ignore[arg-type]
+
+
+def _numbers(q: Quantity) -> list[float | None]:
+    return [number(n) for n in (q.value, q.std_error, q.lower, q.upper)]
+
+
+# ------------------------------------------------------------------------------ all of them
+
 #: Wraps answers in a bar: answers, what they are, how many.
 Bar = Callable[[Iterable[Answer], str, int], Iterator[Answer]]
-
-
-def _opened(path: Path) -> sqlite3.Connection:
-    """The file of what is done; one that is damaged costs the time to do it again."""
-    try:
-        base = open_to_write(path)
-    except DamagedError:
-        path.unlink()
-        base = open_to_write(path)
-    base.execute(f"CREATE TABLE IF NOT EXISTS {TABLE}")
-    return base
 
 
 @dataclass(eq=False)
@@ -174,8 +320,24 @@ class _Work:
     base: sqlite3.Connection
     bar: Bar
     workers: int | None
-    limits: Limits
-    refused: dict[str, None] = field(default_factory=dict)
+    settings: Settings
+    refused: dict[str, None]
+    digests: dict[Source, str] = field(default_factory=dict)
+
+    def task(
+        self,
+        what: Literal["look", "fit", "left-out"],
+        source: Source,
+        content: tuple[object, ...],
+        run: int | None = None,
+        folder: Path | None = None,
+    ) -> Task:
+        """A task with its key."""
+        seed = self.settings.seed
+        told = (what, run, plain(content), code_digest(content), seed, folder is not None)
+        text = repr((self.digests[source], *told)).encode("utf-8", "replace")
+        key = hashlib.sha256(text).hexdigest()
+        return Task(key, what, source, packed(content), seed, run, folder)
 
     def held(self, task: Task) -> Content | None:
         """What is held of a task."""
@@ -195,22 +357,22 @@ class _Work:
             self.base.execute("INSERT OR REPLACE INTO results VALUES (?, ?, ?)", row)
 
     def contents(self, tasks: Sequence[Task], what: str) -> dict[str, Content]:
-        """The contents of tasks by their keys; those that a file is at fault for are missing."""
+        """The contents of tasks by their keys; looks at recordings that failed are missing."""
         found = ((task.key, self.held(task)) for task in tasks)
         held = {key: content for key, content in found if content is not None}
         todo = [task for task in tasks if task.key not in held]
         if not todo:
             return held
         workers = self.workers if self.workers is None else min(self.workers, len(todo))
-        answers = run_tasks(perform, todo, given_up, workers, limits=self.limits)
-        for answer in self.bar(answers, what, len(todo)):
-            if answer.content is not None:
-                held[answer.task.key] = answer.content
-                self.keep(answer.task.key, answer.content)
-            elif answer.task.what != "look":
-                held[answer.task.key] = failed_content(answer.task, answer.refused or answer.lost)
+        answers = run_tasks(perform, todo, given_up, workers)
+        for task, content, why in self.bar(answers, what, len(todo)):
+            if content is not None:
+                held[task.key] = content
+                self.keep(task.key, content)
+            elif task.what == "look":
+                self.refused[why] = None
             else:
-                self.refused[answer.why] = None
+                held[task.key] = _failed_content(task, why)
         return held
 
 
@@ -220,7 +382,6 @@ def analyse(
     folder: Path,
     bar: Bar,
     workers: int | None = None,
-    limits: Limits = USUAL_LIMITS,
     refused: Sequence[str] = (),
 ) -> Analysis:
     """Look at recordings, choose models, and fit everything; what is held is not done again.
@@ -237,105 +398,63 @@ def analyse(
         Shows the progress.
     workers
         Number of processes; None for one for each processor.
-    limits
-        What a task may take.
     refused
         A sentence for each file that was left out already.
     """
-    code = own_digest()
+    code, methods, element = own_digest(), dict(settings.methods), settings.element
     path = folder / STORE
     with closing(_opened(path)) as base:
-        work = _Work(path, base, bar, workers, limits, dict.fromkeys(refused))
-        digests = _digests(sources, code, work)
-        looks = {
-            source: look_task(
-                source,
-                digest,
-                tuple(settings.models.values()),
-                settings.auto,
-                settings.element,
-                settings.seed,
-            )
-            for source, digest in digests.items()
-        }
+        work = _Work(path, base, bar, workers, settings, dict.fromkeys(refused))
+        for source in sources:
+            try:
+                work.digests[source] = source.digest() + code
+            except InputError as error:
+                work.refused[str(error)] = None
+        compared_with = (tuple(settings.models.values()), settings.auto, element)
+        looks = {source: work.task("look", source, compared_with) for source in work.digests}
         seen = work.contents(list(looks.values()), "looking at recordings")
-        looked = {r: seen[task.key] for r, task in looks.items() if task.key in seen}
-        choices = _choices(looked)
-        tasks: list[tuple[Source, int | None, Task]] = []
+        looked = {source: seen[t.key] for source, t in looks.items() if t.key in seen}
+        groups: dict[Group, list[list[Candidate]]] = {}
         for source, look in looked.items():
-            for model in _models(source, settings, choices):
-                runs = range(1, look["recording"]["runs"] + 1) if settings.per_run else ()
-                for run in (None, *(runs if len(runs) > 1 else ())):
-                    task = fit_task(
-                        source,
-                        digests[source],
-                        model,
-                        settings.methods,
-                        run,
-                        settings.element,
-                        settings.seed,
-                        folder if run is None else None,
-                    )
-                    tasks.append((source, run, task))
-        held = work.contents([task for *_, task in tasks], "fitting")
-        left = _left_out(looked, digests, settings, choices) if settings.left_out else []
-        told = work.contents([task for *_, task in left], "leaving runs out")
+            groups.setdefault(group_of(source.part), []).append(candidates_of(look))
+        choices = {group: choose_model(candidates) for group, candidates in groups.items()}
+        fits, left = [], []
+        for source, look in looked.items():
+            count = int(look["recording"]["runs"])
+            runs = range(1, count + 1) if count > 1 else ()
+            models = list(settings.models.values())
+            if settings.auto:
+                models = [{**MODELS, **settings.models}[choices[group_of(source.part)].model]]
+            for model in models:
+                fitted = (model, methods, element)
+                fits.append(work.task("fit", source, fitted, folder=folder))
+                if settings.per_run:
+                    fits += [work.task("fit", source, fitted, run) for run in runs]
+                if settings.left_out:
+                    predicts = (model, methods, None)
+                    left += [work.task("left-out", source, predicts, run) for run in runs]
+        held = work.contents(fits, "fitting")
+        told = work.contents(left, "leaving runs out")
         return Analysis(
             settings,
             {source.part: look for source, look in looked.items()},
             choices,
-            [Fit(source.part, run, held[task.key]) for source, run, task in tasks],
+            [Fit(task.source.part, task.run, held[task.key]) for task in fits],
             list(work.refused),
             [
                 line
-                for source, run, task in left
-                for line in left_out_rows(source.part, run, told[task.key])
+                for task in left
+                for line in left_out_rows(task.source.part, task.run or 0, told[task.key])
             ],
         )
 
 
-def _left_out(
-    looked: Mapping[Source, Content],
-    digests: Mapping[Source, str],
-    settings: Settings,
-    choices: Mapping[Group, Choice],
-) -> list[tuple[Source, int, Task]]:
-    """The tasks that leave each run out, of recordings of several."""
-    return [
-        (
-            source,
-            run,
-            left_out_task(source, digests[source], model, settings.methods, run, settings.seed),
-        )
-        for source, look in looked.items()
-        for model in _models(source, settings, choices)
-        for run in range(1, look["recording"]["runs"] + 1)
-        if look["recording"]["runs"] > 1
-    ]
-
-
-def _digests(sources: Sequence[Source], code: str, work: _Work) -> dict[Source, str]:
-    found = {}
-    for source in sources:
-        try:
-            found[source] = source.digest() + code
-        except InputError as error:
-            work.refused[str(error)] = None
-    return found
-
-
-def _choices(looked: Mapping[Source, Content]) -> dict[Group, Choice]:
-    groups: dict[Group, list[list[Candidate]]] = {}
-    for source, look in looked.items():
-        groups.setdefault(group_of(source.part), []).append(candidates_of(look))
-    return {group: chosen(held) for group, held in groups.items()}
-
-
-def _models(
-    source: Source, settings: Settings, choices: Mapping[Group, Choice]
-) -> list[PilotModel]:
-    """The models that a recording is fitted with."""
-    if not settings.auto:
-        return list(settings.models.values())
-    name = choices[group_of(source.part)].model
-    return [{**MODELS, **settings.models}[name]]
+def _opened(path: Path) -> sqlite3.Connection:
+    """The file of what is done; one that is damaged costs the time to do it again."""
+    try:
+        base = open_to_write(path)
+    except DamagedError:
+        path.unlink()
+        base = open_to_write(path)
+    base.execute(f"CREATE TABLE IF NOT EXISTS {TABLE}")
+    return base

@@ -12,8 +12,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pilotid.analysis.analyse import Group, group_of
-from pilotid.analysis.left_out import COLUMNS, LeftOut, Standing, left_out_rows, standings
-from pilotid.analysis.pattern import Part
+from pilotid.analysis.cross_validation import (
+    COLUMNS,
+    LeftOut,
+    Standing,
+    left_out_rows,
+    rank_methods,
+)
+from pilotid.analysis.recordings import Part
 from pilotid.document import Block, Column, Table, Text
 from pilotid.numbers import number, plus_minus, unsigned
 from pilotid.types import InputError
@@ -165,7 +171,7 @@ def left_out_blocks(board: Board) -> list[Block]:
     rows = []
     for group, own in groups.items():
         files = {each.part.name for each in own}
-        for s in standings(own):
+        for s in rank_methods(own):
             ratios = [
                 ratio
                 for (file, *what), found in board.ratios.items()

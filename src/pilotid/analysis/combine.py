@@ -188,19 +188,6 @@ class Ratio:
     upper: float
     p: float
 
-    @property
-    def words(self) -> str:
-        """A sentence for reports; empty where nothing is known."""
-        if not math.isfinite(self.value):
-            return ""
-        verdict = "people vary" if self.lower > 1.0 else "chance may do that"
-        if self.value <= 1.0:
-            verdict = "no more than claimed"
-        return (
-            f"the runs differ {self.value:.1f} times as much as claimed "
-            f"({self.lower:.1f} .. {self.upper:.1f}): {verdict}"
-        )
-
 
 def ratio_of(chi_squared: float, freedom: int) -> Ratio:
     """The ratio that a sum of squares over claimed variances tells of."""

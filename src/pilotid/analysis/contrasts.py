@@ -16,9 +16,8 @@ from itertools import combinations
 
 import numpy as np
 
-from pilotid.analysis.cells import Chosen, Layout, Stratum, layouts, who
 from pilotid.analysis.combine import NAN, effect_size, holm, plain_mean, random_effects
-from pilotid.analysis.rows import CONDITION, Row, in_order
+from pilotid.analysis.rows import CONDITION, Chosen, Layout, Row, Stratum, in_order, layouts, who
 from pilotid.types import InputError
 
 
@@ -154,7 +153,7 @@ def contrasts(
         wanted = pairs or list(combinations(layout.conditions, 2))
         if chosen is not None:  # what only one of the two models has cannot be compared
             wanted = [pair for pair in wanted if set(pair) <= set(layout.conditions)]
-        made = [_contrast(layout, a, b) for a, b in wanted]
+        made = [_contrast(layout, a, layout, b) for a, b in wanted]
         plain, weighted = holm([c.p for c in made]), holm([c.weighted_p for c in made])
         result += [
             replace(contrast, p_holm=p, weighted_p_holm=q)
@@ -175,35 +174,42 @@ def _require(pair: tuple[str, str], known: Sequence[str]) -> None:
         raise InputError(f"the contrast {':'.join(pair)} names one condition twice; name two")
 
 
-def _contrast(layout: Layout, a: str, b: str) -> Contrast:
-    subjects, out = layout.split((a, b))
+def _contrast(first: Layout, a: str, second: Layout, b: str) -> Contrast:
+    """One quantity in two conditions, or two quantities in one condition."""
+    within = first is not second
+    everyone = in_order([*first.cells.get(a, {}), *second.cells.get(b, {})])
+    faults = {s: first.missing(s, a) or second.missing(s, b) for s in everyone}
+    out = [fault for fault in faults.values() if fault]
     notes = [f"left out: {'; '.join(out)}"] if out else []
     pairs = []
-    for subject in subjects:
-        one, two = layout.cells[a][subject], layout.cells[b][subject]
-        pairs.append(Pair(subject, one.value, two.value, one.std_error, two.std_error))
-        for condition, cell in ((a, one), (b, two)):
-            where = f"{who(subject)} in {condition}"
+    for subject in (s for s in everyone if not faults[s]):
+        one, two = first.cells[a][subject], second.cells[b][subject]
+        # Errors of one fit are correlated, and say nothing of a difference.
+        errors = (NAN, NAN) if within else (one.std_error, two.std_error)
+        pairs.append(Pair(subject, one.value, two.value, *errors))
+        for condition, cell in {a: one, b: two}.items():
+            where = who(subject) if within else f"{who(subject)} in {condition}"
             notes += [f"{where}: mean of {cell.recordings} recordings"] * (cell.recordings > 1)
             notes += [f"{where}: a parameter is at its bound"] * cell.at_bound
-    some_model = next(iter(layout.models.values()))
+    some_model = next(iter(first.models.values()))
     contrast = Contrast(
-        layout.stratum,
+        first.stratum,
         a,
         b,
-        layout.models.get(a, some_model),
-        layout.models.get(b, some_model),
-        layout.method,
-        layout.parameter,
-        layout.unit,
+        first.models.get(a, some_model),
+        second.models.get(b, some_model),
+        first.method,
+        f"{second.parameter} - {first.parameter}" if within else first.parameter,
+        ", ".join(dict.fromkeys((first.unit, second.unit))),
         tuple(pairs),
     )
+    if "," in contrast.unit and (within or len(pairs) > 1):
+        return replace(contrast, notes=(*notes, f"the units differ ({contrast.unit}): no test"))
     if len(pairs) < 2:
-        notes.append(f"{len(pairs) or 'no'} subject in both conditions: a test takes two")
-    elif "," in layout.unit:
-        notes.append(f"the units differ ({layout.unit}): no test")
-        return replace(contrast, notes=tuple(notes))
-    return _weighted(plain(replace(contrast, notes=tuple(notes))))
+        where = "the condition" if within else "both conditions"
+        notes.append(f"{len(pairs) or 'no'} subject in {where}: a test takes two")
+    made = plain(replace(contrast, notes=tuple(notes)))
+    return made if within else _weighted(made)
 
 
 def plain(contrast: Contrast) -> Contrast:
@@ -259,3 +265,64 @@ def _weighted(contrast: Contrast) -> Contrast:
         claimed_error=float(np.median(errors)),
         notes=notes,
     )
+
+
+def split_pairs(
+    rows: Sequence[Row], pairs: Sequence[tuple[str, str]]
+) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
+    """Pairs of conditions, and pairs of parameters.
+
+    Parameters
+    ----------
+    rows
+        Rows of estimates.csv and loops.csv.
+    pairs
+        What the user compares; a name that is both is a condition.
+
+    Raises
+    ------
+    InputError
+        If a pair has one parameter twice.
+    """
+    conditions = {row.field(CONDITION) for row in rows}
+    parameters = {row.parameter for row in rows} - conditions
+    own = [pair for pair in pairs if set(pair) <= parameters]
+    for pair in own:
+        if pair[0] == pair[1]:
+            raise InputError(f"the contrast {':'.join(pair)} names one parameter twice; name two")
+    return [pair for pair in pairs if pair not in own], own
+
+
+def within_fits(
+    rows: Sequence[Row], pairs: Sequence[tuple[str, str]], chosen: Chosen | None = None
+) -> list[Contrast]:
+    """Second parameter less the first over subjects, for each condition, method and model.
+
+    Parameters
+    ----------
+    rows
+        Rows of estimates.csv and loops.csv; only fits of all runs together count.
+    pairs
+        Parameters, ``("tlead1", "tlead2")`` for tlead2 less tlead1.
+    chosen
+        See `pilotid.analysis.contrasts.contrasts`.
+
+    Returns
+    -------
+    list of Contrast
+        Both conditions are that of the fits.  p is corrected after Holm for the number of
+        conditions.
+    """
+    groups: dict[tuple[object, ...], dict[str, Layout]] = {}
+    for layout in layouts(rows, chosen):
+        place = layout.stratum, layout.method, tuple(layout.models.items())
+        groups.setdefault(place, {})[layout.parameter] = layout
+    result = []
+    for own in groups.values():
+        for a, b in pairs:
+            if a not in own or b not in own:
+                continue
+            made = [_contrast(own[a], c, own[b], c) for c in own[a].conditions]
+            corrected = holm([c.p for c in made])
+            result += [replace(c, p_holm=p) for c, p in zip(made, corrected, strict=True)]
+    return result

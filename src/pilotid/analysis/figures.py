@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pilotid.analysis.cells import Cell, Layout
-from pilotid.analysis.rows import in_order
+from pilotid.analysis.rows import Cell, Layout, in_order
 from pilotid.analysis.spread import ConditionSpread
 from pilotid.show.style import INK, draw_grid, journal_figure, log_ticks
 

@@ -8,16 +8,16 @@ large numbers: with few subjects its p is too small, and the corrected p is the 
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pilotid.analysis.cells import Chosen, Layout, Stratum, layouts
 from pilotid.analysis.combine import NAN, ROUNDING
-from pilotid.analysis.mixed import random_intercept
-from pilotid.analysis.rows import Row
+from pilotid.analysis.rows import Chosen, Layout, Row, Stratum, layouts
 from pilotid.types import FloatArray
 
 
@@ -96,7 +96,17 @@ def _repeated(layout: Layout) -> Repeated:
     subjects, out = layout.split(conditions)
     if out:
         notes.append(f"not in the analysis of variance: {'; '.join(out)}")
-    result = Repeated(
+    numbers: dict[str, float] = {}
+    count = 0
+    if len(conditions) < 2 or "," in layout.unit:
+        why = "the units differ" if "," in layout.unit else "fewer than two conditions are left"
+        notes.append(f"no analysis: {why}")
+    else:
+        table = np.array([[usable[c][s] for c in conditions] for s in subjects])
+        entries = [(c, s, value) for c in conditions for s, value in usable[c].items()]
+        count = len(entries)
+        numbers = {**_variance(table, notes), **_mixed(entries, conditions, notes)}
+    return Repeated(
         layout.stratum,
         layout.method,
         layout.parameter,
@@ -104,26 +114,21 @@ def _repeated(layout: Layout) -> Repeated:
         conditions,
         tuple(layout.models[c] for c in conditions),
         tuple(subjects),
+        estimates=count,
         notes=tuple(notes),
+        **numbers,
     )
-    if len(conditions) < 2 or "," in layout.unit:
-        why = "the units differ" if "," in layout.unit else "fewer than two conditions are left"
-        return replace(result, notes=(*result.notes, f"no analysis: {why}"))
-    table = np.array([[usable[c][s] for c in conditions] for s in subjects])
-    return _mixed(_variance(result, table), usable)
 
 
-def _variance(result: Repeated, table: FloatArray) -> Repeated:
-    """With the analysis of variance of a table, shape (subjects, conditions)."""
+def _variance(table: FloatArray, notes: list[str]) -> dict[str, float]:
+    """The analysis of variance of a table, shape (subjects, conditions)."""
     if len(table) < 2:
-        return replace(
-            result,
-            notes=(*result.notes, "no analysis of variance: fewer than two subjects are complete"),
-        )
+        notes.append("no analysis of variance: fewer than two subjects are complete")
+        return {}
     residual = table - table.mean(axis=1, keepdims=True) - table.mean(axis=0) + table.mean()
     if np.abs(residual).max() <= ROUNDING * np.abs(table).max():
-        told = "no analysis of variance: all subjects differ alike between the conditions"
-        return replace(result, notes=(*result.notes, told))
+        notes.append("no analysis of variance: all subjects differ alike between the conditions")
+        return {}
     from pandas import DataFrame
     from scipy.special import fdtrc
     from statsmodels.stats.anova import AnovaRM
@@ -140,20 +145,14 @@ def _variance(result: Repeated, table: FloatArray) -> Repeated:
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always")
         found = AnovaRM(frame, "value", "subject", within=["condition"]).fit().anova_table
+    texts = dict.fromkeys(" ".join(str(warning.message).split()) for warning in heard)
+    notes += [f"statsmodels: {text}" for text in texts]
     f, df1, df2, p = (
         float(found.loc["condition", name]) for name in ("F Value", "Num DF", "Den DF", "Pr > F")
     )
     epsilon = sphericity(table)
-    return replace(
-        result,
-        f=f,
-        df1=df1,
-        df2=df2,
-        p=p,
-        epsilon=epsilon,
-        p_corrected=float(fdtrc(epsilon * df1, epsilon * df2, f)),
-        notes=(*result.notes, *_words(heard)),
-    )
+    corrected = float(fdtrc(epsilon * df1, epsilon * df2, f))
+    return {"f": f, "df1": df1, "df2": df2, "p": p, "epsilon": epsilon, "p_corrected": corrected}
 
 
 def sphericity(table: FloatArray) -> float:
@@ -167,26 +166,26 @@ def sphericity(table: FloatArray) -> float:
     return float(worst * np.trace(covariance) ** 2 / np.sum(covariance**2))
 
 
-def _mixed(result: Repeated, usable: dict[str, dict[str, float]]) -> Repeated:
-    """With a mixed model of all usable estimates: conditions, and an intercept for each subject."""
-    entries = [(c, s, usable[c][s]) for c in result.conditions for s in usable[c]]
-    values = np.array([value for _, _, value in entries])
+def _mixed(
+    entries: Sequence[tuple[str, str, float]], conditions: Sequence[str], notes: list[str]
+) -> dict[str, float]:
+    """A mixed model of all usable estimates: conditions, and an intercept for each subject."""
+    named = np.array([condition for condition, _, _ in entries])
     subjects = np.array([subject for _, subject, _ in entries])
-    result = replace(result, estimates=len(entries))
+    values = np.array([value for _, _, value in entries])
     scale = float(np.std(values))
     count = len(set(subjects.tolist()))
-    free = len(entries) - len(result.conditions) - count + 1
-    if count < 2 or free < 1:
-        return replace(result, notes=(*result.notes, "no mixed model: too few estimates"))
-    named = np.array([condition for condition, _, _ in entries])
+    if count < 2 or len(entries) - len(conditions) - count + 1 < 1:
+        notes.append("no mixed model: too few estimates")
+        return {}
     level = np.ones((len(entries), 1))
-    effects = np.column_stack([level, *(named == c for c in result.conditions[1:])]).astype(float)
+    effects = np.column_stack([level, *(named == c for c in conditions[1:])]).astype(float)
     groups = np.unique(subjects, return_inverse=True)[1]
     additive = np.column_stack([effects, groups[:, None] == np.arange(1, count)])
     rest = values - additive @ np.linalg.lstsq(additive, values)[0]
     if np.abs(rest).max() <= ROUNDING * np.abs(values).max():
-        told = "no mixed model: all subjects differ alike between the conditions"
-        return replace(result, notes=(*result.notes, told))
+        notes.append("no mixed model: all subjects differ alike between the conditions")
+        return {}
     from scipy.special import chdtrc
 
     # In units of their own scatter, rounding is the same for every parameter.
@@ -196,16 +195,85 @@ def _mixed(result: Repeated, usable: dict[str, dict[str, float]]) -> Repeated:
     )
     spread = random_intercept(scaled, effects, groups, restricted=True)
     gain = max(0.0, 2.0 * (full.log_likelihood - none.log_likelihood))
-    return replace(
-        result,
-        likelihood_ratio=gain,
-        mixed_p=float(chdtrc(len(result.conditions) - 1, gain)),
-        between_subjects=scale * spread.between,
-        residual=scale * spread.within,
-    )
+    return {
+        "likelihood_ratio": gain,
+        "mixed_p": float(chdtrc(len(conditions) - 1, gain)),
+        "between_subjects": scale * spread.between,
+        "residual": scale * spread.within,
+    }
 
 
-def _words(heard: Sequence[warnings.WarningMessage]) -> list[str]:
-    """What statsmodels warned of, each once, on one line."""
-    texts = dict.fromkeys(" ".join(str(warning.message).split()) for warning in heard)
-    return [f"statsmodels: {text}" for text in texts]
+#: Correlations within a subject at which the likelihood is looked at before it is searched.
+GRID = np.concatenate([np.linspace(0.0, 0.98, 50), 1.0 - np.geomspace(1e-2, 1e-9, 22)])
+
+
+@dataclass(frozen=True)
+class MixedFit:
+    """Log-likelihood, and the standard deviations between subjects and within them."""
+
+    log_likelihood: float
+    between: float
+    within: float
+
+
+def random_intercept(
+    values: FloatArray, design: FloatArray, groups: NDArray[np.intp], *, restricted: bool
+) -> MixedFit:
+    """The mixed model of values = design @ effects + intercept of the group + residual.
+
+    Parameters
+    ----------
+    values
+        Shape (n,).
+    design
+        Fixed effects, of full rank, shape (n, effects).
+    groups
+        The group of each value, numbered from 0, shape (n,).
+    restricted
+        Whether the likelihood is the restricted one (REML), for standard deviations, or the
+        whole, for tests of fixed effects.
+    """
+    from scipy.optimize import minimize_scalar
+
+    def loss(correlation: float) -> float:
+        return -_profile(correlation, values, design, groups, restricted)[0]
+
+    looked = [loss(r) for r in GRID]
+    best = int(np.argmin(looked))
+    correlation = float(GRID[best])
+    if 0 < best < len(GRID) - 1:
+        found = minimize_scalar(
+            loss, bounds=(GRID[best - 1], GRID[best + 1]), method="bounded", options={"xatol": 1e-9}
+        )
+        correlation = float(found.x)
+    likelihood, within = _profile(correlation, values, design, groups, restricted)
+    between = within * correlation / (1.0 - correlation)
+    return MixedFit(likelihood, math.sqrt(between), math.sqrt(within))
+
+
+def _profile(
+    correlation: float,
+    values: FloatArray,
+    design: FloatArray,
+    groups: NDArray[np.intp],
+    restricted: bool,
+) -> tuple[float, float]:
+    """Log-likelihood at its best for a correlation within subjects, and the residual variance."""
+    sizes = np.bincount(groups)
+    spread = 1.0 + sizes * correlation / (1.0 - correlation)
+    # The root of the inverse covariance of a group takes a share of its mean away.
+    share = (1.0 - 1.0 / np.sqrt(spread))[groups]
+    table = np.column_stack([values, design])
+    means = np.stack([np.bincount(groups, column) / sizes for column in table.T], axis=1)
+    table = table - share[:, None] * means[groups]
+    orthogonal, triangle = np.linalg.qr(table[:, 1:])
+    residual = table[:, 0] - orthogonal @ (orthogonal.T @ table[:, 0])
+    count = len(values) - (design.shape[1] if restricted else 0)
+    variance = float(residual @ residual) / count
+    if variance <= 0.0:
+        return -math.inf, 0.0
+    likelihood = -0.5 * (count * (math.log(2.0 * math.pi * variance) + 1.0))
+    likelihood -= 0.5 * float(np.sum(np.log(spread)))
+    if restricted:
+        likelihood -= float(np.sum(np.log(np.abs(np.diag(triangle)))))
+    return likelihood, variance

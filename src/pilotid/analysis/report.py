@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from pilotid.analysis.analyse import Analysis, group_of
+from pilotid.analysis.analyse import PAGES, Analysis, group_of
 from pilotid.analysis.board import group_words, left_out_blocks
 from pilotid.analysis.figures import estimates_figure, spread_figure
 from pilotid.analysis.report_tables import (
@@ -22,7 +22,6 @@ from pilotid.analysis.report_tables import (
 from pilotid.analysis.results import Results
 from pilotid.analysis.rows import SUBJECT
 from pilotid.analysis.spread import ConditionSpread, spread_sentence
-from pilotid.analysis.tasks import PAGES
 from pilotid.document import Block, Bullets, Command, Figure, Section, Text, write_page
 from pilotid.report.trust import trust_blocks
 from pilotid.study.trust import UNKNOWN

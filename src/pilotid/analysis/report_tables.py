@@ -9,13 +9,21 @@ from typing import Any, NamedTuple
 
 from pilotid.analysis.analyse import Analysis, group_of
 from pilotid.analysis.board import group_words
-from pilotid.analysis.candidates import Candidate
-from pilotid.analysis.cells import Chosen, Layout, Stratum, by_table, layouts, mean_and_spread
 from pilotid.analysis.contrasts import Contrast
 from pilotid.analysis.repeated import Repeated
 from pilotid.analysis.results import Results
-from pilotid.analysis.rows import Row, in_order
+from pilotid.analysis.rows import (
+    Chosen,
+    Layout,
+    Row,
+    Stratum,
+    by_table,
+    in_order,
+    layouts,
+    mean_and_spread,
+)
 from pilotid.document import Column, Table, table_latex
+from pilotid.model_choice import Candidate
 from pilotid.numbers import NONE, number, p_value, percent, to_error, unsigned
 from pilotid.time_domain.constancy import LEVEL as CHANGES
 from pilotid.types import printable
@@ -215,7 +223,7 @@ class Model(NamedTuple):
     def criteria(self) -> tuple[float, float, float]:
         """Sums over the recordings: misfit of runs left out, AICc, BIC."""
         own = self.candidates
-        left = sum(sum(c.left_out_misfit) for c in own)
+        left = sum(sum(c.left_out_chi_squared) for c in own)
         return left, sum(c.aicc for c in own), sum(c.bic for c in own)
 
     def mean(self, name: str) -> float:
@@ -226,7 +234,7 @@ class Model(NamedTuple):
     def misfit(self) -> float:
         """Misfit of the lines per degree of freedom."""
         freedom = max(sum(c.freedom for c in self.candidates), 1)
-        return sum(c.misfit for c in self.candidates) / freedom
+        return sum(c.chi_squared for c in self.candidates) / freedom
 
 
 def model_table(analysis: Analysis) -> Table[Model]:
@@ -242,7 +250,7 @@ def model_table(analysis: Analysis) -> Table[Model]:
     columns: list[Column[Model]] = [
         Column("recordings", lambda m: group_words(m.group)),
         Column("model", lambda m: m.name, mark=lambda m: "good" if m.chosen else ""),
-        Column("parameters", lambda m: m.candidates[0].pilot, str, "of the pilot"),
+        Column("parameters", lambda m: m.candidates[0].pilot_parameters, str, "of the pilot"),
         Column("misfit", lambda m: m.misfit, number, "chi-squared of lines per degree of freedom"),
         Column("left out", above_best(0), number, "of runs left out of the fit, over the best"),
         Column("ΔAICc", above_best(1), number, "of pilot and remnant, over the best"),

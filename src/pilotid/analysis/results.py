@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 
 from pilotid.analysis.analyse import Analysis
 from pilotid.analysis.board import Board
-from pilotid.analysis.cells import Chosen
-from pilotid.analysis.contrasts import Contrast, contrasts
+from pilotid.analysis.contrasts import Contrast, contrasts, split_pairs, within_fits
 from pilotid.analysis.repeated import Repeated, repeated
-from pilotid.analysis.rows import CONDITION, SUBJECT, Row
+from pilotid.analysis.rows import CONDITION, SUBJECT, Chosen, Row
 from pilotid.analysis.spread import (
     ConditionSpread,
     RunSpread,
@@ -19,8 +19,60 @@ from pilotid.analysis.spread import (
     with_variation,
 )
 from pilotid.analysis.trials import Tried
-from pilotid.analysis.within import parted, within_fits
 from pilotid.types import InputError
+
+#: Columns of contrasts.csv behind those of the stratum's fields.
+CONTRAST_COLUMNS = (
+    *("condition_a", "condition_b", "model_a", "model_b", "method", "parameter", "unit"),
+    *("subjects", "mean_a", "mean_b", "difference", "std_error", "t", "freedom", "p", "p_holm"),
+    *("lower_95", "upper_95", "effect_size", "weighted_difference", "weighted_std_error"),
+    *("weighted_p", "weighted_p_holm", "weighted_lower_95", "weighted_upper_95"),
+    *("between_subjects", "between_lower_95", "between_upper_95", "claimed_error", "notes"),
+)
+#: Columns of the table of analyses of all conditions.
+REPEATED_COLUMNS = (
+    *("conditions", "models", "method", "parameter", "unit", "subjects", "F", "df1", "df2", "p"),
+    *("epsilon", "p_corrected", "estimates", "likelihood_ratio", "mixed_p", "between_subjects"),
+    *("residual", "notes"),
+)
+#: Columns of the table of spreads from run to run.
+SPREAD_COLUMNS = (
+    *("file", "condition", "model", "method", "parameter", "unit", "runs", "ratio"),
+    *("ratio_lower_95", "ratio_upper_95", "ratio_p", "between_runs", "value", "claimed_error"),
+    *("std_error", "lower_95", "upper_95", "notes"),
+)
+#: Where columns are found that are not called like what they hold.
+PLACES = {
+    "F": "f",
+    "ratio": "ratio.value",
+    "ratio_lower_95": "ratio.lower",
+    "ratio_upper_95": "ratio.upper",
+    "ratio_p": "ratio.p",
+}
+
+
+def table_of(
+    lines: Sequence[Contrast | Repeated | RunSpread], columns: Sequence[str]
+) -> tuple[list[str], list[list[object]]]:
+    """A table for a CSV file, behind the fields of the strata; several notes are one text."""
+    fields = list(dict.fromkeys(name for line in lines for name, _ in line.stratum))
+    rows = [
+        [
+            *(dict(line.stratum).get(name, "") for name in fields),
+            *(_cell(line, column) for column in columns),
+        ]
+        for line in lines
+    ]
+    return [*fields, *columns], rows
+
+
+def _cell(line: object, column: str) -> object:
+    value = attrgetter(PLACES.get(column, column.removesuffix("_95")))(line)
+    if column == "notes":
+        return " | ".join(value)
+    if column in ("conditions", "models"):
+        return " ".join(dict.fromkeys(value))
+    return len(value) if isinstance(value, tuple) else value
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +167,7 @@ def results_of(
             "Conditions are not compared: that needs a pattern with {subject} and {condition}."
         )
     else:
-        between, within = parted(both, pairs)
+        between, within = split_pairs(both, pairs)
         if between or not within:
             differences = contrasts(both, between, chosen)
         differences += within_fits(both, within, chosen)

@@ -7,6 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from pilotid.analysis.combine import plain_mean
+from pilotid.chance import Z95
+from pilotid.estimates.estimate import Outcome
+
 #: The field of a pattern that names who was recorded, and the one that names under what.
 SUBJECT, CONDITION = "subject", "condition"
 
@@ -78,7 +84,7 @@ def rows_of(
     file, fields, run
         What was fitted.
     content
-        What `pilotid.analysis.tasks.content_of` gave.
+        What `pilotid.analysis.analyse.content_of` gave.
     what, told
         Where it has the quantities, and the remarks on them.
     """
@@ -119,3 +125,166 @@ def in_order(values: Sequence[str]) -> list[str]:
         ]
 
     return sorted(set(values), key=key)
+
+
+#: All fields of a row but subject and condition.
+Stratum = tuple[tuple[str, str], ...]
+#: The model that is believed of a condition within a stratum.
+Chosen = Mapping[tuple[Stratum, str], str]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What is known of one subject in one condition.
+
+    Attributes
+    ----------
+    value, std_error
+        The estimate and its claimed standard error; NaN where there is none.
+    fault
+        Why the value may not be used; empty if it may.
+    recordings
+        Recordings of the subject in the condition; of several it is the mean.
+    at_bound
+        Whether the fit ended with a parameter, this or another, at its bound.
+    interval
+        The claimed 95 % interval; that of several recordings is symmetric.
+    """
+
+    value: float
+    std_error: float
+    fault: str = ""
+    recordings: int = 1
+    at_bound: bool = False
+    interval: tuple[float, float] = (math.nan, math.nan)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """One quantity within a stratum, by one method.
+
+    Attributes
+    ----------
+    stratum, method, parameter, unit
+        What it is an estimate of; the units where conditions differ in it.
+    models
+        Model by condition, in the natural order of the conditions.
+    cells
+        Cells by condition, then by subject, subjects in natural order.
+    """
+
+    stratum: Stratum
+    method: str
+    parameter: str
+    unit: str
+    models: dict[str, str]
+    cells: dict[str, dict[str, Cell]]
+
+    @property
+    def conditions(self) -> list[str]:
+        """The conditions that there are."""
+        return list(self.models)
+
+    def missing(self, subject: str, condition: str) -> str:
+        """Why a subject has no value in a condition, in words; empty if there is one."""
+        cell = self.cells.get(condition, {}).get(subject)
+        if cell is None:
+            return f"{who(subject)} (no recording in {condition})"
+        return f"{who(subject)} ({condition}: {cell.fault})" if cell.fault else ""
+
+    def split(self, conditions: Sequence[str]) -> tuple[list[str], list[str]]:
+        """Subjects with a value in all these conditions, and the others with the reason."""
+        everyone = in_order([s for c in conditions for s in self.cells.get(c, {})])
+        whole, out = [], []
+        for subject in everyone:
+            faults = [fault for c in conditions if (fault := self.missing(subject, c))]
+            if faults:
+                out.append(faults[0])
+            else:
+                whole.append(subject)
+        return whole, out
+
+
+def who(subject: str) -> str:
+    """A subject in words."""
+    return f"subject {subject}" if subject else "a subject without a name"
+
+
+def layouts(rows: Sequence[Row], chosen: Chosen | None = None) -> list[Layout]:
+    """Every quantity by stratum, method and model, from the fits of all runs together.
+
+    Parameters
+    ----------
+    rows
+        Rows of any fits; those of single runs are passed over.
+    chosen
+        The model of each condition; None to keep every model to itself.  With it a quantity
+        that the models of several conditions share is one quantity.
+    """
+    order: dict[tuple[Stratum, str, str, str], list[Row]] = {}
+    for row in rows:
+        if row.run is not None:
+            continue
+        own = row.model
+        if chosen is not None:
+            if chosen.get((row.stratum, row.field(CONDITION))) != row.model:
+                continue
+            own = ""
+        order.setdefault((row.stratum, row.method, own, row.parameter), []).append(row)
+    found = [
+        _layout(stratum, method, parameter, mine)
+        for (stratum, method, _, parameter), mine in order.items()
+    ]
+    rank = {stratum: place for place, stratum in enumerate(dict.fromkeys(r.stratum for r in rows))}
+    return sorted(found, key=lambda layout: rank[layout.stratum])
+
+
+def _layout(stratum: Stratum, method: str, parameter: str, rows: Sequence[Row]) -> Layout:
+    conditions = in_order([row.field(CONDITION) for row in rows])
+    models, cells = {}, {}
+    for condition in conditions:
+        here = [row for row in rows if row.field(CONDITION) == condition]
+        models[condition] = here[0].model
+        cells[condition] = {
+            subject: _cell([row for row in here if row.field(SUBJECT) == subject])
+            for subject in in_order([row.field(SUBJECT) for row in here])
+        }
+    units = ", ".join(dict.fromkeys(row.unit for row in rows))
+    return Layout(stratum, method, parameter, units, models, cells)
+
+
+def _cell(rows: Sequence[Row]) -> Cell:
+    """The estimate of one subject in one condition: the mean over recordings if there are more."""
+    sound = [row for row in rows if row.usable and math.isfinite(row.value)]
+    if not sound:
+        fault = next((row.outcome for row in rows if not row.usable), "no value")
+        return Cell(math.nan, math.nan, fault, len(rows))
+    count = len(sound)
+    value = math.fsum(row.value for row in sound) / count
+    error = math.sqrt(math.fsum(row.std_error**2 for row in sound)) / count
+    at_bound = any(row.outcome == Outcome.AT_BOUND.slug for row in sound)
+    error = error if error > 0.0 else math.nan
+    interval = (value - Z95 * error, value + Z95 * error)
+    if count == 1 and math.isfinite(sound[0].lower) and math.isfinite(sound[0].upper):
+        interval = (sound[0].lower, sound[0].upper)
+    return Cell(value, error, "", count, at_bound, interval)
+
+
+def by_table(
+    found: Sequence[Layout], *, one_model: bool
+) -> dict[tuple[Stratum, str, str], list[Layout]]:
+    """Quantities that share a table: those of one stratum and method, and of one model if so asked.
+
+    The model is empty where a table holds several.
+    """
+    groups: dict[tuple[Stratum, str, str], list[Layout]] = {}
+    for layout in found:
+        own = next(iter(layout.models.values())) if one_model else ""
+        groups.setdefault((layout.stratum, layout.method, own), []).append(layout)
+    return groups
+
+
+def mean_and_spread(cells: Sequence[Cell]) -> tuple[float, float]:
+    """Mean over usable cells, and their standard deviation; NaN where there are too few."""
+    mean = plain_mean(np.array([cell.value for cell in cells]))
+    return mean.value, mean.std_error * math.sqrt(len(cells))

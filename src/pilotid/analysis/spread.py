@@ -14,9 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pilotid.analysis.cells import Stratum
 from pilotid.analysis.combine import NAN, Ratio, random_effects, ratio_of
-from pilotid.analysis.rows import CONDITION, Row
+from pilotid.analysis.rows import CONDITION, Row, Stratum
 from pilotid.chance import Z95
 from pilotid.types import FloatArray
 
@@ -174,8 +173,8 @@ def spread_sentence(spreads: Sequence[ConditionSpread]) -> str:
         span += f" to {most.ratio.value:.1f} ({most.parameter})"
     where = f"in {most.condition}, " if most.condition else ""
     varied = ", ".join(s.parameter for s in known if s.ratio.lower > 1.0)
-    told = f"people vary, beyond chance in {varied}" if varied else "chance may do that"
-    return f"{where}the runs of a recording differ {span} times as much as claimed: {told}"
+    told = f"overdispersion significant for {varied}" if varied else "not significant"
+    return f"{where}between-run scatter is {span} times the reported standard errors: {told}"
 
 
 def _spread_of(rows: Sequence[Row], pooled: Row | None) -> RunSpread:

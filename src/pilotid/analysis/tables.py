@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 from pilotid.analysis.analyse import Analysis, group_of
-from pilotid.analysis.columns import contrast_table, repeated_table, spread_table
-from pilotid.analysis.left_out import COLUMNS as LEFT_OUT_COLUMNS
-from pilotid.analysis.pattern import Part
+from pilotid.analysis.cross_validation import COLUMNS as LEFT_OUT_COLUMNS
+from pilotid.analysis.recordings import Part
 from pilotid.analysis.report_tables import tables_tex
-from pilotid.analysis.results import Results
+from pilotid.analysis.results import (
+    CONTRAST_COLUMNS,
+    REPEATED_COLUMNS,
+    SPREAD_COLUMNS,
+    Results,
+    table_of,
+)
 from pilotid.analysis.rows import Row
 from pilotid.disk import table_bytes, write_file
 
@@ -53,11 +59,11 @@ def write_tables(folder: Path, results: Results, command: str) -> None:
     write_file(folder / LOOPS, table_bytes(head, loops))
     models = [cells for part in analysis.parts for cells in _model_cells(analysis, part, names)]
     write_file(folder / MODELS, table_bytes(["file", *names, *MODEL_COLUMNS], models))
-    write_file(folder / CONTRASTS, table_bytes(*contrast_table(results.contrasts)))
+    write_file(folder / CONTRASTS, table_bytes(*table_of(results.contrasts, CONTRAST_COLUMNS)))
     if results.repeated:
-        write_file(folder / CONDITIONS, table_bytes(*repeated_table(results.repeated)))
+        write_file(folder / CONDITIONS, table_bytes(*table_of(results.repeated, REPEATED_COLUMNS)))
     if results.spreads:
-        write_file(folder / RUNS, table_bytes(*spread_table(results.spreads)))
+        write_file(folder / RUNS, table_bytes(*table_of(results.spreads, SPREAD_COLUMNS)))
     if analysis.left_out:
         head = ["file", *names, *LEFT_OUT_COLUMNS]
         lines = [[e.part.name, *dict(e.part.fields).values(), *e.cells] for e in analysis.left_out]
@@ -98,30 +104,17 @@ def _loop_cells(row: Row, names: Sequence[str], element: str) -> list[object]:
 def _model_cells(analysis: Analysis, part: Part, names: Sequence[str]) -> list[list[object]]:
     fields = dict(part.fields)
     chosen = analysis.choices[group_of(part)].model
-    return [
-        [
-            part.name,
-            *(fields[name] for name in names),
-            c.model,
-            "yes" if c.model == chosen else "no",
-            c.pilot,
-            c.parameters,
-            c.remnant,
-            c.samples,
-            c.log_likelihood,
-            c.aicc,
-            c.bic,
-            c.vaf,
-            c.left_out_vaf,
-            sum(c.left_out_log_likelihood) if c.left_out_log_likelihood else "",
-            c.misfit,
-            c.freedom or "",
-            c.excess,
-            sum(c.left_out_misfit) if c.left_out_misfit else "",
-            c.change_p,
-            c.change_size,
-            c.change_time,
-            c.bounds,
-        ]
-        for c in analysis.candidates(part)
-    ]
+    rows = []
+    for c in analysis.candidates(part):
+        known = {
+            **asdict(c),
+            "chosen": "yes" if c.model == chosen else "no",
+            "freedom": c.freedom or "",
+            "chi_squared_per_freedom": c.excess,
+            "left_out_log_likelihood": sum(c.left_out_log_likelihood) or "",
+            "left_out_chi_squared": sum(c.left_out_chi_squared) or "",
+            "remarks": c.bounds,
+        }
+        places = (fields[name] for name in names)
+        rows.append([part.name, *places, *(known[column] for column in MODEL_COLUMNS)])
+    return rows

@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from pilotid.analysis.analyse import Analysis, Fit, Group, group_of
-from pilotid.analysis.source import Source
+from pilotid.analysis.recordings import Source
 from pilotid.pilot.catalogue import MODELS
 from pilotid.report.study import write_report
 from pilotid.study.store import Store
-from pilotid.study.trust import Bar, Trust, trial_of
+from pilotid.study.study import Bar
+from pilotid.study.trust import Trust, trial_of
 from pilotid.types import InputError
 
 FOLDER = "trust"

@@ -2,23 +2,12 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pilotid.cli.arguments import (
-    ElementOption,
-    MethodOption,
-    SeedOption,
-    default_method,
-    methods_of,
-    names_of,
-)
-from pilotid.cli.reading import DetrendOption, IntervalOption, LeadInOption, MapOption
-from pilotid.cli.stopping import StoppedError
+from pilotid.cli import options
 from pilotid.recordings.files import Reading
 from pilotid.recordings.recording import LEAD_IN
 from pilotid.seeds import DEFAULT_SEED
@@ -30,12 +19,8 @@ if TYPE_CHECKING:
 
 
 def analyse(
-    files: Annotated[
-        list[Path], typer.Argument(metavar="F.csv|F.mat ...", help="Recordings to analyse.")
-    ],
-    out: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder of the results; goes on where it stopped.")
-    ],
+    files: options.FilesArgument,
+    out: options.OutOption,
     pattern: Annotated[
         str | None,
         typer.Option(
@@ -51,7 +36,7 @@ def analyse(
             help="Pilot model; repeat or use commas; auto takes the catalogue's best.",
         ),
     ] = None,
-    method: MethodOption = None,
+    method: options.MethodOption = None,
     contrast: Annotated[
         list[str] | None,
         typer.Option(
@@ -61,11 +46,11 @@ def analyse(
         ),
     ] = None,
     per_run: Annotated[
-        bool, typer.Option("--per-run", help="Fit every run on its own as well.")
+        bool, typer.Option("--per-run", help="Also fit each run separately.")
     ] = False,
     left_out: Annotated[
         bool,
-        typer.Option("--left-out", help="Predict every run by the fit of the others, too."),
+        typer.Option("--left-out", help="Leave-one-run-out cross-validation."),
     ] = False,
     trust: Annotated[
         bool,
@@ -77,104 +62,64 @@ def analyse(
     replications: Annotated[
         int, typer.Option(min=1, help="Simulations of each condition, with --trust.")
     ] = 40,
-    mapping: MapOption = None,
-    dt: IntervalOption = None,
-    detrend: DetrendOption = False,
-    lead_in: LeadInOption = LEAD_IN,
-    element: ElementOption = None,
-    seed: SeedOption = DEFAULT_SEED,
-    workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes; default: one for each processor.")
-    ] = None,
+    mapping: options.MapOption = None,
+    dt: options.IntervalOption = None,
+    detrend: options.DetrendOption = False,
+    lead_in: options.LeadInOption = LEAD_IN,
+    element: options.ElementOption = None,
+    seed: options.SeedOption = DEFAULT_SEED,
+    workers: options.WorkersOption = None,
 ) -> None:
     """Analyse a laboratory's recordings: subjects, conditions, runs; tables and a report."""
+    given = dict(locals())
     from pilotid.analysis.analyse import Settings
     from pilotid.analysis.analyse import analyse as analysed
     from pilotid.analysis.board import BOARD
-    from pilotid.analysis.pattern import Pattern, parts_of
+    from pilotid.analysis.recordings import Pattern, Source, parts_of
     from pilotid.analysis.report import write_report
     from pilotid.analysis.report_tables import contrast_overview
     from pilotid.analysis.results import results_of
-    from pilotid.analysis.source import Source
     from pilotid.analysis.tables import write_tables
     from pilotid.analysis.trials import tried_conditions
-    from pilotid.cli.progress import with_progress
+    from pilotid.cli.running import with_progress
     from pilotid.datasets.named import model_place
     from pilotid.disk import make_folder, strict_json, write_file
     from pilotid.document import Bullets, print_blocks
     from pilotid.pilot.catalogue import AUTO, model_named
     from pilotid.pilot.element import element_named
-    from pilotid.study.facts import about_this
+    from pilotid.study.study import about_this
 
-    names = names_of(model, [AUTO], [AUTO])
+    names = options.names_of(model, [AUTO], [AUTO])
     models = {m.name: m for m in (model_named(name) for name in names if name != AUTO)}
     plant = element_named(element) if element else None
-    settings = Settings(
-        models,
-        AUTO in names,
-        methods_of(method, [default_method()]),
-        per_run,
-        left_out,
-        plant,
-        seed,
-    )
+    chosen = options.methods_of(method, [options.default_method()])
+    settings = Settings(models, AUTO in names, chosen, per_run, left_out, plant, seed)
     pairs = _pairs(contrast)
     reading = Reading(tuple(mapping or ()), dt, detrend, lead_in)
     parts, refused = parts_of(files, Pattern(pattern) if pattern else None)
     if not parts:
-        raise InputError("; ".join(refused))
+        options.raise_refused(refused)
     make_folder(out)
     sources = {part.name: Source(part, reading) for part in parts}
-    try:
-        analysis = analysed(
-            list(sources.values()),
-            settings,
-            out,
-            with_bar,
-            workers,
-            refused=refused,
-        )
-        tried: list[Tried] = []
-        untried: list[str] = []
+    tried: list[Tried] = []
+    untried: list[str] = []
+    with options.resumable(out):
+        analysis = analysed(list(sources.values()), settings, out, with_bar, workers, refused)
         if trust:
             places = {model_named(n).name: model_place(n) for n in names if n != AUTO}
             tried, untried = tried_conditions(
                 analysis, sources, out, replications, places, with_progress, workers
             )
-    except KeyboardInterrupt:
-        raise StoppedError(
-            f"stopped; {out} keeps what is done, and the same command goes on from there"
-        ) from None
     if not analysis.parts:
-        raise InputError("; ".join(analysis.refused))
+        options.raise_refused(analysis.refused)
     results = results_of(analysis, pairs, tried, untried)
-    options = {
-        "--pattern": [pattern] if pattern else [],
-        "--model": model or [],
-        "--method": method or [],
-        "--contrast": contrast or [],
-        "--map": mapping or [],
-        "--element": [element] if element else [],
-        "--seed": [str(seed)] if seed != DEFAULT_SEED else [],
-    }
-    said = [word for name, values in options.items() for value in values for word in (name, value)]
-    said += [] if dt is None else ["--dt", f"{dt:g}"]
-    said += [] if lead_in == LEAD_IN else ["--lead-in", f"{lead_in:g}"]
-    said += ["--replications", str(replications)] if trust and replications != 40 else []
-    flags = (
-        ("--detrend", detrend),
-        ("--per-run", per_run),
-        ("--left-out", left_out),
-        ("--trust", trust),
-    )
-    said += [flag for flag, on in flags if on]
-    command = shlex.join(["pilotid", "analyse", *map(str, files), *said, "--out", str(out)])
+    command = options.typed_command(analyse, given)
     write_tables(out, results, command)
     about = {k: v for k, v in about_this(seed).items() if k not in ("seed", "code")}
     if analysis.left_out:
         # Where the recordings are is nobody's business.
-        named = ["pilotid", "analyse", *(file.name for file in files), *said, "--out", out.name]
-        board = results.board(shlex.join(named), about)
+        named = {**given, "files": [file.name for file in files], "out": out.name}
+        board = results.board(options.typed_command(analyse, named), about)
         write_file(out / BOARD, strict_json(board.to_dict()).encode())
     path = write_report(out, results, command, about)
     choices = [
@@ -186,8 +131,7 @@ def analyse(
     told = [f"{own.words}: {words}" for own in results.tried for words in own.trust.sentences]
     sentences = Bullets([*told, *results.notes, f"report: {path}"])
     print_blocks(make_console(), Bullets(choices), *tables, sentences)
-    if analysis.refused:
-        raise InputError("; ".join(analysis.refused))
+    options.raise_refused(analysis.refused)
 
 
 def _pairs(texts: Sequence[str] | None) -> list[tuple[str, str]]:

@@ -2,38 +2,26 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
-from typing import Annotated, Any, TypedDict
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 
-from pilotid.analysis.candidates import sensible
-from pilotid.analysis.choice import select
-from pilotid.cli.arguments import methods_of, require_writable
-from pilotid.cli.reading import (
-    DetrendOption,
-    IntervalOption,
-    JointOption,
-    LeadInOption,
-    MapOption,
-)
-from pilotid.disk import strict_json, write_file
+from pilotid.cli import options
 from pilotid.document import Bullets, Column, Table, Text, print_blocks
 from pilotid.element.fit import ElementChoice, chosen_element
 from pilotid.estimates.applicability import lines_objection, motionless_input
 from pilotid.estimates.method import Method
 from pilotid.methods import methods
+from pilotid.model_choice import default_candidates, select
 from pilotid.naming.settings import split_list
 from pilotid.pilot.catalogue import model_named
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.detectors import findings
-from pilotid.recordings.files import Reading
 from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.recordings.understood import Forcing, Signal, Understood, understood
 from pilotid.remarks import codes_of
@@ -42,66 +30,44 @@ from pilotid.terminal import make_console
 from pilotid.time_domain.constancy import LEVEL, constancy_of
 from pilotid.types import InputError
 
-
-class Entry(TypedDict):
-    """What JSON has of one recording."""
-
-    recording: dict[str, object]
-    understood: dict[str, Any]
-    remarks: list[str]
-    codes: list[str]
-    methods: dict[str, dict[str, str]]
-
-
+#: What JSON has of one recording.
+Entry = dict[str, Any]
 YES = "yes"
 MUCH_REST = 0.2  # share of the time from which a control that rests is worth a line
 
 
 def check(
-    files: Annotated[
-        list[Path], typer.Argument(metavar="F.csv|F.mat ...", help="Recordings to look at.")
-    ],
+    files: options.FilesArgument,
     model: Annotated[
         str,
         typer.Option(metavar="NAME,...", help="Models of which is told what methods can do."),
     ] = "single,multi",
-    mapping: MapOption = None,
-    dt: IntervalOption = None,
-    joint: JointOption = False,
-    detrend: DetrendOption = False,
-    lead_in: LeadInOption = LEAD_IN,
+    mapping: options.MapOption = None,
+    dt: options.IntervalOption = None,
+    joint: options.JointOption = False,
+    detrend: options.DetrendOption = False,
+    lead_in: options.LeadInOption = LEAD_IN,
     element: Annotated[
         str | None,
         typer.Option(metavar="4/s^2", help="Controlled element, to compare with what is seen."),
     ] = None,
-    json: Annotated[
-        str | None, typer.Option(metavar="F.json|-", help="Write it as JSON; - prints.")
-    ] = None,
+    json: options.JsonOption = None,
 ) -> None:
-    """Tell what was understood of recordings, and what is wrong with them."""
+    """Summarise recordings and report problems."""
     plant = element_named(element) if element else None
     models = [model_named(name) for name in split_list(model, names=True)]
-    json_file = None if json in (None, "-") else Path(str(json))
-    if json_file is not None:
-        require_writable(json_file, files)
-    recordings, refused = Reading(tuple(mapping or ()), dt, detrend, lead_in).all(
-        files, joint=joint
-    )
-    known = methods_of(None, list(methods()))
+    options.require_writable(files, json)
+    recordings, refused = options.recordings_of(files, mapping, dt, detrend, lead_in, joint=joint)
+    known = options.methods_of(None, list(methods()))
     found = [_checked(recording, models, known, plant) for recording in recordings]
-    text = strict_json(found[0][1] if len(found) == 1 else [entry for _, entry in found])
-    if json_file is not None:
-        write_file(json_file, text.encode())
-    if json == "-":
-        sys.stdout.write(text)
-    else:
+    entries = [entry for _, entry in found]
+    if not options.write_json(json, entries[0] if len(entries) == 1 else entries):
         console = make_console()
         for number, (facts, entry) in enumerate(found):
             if number:
                 console.print()
             print_blocks(console, *_blocks(recordings[number], facts, entry))
-    if refused:
-        raise InputError("; ".join(refused))
+    options.raise_refused(refused)
 
 
 def _checked(
@@ -142,7 +108,7 @@ def _constancy(recording: Recording) -> dict[str, object] | None:
 
     None where no model has its inputs, or where the signals allow no fit.
     """
-    able = [m for m in sensible(recording) if motionless_input(recording, m) is None]
+    able = [m for m in default_candidates(recording) if motionless_input(recording, m) is None]
     if not able:
         return None
     try:
@@ -165,7 +131,8 @@ def _constancy(recording: Recording) -> dict[str, object] | None:
     if found.changes:
         words = (
             f"{what} change during the recording, most about t = {found.time:.0f} s ({found}; "
-            f"{p} of a constant pilot): fit the parts apart, or the model adapting"
+            f"{p} under constant parameters). Fit the segments separately, or use the model "
+            "adapting"
         )
     return {**found.to_dict(), "model": model.name, "words": words}
 
@@ -217,8 +184,8 @@ def _lines(facts: Understood) -> list[str]:
         lines.append("all of the window is scored: the run-in is long enough")
     if facts.rest >= MUCH_REST:
         lines.append(
-            f"u rests at one value for {100.0 * facts.rest:.0f} % of the time, as on a breakout: a "
-            "non-linearity, which linear models take for remnant"
+            f"u is constant for {100.0 * facts.rest:.0f} % of the time (stiction or breakout "
+            "force?). Linear models will attribute this to remnant"
         )
     return lines
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import inspect
 import math
-import shlex
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from pilotid.cli.arguments import SeedOption
+from pilotid.cli.options import SeedOption, numbers_in, typed_command
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.terminal import make_console
 from pilotid.types import InputError
@@ -53,7 +51,7 @@ def design(
         int | None, typer.Option(min=1, help="Lines of each signal; default: the reference's.")
     ] = None,
     pick: Annotated[
-        str, typer.Option(metavar="any|odd|prime", help="Which lines may be taken.")
+        Literal["any", "odd", "prime"], typer.Option(help="Which lines may be taken.")
     ] = "any",
     period: Annotated[
         float | None, typer.Option(metavar="S", help="Period of line 1; default: the reference's.")
@@ -76,7 +74,7 @@ def design(
         int | None, typer.Option(min=2, help="Pilots of the populations' ranges to suit.")
     ] = None,
     over: Annotated[
-        str, typer.Option(metavar="mean|worst", help="What counts of several pilots.")
+        Literal["mean", "worst"], typer.Option(help="What counts of several pilots.")
     ] = "mean",
     power: Annotated[
         str | None,
@@ -99,7 +97,7 @@ def design(
         typer.Option(metavar="NAME|file.py:NAME", help="Another model; --truth has its values."),
     ] = None,
     remnant: Annotated[
-        str, typer.Option(metavar="held|share", help="The remnant's power, or a share of u's.")
+        Literal["held", "share"], typer.Option(help="The remnant's power, or a share of u's.")
     ] = "held",
     seed: SeedOption = DEFAULT_SEED,
 ) -> None:
@@ -118,18 +116,8 @@ def design(
     from pilotid.naming.settings import made as configured
     from pilotid.pilot.catalogue import model_named
 
-    for option, word, words in (
-        ("--over", over, ("mean", "worst")),
-        ("--remnant", remnant, ("held", "share")),
-    ):
-        if word not in words:
-            raise InputError(f"{option} {word}: must be {' or '.join(words)}")
-    for option, value in (
-        ("--at-most", at_most),
-        ("--period", period),
-        ("--seconds", seconds),
-        ("--rate", rate),
-    ):
+    positive = {"--at-most": at_most, "--period": period, "--seconds": seconds, "--rate": rate}
+    for option, value in positive.items():
         if value is not None and not 0.0 < value < math.inf:
             raise InputError(f"{option} {value:g}: must be a number above 0")
     for option, value in (("--between", between), ("--within", within), ("--fade", fade)):
@@ -147,16 +135,10 @@ def design(
         minimise,
         wanted=_wishes(wanted),
         limits=configured(Limits, limit, f"--limit {limit}"),
-        lines=chosen_lines(
-            reference_lines(chosen),
-            lines,
-            pick,  # type: ignore[arg-type]
-            period,
-            shared=shared,
-        ),
+        lines=chosen_lines(reference_lines(chosen), lines, pick, period, shared=shared),
         pilots=everyone,
-        over=over,  # type: ignore[arg-type]
-        remnant=remnant,  # type: ignore[arg-type]
+        over=over,
+        remnant=remnant,
         at_most=at_most,
         seed=seed,
     )
@@ -166,7 +148,7 @@ def design(
             plans.append((name, plan(experiment, *effect, between=between, within=within)))
 
     make_folder(out)
-    command = _command(given)
+    command = typed_command(design, given)
     about = {
         "pilotid": version("pilotid"),
         "command": command,
@@ -180,24 +162,12 @@ def design(
     console.print(f"report: {page}", soft_wrap=True)
 
 
-def _command(given: dict[str, object]) -> str:
-    """The command that makes the same again, from the values of the options that differ."""
-    words = ["pilotid", "design", str(given["scenario"])]
-    for name, parameter in inspect.signature(design).parameters.items():
-        value = given[name]
-        if name == "scenario" or value == parameter.default:
-            continue
-        option = "--from" if name == "estimates" else f"--{name.replace('_', '-')}"
-        words += [option] if value is True else [option, str(value)]
-    return shlex.join(words)
-
-
 def _scenario(
     name: str, model: PilotModel | None, truth: str | None, seconds: float | None, runs: int | None
 ) -> Scenario:
     from pilotid.datasets import Scenario, scenario_named
-    from pilotid.designing.loop import with_held_remnant
-    from pilotid.designing.pilots import with_model, with_truth
+    from pilotid.designing.lines import with_held_remnant
+    from pilotid.designing.pilots import with_truth
 
     chosen = scenario_named(name)
     if not isinstance(chosen, Scenario):
@@ -209,11 +179,9 @@ def _scenario(
         raise InputError(
             f"scenario {chosen.name}: a design cannot be made for what methods break on"
         )
-    values = {} if truth is None else _pairs("--truth", truth)
-    if model is not None:
-        chosen = with_model(chosen, model, values)
-    if values:
-        chosen = with_truth(chosen, values)
+    values = {} if truth is None else numbers_in("--truth", truth)
+    if model is not None or values:
+        chosen = with_truth(chosen, values, model)
     if seconds is not None:
         chosen = replace(with_held_remnant(chosen), duration=seconds, family="", varied="")
     return replace(chosen, runs=runs or chosen.runs)
@@ -235,23 +203,10 @@ def _pilots(
     return drawn_pilots(scenario, count, seed) if count is not None else ()
 
 
-def _pairs(option: str, text: str) -> dict[str, float]:
-    """Numbers by key in a text such as ``tlead=2,Kvest=1``; a % divides by 100."""
-    found = {}
-    for pair in text.split(","):
-        key, _, value = (part.strip() for part in pair.partition("="))
-        try:
-            share = value.endswith("%")
-            found[key] = float(value.removesuffix("%")) / (100.0 if share else 1.0)
-        except ValueError:
-            raise InputError(f"{option} {text}: '{pair}' is not PARAMETER=NUMBER") from None
-    return found
-
-
 def _wishes(text: str | None) -> dict[str, float]:
     if text is None:
         return {}
-    wishes = _pairs("--wanted", text)
+    wishes = numbers_in("--wanted", text)
     for key, share in wishes.items():
         if not 0.0 < share < 1.0:
             raise InputError(f"--wanted {text}: {key} must be between 0 and 100 %, as in {key}=3%")

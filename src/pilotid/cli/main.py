@@ -16,30 +16,12 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
+from pilotid.cli import options, studies
 from pilotid.cli.analyse import analyse
-from pilotid.cli.arguments import (
-    ElementOption,
-    MethodOption,
-    SeedOption,
-    default_method,
-    methods_of,
-    read_truth,
-    require_writable,
-    started,
-)
 from pilotid.cli.check import check
-from pilotid.cli.comparison import compare, report
 from pilotid.cli.design import design
-from pilotid.cli.publishing import compare_studies, publish
-from pilotid.cli.reading import (
-    DetrendOption,
-    IntervalOption,
-    JointOption,
-    LeadInOption,
-    MapOption,
-)
-from pilotid.cli.stopping import STATUS, heeding_interruptions
-from pilotid.cli.trust import LikeOption, scenario_like, trust
+from pilotid.cli.posterior import posterior
+from pilotid.cli.running import STATUS, heeding_interruptions
 from pilotid.disk import strict_json, write_file
 from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.method import Method
@@ -48,7 +30,7 @@ from pilotid.naming.settings import labelled
 from pilotid.pilot.catalogue import AUTO, MODELS, model_named
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.files import Reading, save_recording
+from pilotid.recordings.files import save_recording
 from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.seeds import DEFAULT_SEED, draw_rng, recording_rng
 from pilotid.terminal import make_console, with_bar
@@ -59,15 +41,6 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-
-ModelOption = Annotated[
-    str,
-    typer.Option(
-        metavar="NAME|auto",
-        help="Pilot model: single, multi (needs motion of the pilot), file.py:NAME for one of your "
-        "own; auto takes the catalogue's best.",
-    ),
-]
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
@@ -158,8 +131,8 @@ def simulate(
     scenario: Annotated[
         str | None, typer.Argument(metavar="SCENARIO", help="See `pilotid list`.")
     ] = None,
-    like: LikeOption = None,
-    seed: SeedOption = DEFAULT_SEED,
+    like: studies.LikeOption = None,
+    seed: options.SeedOption = DEFAULT_SEED,
     runs: Annotated[
         int | None, typer.Option(min=1, help="Runs, each with its own remnant.")
     ] = None,
@@ -171,7 +144,7 @@ def simulate(
 
     if (scenario is None) == (like is None):
         raise InputError("name a scenario, or a recording with --like, and not both")
-    named = scenario_named(scenario or "") if like is None else scenario_like(like, seed)
+    named = scenario_named(scenario or "") if like is None else studies.scenario_like(like, seed)
     chosen = named.drawn(draw_rng(seed, named.name))
     chosen = replace(chosen, runs=runs or chosen.runs)
     recording = simulated(chosen, recording_rng(seed, chosen.name))
@@ -187,24 +160,20 @@ def simulate(
 
 @app.command()
 def fit(
-    files: Annotated[
-        list[Path], typer.Argument(metavar="F.csv|F.mat ...", help="Recordings to identify.")
-    ],
-    model: ModelOption = AUTO,
-    method: MethodOption = None,
-    mapping: MapOption = None,
-    dt: IntervalOption = None,
-    joint: JointOption = False,
-    detrend: DetrendOption = False,
-    lead_in: LeadInOption = LEAD_IN,
-    element: ElementOption = None,
+    files: options.FilesArgument,
+    model: options.ModelOption = AUTO,
+    method: options.MethodOption = None,
+    mapping: options.MapOption = None,
+    dt: options.IntervalOption = None,
+    joint: options.JointOption = False,
+    detrend: options.DetrendOption = False,
+    lead_in: options.LeadInOption = LEAD_IN,
+    element: options.ElementOption = None,
     start: Annotated[
         str | None, typer.Option(metavar="Kvis=0.2,tlead=1.5", help="Initial guesses.")
     ] = None,
-    seed: SeedOption = DEFAULT_SEED,
-    json: Annotated[
-        str | None, typer.Option(metavar="F.json|-", help="Write the estimates as JSON; - prints.")
-    ] = None,
+    seed: options.SeedOption = DEFAULT_SEED,
+    json: options.JsonOption = None,
     report: Annotated[
         Path | None, typer.Option(metavar="F.html", help="Write a report with figures.")
     ] = None,
@@ -215,25 +184,17 @@ def fit(
 ) -> None:
     """Identify a pilot model from recordings."""
     plant = element_named(element) if element else None
-    named = None if model == AUTO else started(model_named(model), start)
-    true = read_truth(truth, named) if truth is not None and named is not None else None
-    methods = methods_of(method, [default_method()])
-    json_file = None if json in (None, "-") else Path(str(json))
-    for target in (json_file, report):
-        if target is not None:
-            require_writable(target, files)
-    recordings, refused = Reading(tuple(mapping or ()), dt, detrend, lead_in).all(
-        files, joint=joint
-    )
+    named = None if model == AUTO else options.with_start(model_named(model), start)
+    true = options.read_truth(truth, named) if truth is not None and named is not None else None
+    methods = options.methods_of(method, [options.default_method()])
+    options.require_writable(files, json, report)
+    recordings, refused = options.recordings_of(files, mapping, dt, detrend, lead_in, joint=joint)
     todo = with_bar(recordings, "fitting", len(recordings))
     fits = [_fitted(recording, named, start, methods, seed, plant) for recording in todo]
     if truth is not None and named is None:
-        true = read_truth(truth, fits[0].model)
-
+        true = options.read_truth(truth, fits[0].model)
     entries = [f.to_dict() for f in fits]
-    text = strict_json(entries[0] if len(entries) == 1 else entries)
-    if json_file is not None:
-        write_file(json_file, text.encode())
+    printed = options.write_json(json, entries[0] if len(entries) == 1 else entries)
     if report is not None:
         from pilotid.methods.fourier import first_step_of
         from pilotid.report.fit import html_report
@@ -242,12 +203,13 @@ def fit(
             fits, true, points=[first_step_of(fit.recording, fit.model) for fit in fits]
         )
         write_file(report, page.encode("utf-8", "replace"))
-    if json == "-":
-        sys.stdout.write(text)
-    else:
-        _print(fits)
-    if refused:
-        raise InputError("; ".join(refused))
+    if not printed:
+        console = make_console()
+        for number, fitted in enumerate(fits):
+            if number:
+                console.print()
+            fitted.print(console)
+    options.raise_refused(refused)
 
 
 def _fitted(
@@ -262,82 +224,17 @@ def _fitted(
     from pilotid.element.fit import chosen_element
 
     choice = chosen_element(recording, plant)
-    model, why, candidates = _selected(choice.named_in(recording), named, seed)
-    if named is None:
-        model = started(model, start)
-    fits = fit_all(recording, model, methods, seed, choice)
-    return replace(fits, choice=why, compared=candidates)
-
-
-def _selected(
-    recording: Recording, named: PilotModel | None, seed: int
-) -> tuple[PilotModel, str, tuple[dict[str, object], ...]]:
-    """The model that was named, or the one that the recording speaks for, and why."""
     if named is not None:
-        return named, "", ()
-    from pilotid.analysis.choice import select
+        return fit_all(recording, named, methods, seed, choice)
+    from pilotid.model_choice import select
 
-    found = select(recording, seed=seed)
-    return found.model, found.reason, tuple(c.to_dict() for c in found.candidates)
-
-
-def _print(fits: Sequence[Fitted]) -> None:
-    """Print the tables of several fits, an empty line between them."""
-    console = make_console()
-    for number, fit in enumerate(fits):
-        if number:
-            console.print()
-        fit.print(console)
+    found = select(choice.named_in(recording), seed=seed)
+    fits = fit_all(recording, options.with_start(found.model, start), methods, seed, choice)
+    return replace(fits, choice=found.reason, compared=tuple(c.to_dict() for c in found.candidates))
 
 
-@app.command()
-def posterior(
-    files: Annotated[
-        list[Path], typer.Argument(metavar="F.csv|F.mat ...", help="Recordings to identify.")
-    ],
-    model: ModelOption = AUTO,
-    white: Annotated[
-        bool, typer.Option("--white", help="Take the residual for white, as AIAA 2008-7109 does.")
-    ] = False,
-    mapping: MapOption = None,
-    dt: IntervalOption = None,
-    joint: JointOption = False,
-    detrend: DetrendOption = False,
-    lead_in: LeadInOption = LEAD_IN,
-    element: ElementOption = None,
-    seed: SeedOption = DEFAULT_SEED,
-    out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Folder for draws, summary and figures.")
-    ] = None,
-) -> None:
-    """Sample the posterior of a pilot model's parameters with emcee."""
-    from pilotid.cli.posterior import folders_of, infer
-    from pilotid.disk import make_folder
-
-    plant = element_named(element) if element else None
-    named = None if model == AUTO else model_named(model)
-    reading = Reading(tuple(mapping or ()), dt, detrend, lead_in)
-    folders = folders_of(files, out) if len(files) > 1 and not joint else {}
-    recordings, refused = reading.all(files, joint=joint)
-    for number, recording in enumerate(recordings):
-        folder = folders.get(recording.source, out)
-        if folder is not None:
-            make_folder(folder)
-        if number:
-            make_console().print()
-        chosen, why, _ = _selected(recording, named, seed)
-        if why:
-            make_console().print(why, soft_wrap=True)
-        infer(recording, chosen, white=white, element=plant, seed=seed, folder=folder)
-    if refused:
-        raise InputError("; ".join(refused))
-
-
-app.command()(check)
-app.command()(analyse)
-app.command()(design)
-app.command()(compare)
-app.command()(trust)
-app.command()(report)
-app.command()(publish)
-app.command()(compare_studies)
+for command in (
+    *(check, posterior, analyse, design, studies.compare, studies.trust, studies.report),
+    *(studies.publish, studies.compare_studies),
+):
+    app.command()(command)

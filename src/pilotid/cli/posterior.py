@@ -6,39 +6,63 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
 
-from pilotid.disk import path_shown
-from pilotid.element.fit import chosen_element
-from pilotid.estimates.applicability import motionless_input
-from pilotid.estimates.estimate import Outcome, failed
-from pilotid.estimates.fitted import Fitted
-from pilotid.estimates.method import import_libraries
-from pilotid.estimates.warnings import all_remarks
-from pilotid.methods.bayes import Bayes
-from pilotid.pilot.element import ControlledElement
+import typer
+
+from pilotid.cli import options
+from pilotid.disk import make_folder, path_shown
+from pilotid.pilot.catalogue import AUTO, model_named
+from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
-from pilotid.posterior.predictive import (
-    derived_spreads,
-    loop_notes,
-    parameter_spreads,
-    predictive_band,
-)
-from pilotid.recordings.checks import remarks
-from pilotid.recordings.recording import Recording
-from pilotid.report.posterior import print_posterior, write_posterior
-from pilotid.seeds import fit_rng
-from pilotid.terminal import share_bar
+from pilotid.recordings.recording import LEAD_IN, Recording
+from pilotid.seeds import DEFAULT_SEED, fit_rng
+from pilotid.terminal import make_console
 from pilotid.types import InputError
 
 
-def folders_of(files: Sequence[Path], out: Path | None) -> dict[str, Path]:
-    """A folder inside `out` for each of several files, named after it.
+def posterior(
+    files: options.FilesArgument,
+    model: options.ModelOption = AUTO,
+    white: Annotated[
+        bool, typer.Option("--white", help="Take the residual for white, as AIAA 2008-7109 does.")
+    ] = False,
+    mapping: options.MapOption = None,
+    dt: options.IntervalOption = None,
+    joint: options.JointOption = False,
+    detrend: options.DetrendOption = False,
+    lead_in: options.LeadInOption = LEAD_IN,
+    element: options.ElementOption = None,
+    seed: options.SeedOption = DEFAULT_SEED,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder for draws, summary and figures.")
+    ] = None,
+) -> None:
+    """Sample the posterior of a pilot model's parameters with emcee."""
+    from pilotid.model_choice import select
 
-    Raises
-    ------
-    InputError
-        If two files would share one.
-    """
+    plant = element_named(element) if element else None
+    named = None if model == AUTO else model_named(model)
+    folders = folders_of(files, out) if len(files) > 1 and not joint else {}
+    recordings, refused = options.recordings_of(files, mapping, dt, detrend, lead_in, joint=joint)
+    for number, recording in enumerate(recordings):
+        folder = folders.get(recording.source, out)
+        if folder is not None:
+            make_folder(folder)
+        if number:
+            make_console().print()
+        chosen = named
+        if chosen is None:
+            selection = select(recording, seed=seed)
+            chosen = selection.model
+            if selection.reason:
+                make_console().print(selection.reason, soft_wrap=True)
+        infer(recording, chosen, white=white, element=plant, seed=seed, folder=folder)
+    options.raise_refused(refused)
+
+
+def folders_of(files: Sequence[Path], out: Path | None) -> dict[str, Path]:
+    """A folder inside `out` for each of several files, named after it."""
     if out is None:
         return {}
     taken: dict[Path, Path] = {}
@@ -62,21 +86,24 @@ def infer(
     seed: int,
     folder: Path | None,
 ) -> None:
-    """Sample a posterior with emcee and print what it says.
+    """Sample a posterior with emcee, write draws, summary and figures, and print what it says."""
+    from pilotid.element.fit import chosen_element
+    from pilotid.estimates.applicability import motionless_input
+    from pilotid.estimates.estimate import Outcome, failed
+    from pilotid.estimates.fitted import Fitted
+    from pilotid.estimates.method import import_libraries
+    from pilotid.estimates.warnings import all_remarks
+    from pilotid.methods.bayes import Bayes
+    from pilotid.posterior.predictive import (
+        derived_spreads,
+        loop_notes,
+        parameter_spreads,
+        predictive_band,
+    )
+    from pilotid.recordings.checks import remarks
+    from pilotid.report.posterior import print_posterior, write_posterior
+    from pilotid.terminal import share_bar
 
-    Parameters
-    ----------
-    recording, model
-        What is identified.
-    white
-        Whether the residual is taken for white.
-    element
-        Controlled element; None for that which the recording names or shows.
-    seed
-        Seed of all random numbers.
-    folder
-        Where draws, summary and figures go; None for nowhere.
-    """
     method = Bayes(sampler="emcee")
     if white:
         method = replace(method, likelihood="white", band=None)

@@ -13,8 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from pilotid.designing.lines import Lines, shares_like
-from pilotid.designing.loop import SIGNALS, Loop
+from pilotid.designing.lines import SIGNALS, Lines, Loop, shares_like
 from pilotid.designing.optimum import Limit
 from pilotid.types import FloatArray, InputError
 

@@ -18,7 +18,7 @@ from pilotid.datasets.population import (
 )
 from pilotid.datasets.remnant import Remnant
 from pilotid.datasets.scenarios import Scenario
-from pilotid.designing.loop import with_held_remnant
+from pilotid.designing.lines import with_held_remnant
 from pilotid.disk import require_file
 from pilotid.pilot.catalogue import model_named
 from pilotid.pilot.element import element_named
@@ -30,36 +30,31 @@ LARGEST = 2**26  # bytes of estimates
 DRAWS = 20_000  # until pilots of a population are given up
 
 
-def with_truth(scenario: Scenario, values: Mapping[str, float]) -> Scenario:
-    """The scenario with other true values; the power of its remnant is held."""
-    known = dict(zip(scenario.model.keys, scenario.truth, strict=True))
-    unknown = [key for key in values if key not in known]
-    if unknown:
-        raise InputError(
-            f"--truth: model {scenario.model.name} has no parameter {unknown[0]}: choose from "
-            f"{', '.join(known)}"
-        )
-    truth = {**known, **values}
-    for p in scenario.model.parameters:
-        if not p.lower < truth[p.key] < p.upper:
-            raise InputError(
-                f"--truth: {p.key}={truth[p.key]:g} lies outside {p.lower:g} to {p.upper:g}"
-            )
-    return replace(with_held_remnant(scenario), truth=tuple(truth.values()))
-
-
-def with_model(scenario: Scenario, model: PilotModel, values: Mapping[str, float]) -> Scenario:
-    """The scenario with a pilot of another model; the power of its remnant is held.
+def with_truth(
+    scenario: Scenario, values: Mapping[str, float], model: PilotModel | None = None
+) -> Scenario:
+    """The scenario with other true values, or another model; its remnant's power is held.
 
     What `values` do not hold is taken from the scenario's pilot.
     """
-    truth = {**dict(zip(scenario.model.keys, scenario.truth, strict=True)), **values}
-    missing = [key for key in model.keys if key not in truth]
-    if missing:
+    known = dict(zip(scenario.model.keys, scenario.truth, strict=True))
+    model = model or scenario.model
+    if unknown := [key for key in values if key not in model.keys]:
+        raise InputError(
+            f"--truth: model {model.name} has no parameter {unknown[0]}: choose from "
+            f"{', '.join(model.keys)}"
+        )
+    truth = {**known, **values}
+    if missing := [key for key in model.keys if key not in truth]:
         raise InputError(
             f"--model {model.name}: scenario {scenario.name} has no value of {', '.join(missing)}; "
             f"say it with --truth {missing[0]}=..."
         )
+    for p in model.parameters:
+        if p.key in values and not p.lower < truth[p.key] < p.upper:
+            raise InputError(
+                f"--truth: {p.key}={truth[p.key]:g} lies outside {p.lower:g} to {p.upper:g}"
+            )
     held = with_held_remnant(scenario)
     return replace(held, model=model, truth=tuple(truth[key] for key in model.keys))
 

@@ -13,12 +13,9 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.simulation import require_stable
-from pilotid.designing.lines import reference_lines
-from pilotid.designing.loop import loop_of, powers_of, widening, with_held_remnant
+from pilotid.designing.lines import loop_of, powers_of, reference_lines, widening, with_held_remnant
 from pilotid.types import InputError
 
 LEVEL = 0.05  # of the two-sided test
@@ -161,32 +158,3 @@ def plan(
     error = math.sqrt(runs) * math.hypot(one, other * (1.0 + effect))
     choices = PAIRS if scenario.alternating else RUNS
     return Plan(key, effect, error, between, within, first.duration, choices)
-
-
-def simulated_chance(
-    made: Plan, subjects: int, runs: int, experiments: int, rng: np.random.Generator
-) -> float:
-    """Share of simulated experiments in which the paired t test finds the difference.
-
-    Subjects, runs and estimates are drawn one by one, as the plan says that they vary.
-
-    Parameters
-    ----------
-    made
-        The plan.
-    subjects, runs
-        Subjects, and runs of each in each condition.
-    experiments
-        Simulated experiments.
-    rng
-        Draws all of them.
-    """
-    from scipy.stats import ttest_1samp
-
-    shape = (experiments, subjects)
-    true = made.effect + made.between * rng.standard_normal(shape)
-    runs_shape = (*shape, runs)
-    by_run = made.within * (rng.standard_normal(runs_shape) - rng.standard_normal(runs_shape))
-    error = made.error * math.sqrt(widening(runs, made.window) / runs)
-    seen = true + by_run.mean(axis=2) + error * rng.standard_normal(shape)
-    return float(np.mean(ttest_1samp(seen, 0.0, axis=1).pvalue < LEVEL))

@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 
 from pilotid.estimates.parts import FrequencyResponse, real_parts
-from pilotid.pilot.model import Channel, PilotModel
+from pilotid.pilot.model import PilotModel
 from pilotid.time_domain.prediction import Prediction
 from pilotid.types import ComplexArray, FloatArray, IntArray
 
@@ -276,9 +276,7 @@ def signals(prediction: Prediction) -> tuple[FloatArray, list[FloatArray]]:
     def samples(spectrum: ComplexArray) -> FloatArray:
         return np.asarray(np.fft.irfft(spectrum, n=prediction.length)[:, :end])
 
-    channels = zip(prediction.model.channels, prediction.spectra, strict=True)
-    inputs = [samples(known_dynamics(c, prediction.s) * spectrum) for c, spectrum in channels]
-    return samples(prediction.control_spectrum), inputs
+    return samples(prediction.control_spectrum), [samples(each) for each in prediction.inputs]
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,13 +317,42 @@ class BlackBox:
         return np.sort(np.abs(np.angle(poles[np.abs(poles) >= 1.0]))) / dt
 
 
-def known_dynamics(channel: Channel, s: ComplexArray) -> ComplexArray:
-    """Product of a channel's factors without parameters, differentiators apart, shape (n,)."""
-    product = np.ones_like(s)
-    for factor in channel.dynamics:
-        if not factor.parameters:
-            product = product * factor.response(s, [])
-    return product
+def arx_response(
+    structure: Structure,
+    coefficients: FloatArray,
+    shift: ComplexArray,
+    reference: ComplexArray | None = None,
+) -> tuple[ComplexArray, ComplexArray]:
+    """Responses B_i/A of many models of one structure, and their derivatives by coefficients.
+
+    Parameters
+    ----------
+    structure
+        Orders and delays.
+    coefficients
+        Those of A behind its 1, then those of each B_i, shape (models, coefficients).
+    shift
+        Response of a delay by one sample at the frequencies, shape (n,).
+    reference
+        Responses at which derivatives are taken, shape (inputs, n); None for the models' own.
+
+    Returns
+    -------
+    Arrays of shape (models, inputs, n) and (models, coefficients, inputs, n).
+    """
+    poles, shape = structure.poles, (len(structure.zeros), shift.size)
+    down = shift ** np.arange(1, poles + 1)[:, None]
+    bottom = 1.0 + coefficients[:, :poles] @ down
+    value = np.empty((len(coefficients), *shape), dtype=complex)
+    slopes = np.zeros((*coefficients.shape, *shape), dtype=complex)
+    ends = poles + np.cumsum([0, *structure.zeros])
+    for i, own in enumerate(map(slice, ends[:-1], ends[1:])):
+        up = shift ** structure.lags(i)[:, None]
+        value[:, i] = coefficients[:, own] @ up / bottom
+        slopes[:, own, i] = up / bottom[:, None]
+    at = value if reference is None else reference[None]
+    slopes[:, :poles] = -at[:, None] * (down / bottom[:, None])[:, :, None]
+    return value, slopes
 
 
 def discrete_response(
@@ -355,23 +382,11 @@ def discrete_response(
     -------
     Responses (inputs, n), and the covariance of `pilotid.estimates.parts.real_parts` of them.
     """
-    structure = fit.structure
-    delay = np.exp(-1j * omega * dt)
-    powers = delay ** np.arange(1, structure.poles + 1)[:, None]
-    bottom = 1.0 + fit.coefficients[: structure.poles] @ powers
-    value = np.zeros(factors.shape, dtype=complex)
-    slopes = np.zeros((structure.parameters, *factors.shape), dtype=complex)
-    begin = structure.poles
-    for i, top in enumerate(fit.numerators):
-        shifts = delay ** structure.lags(i)[:, None]
-        common = factors[i] / bottom
-        value[i] = common * (top @ shifts)
-        slopes[begin : begin + top.size, i] = common * shifts
-        begin += top.size
-    at = value if reference is None else reference
-    slopes[: structure.poles] = -at * (powers / bottom)[:, None]
-    jacobian = real_parts(slopes)
-    return value, jacobian.T @ fit.covariance @ jacobian
+    at = None if reference is None else reference / factors
+    shift = np.exp(-1j * omega * dt)
+    value, slopes = arx_response(fit.structure, fit.coefficients[None], shift, at)
+    jacobian = real_parts(slopes[0] * factors)
+    return value[0] * factors, jacobian.T @ fit.covariance @ jacobian
 
 
 def channel_response(
@@ -405,7 +420,8 @@ def channel_response(
         response.
     """
     s = np.asarray(1j * omega, dtype=complex)
-    factors = np.array([known_dynamics(c, s) * s**c.derivative for c in model.channels])
+    known = zip(model.channels, model.fixed_responses(s), strict=True)
+    factors = np.array([fixed * s**channel.derivative for channel, fixed in known])
     reference = None if values is None else model.response(omega, values)
     value, covariance = discrete_response(omega, dt, fit, factors, reference)
     size = np.abs(value if reference is None else reference).ravel()

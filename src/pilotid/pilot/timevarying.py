@@ -10,6 +10,7 @@ for each.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -344,7 +345,7 @@ class Changing:
         time, values
             See `at`.
         """
-        return _product(self._coefficients(list(np.moveaxis(self.at(time, values), -2, 0))))
+        return product_of(self._coefficients(list(np.moveaxis(self.at(time, values), -2, 0))))
 
     def modulated(
         self, signals: FloatArray, time: FloatArray, values: FloatArray
@@ -378,9 +379,9 @@ class Changing:
     ) -> tuple[FloatArray, list[FloatArray]]:
         """What the factors make of the input, and its derivative by each of their parameters."""
         parameters = list(np.moveaxis(self.at(time, values), -2, 0))
-        whole = _weighted(_product(self._coefficients(parameters)), signals)
+        whole = _weighted(product_of(self._coefficients(parameters)), signals)
         return whole, [
-            _weighted(_product(self._coefficients(parameters, by=i)), signals)
+            _weighted(product_of(self._coefficients(parameters, by=i)), signals)
             for i in range(len(parameters))
         ]
 
@@ -473,7 +474,7 @@ class Fading(Changing):
         return np.concatenate([ends, values[..., -2:]], axis=-1)
 
 
-def _product(polynomials: list[tuple[FloatArray, ...]]) -> list[FloatArray]:
+def product_of(polynomials: Iterable[Sequence[FloatArray]]) -> list[FloatArray]:
     """Coefficients of a product of polynomials, lowest power first."""
     total: list[FloatArray] = [np.ones(1)]
     for polynomial in polynomials:

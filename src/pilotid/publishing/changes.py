@@ -345,7 +345,7 @@ class StudyData:
     folder
         Its folder.
     about
-        Facts on it, see `pilotid.study.facts`.
+        Facts on it, see `pilotid.study.study`.
     methods
         Its methods by their labels.
     study

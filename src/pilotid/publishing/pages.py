@@ -27,9 +27,9 @@ from pilotid.report.study_tables import key_of, ranked, ranking, ranking_columns
 from pilotid.study.archive import KEPT
 from pilotid.study.comparison import ESTIMATES, SUMMARY, SUMMARY_COLUMNS, Cell
 from pilotid.study.entries import ScenarioEntry
-from pilotid.study.facts import LIBRARIES
 from pilotid.study.judge import RULES, sentence
 from pilotid.study.store import Store
+from pilotid.study.study import LIBRARIES
 from pilotid.types import InputError
 
 TITLE = "Pilot-model identification: studies side by side"

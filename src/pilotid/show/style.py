@@ -56,7 +56,7 @@ DASHES: dict[str, Dash] = {
     "ukf": (0, (5.0, 1.0, 2.0, 1.0)),
 }
 #: Of methods from other packages.
-OTHERS = (("#117733", "*"), ("#AA4499", "p"), ("#3FA294", "*"))
+OTHERS = (("#117733", "*"), ("#AA4499", "p"), ("#3FA294", "1"))
 WIDTH = 7.6  # inches, two columns of a journal
 SMALLEST = 7.5  # points, the smallest type of a figure: above 7 once an A4 page holds it
 INK = "#333333"

@@ -20,8 +20,7 @@ from pilotid.chance import Z95
 from pilotid.disk import table_bytes, write_file
 from pilotid.estimates.estimate import Outcome
 from pilotid.study import scores
-from pilotid.study.draws import Stratum, strata_of
-from pilotid.study.entries import Draw, ParameterTruth, Result, ScenarioEntry
+from pilotid.study.entries import Draw, ParameterTruth, Result, ScenarioEntry, Stratum, strata_of
 from pilotid.study.scores import Interval, Mean
 from pilotid.study.store import Store
 from pilotid.study.tracks import PERIODS, TrackScore, track_scores

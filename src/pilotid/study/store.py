@@ -16,17 +16,8 @@ from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
-from pilotid.database import (
-    DamagedError,
-    beside,
-    checksum,
-    close,
-    connect,
-    damaged,
-    in_words,
-    open_to_read,
-    open_to_write,
-)
+from pilotid import database
+from pilotid.database import DamagedError, beside, checksum, damaged, in_words
 from pilotid.disk import write_file
 from pilotid.study.archive import KEPT, from_archive, not_an_archive, to_archive
 from pilotid.study.entries import (
@@ -114,7 +105,7 @@ class Store:
 
     def __init__(self, folder: Path, *, create: bool = False, small: bool = False) -> None:
         self.path = folder / STORE
-        self._close = close if create else sqlite3.Connection.close
+        self._close = database.close if create else sqlite3.Connection.close
         try:
             missing = not create and not self.path.exists()
             kept = (folder / KEPT).exists()
@@ -130,7 +121,8 @@ class Store:
             _create(self._base)
             self._restore(self.path)
             return
-        self._base = open_to_write(self.path) if create else open_to_read(self.path)
+        opened = database.open_to_write if create else database.open_to_read
+        self._base = opened(self.path)
         try:
             if create:
                 with self._transaction():
@@ -347,7 +339,8 @@ def salvage(folder: Path) -> str:
         shutil.copyfile(path, aside)
         with suppress(FileNotFoundError):
             shutil.copyfile(beside(path, "-wal"), beside(aside, "-wal"))
-        with closing(connect(new, "rwc")) as copy, closing(connect(aside, "rw")) as base:
+        copy, base = database.connect(new, "rwc"), database.connect(aside, "rw")
+        with closing(copy), closing(base):
             base.execute("PRAGMA writable_schema=ON")  # by which a file cut short is read too
             copy.execute("BEGIN IMMEDIATE")
             with copy:

@@ -2,34 +2,141 @@
 
 from __future__ import annotations
 
+import json
+import platform
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from importlib.metadata import version
+from itertools import count
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-from pilotid.datasets import CATALOGUE, AnyScenario, Population, Scenario, scenarios_named
+import numpy as np
+
+from pilotid.datasets import CATALOGUE, AnyScenario, Population, Scenario, scenarios_named, simulate
 from pilotid.datasets.named import sound
 from pilotid.datasets.simulation import remnant_ratio
 from pilotid.disk import make_folder
 from pilotid.estimates.method import Method, follows
 from pilotid.jobs import USUAL_LIMITS, Limits, run_tasks
-from pilotid.methods import label_of, method_named
-from pilotid.naming.code import packed, reason
+from pilotid.methods import label_of, method_named, methods
+from pilotid.naming.code import code_digest, own_digest, packed, place_of, reason
+from pilotid.naming.settings import labelled, plain
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.study.comparison import Comparison, comparison_of
-from pilotid.study.draws import scenario_of
-from pilotid.study.entries import MethodEntry, Result, ScenarioEntry, Unit
-from pilotid.study.facts import about_this, method_entry, scenario_entry, trajectory_fact
-from pilotid.study.fits import OUTSIDE, Task, given_up, run_task
+from pilotid.study.entries import (
+    TRAJECTORY,
+    MethodEntry,
+    ParameterTruth,
+    Result,
+    ScenarioEntry,
+    Unit,
+)
+from pilotid.study.fits import OUTSIDE, Task, given_up, run_task, scenario_of, truths_of
 from pilotid.study.store import Store
+from pilotid.study.tracks import truth_over_time
 from pilotid.types import InputError
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+
+LIBRARIES = ("numpy", "scipy", "control", "pysindy", "emcee")
+
+
+def about_this(seed: int) -> dict[str, str]:
+    """Code, versions and seed: what two results must share to be compared."""
+    return {
+        "seed": str(seed),
+        "code": own_digest(),
+        "pilotid": version("pilotid"),
+        "python": ".".join(platform.python_version_tuple()[:2]),
+        **{name: version(name) for name in LIBRARIES},
+    }
+
+
+def method_entry(method: Method, position: int = 0, typed: str = "") -> MethodEntry:
+    """A method for the store.
+
+    Parameters
+    ----------
+    method
+        The method.
+    position
+        Its place behind those that are registered.
+    typed
+        What the user typed for it, if anything.
+    """
+    known, label = list(methods()), label_of(method)
+    registered = method.name in known
+    place = known.index(method.name) if registered else len(known) + position
+    if not typed:
+        typed = label if registered else labelled(place_of(type(method)), method)
+    return MethodEntry(label, place, plain(method), code_digest(method), typed)
+
+
+def scenario_entry(scenario: AnyScenario, position: int = 0, typed: str = "") -> ScenarioEntry:
+    """A scenario with its truth and its bounds, for the store; see `method_entry`.
+
+    The bound is that of the whole record with the remnant's spectrum known: the floor under
+    every unbiased method.  A population has neither: its replications have their own.
+
+    Raises
+    ------
+    InputError
+        If no bounds can be given, for example because the loop is unstable, or if a population
+        cannot be drawn from.
+    """
+    known = list(CATALOGUE)
+    try:
+        if isinstance(scenario, Population):
+            model, family = ", ".join(dict.fromkeys(scenario.models)), ""
+            _try_out(scenario)
+            parameters: tuple[ParameterTruth, ...] = ()
+        else:
+            model, family = scenario.model.name, scenario.family
+            parameters = truths_of(scenario)
+    except InputError:
+        raise
+    except Exception as error:  # a scenario of the user's own may be anything
+        raise InputError(
+            f"scenario {scenario.name}: cannot be simulated ({reason(error)}); check its settings"
+        ) from error
+    return ScenarioEntry(
+        scenario.name,
+        known.index(scenario.name) if scenario.name in known else len(known) + position,
+        scenario.description,
+        model,
+        plain(scenario),
+        parameters,
+        family,
+        code_digest(scenario),
+        typed or scenario.name,
+    )
+
+
+def trajectory_fact(scenario: Scenario) -> dict[str, str]:
+    """What a report needs of the truth of a pilot who changes; nothing for one who stays."""
+    truth = truth_over_time(scenario)
+    if truth is None:
+        return {}
+    values = dict(zip(truth.keys, truth.values.tolist(), strict=True))
+    return {f"{TRAJECTORY} {scenario.name}": json.dumps({"time": truth.time.tolist(), **values})}
+
+
+def _try_out(population: Population) -> None:
+    """Draw a pilot and a recording that nobody keeps, so that what cannot be is told at once."""
+    rng = np.random.default_rng(0)
+    scenario = population.drawn(rng)
+    simulate(scenario, rng)
+    truths_of(scenario)
+
+
+#: Shows results as they come: the results, and how many there will be by method.
+Bar = Callable[[Iterator[Result], Mapping[str, int]], Iterable[Result]]
 #: Scenarios and replications of each, by name of the profile.
 PROFILES: dict[str, tuple[tuple[str, ...], int]] = {
     "quick": (("nominal", "population-usual"), 25),
@@ -37,7 +144,7 @@ PROFILES: dict[str, tuple[tuple[str, ...], int]] = {
 }
 
 
-@dataclass(frozen=True, init=False)
+@dataclass(init=False)
 class Study:
     """What is to be compared.
 
@@ -50,7 +157,7 @@ class Study:
     seed
         Seed of all random numbers.
     sparing
-        Whether methods for pilots who change are left out where pilots stay as they are.
+        Whether methods for time-varying pilots are left out where pilots do not vary.
     labels
         The methods' labels, which identify them in tables and in the store.
     """
@@ -61,7 +168,6 @@ class Study:
     seed: int
     sparing: bool
     labels: tuple[str, ...] = field(init=False, repr=False, compare=False)
-    _typed: tuple[list[str], list[str]] = field(init=False, repr=False, compare=False)
 
     def __init__(
         self,
@@ -74,21 +180,14 @@ class Study:
     ) -> None:
         typed = [(s, text) for given in _each(scenarios) for s, text in _scenarios_of(given)]
         tried = [(method_named(m), m) if isinstance(m, str) else (m, "") for m in _each(methods)]
-        names = [sound(scenario).name for scenario, _ in typed]
-        labels = [label_of(method) for method, _ in tried]
-        _require_different("scenarios", names)
-        _require_different("methods", labels)
-        for name, value in (
-            ("scenarios", tuple(scenario for scenario, _ in typed)),
-            ("methods", tuple(method for method, _ in tried)),
-            ("replications", replications),
-            ("seed", seed),
-            ("sparing", sparing),
-            ("labels", tuple(labels)),
-            # What to type for each again, in the order of scenarios and methods.
-            ("_typed", ([text for _, text in typed], [text for _, text in tried])),
-        ):
-            object.__setattr__(self, name, value)
+        self.labels = tuple(label_of(method) for method, _ in tried)
+        _require_different("scenarios", [sound(scenario).name for scenario, _ in typed])
+        _require_different("methods", self.labels)
+        self.scenarios = tuple(scenario for scenario, _ in typed)
+        self.methods = tuple(method for method, _ in tried)
+        self.replications, self.seed, self.sparing = replications, seed, sparing
+        # What to type for each again.
+        self._typed = [text for _, text in typed], [text for _, text in tried]
 
     @property
     def size(self) -> int:
@@ -133,18 +232,8 @@ class Study:
             If the store holds results of other code or settings.
         """
         about = about_this(self.seed)
-        scenarios = [
-            scenario_entry(scenario, position, text)
-            for position, (scenario, text) in enumerate(
-                zip(self.scenarios, self._typed[0], strict=True)
-            )
-        ]
-        methods = [
-            method_entry(method, position, text)
-            for position, (method, text) in enumerate(
-                zip(self.methods, self._typed[1], strict=True)
-            )
-        ]
+        scenarios = list(map(scenario_entry, self.scenarios, count(), self._typed[0]))
+        methods = list(map(method_entry, self.methods, count(), self._typed[1]))
         held = store.about()
         changed = [key for key in about if key in held and held[key] != about[key]]
         changed += _changed({m.label: m for m in methods}, store.methods())
@@ -201,7 +290,9 @@ class Study:
             return result
         return replace(result, draw=draw)
 
-    def run_in(self, folder: Path, workers: int | None = None) -> Comparison:
+    def run_in(
+        self, folder: Path, workers: int | None = None, bar: Bar = lambda results, _: results
+    ) -> Comparison:
         """Fit what a folder's store lacks, and return all that it holds then.
 
         Parameters
@@ -210,10 +301,13 @@ class Study:
             Where the store is, or is to be.
         workers
             Processes; None for one for each processor.
+        bar
+            Shows results as they come.
         """
         make_folder(folder)
         with Store(folder, create=True) as store:
-            for _ in self.run(store, self.enter(store), workers):
+            pending = self.enter(store)
+            for _ in bar(self.run(store, pending, workers), pending.counts):
                 pass
             return comparison_of(store)
 
@@ -240,15 +334,7 @@ class Study:
 
 @dataclass(frozen=True)
 class Pending:
-    """The fits of a study that its store lacks; they may be more than any list can hold.
-
-    Attributes
-    ----------
-    study
-        The study.
-    done
-        The fits in its store.
-    """
+    """The fits of a study that its store lacks; they may be more than any list can hold."""
 
     study: Study
     done: frozenset[Unit]
@@ -271,17 +357,7 @@ class Pending:
 
 
 def remaining_seconds(store: Store, counts: Mapping[str, int], workers: int) -> float:
-    """About how long fits will take, by what fits of each method took so far.
-
-    Parameters
-    ----------
-    store
-        The fits so far.
-    counts
-        Fits to come by the method's label.
-    workers
-        Processes that share them.
-    """
+    """About how long fits by the counts of each method take, from those in the store so far."""
     took: dict[str, list[float]] = {}
     for result in store.results():
         if result.seconds is not None:

@@ -7,7 +7,7 @@ parametric bootstrap.  What it tells holds as far as the pilot is linear and the
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -24,19 +24,15 @@ from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import DEFAULT_SEED, fit_rng
-from pilotid.study.comparison import Cell, Comparison, comparison_of
-from pilotid.study.entries import Result
+from pilotid.study.comparison import Cell, Comparison
 from pilotid.study.judge import judge
 from pilotid.study.scores import Mean
-from pilotid.study.store import Store
-from pilotid.study.study import Study
+from pilotid.study.study import Bar, Study
 from pilotid.types import FloatArray, InputError
 
 USUAL = "mle"  # fits the recording where nothing else is named, and makes the simulated pilot
 COVERED = 0.95
 TRUST = "trust.json"
-#: Shows results as they come: the results, and how many there will be by method.
-Bar = Callable[[Iterator[Result], Mapping[str, int]], Iterable[Result]]
 #: What no simulation of a fit can tell.
 UNKNOWN = (
     "This cannot know whether the pilot is linear and constant, and whether model and controlled "
@@ -189,11 +185,7 @@ class Trial:
             scenario = str(path)
         tried, sparing = self.methods or list(methods().values()), not self.methods
         study = Study([scenario], tried, replications, seed, sparing=sparing)
-        with Store(folder, create=True) as store:
-            pending = study.enter(store)
-            for _ in bar(study.run(store, pending, workers), pending.counts):
-                pass
-            found = Trust(self, comparison_of(store))
+        found = Trust(self, study.run_in(folder, workers, bar))
         found.comparison.write_tables(folder)
         write_file(path, strict_json({**found.to_dict(), **held}).encode())
         return found

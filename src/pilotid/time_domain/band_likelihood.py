@@ -341,13 +341,17 @@ def most_likely_regression(products: FloatArray, terms: BandTerms) -> tuple[Floa
     return taps, np.where(sign > 0.0, log_determinant, np.nan)
 
 
-def group_begins(omega: FloatArray) -> list[int]:
-    """First bins of the groups of bins at `omega` [rad/s]."""
-    listed = omega.tolist()
-    begins = [0]
+def group_begins(
+    omega: FloatArray, share: float = GROUP_SHARE, widest: float = GROUP_WIDEST, first: int = 0
+) -> list[int]:
+    """First bins of the groups of bins at `omega` [rad/s].
+
+    A group is a share of its frequency wide, and at most so many rad/s.
+    """
+    listed, begins = omega.tolist(), [first]
     while begins[-1] < len(listed):
-        first = listed[begins[-1]]
-        end = bisect_right(listed, first + min(GROUP_SHARE * first, GROUP_WIDEST))
+        lowest = listed[begins[-1]]
+        end = bisect_right(listed, lowest + min(share * lowest, widest))
         begins.append(max(end, begins[-1] + 1))
     return begins[:-1]
 

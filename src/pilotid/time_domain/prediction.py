@@ -25,9 +25,9 @@ from pilotid.time_domain.prepare import (
     FAR,
     REACH,
     Prepared,
-    _extended,
     decimation,
     derivative_kernel,
+    extended,
     fast_length,
     lowpass,
     prepare,
@@ -134,10 +134,10 @@ def fine_input(
     edges = np.array([filtered(centred, order, ends).T for order in range(channel.derivative)])
     edges = edges.reshape(channel.derivative, 2, recording.runs)
     outside = extension * ratio - max(before, after)
-    extended = _extended(signal, edges, outside, dt)
+    padded = extended(signal, edges, outside, dt)
     whole = np.zeros((recording.runs, length * ratio))
     lead = extension * ratio - before - outside
-    whole[:, lead : lead + extended.shape[1]] = extended
+    whole[:, lead : lead + padded.shape[1]] = padded
     time = start + (np.arange(whole.shape[1]) - extension * ratio) * dt
     omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(whole.shape[1], dt), dtype=float)
     spectrum = channel.sign * np.fft.rfft(whole)
@@ -585,7 +585,7 @@ def predict(recording: Recording, model: PilotModel, band: float | None = None) 
     length = fast_length(prepared.control.shape[1] + 2 * extension)
 
     def transformed(signal: FloatArray, edges: FloatArray) -> ComplexArray:
-        return np.fft.rfft(_extended(signal, edges, extension, prepared.dt), n=length)
+        return np.fft.rfft(extended(signal, edges, extension, prepared.dt), n=length)
 
     span = (prepared.control.shape[1], extension, length)
     fine = tuple(

@@ -10,7 +10,6 @@ once this is consistent, and efficient, without any knowledge of the loop.
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, reduce
 from typing import Self
@@ -18,6 +17,7 @@ from typing import Self
 import numpy as np
 
 from pilotid.solve.least_squares import Penalty, Problem
+from pilotid.time_domain.band_likelihood import group_begins
 from pilotid.time_domain.prediction import Prediction
 from pilotid.time_domain.prepare import Band
 from pilotid.time_domain.remnant_models import NoiseModel
@@ -69,14 +69,13 @@ class Reduced(Prediction):
         return self._with(self.s.imag < band)
 
     def _with(self, chosen: BoolArray) -> Reduced:
-        given = {field.name: getattr(self, field.name) for field in fields(self)}
-        given |= {
-            "s": self.s[chosen],
-            "spectra": tuple(spectrum[:, chosen] for spectrum in self.spectra),
-            "control_spectrum": self.control_spectrum[:, chosen],
-            "weights": self.weights[chosen],
-        }
-        return Reduced(**given)
+        return replace(
+            self,
+            s=self.s[chosen],
+            spectra=tuple(spectrum[:, chosen] for spectrum in self.spectra),
+            control_spectrum=self.control_spectrum[:, chosen],
+            weights=self.weights[chosen],
+        )
 
 
 def reduced(prediction: Prediction) -> Prediction:
@@ -91,17 +90,17 @@ def reduced(prediction: Prediction) -> Prediction:
     given = np.array([*prediction.spectra, prediction.control_spectrum])
     signals = np.fft.rfft(prediction.samples_of(given) * window)
     omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(scored, prediction.dt), dtype=float)
-    groups = _groups(omega)
+    groups = group_begins(omega, SHARE, WIDEST, 2)  # the mean and what the window makes of it go
     sizes = np.sqrt(np.mean(np.abs(signals) ** 2, axis=(1, 2)))
     sizes[sizes == 0.0] = 1.0
     signals = signals / sizes[:, None, None]
     products = np.einsum("irk,jrk->kij", signals, signals.conj())
-    summed = np.add.reduceat(products, groups[:-1], axis=0)[: len(groups) - 1]
+    summed = np.add.reduceat(products, groups, axis=0)
     size, vectors = np.linalg.eigh(summed)
     factor = vectors * np.sqrt(np.maximum(size, 0.0))[:, None, :]
     spectra = np.transpose(factor, (1, 2, 0)) * sizes[:, None, None]  # (signal, part, group)
-    counts = np.diff(groups)
-    middle = np.add.reduceat(omega, groups[:-1])[: len(groups) - 1] / counts
+    counts = np.diff([*groups, omega.size])
+    middle = np.add.reduceat(omega, groups) / counts
     held = {field.name: getattr(prediction, field.name) for field in fields(Prediction)}
     held |= {
         "s": 1j * middle,
@@ -116,17 +115,6 @@ def reduced(prediction: Prediction) -> Prediction:
     weights = weights * np.sqrt(prediction.weighting.weights(middle))
     counted = prediction.band_terms.residuals
     return Reduced(**held, counted=counted, weights=weights)._with(weights > 0.0)
-
-
-def _groups(omega: FloatArray) -> list[int]:
-    """First bins of the groups, and the end of the last."""
-    listed = omega.tolist()
-    starts = [2]
-    while starts[-1] < len(listed):
-        first = listed[starts[-1]]
-        end = bisect_right(listed, first + min(SHARE * first, WIDEST))
-        starts.append(max(end, starts[-1] + 1))
-    return starts
 
 
 class PredictionErrors(Problem):

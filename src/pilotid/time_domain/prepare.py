@@ -22,7 +22,7 @@ from pilotid.recordings.recording import Recording
 from pilotid.types import FloatArray, InputError
 
 
-def _extended(signal: FloatArray, edges: FloatArray, extension: int, dt: float) -> FloatArray:
+def extended(signal: FloatArray, edges: FloatArray, extension: int, dt: float) -> FloatArray:
     """Continue a signal beyond both ends, faded to zero.
 
     Parameters

@@ -12,13 +12,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import cast
+from typing import TypeVar
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from pilotid.pilot.factors import Delay, Factor, Neuromuscular, Polynomial
 from pilotid.pilot.model import PilotModel, frozen
+from pilotid.pilot.timevarying import product_of
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Scale
 from pilotid.time_domain.prepare import decimation, derivative_kernel
@@ -71,6 +72,7 @@ def muscle_step(
     return matrix, weights
 
 
+F = TypeVar("F", bound=Factor)
 FINEST = 0.005  # seconds between samples between which an input is straight, at most
 SHORTEST = 5.0  # seconds that must be left to filter
 
@@ -93,7 +95,7 @@ def unsuited(model: PilotModel) -> str | None:
     )
 
 
-def _of_kind(factors: tuple[Factor, ...], kind: type) -> list[Factor]:
+def _of_kind(factors: tuple[Factor, ...], kind: type[F]) -> list[F]:
     return [factor for factor in factors if isinstance(factor, kind)]
 
 
@@ -230,7 +232,7 @@ class WalkingPilot:
         found, first = [], 3
         for factor in _of_kind(self.model.channels[0].dynamics, Polynomial):
             last = first + len(factor.parameters)
-            found.append((cast("Polynomial", factor), first, last))
+            found.append((factor, first, last))
             first = last
         return found
 
@@ -240,15 +242,10 @@ class WalkingPilot:
 
     def _coefficients(self, own: FloatArray) -> list[FloatArray]:
         """Of the input and its derivatives, each of shape (sets, points)."""
-        total: list[FloatArray] = [np.ones(1)]
-        for factor, first, last in self._polynomials:
-            given = factor.coefficients([own[..., i] for i in range(first, last)])
-            longer = [np.zeros(1)] * (len(total) + len(given) - 1)
-            for i, a in enumerate(total):
-                for j, b in enumerate(given):
-                    longer[i + j] = longer[i + j] + a * b
-            total = longer
-        return total
+        return product_of(
+            factor.coefficients([own[..., i] for i in range(first, last)])
+            for factor, first, last in self._polynomials
+        )
 
 
 def walking_pilot(
@@ -270,7 +267,7 @@ def walking_pilot(
     plain = frozen(model)
     channel = plain.channels[0]
     factors = channel.dynamics
-    kinds: tuple[type, ...] = (Neuromuscular, Delay, Polynomial)
+    kinds: tuple[type[Factor], ...] = (Neuromuscular, Delay, Polynomial)
     keys = [p.key for kind in kinds for f in _of_kind(factors, kind) for p in f.parameters]
     order = np.array([plain.keys.index(key) for key in keys])
     highest = sum(

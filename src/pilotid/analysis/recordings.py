@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pilotid.analysis.rows import in_order
+from pilotid.recordings.files import Reading
+from pilotid.recordings.recording import Recording
+from pilotid.recordings.text import sidecar_path
 from pilotid.types import InputError
 
 #: The field whose values are runs of one recording, each in a file of its own.
@@ -149,3 +153,74 @@ def parts_of(files: Sequence[Path], pattern: Pattern | None) -> tuple[list[Part]
         parts.append(Part(tuple(by_run[run] for run in order), fields))
     order = in_order([part.words for part in parts])
     return sorted(parts, key=lambda part: order.index(part.words)), refused
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a recording is, and how it is read.
+
+    Attributes
+    ----------
+    part
+        Its files.
+    reading
+        How they are read.
+    """
+
+    part: Part
+    reading: Reading
+
+    def recording(self, run: int | None = None) -> Recording:
+        """The recording, or one run of it alone, counted from 1.
+
+        Raises
+        ------
+        InputError
+            If a file cannot be used.
+        """
+        (whole,), _ = self.reading.all(self.part.files, joint=True)
+        return whole if run is None else alone(whole, run)
+
+    def digest(self) -> str:
+        """A digest of all that is read.
+
+        Raises
+        ------
+        InputError
+            If a file cannot be read.
+        """
+        digest = hashlib.sha256(repr(self).encode("utf-8", "replace"))
+        for file in self.part.files:
+            try:
+                digest.update(file.read_bytes())
+                side = sidecar_path(file)
+                digest.update(side.read_bytes() if side.exists() else b"")
+            except OSError as error:
+                raise InputError(
+                    f"{file}: cannot be read ({error.strerror or error}); check the file and its "
+                    "rights"
+                ) from error
+        return digest.hexdigest()
+
+
+def alone(recording: Recording, run: int) -> Recording:
+    """One run of a recording, counted from 1."""
+    return _of_runs(recording, [run - 1], f"run {run}")
+
+
+def without(recording: Recording, run: int) -> Recording:
+    """All runs of a recording but one, counted from 1."""
+    rows = [place for place in range(recording.runs) if place != run - 1]
+    return _of_runs(recording, rows, f"without run {run}")
+
+
+def _of_runs(recording: Recording, rows: list[int], words: str) -> Recording:
+    return replace(
+        recording,
+        e=recording.e[rows],
+        u=recording.u[rows],
+        x=recording.x[rows],
+        ft=None if recording.ft is None else recording.ft[rows],
+        fd=None if recording.fd is None else recording.fd[rows],
+        source=f"{recording.source}, {words}",
+    )

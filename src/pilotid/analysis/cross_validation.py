@@ -1,4 +1,4 @@
-"""Runs left out: how well the fit of the other runs of a recording predicts each.
+"""Leave-one-run-out cross-validation: how well the fit of the other runs predicts each run.
 
 No truth is known of people.  What can be held against an estimate is a run that it has not seen:
 how much of its control the simulated response explains (VAF), and how likely it is under the
@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from pilotid.analysis.pattern import Part
-from pilotid.analysis.source import alone, without
+from pilotid.analysis.combine import plain_mean
+from pilotid.analysis.recordings import Part, alone, without
 from pilotid.estimates.method import Method, identify
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
@@ -72,7 +72,7 @@ class LeftOut:
         return [self.run, self.model, self.method, self.outcome, *scores]
 
 
-def predicted(
+def predict_left_out(
     recording: Recording, model: PilotModel, methods: Mapping[str, Method], run: int, seed: int
 ) -> list[dict[str, object]]:
     """Fit all runs but one by each method, and hold that one against the fits.
@@ -144,13 +144,13 @@ def _errors(
 
 
 def failed_rows(methods: Mapping[str, Method], outcome: str) -> list[dict[str, object]]:
-    """The same as `predicted` of fits that a process was lost with."""
+    """The same as `predict_left_out` of fits that a process was lost with."""
     nothing = dict.fromkeys(("vaf", "log_likelihood", "seconds"))
     return [{"method": label, "outcome": outcome, "usable": False, **nothing} for label in methods]
 
 
 def left_out_rows(part: Part, run: int, content: Mapping[str, Any]) -> list[LeftOut]:
-    """Lines of a model's name and what `predicted` gave."""
+    """Lines of a model's name and what `predict_left_out` gave."""
     return [
         LeftOut(
             part,
@@ -195,7 +195,7 @@ class Standing:
     behind_error: float
 
 
-def standings(left: Sequence[LeftOut]) -> list[Standing]:
+def rank_methods(left: Sequence[LeftOut]) -> list[Standing]:
     """Models and methods by the likelihood of runs left out, the best first.
 
     Methods whose fits fail in more than half of the runs come last and are not compared run by
@@ -214,19 +214,11 @@ def standings(left: Sequence[LeftOut]) -> list[Standing]:
     best = max(able, key=lambda key: float(np.sum(scores[key])), default=None)
     found = []
     for key, own in held.items():
-        vafs = np.array([e.vaf for e in own if e.usable])
+        vaf = plain_mean(np.array([e.vaf for e in own if e.usable]))
         behind, error = math.nan, math.nan
         if best is not None and key in scores and common:
-            apart = scores[key] - scores[best]
-            behind = float(np.mean(apart))
-            error = _standard_error(apart) if key != best else math.nan
-        mean = float(np.mean(vafs)) if vafs.size else math.nan
-        failed = len(own) - vafs.size
-        found.append(Standing(*key, len(own), failed, mean, _standard_error(vafs), behind, error))
+            apart = plain_mean(scores[key] - scores[best])
+            behind, error = apart.value, apart.std_error if key != best else math.nan
+        failed = sum(not e.usable for e in own)
+        found.append(Standing(*key, len(own), failed, vaf.value, vaf.std_error, behind, error))
     return sorted(found, key=lambda s: -s.behind if math.isfinite(s.behind) else math.inf)
-
-
-def _standard_error(values: FloatArray) -> float:
-    if values.size < 2:
-        return math.nan
-    return float(np.std(values, ddof=1)) / math.sqrt(values.size)

@@ -1,0 +1,104 @@
+"""Progress on the terminal; Ctrl-C: one sentence on standard error and status 130."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from threading import current_thread, main_thread
+from types import FrameType
+from typing import TYPE_CHECKING
+
+from pilotid.terminal import make_console
+
+if TYPE_CHECKING:
+    from pilotid.study.entries import Result
+
+
+STATUS = 130  # what shells say of a program that Ctrl-C ended
+
+
+class StoppedError(Exception):
+    """Ctrl-C, and what the user should know then."""
+
+
+@contextmanager
+def heeding_interruptions() -> Iterator[None]:
+    """End the program if it is interrupted in here; at once, if that happens again.
+
+    Where interruptions are ignored, as in jobs in the background, they stay ignored.
+    """
+    usual = signal.getsignal(signal.SIGINT)
+    ours = usual is signal.default_int_handler and current_thread() is main_thread()
+    told: list[str] = []
+
+    def tell(sentence: str) -> None:
+        if not told:
+            told.append(sentence)
+            sys.stderr.write(f"pilotid: {sentence}\n")
+            sys.stderr.flush()
+
+    def again(_: int, __: FrameType | None) -> None:
+        tell("stopped")
+        os._exit(STATUS)
+
+    def first(_: int, __: FrameType | None) -> None:
+        signal.signal(signal.SIGINT, again)
+        raise KeyboardInterrupt
+
+    if ours:
+        signal.signal(signal.SIGINT, first)
+    try:
+        yield
+    except (KeyboardInterrupt, StoppedError) as stop:
+        tell(str(stop) or "stopped")
+        if ours:  # all that is left is to end
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+        raise SystemExit(STATUS) from None
+    else:
+        if ours:
+            signal.signal(signal.SIGINT, usual)
+
+
+def with_progress(results: Iterable[Result], counts: Mapping[str, int]) -> Iterator[Result]:
+    """The results, with a bar for each method and the time left while they come.
+
+    The bars go to standard error, and only if that is a terminal; `counts` says how many fits
+    there will be of each method.
+    """
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    console = make_console(errors=True)
+    total = sum(counts.values())
+    if not console.is_terminal or total < 2:
+        yield from results
+        return
+    bars = Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[failed]}"),
+        TimeRemainingColumn(compact=True),
+        console=console,
+        transient=True,
+    )
+    failed: Counter[str] = Counter()
+    with bars:
+        tasks = {name: bars.add_task(name, total=n, failed="") for name, n in counts.items() if n}
+        whole = bars.add_task("all", total=total, failed="")
+        for result in results:
+            method = result.unit.method
+            failed[method] += not result.usable
+            words = f"{failed[method]} failed" if failed[method] else ""
+            bars.update(tasks[method], advance=1, failed=words)
+            bars.update(whole, advance=1)
+            yield result

@@ -1,0 +1,344 @@
+"""The commands on studies: `compare`, `trust`, `report`, `publish` and `compare-studies`."""
+
+from __future__ import annotations
+
+import math
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pilotid.cli import options
+from pilotid.pilot.catalogue import AUTO
+from pilotid.pilot.element import element_named
+from pilotid.recordings.files import load_recording
+from pilotid.seeds import DEFAULT_SEED
+from pilotid.terminal import make_console
+from pilotid.types import InputError
+
+if TYPE_CHECKING:
+    from pilotid.datasets import Scenario
+    from pilotid.publishing.changes import Change, Changes
+    from pilotid.study.store import Store
+    from pilotid.study.study import Pending
+
+
+SalvageOption = Annotated[
+    bool,
+    typer.Option(
+        "--salvage", help="If the store is damaged, put a new one with all that is whole there."
+    ),
+]
+
+
+def compare(
+    profile: Annotated[
+        str,
+        typer.Option(
+            metavar="quick|full",
+            help="quick: some recordings of the nominal scenario and of any pilot; full: 500 of "
+            "every scenario and population.",
+        ),
+    ] = "quick",
+    scenario: options.ScenarioOption = None,
+    like: LikeOption = None,
+    method: options.MethodOption = None,
+    replications: Annotated[
+        int | None, typer.Option(min=1, help="Recordings of each scenario.")
+    ] = None,
+    seed: options.SeedOption = DEFAULT_SEED,
+    workers: options.WorkersOption = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Use the workers of this Dask scheduler instead."),
+    ] = None,
+    time_limit: Annotated[
+        float,
+        typer.Option(metavar="S", help="Seconds that a fit may take; 0 for no limit."),
+    ] = 600.0,
+    memory: Annotated[
+        float,
+        typer.Option(metavar="GB", help="Address space of each process; 0 for no limit."),
+    ] = 4.0,
+    retry_failed: Annotated[
+        bool,
+        typer.Option(
+            "--retry-failed",
+            help="Fit again what crashed, died, or ran out of memory or time.",
+        ),
+    ] = False,
+    salvage: SalvageOption = False,
+    mix: Annotated[
+        bool, typer.Option("--mix", help="Append to a study made with different code or settings.")
+    ] = False,
+    out: options.OutOption = Path("results/compare"),
+) -> None:
+    """Compare methods on simulated recordings whose truth is known."""
+    from pilotid.cli.running import with_progress
+    from pilotid.datasets import CATALOGUE
+    from pilotid.disk import make_folder
+    from pilotid.jobs import Limits
+    from pilotid.methods import methods
+    from pilotid.study.store import Store
+    from pilotid.study.study import PROFILES, Study
+
+    if profile not in PROFILES:
+        raise InputError(f"unknown profile '{profile}': choose from {', '.join(PROFILES)}")
+    if workers is not None and scheduler is not None:
+        raise InputError("--workers and --scheduler exclude each other; leave one out")
+    for option, number in (("--time-limit", time_limit), ("--memory", memory)):
+        if not 0.0 <= number < math.inf:
+            raise InputError(f"{option} {number}: must be a number of at least 0")
+    default, count = PROFILES[profile]
+    like_it = [] if like is None else [scenario_like(like, seed)]
+    study = Study(
+        [*like_it, *options.names_of(scenario, () if like_it else default, list(CATALOGUE))],
+        options.names_of(method, list(methods()), list(methods())),
+        replications or count,
+        seed,
+        sparing=method is None,
+    )
+    make_folder(out)
+    if salvage:
+        _salvage(out)
+    with Store(out, create=True) as store, options.resumable(store.path):
+        pending = study.enter(store, mix=mix, retry=retry_failed)
+        held = study.size - pending.total
+        if held:
+            words = f"{store.path}: holds {held} of {study.size} fits already"
+            make_console().print(words, soft_wrap=True)
+        limits = Limits(time_limit or None, memory or None)
+        results = study.run(store, pending, workers, scheduler, limits)
+        for number, _ in enumerate(with_progress(results, pending.counts), start=1):
+            if number == len(pending.counts):  # one fit by each tells how long all will take
+                _foretell(store, pending, workers)
+        _finish(out, store)
+
+
+def _foretell(store: Store, pending: Pending, workers: int | None) -> None:
+    """Say about how long a long study will take."""
+    from pilotid.jobs import processors
+    from pilotid.study.study import remaining_seconds
+
+    processes = workers or processors()
+    minutes = remaining_seconds(store, pending.counts, processes) / 60.0
+    days = minutes / 1440.0
+    long = f"{minutes:.0f} min" if days < 2.0 else f"{days:.0f} days"
+    if minutes > 1.0:
+        make_console(errors=True).print(
+            f"{pending.total} fits, about {long} on {processes} processes", soft_wrap=True
+        )
+
+
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="What `compare` wrote.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Another folder for the report, if DIR is read-only."),
+    ] = None,
+    keep: Annotated[
+        bool,
+        typer.Option(
+            "--keep", help="Write all rows in a small form too, and make the report from that."
+        ),
+    ] = False,
+    salvage: SalvageOption = False,
+) -> None:
+    """Make the tables and the report of a comparison again, from its store alone."""
+    from pilotid.disk import make_folder
+    from pilotid.study.store import Store
+
+    target = out or folder
+    if salvage:
+        _salvage(folder)
+    with Store(folder) as store:
+        if out is not None:
+            make_folder(out)
+        if not keep:
+            _finish(target, store)
+            return
+        path = store.keep(target)
+    with Store(target, small=True) as store:
+        _finish(target, store)
+    make_console().print(f"rows: {path}", soft_wrap=True)
+
+
+def _salvage(folder: Path) -> None:
+    from pilotid.study.store import salvage
+
+    make_console(errors=True).print(f"pilotid: {salvage(folder)}", soft_wrap=True)
+
+
+def _finish(folder: Path, store: Store) -> None:
+    from pilotid.document import Bullets, print_blocks
+    from pilotid.report.study import compared, overview, write_report
+    from pilotid.study.comparison import comparison_of
+
+    study = comparison_of(store)
+    study.write_tables(folder)
+    path = write_report(folder, store, study)
+    words, tables = overview(study, widest=5 if len(compared(study)) <= 5 else 0)
+    print_blocks(make_console(), *tables, Bullets([*words, f"report: {path}"]))
+
+
+def publish(
+    folders: Annotated[
+        list[Path],
+        typer.Argument(metavar="DIR...", help="What `compare` wrote, or its rows alone."),
+    ],
+    out: Annotated[Path, typer.Option(metavar="SITE", help="Folder of the pages.")],
+) -> None:
+    """Make static pages over several studies, from their stores alone."""
+    from pilotid.publishing.pages import publish as published
+
+    make_console().print(f"pages: {published(folders, out)}", soft_wrap=True)
+
+
+def compare_studies(
+    first: Annotated[Path, typer.Argument(metavar="A", help="A study that `compare` wrote.")],
+    second: Annotated[Path, typer.Argument(metavar="B", help="Another of the same scenarios.")],
+    csv: Annotated[
+        str | None, typer.Option(metavar="F.csv|-", help="Write all comparisons; - prints.")
+    ] = None,
+    json: options.JsonOption = None,
+) -> None:
+    """Say what changed from one study to another of the same scenarios, and how surely."""
+    from pilotid.disk import table_bytes, write_file
+    from pilotid.publishing.changes import COLUMNS, find_changes, read_study
+
+    options.require_writable((), csv, json)
+    if csv == "-" and json == "-":
+        raise InputError("--csv - and --json - would print both; write one of them to a file")
+    studies = [read_study(folder) for folder in (first, second)]
+    found = find_changes(*studies)
+    table = table_bytes(COLUMNS, found.rows())
+    if csv == "-":
+        sys.stdout.write(table.decode())
+    elif csv is not None:
+        write_file(Path(csv), table)
+    if not options.write_json(json, as_json(found)) and csv != "-":
+        _print(found)
+
+
+def as_json(found: Changes) -> dict[str, object]:
+    """All comparisons as plain objects."""
+    from pilotid.publishing.changes import COLUMNS
+    from pilotid.study.judge import LEVEL
+
+    return {
+        "first": {"folder": str(found.first.folder), **found.first.about},
+        "second": {"folder": str(found.second.folder), **found.second.about},
+        "level": LEVEL,
+        "fits_paired": found.fits,
+        "fits_same": found.same,
+        "notes": list(found.notes),
+        "words": found.words,
+        "comparisons": [dict(zip(COLUMNS, row, strict=True)) for row in found.rows()],
+    }
+
+
+def _print(found: Changes) -> None:
+    from pilotid.document import Bullets, Column, Table, print_blocks
+    from pilotid.numbers import number, plus_minus, unsigned
+
+    def size(c: Change) -> str:
+        if c.score == "time":
+            return f"x {unsigned(c.change, c.error)}"
+        return plus_minus(c.change, c.error)
+
+    columns: list[Column[Change]] = [
+        Column("scenario", lambda c: c.scenario),
+        Column("method", lambda c: c.method),
+        Column("parameter", lambda c: c.parameter),
+        Column("score", lambda c: "bias / bound" if c.score == "bias" else c.score),
+        Column("A", lambda c: c.first, number),
+        Column("B", lambda c: c.second, number),
+        Column("change", size, str),
+        Column("p", lambda c: c.p, lambda p: f"{p:.1e}" if p >= 1e-99 else "0"),
+        Column("", lambda c: "better" if c.is_better else "worse"),
+    ]
+    studies = []
+    for letter, data in (("A", found.first), ("B", found.second)):
+        facts = (f"{name} {data.about.get(name, '?')}" for name in ("pilotid", "code", "seed"))
+        studies.append(f"{letter}: {data.folder} ({', '.join(facts)})")
+    verdicts = {
+        f"{c.scenario}, {c.method}: {c.verdicts[0]} -> {c.verdicts[1]}"
+        for c in found.all
+        if c.verdicts[0] != c.verdicts[1]
+    }
+    table = [Table("What changed", columns, found.changed)] if found.changed else []
+    told = Bullets([found.words, *sorted(verdicts), *found.notes])
+    print_blocks(make_console(), Bullets(studies), *table, told)
+
+
+LikeOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--like",
+        metavar="FILE",
+        help="The scenario of a recording as mle fits it, or of the trust.json of `trust`.",
+    ),
+]
+
+
+def scenario_like(path: Path, seed: int) -> Scenario:
+    """The scenario of a recording, or the one in a `trust.json`."""
+    from pilotid.datasets.named import designed_scenario
+    from pilotid.study.trust import trial_of
+
+    if path.suffix.lower() == ".json":
+        return designed_scenario(path)
+    recording = load_recording(path)
+    return trial_of(
+        recording, options.selected_model(recording, AUTO, seed), ["mle"], seed
+    ).scenario
+
+
+def trust(
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="F.csv|F.mat", help="Recording; several are runs of one."),
+    ],
+    out: options.OutOption,
+    model: Annotated[
+        str, typer.Option(metavar="NAME|auto", help="Pilot model; auto takes the best.")
+    ] = AUTO,
+    method: options.MethodOption = None,
+    replications: Annotated[int, typer.Option(min=1, help="Simulations of the recording.")] = 40,
+    mapping: options.MapOption = None,
+    dt: options.IntervalOption = None,
+    detrend: options.DetrendOption = False,
+    element: options.ElementOption = None,
+    seed: options.SeedOption = DEFAULT_SEED,
+    workers: options.WorkersOption = None,
+) -> None:
+    """Compare methods on simulations of a recording, and correct the intervals of its fit.
+
+    The first method that is named is the one whose fit is judged, else mle.
+    """
+    from pilotid.cli.running import with_progress
+    from pilotid.datasets.named import model_place
+    from pilotid.document import Bullets, print_blocks
+    from pilotid.methods import methods
+    from pilotid.report.study import overview, write_report
+    from pilotid.report.trust import advice, trust_table
+    from pilotid.study.store import Store
+    from pilotid.study.trust import TRUST, UNKNOWN, trial_of
+
+    recordings, _ = options.recordings_of(files, mapping, dt, detrend, joint=len(files) > 1)
+    recording = recordings[0]
+    if element is not None:
+        recording = replace(recording, controlled_element=element_named(element).name)
+    chosen = options.selected_model(recording, model, seed)
+    trial = trial_of(recording, chosen, options.names_of(method, [], list(methods())), seed)
+    with options.resumable(out):
+        found = trial.run(out, replications, seed, workers, model_place(model), with_progress)
+    with Store(out) as store:
+        page = write_report(out, store, found.comparison)
+    told = found.to_dict()
+    words, tables = overview(found.comparison)
+    written = f"scenario and numbers: {out / TRUST}, report: {page}"
+    sentences = Bullets([*words, *advice(told), UNKNOWN, written])
+    print_blocks(make_console(), *tables, trust_table(told), sentences)

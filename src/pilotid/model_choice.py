@@ -1,0 +1,501 @@
+"""Which pilot model: what recordings say for each of several, and the choice in words.
+
+At the lines of multisines the control is compared with what a model in its loop makes of the
+forcing functions alone.  That judges the pilot and nothing else.  The likelihood of the whole
+control does not: a channel on the output can also predict the control as the inverse of the
+controlled element does, x = Hc (u + fd), with a likelihood beyond that of any pilot and without a
+pilot in it; on recordings of people without motion such a fit has won by 1500 in deviance while
+its simulated response explained nothing of the control.
+
+People never follow a model to within the errors of twenty lines.  Misfits are therefore set
+against that of the best candidate (a quasi-likelihood: Burnham & Anderson, *Model Selection and
+Multimodel Inference*, 2nd ed., sec. 2.5), and against that of runs left out of the fit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+
+from pilotid.estimates.applicability import lines_objection, motionless_input
+from pilotid.estimates.estimate import bounds_reached
+from pilotid.lines.coefficients import Coefficients
+from pilotid.lines.fit import LinesFit, fit_lines
+from pilotid.pilot.catalogue import MODELS
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.checks import motionless
+from pilotid.recordings.contents import listed
+from pilotid.recordings.recording import Recording
+from pilotid.seeds import DEFAULT_SEED, fit_rng
+from pilotid.time_domain.constancy import changes
+from pilotid.time_domain.information_criteria import Evidence, evidence
+from pilotid.time_domain.output_error import simulated_vaf
+from pilotid.types import FloatArray, InputError
+
+#: Models of the catalogue to be asked for by name: beside `lead-lag` a lead that is squared is
+#: taken by chance where few runs judge, also of pilots who have no lag at all.
+ASKED_FOR = ("lead2-lag", "lead2-lag-motion")
+
+#: A neuromuscular system of a higher damping ratio is a lag in disguise.
+OVERDAMPED = 1.0
+#: What JSON does not have of a candidate.
+NOT_SHOWN = ("remnant", "samples", "overdamped")
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One model on one recording: a line of models.csv; NaN and 0 for what was not worked out.
+
+    Attributes
+    ----------
+    model
+        Name of the model.
+    pilot_parameters, parameters
+        Number of the pilot's parameters, and of all that were estimated.
+    remnant
+        Name of the remnant's model.
+    samples
+        Number of prediction errors that the log-likelihood is of.
+    log_likelihood, aicc, bic
+        Of pilot and remnant together.
+    vaf, left_out_vaf
+        Variance accounted for, and in runs left out of the fit [%].
+    left_out_log_likelihood
+        Of each run under what the others say; empty where there is one run alone.
+    chi_squared, freedom
+        Chi-squared of the forcing functions' lines and its degrees of freedom; NaN and 0 where
+        there are no lines.
+    left_out_chi_squared
+        Chi-squared of each run's lines under what the others say; empty where there is none.
+    bounds
+        The bounds that parameters reached, in words.
+    overdamped
+        Whether the neuromuscular system is overdamped.
+    change_p, change_size, change_time
+        How often a pilot whose gains and leads are constant would seem to change as this one
+        does, by how much of its value a gain or lead changes at most, and when that is seen best
+        [s]; NaN for a model that varies.
+    """
+
+    model: str
+    pilot_parameters: int
+    parameters: int = 0
+    remnant: str = ""
+    samples: int = 0
+    log_likelihood: float = math.nan
+    aicc: float = math.nan
+    bic: float = math.nan
+    vaf: float = math.nan
+    left_out_vaf: float = math.nan
+    left_out_log_likelihood: tuple[float, ...] = ()
+    chi_squared: float = math.nan
+    freedom: int = 0
+    left_out_chi_squared: tuple[float, ...] = ()
+    bounds: str = ""
+    overdamped: bool = False
+    change_p: float = math.nan
+    change_size: float = math.nan
+    change_time: float = math.nan
+
+    @property
+    def changes(self) -> bool:
+        """Whether the pilot is said to change, see `pilotid.time_domain.constancy`."""
+        return changes(self.change_p, self.change_size)
+
+    @property
+    def excess(self) -> float:
+        """Chi-squared per degree of freedom of the lines."""
+        return self.chi_squared / self.freedom if self.freedom > 0 else math.nan
+
+    @property
+    def left_out(self) -> tuple[float, ...]:
+        """What each run left out of the fit is not explained by, in units of deviance."""
+        if self.freedom > 0:
+            return self.left_out_chi_squared
+        return tuple(-2.0 * likelihood for likelihood in self.left_out_log_likelihood)
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain objects, as JSON has them; NaN where there is none."""
+        found = {k: v for k, v in asdict(self).items() if k not in NOT_SHOWN}
+        return {k: list(v) if isinstance(v, tuple) else v for k, v in found.items()}
+
+
+def default_candidates(recording: Recording) -> list[PilotModel]:
+    """The catalogue's models that a recording can tell apart, the simplest first.
+
+    A channel on the output beside one on the error needs two forcing functions.  Channels on
+    the target are left out: a compensatory display does not show it, and a recording does not
+    say what was displayed.  Models that vary in time are to be asked for.
+    """
+    both = (
+        recording.ft is not None
+        and recording.fd is not None
+        and not motionless(recording, "ft")
+        and not motionless(recording, "fd")
+    )
+    found = []
+    for model in MODELS.values():
+        inputs = {channel.input for channel in model.channels}
+        if model.name in ASKED_FOR or model.changes:
+            continue
+        if inputs <= ({"error", "output"} if both else {"error"}):
+            found.append(model)
+    return sorted(found, key=lambda model: len(model.parameters))
+
+
+def compare_models(
+    recording: Recording, models: Sequence[PilotModel], seed: int, *, likelihood: bool = True
+) -> list[Candidate]:
+    """What a recording says for each of several models, in their order.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    models
+        The models; those that have no input in it are left out.
+    seed
+        Seed of the searches' random starts.
+    likelihood
+        Whether to work out likelihoods too where the lines of forcing functions judge: most of
+        the time goes there.
+
+    Raises
+    ------
+    InputError
+        If no model has all its inputs in the recording.
+    """
+    models = [model for model in models if motionless_input(recording, model) is None]
+    if not models:
+        raise InputError(f"{recording.source}: none of the models has its inputs in the recording")
+    if any(lines_objection(recording, model) is not None for model in models):
+        return [_by_likelihood(found) for found in evidence(recording, models, seed)]
+    lines = fit_forced_response(recording, models, seed)
+    if not likelihood:
+        return [_by_lines(recording, found) for found in lines]
+    # The likelihood's search begins where the lines lead, and with the model that they favour.
+    order = sorted(range(len(models)), key=lambda place: lines[place].misfit)
+    found = evidence(recording, [models[i] for i in order], seed, [lines[i].values for i in order])
+    return [_with_lines(_by_likelihood(found[order.index(i)]), own) for i, own in enumerate(lines)]
+
+
+def _by_likelihood(found: Evidence) -> Candidate:
+    return Candidate(
+        model=found.model.name,
+        pilot_parameters=len(found.model.parameters),
+        parameters=found.parameters,
+        remnant=found.remnant,
+        samples=found.samples,
+        log_likelihood=found.log_likelihood,
+        aicc=found.aicc,
+        bic=found.bic,
+        vaf=found.vaf,
+        left_out_vaf=found.left_out_vaf,
+        left_out_log_likelihood=tuple(found.left_out.tolist()),
+        bounds=bounds_reached(found.model, found.values),
+        overdamped=_overdamped(found.model, found.values),
+        change_p=math.nan if found.constancy is None else found.constancy.p,
+        change_size=math.nan if found.constancy is None else found.constancy.size,
+        change_time=math.nan if found.constancy is None else found.constancy.time,
+    )
+
+
+def _with_lines(candidate: Candidate, fit: LinesFit) -> Candidate:
+    """A candidate with what the lines say of its model."""
+    return replace(
+        candidate,
+        chi_squared=fit.misfit,
+        freedom=fit.freedom,
+        left_out_chi_squared=_left_out_misfits(fit),
+        bounds=bounds_reached(fit.model, fit.values),
+        overdamped=_overdamped(fit.model, fit.values),
+    )
+
+
+def _by_lines(recording: Recording, fit: LinesFit) -> Candidate:
+    vaf = simulated_vaf(recording, fit.model, fit.values)
+    return _with_lines(Candidate(fit.model.name, len(fit.model.parameters), vaf=vaf), fit)
+
+
+def _overdamped(model: PilotModel, values: FloatArray) -> bool:
+    damping = dict(zip(model.keys, values.tolist(), strict=True)).get("dnm", 0.0)
+    return bool(damping > OVERDAMPED)
+
+
+def fit_forced_response(
+    recording: Recording, models: Sequence[PilotModel], seed: int
+) -> list[LinesFit]:
+    """What the lines say of several models, in their order, with the same weights for all.
+
+    Parameters
+    ----------
+    recording
+        A recording whose lines can judge all of the models, see
+        `pilotid.estimates.applicability.lines_objection`.
+    models
+        The models, at least one.
+    seed
+        Seed of the searches' random starts.
+    """
+    found: dict[str, LinesFit] = {}
+    for model in sorted(models, key=lambda m: len(m.parameters)):
+        starts = [
+            _widened(simpler, model)
+            for simpler in found.values()
+            if set(simpler.model.keys) < set(model.keys)
+        ]
+        rng = fit_rng(seed, model.name)
+        found[model.name] = fit_lines(recording, model, rng, starts=starts)
+    fits = [found[model.name] for model in models]
+    # The power of the remnant as the model has it that leaves the least.
+    power = min(fits, key=lambda fit: fit.misfit).power
+    return [replace(fit, power=power).minimised() for fit in fits]
+
+
+def _widened(simpler: LinesFit, model: PilotModel) -> FloatArray:
+    """A start for a model from the optimum of one that has some of its parameters."""
+    known = dict(zip(simpler.model.keys, simpler.values.tolist(), strict=True))
+    return np.array([known.get(key, own) for key, own in zip(model.keys, model.start, strict=True)])
+
+
+def _left_out_misfits(fit: LinesFit) -> tuple[float, ...]:
+    """Chi-squared of each run's lines under what the other runs say; none of one run alone."""
+    coefficients = fit.coefficients
+    runs = len(coefficients.control)
+    found = []
+    for run in range(runs) if runs > 1 else ():
+        others = replace(
+            fit,
+            coefficients=_of_runs(coefficients, [r for r in range(runs) if r != run]),
+            power=fit.power * runs / (runs - 1),
+        )
+        alone = replace(fit, coefficients=_of_runs(coefficients, [run]), power=fit.power * runs)
+        found.append(float(alone.misfits(others.minimised().values[None])[0]))
+    return tuple(found)
+
+
+def _of_runs(coefficients: Coefficients, runs: list[int]) -> Coefficients:
+    """The coefficients of some runs alone."""
+    return replace(
+        coefficients,
+        control=coefficients.control[runs],
+        inputs=coefficients.inputs[:, runs],
+        phases=coefficients.phases[runs],
+    )
+
+
+#: Points of VAF by which a model may explain less of the control than the best one, where only
+#: the likelihood judges: beyond, it describes the loop and not the pilot.
+LOST = 10.0
+
+#: A model with more parameters is taken where runs left out favour it with no larger chance of
+#: doing so by accident: several candidates compete, and the luckiest of them is looked at.
+SELDOM = 0.01
+
+#: So many runs at least can show that.  Where there are fewer, an information criterion judges.
+#: Either way a model with more parameters must be better by so much in deviance.
+RUNS, CLOSE = 8, 4.0
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The model chosen for one recording, or for several of one condition.
+
+    Attributes
+    ----------
+    model
+        Its name.
+    reason
+        Why, in sentences.
+    """
+
+    model: str
+    reason: str
+
+
+def choose_model(recordings: Sequence[Sequence[Candidate]]) -> Choice:
+    """The simplest model that explains recordings as well as any.
+
+    Runs left out of the fit judge: of the models whose misfit there is not clearly above the
+    smallest, the one with the fewest parameters (the idea of the one-standard-error rule; Hastie,
+    Tibshirani & Friedman, *The Elements of Statistical Learning*, 2nd ed., sec. 7.10).  What is
+    clear a signed-rank test says: one run may differ a hundred times as much as another.  Few
+    runs are judged by an information criterion.
+
+    Parameters
+    ----------
+    recordings
+        For each recording the candidates, see `compare_models`.
+    """
+    names = [c.model for c in recordings[0]]
+    names = [name for name in names if all(name in [c.model for c in held] for held in recordings)]
+    held = [{c.model: c for c in candidates} for candidates in recordings]
+    by_lines = all(c.freedom > 0 for own in held for c in own.values())
+    credible = names if by_lines else _credible(held, names)
+    runs = sum(len(own[names[0]].left_out) for own in held)
+    many = runs >= RUNS and all(own[name].left_out for own in held for name in names)
+    deficits = _deficits(held, credible, by_lines=by_lines, left_out=many)
+    best = min(credible, key=lambda name: (sum(deficits[name]), held[0][name].pilot_parameters))
+    least = {n: [a - b for a, b in zip(deficits[n], deficits[best], strict=True)] for n in credible}
+    close = [n for n in credible if n == best or not _clear(least[n], many=many)]
+    taken = min(close, key=lambda name: (held[0][name].pilot_parameters, sum(least[name])))
+    told = _reason(held, taken, least, by_lines=by_lines, left_out=many)
+    told += _warnings(held, names, credible, taken)
+    return Choice(taken, " ".join(told))
+
+
+def _credible(held: Sequence[Mapping[str, Candidate]], names: Sequence[str]) -> list[str]:
+    """Models that explain about as much of the control as the best one."""
+    most = [max(own[name].vaf for name in names) for own in held]
+    return [
+        name
+        for name in names
+        if all(own[name].vaf >= top - LOST for own, top in zip(held, most, strict=True))
+    ] or [max(names, key=lambda name: sum(own[name].vaf for own in held))]
+
+
+def _deficits(
+    held: Sequence[Mapping[str, Candidate]], names: Sequence[str], *, by_lines: bool, left_out: bool
+) -> dict[str, list[float]]:
+    """What each model leaves unexplained, in units of deviance: by run left out, else by file."""
+    found: dict[str, list[float]] = {name: [] for name in names}
+    for own in held:
+        # What even the best candidate cannot follow counts as noise.
+        size = max(1.0, min(own[n].excess for n in names)) if by_lines else 1.0
+        for name in names:
+            candidate = own[name]
+            if left_out:
+                found[name] += [m / size for m in candidate.left_out]
+            elif by_lines:
+                found[name].append(candidate.chi_squared / size + 2.0 * candidate.pilot_parameters)
+            else:
+                found[name].append(candidate.aicc)
+    return found
+
+
+def _clear(deficits: Sequence[float], *, many: bool) -> bool:
+    """Whether a model leaves clearly more unexplained than the best one, by run or by file."""
+    if sum(deficits) <= CLOSE:
+        return False
+    if not many:
+        return True
+    from scipy.stats import wilcoxon
+
+    return float(wilcoxon(deficits, alternative="greater").pvalue) < SELDOM
+
+
+def _standard_error(differences: Sequence[float]) -> float:
+    """Of their sum."""
+    return float(np.std(differences, ddof=1) * math.sqrt(len(differences)))
+
+
+def _reason(
+    held: Sequence[Mapping[str, Candidate]],
+    taken: str,
+    least: Mapping[str, Sequence[float]],
+    *,
+    by_lines: bool,
+    left_out: bool,
+) -> list[str]:
+    if all(len(candidates) == 1 for candidates in held):
+        return []
+    what = "at the lines of the forcing functions" if by_lines else "by the errors of prediction"
+    criterion = "a quasi-likelihood criterion" if by_lines else "AICc"
+    judge = f"{len(least[taken])} runs, each left out of its fit" if left_out else criterion
+    names = sorted(least, key=lambda name: sum(least[name]))
+    told = [f"{taken} was chosen among {listed(names)} {what} ({judge})."]
+    own, pilot = held[0], held[0][taken].pilot_parameters
+    for name in names:
+        differences = [a - b for a, b in zip(least[name], least[taken], strict=True)]
+        size = f"{abs(sum(differences)):.0f}"
+        size += f" +- {_standard_error(differences):.0f}" if left_out else ""
+        if name != taken and sum(differences) < 0.0:
+            told.append(
+                f"{name} leaves {size} less of the deviance unexplained, which is no clear gain "
+                f"for {own[name].pilot_parameters} parameters instead of {pilot}."
+            )
+        elif name != taken:
+            told.append(f"{name} leaves {size} more.")
+    return told
+
+
+def _warnings(
+    held: Sequence[Mapping[str, Candidate]],
+    names: Sequence[str],
+    credible: Sequence[str],
+    taken: str,
+) -> list[str]:
+    told = []
+    for name in names:
+        if name not in credible:
+            vaf = min(own[name].vaf for own in held)
+            told.append(
+                f"{name} explains no more than {vaf:.0f} % of the control of a recording that "
+                "others explain better: it describes the loop, not the pilot."
+            )
+    known = all(math.isfinite(own[name].bic) for own in held for name in names)
+    likeliest = min(names, key=lambda name: sum(own[name].bic for own in held)) if known else taken
+    if likeliest != taken:
+        lower = sum(own[taken].bic - own[likeliest].bic for own in held)
+        told.append(f"BIC of the whole control prefers {likeliest}, by {lower:.0f}")
+        lost = max(own[taken].vaf - own[likeliest].vaf for own in held)
+        told[-1] += f", though its VAF is up to {lost:.0f} points lower." if lost > LOST else "."
+    disguised = [
+        name
+        for name in names
+        if name != taken and 2 * sum(own[name].overdamped for own in held) > len(held)
+    ]
+    if disguised:
+        told.append(
+            f"{listed(disguised)} {'makes' if len(disguised) == 1 else 'make'} do with an "
+            "overdamped neuromuscular system in place of a lag."
+        )
+    bounds = [own[taken].bounds for own in held if own[taken].bounds]
+    if bounds:
+        told.append(f"With {taken}, {len(bounds)} of {len(held)} end at a bound ({bounds[0]}).")
+    return told
+
+
+@dataclass(frozen=True)
+class Selection:
+    """A model for one recording, and what was known when it was taken.
+
+    Attributes
+    ----------
+    model
+        The model.
+    reason
+        Why, in sentences.
+    candidates
+        All that were compared.
+    """
+
+    model: PilotModel
+    reason: str
+    candidates: tuple[Candidate, ...]
+
+
+def select(
+    recording: Recording, models: Sequence[PilotModel] = (), seed: int = DEFAULT_SEED
+) -> Selection:
+    """Choose a model for one recording.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    models
+        The candidates; none for those of the catalogue that the recording can tell apart.
+    seed
+        Seed of the searches' random starts.
+    """
+    among = {model.name: model for model in models or default_candidates(recording)}
+    if all(motionless_input(recording, model) for model in among.values()):
+        first = next(iter(among.values()))
+        return Selection(first, "No model has all its inputs in the recording.", ())
+    candidates = compare_models(recording, list(among.values()), seed, likelihood=False)
+    choice = choose_model([candidates])
+    return Selection(among[choice.model], choice.reason, tuple(candidates))
