@@ -23,7 +23,7 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.estimates.trajectory import Trajectory, times_of
+from pilotid.estimates.parts import Trajectory, times_of
 from pilotid.pilot.model import PilotModel, frozen
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import LogTransform, Minima, minimise_each

@@ -28,7 +28,7 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.estimates.trajectory import Trajectory, times_of
+from pilotid.estimates.parts import Trajectory, times_of
 from pilotid.frequency.regression import Regression, Structure, arx_response, lagged_rows
 from pilotid.pilot.model import PilotModel, frozen
 from pilotid.recordings.recording import Recording

@@ -33,7 +33,7 @@ import numpy as np
 
 from pilotid.chance import SELDOM, Z95, chi_squared_limit
 from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.estimates.trajectory import Trajectory, times_of
+from pilotid.estimates.parts import Trajectory, times_of
 from pilotid.pilot.model import PilotModel, frozen
 from pilotid.pilot.timevarying import Sigmoid
 from pilotid.recordings.recording import Recording

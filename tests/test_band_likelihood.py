@@ -23,7 +23,7 @@ from pilotid.recordings.spectra import floors_of
 from pilotid.seeds import recording_rng
 from pilotid.solve.covariance import covariance_of
 from pilotid.solve.least_squares import minimise
-from pilotid.theory.experiment import View
+from pilotid.theory.bounds import View
 from pilotid.time_domain import band_likelihood
 from pilotid.time_domain.band_likelihood import (
     OUTSIDE,

@@ -336,11 +336,13 @@ def test_recording_of_every_scenario(name: str) -> None:
     assert recording.u.shape == (scenario.runs, samples + run_in)
     assert recording.ft is not None
     assert recording.fd is not None
+    assert name in recording.source
+    if scenario.recorder is not None:
+        return  # it rounds, shifts and filters
     np.testing.assert_array_equal(recording.e, recording.ft - recording.x)
     for signal, forcing in ((recording.ft, scenario.target), (recording.fd, scenario.disturbance)):
         expected = np.zeros(samples + run_in) if forcing is None else forcing.at(recording.time)
         np.testing.assert_array_equal(signal, np.tile(expected, (scenario.runs, 1)))
-    assert name in recording.source
 
 
 @pytest.mark.parametrize(

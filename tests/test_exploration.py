@@ -57,7 +57,7 @@ def test_without_groups_the_reduction_is_the_windowed_transform(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Oracle: one bin a group leaves the sums of squares of the windowed spectra."""
-    monkeypatch.setattr(reduction, "WIDEST", 0.0)
+    monkeypatch.setattr(reduction, "GROUP_WIDEST", 0.0)
     prediction = prediction_of(replace(NOMINAL, runs=2))
     values = 1.1 * NOMINAL.values[None]
     scored = prediction.scored

@@ -13,8 +13,7 @@ from pilotid.datasets.remnant import UNIT_LEVEL
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.simulation import closed_loop, remnant_ratio, white_level
 from pilotid.pilot.loops import margins
-from pilotid.theory.bounds import LineInformation, line_information
-from pilotid.theory.experiment import GRID
+from pilotid.theory.bounds import GRID, LineInformation, line_information
 from pilotid.time_domain.maximum_likelihood import BARTLETT_SECONDS
 from pilotid.types import FloatArray, InputError
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pilotid.remarks import Remark
 
 #: p-value below which an estimate disagrees.
-LEVEL = 0.001
+LEVEL = 1e-4
 
 
 @dataclass(frozen=True)

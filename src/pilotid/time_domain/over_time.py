@@ -13,7 +13,7 @@ import numpy as np
 
 from pilotid.chance import Z95
 from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.estimates.trajectory import Trajectory
+from pilotid.estimates.parts import Trajectory
 from pilotid.pilot.model import PilotModel, ends, frozen, frozen_over
 from pilotid.pilot.timevarying import Fading, Sigmoid
 from pilotid.recordings.recording import Recording
