@@ -49,7 +49,7 @@ class Limits(NamedTuple):
     gain: float = 0.05  # by which the share of fd in the drive differs from 1 (.014)
     left: tuple[float, float] = (0.03, 1e-3)  # share of u that may be unexplained beside fd, and x
     drift: tuple[float, float, float] = (150.0, 12e-6, 8.0)  # ppm (92), scatter, standard errors
-    copy: float = 0.65  # correlation of remnants (.541 in 568 pairs)
+    copy: float = 0.72  # correlation of remnants (.67 in some 2000 pairs)
 
 
 LIMITS = Limits()
