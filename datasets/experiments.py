@@ -16,7 +16,7 @@ import numpy as np
 from pilotid.datasets.forcing import Multisine, Steps
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.simulation import closed_loop, remnant_shaping, simulate, white_level
-from pilotid.theory.experiment import Circulation, Experiment, gradient_of
+from pilotid.theory.bounds import Circulation, Experiment, gradient_of
 from pilotid.time_domain.prediction import predict
 from pilotid.types import ComplexArray, FloatArray, InputError
 

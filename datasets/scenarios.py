@@ -21,8 +21,7 @@ from pilotid.datasets.forcing import (
     paper_disturbance,
     paper_target,
 )
-from pilotid.datasets.recorded import recorded_forcing, recorded_noise, recorded_remnant
-from pilotid.datasets.recorder import Recorder
+from pilotid.datasets.recorder import Recorder, recorded_forcing, recorded_noise, recorded_remnant
 from pilotid.datasets.remnant import Remnant, white
 from pilotid.datasets.violations import ElementChange, Kind, Violation
 from pilotid.estimates.estimate import Estimate

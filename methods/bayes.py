@@ -41,7 +41,7 @@ from pilotid.posterior.priors import Prior, priors_of
 from pilotid.recordings.recording import Recording
 from pilotid.solve.smoothing import AGAINST_WHITE
 from pilotid.time_domain.maximum_likelihood import maximise_likelihood
-from pilotid.time_domain.output_error import concluded
+from pilotid.time_domain.output_error import make_estimate
 from pilotid.time_domain.remnant_models import LowPass
 from pilotid.time_domain.search import LikelihoodSettings
 from pilotid.types import FloatArray
@@ -168,7 +168,7 @@ class Bayes(LikelihoodSettings):
         values = draws.centre[:pilot]
         highest = self.intervals == "highest-density"
         intervals = draws.highest_density if highest else draws.equal_tailed
-        estimate = concluded(
+        estimate = make_estimate(
             self.name,
             recording,
             model,

@@ -28,15 +28,20 @@ from pilotid.recordings.recording import Recording
 from pilotid.remarks import Remark
 from pilotid.solve.covariance import covariance_at_bounds, covariance_of
 from pilotid.solve.intervals import Profile, profile_intervals
-from pilotid.time_domain.competing_optima import deviances, off_bounds, over_changes, rivals
+from pilotid.time_domain.competing_optima import (
+    competing_optima,
+    deviances,
+    off_bounds,
+    over_changes,
+)
 from pilotid.time_domain.maximum_likelihood import (
     Maximum,
     criteria_from,
     in_wide_band,
     maximise_likelihood,
 )
-from pilotid.time_domain.output_error import concluded
-from pilotid.time_domain.residual_tests import tested
+from pilotid.time_domain.output_error import make_estimate
+from pilotid.time_domain.residual_tests import residual_remarks
 from pilotid.time_domain.search import LikelihoodSettings
 from pilotid.types import FloatArray
 
@@ -105,7 +110,7 @@ class MLE(LikelihoodSettings):
             covariance = covariance_of(gram[pilot, pilot], variance)
         if covariance is None:
             return failed(self.name, model, Outcome.SINGULAR)
-        estimate = concluded(
+        estimate = make_estimate(
             self.name,
             recording,
             model,
@@ -144,7 +149,7 @@ class MLE(LikelihoodSettings):
                 *(tested_against.remarks if tested_against else ()),
                 *self._not_closed(found),
                 *_not_followed(found),
-                *tested(found, recording),
+                *residual_remarks(found, recording),
             ),
         )
 
@@ -185,7 +190,7 @@ def profile_of(found: Maximum) -> Profile | None:
     Parameters
     ----------
     found
-        The optimum; its rivals are held by the intervals as far as they suit.
+        The optimum; its competing optima are held by the intervals as far as they suit.
     """
     joint, end = found.joint, found.end
     if covariance_of(end.gram[0, :-1, :-1], found.variance) is None:
@@ -199,5 +204,5 @@ def profile_of(found: Maximum) -> Profile | None:
         joint.pilot,
         estimated=freedom,
         widened=deviances(found) / CHI_SQUARED_95,
-        others=np.concatenate([rivals(found), off_bounds(found)]),
+        others=np.concatenate([competing_optima(found), off_bounds(found)]),
     )

@@ -35,7 +35,7 @@ from pilotid.solve.least_squares import minimise
 from pilotid.time_domain.band_likelihood import closing_element
 from pilotid.time_domain.instruments import Moments, forcing_functions, references
 from pilotid.time_domain.maximum_likelihood import maximise_likelihood
-from pilotid.time_domain.output_error import concluded
+from pilotid.time_domain.output_error import make_estimate
 from pilotid.time_domain.search import LikelihoodSettings
 
 
@@ -93,7 +93,7 @@ class MLEReference(LikelihoodSettings):
         profile = profile_intervals(
             moments.gram, model, end, 1.0, len(values[0]), widened=found.widened
         )
-        estimate = concluded(
+        estimate = make_estimate(
             self.name, recording, model, end.values[0], covariance, converged=bool(end.converged[0])
         )
         length = np.diff(profile.intervals, axis=1)[:, 0]

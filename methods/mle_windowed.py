@@ -23,16 +23,16 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.estimates.trajectory import Trajectory, times_of
+from pilotid.estimates.parts import Trajectory, times_of
 from pilotid.pilot.model import PilotModel, frozen
 from pilotid.recordings.recording import Recording
-from pilotid.solve.least_squares import Minima, Scale, minimise_each
+from pilotid.solve.least_squares import LogTransform, Minima, minimise_each
 from pilotid.solve.search import search
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.over_time import estimated_over_time, no_reduction
 from pilotid.time_domain.prediction import Prediction, predict, weighted
 from pilotid.time_domain.prepare import analysis_band, prepare
-from pilotid.time_domain.remnant_models import suiting
+from pilotid.time_domain.remnant_models import best_noise_model
 from pilotid.types import BoolArray, FloatArray, IntArray
 
 SHORTEST = 5.0  # seconds of a window
@@ -106,7 +106,7 @@ class MLEWindowed:
         nearest = np.argmin(np.abs(time - middles[:, None]), axis=0)
         left = windows.left(starts, nearest)
         for _ in range(ROUNDS):
-            windows.taps = suiting(left, band).whitener(band)
+            windows.taps = best_noise_model(left, band).whitener(band)
             end = minimise_each(windows.gram, starts, plain, tolerance=1e-6, iterations=40)
             starts = end.values
             left = windows.left(starts, nearest)
@@ -125,7 +125,7 @@ class MLEWindowed:
         windows: Windows,
     ) -> Trajectory | None:
         """Values and bands of the windows at all times; None where nothing is known."""
-        scale, runs = Scale(plain.positive), windows.prediction.runs
+        scale, runs = LogTransform(plain.positive), windows.prediction.runs
         freedom = np.maximum(1.0, runs * inside.sum(axis=1) - len(plain.keys))
         variance = end.cost / freedom
         hessian = scale.inner(end.gram, end.values)[:, :-1, :-1]

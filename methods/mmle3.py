@@ -27,7 +27,7 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.remarks import Remark
 from pilotid.solve.covariance import covariance_of
-from pilotid.time_domain.output_error import concluded
+from pilotid.time_domain.output_error import make_estimate
 from pilotid.time_domain.prepare import prepare
 from pilotid.types import ComplexArray, FloatArray
 
@@ -119,7 +119,7 @@ class MMLE3:
         covariance = covariance_of(jacobian @ jacobian.T, float(np.mean(residual**2)))
         if covariance is None:
             return failed(self.name, model, Outcome.SINGULAR)
-        estimate = concluded(self.name, recording, model, values, covariance, converged=True)
+        estimate = make_estimate(self.name, recording, model, values, covariance, converged=True)
         # There are no bounds here, so that none was reached.
         return replace(
             estimate,

@@ -28,11 +28,11 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.estimates.trajectory import Trajectory, times_of
+from pilotid.estimates.parts import Trajectory, times_of
 from pilotid.frequency.regression import Regression, Structure, arx_response, lagged_rows
 from pilotid.pilot.model import PilotModel, frozen
 from pilotid.recordings.recording import Recording
-from pilotid.solve.least_squares import Scale, minimise_each
+from pilotid.solve.least_squares import LogTransform, minimise_each
 from pilotid.solve.search import draw_starts
 from pilotid.time_domain.over_time import estimated_over_time, no_reduction
 from pilotid.time_domain.prepare import Prepared, prepare
@@ -153,7 +153,7 @@ class RARX:
         fit = _Reduction(plain, omega, response[:, 0], slopes[:, :, 0], covariance)
         middle = fit.at_once(rng)
         values, error = fit.over_time(middle)
-        ends = Scale(plain.positive).interval(values, error, plain.lower, plain.upper)
+        ends = LogTransform(plain.positive).interval(values, error, plain.lower, plain.upper)
         parts = [np.full((len(plain.keys), time.size), np.nan) for _ in range(3)]
         for part, found_there in zip(parts, (values, *ends), strict=True):
             part[:, known] = found_there.T
@@ -251,7 +251,7 @@ class _Reduction:
         starts = np.repeat(start[None], times, axis=0)
         end = minimise_each(self._gram, starts, plain, tolerance=1e-6, iterations=25)
         rows = self._rows(end.values, np.arange(times))
-        scale = Scale(plain.positive)
+        scale = LogTransform(plain.positive)
         jacobian = rows[:, :-1] * scale.slope(end.values)[:, :, None]
         own = self._slopes * self._weight[:, None]
         moved = np.concatenate([own.real, own.imag], axis=-1)

@@ -33,12 +33,12 @@ import numpy as np
 
 from pilotid.chance import SELDOM, Z95, chi_squared_limit
 from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.estimates.trajectory import Trajectory, times_of
+from pilotid.estimates.parts import Trajectory, times_of
 from pilotid.pilot.model import PilotModel, frozen
 from pilotid.pilot.timevarying import Sigmoid
 from pilotid.recordings.recording import Recording
 from pilotid.remarks import Remark
-from pilotid.solve.least_squares import Scale
+from pilotid.solve.least_squares import LogTransform
 from pilotid.solve.search import search
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.over_time import TrajectoryFit, estimated_over_time, no_reduction
@@ -51,8 +51,8 @@ from pilotid.time_domain.random_walk import (
     unsuited,
     walking_pilot,
 )
-from pilotid.time_domain.residual_tests import LAGS, portmanteau, ratio_of_halves
-from pilotid.time_domain.unscented import Smoothed, smoothed
+from pilotid.time_domain.residual_tests import PORTMANTEAU_LAGS, portmanteau, ratio_of_halves
+from pilotid.time_domain.unscented import Smoothed, run_smoother
 from pilotid.types import FloatArray
 
 SEARCH_BAND = 26.0  # rad/s, of the constant pilot that the filter starts at
@@ -129,7 +129,7 @@ class UKF:
         if not np.isfinite(found.log_likelihood):
             return failed(self.name, model, Outcome.DIVERGED, "every filter broke down")
         passed = found.walks.filtered(found.levels, keep=True)
-        course = smoothed(passed)
+        course = run_smoother(passed)
         mean, error = _mixed(course, found.weights, len(start))
         if not (np.isfinite(mean).all() and (error > 0.0).all()):
             return failed(self.name, model, Outcome.DIVERGED, "the smoother broke down")
@@ -169,14 +169,15 @@ def _constant(
 def _remarks(errors: FloatArray) -> tuple[str, ...]:
     """What the innovations (runs, steps) say against the filter, a sentence each."""
     found = []
-    statistic = portmanteau(errors, LAGS)
-    if statistic > chi_squared_limit(LAGS, SELDOM):
+    statistic = portmanteau(errors, PORTMANTEAU_LAGS)
+    if statistic > chi_squared_limit(PORTMANTEAU_LAGS, SELDOM):
         found.append(
             Remark(
                 "residual-not-white",
-                f"the innovations are not white (Ljung-Box over {LAGS} lags: {statistic:.0f}, "
-                f"where chance gives {LAGS}): the remnant is another than the filter knows, or "
-                "the pilot changes faster than it follows, and the band may be too narrow",
+                f"the innovations are not white (Ljung-Box over {PORTMANTEAU_LAGS} lags: "
+                f"{statistic:.0f}, where chance gives {PORTMANTEAU_LAGS}): the remnant is another "
+                "than the filter knows, or the pilot changes faster than it follows, and the band "
+                "may be too narrow",
             )
         )
     ratio, deviations = ratio_of_halves(errors)
@@ -218,7 +219,7 @@ def _with_errors(
     model, values = estimate.model, estimate.values
     problem = TrajectoryFit(model, trajectory)
     rows = problem.rows(values[None])[0, :-1]
-    scale = Scale(model.positive)
+    scale = LogTransform(model.positive)
     slope = scale.slope(values)
     jacobian = rows * slope[:, None, None]
     flat = jacobian.reshape(len(values), -1)

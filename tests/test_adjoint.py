@@ -28,9 +28,9 @@ from pilotid.time_domain.remnant_models import (
     BandPass,
     LowPass,
     NoiseModel,
-    guessed,
+    guess_parameters,
 )
-from pilotid.time_domain.search import ENOUGH, FINE, JointFit
+from pilotid.time_domain.search import COMPARED_TOLERANCE, REPORTED_TOLERANCE, JointFit
 from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical
@@ -56,7 +56,7 @@ def problem_of(
     assert isinstance(coarse, Reduced)
     pilots = prediction.model.start * np.array([[1.0], [0.9]])
     residual = OutputErrors(prediction).residual(pilots[0])
-    remnant = np.tile(guessed(noise, residual, BAND), (2, 1))
+    remnant = np.tile(guess_parameters(noise, residual, BAND), (2, 1))
     return exact, AdjointErrors(exact, coarse), np.hstack([pilots, remnant])
 
 
@@ -112,14 +112,16 @@ def test_the_hessian_is_that_of_the_exact_problem_but_for_the_edges(noise: Noise
 
 def test_a_search_ends_where_that_with_exact_products_does() -> None:
     exact, adjoint, points = problem_of(prediction_of(NOMINAL.model, RUNS), Autoregressive(6))
-    expected = minimise(exact.gram, points[:1], exact, tolerance=FINE)
-    end = minimise(adjoint.gram, points[:1], adjoint, tolerance=FINE)
+    expected = minimise(exact.gram, points[:1], exact, tolerance=REPORTED_TOLERANCE)
+    end = minimise(adjoint.gram, points[:1], adjoint, tolerance=REPORTED_TOLERANCE)
     assert expected.converged[0]
     assert end.converged[0]
     assert expected.apart(end.values[0], exact.residuals) < 1e-4
     # What is reported rests on exact products.
-    rough = JointFit(adjoint, minimise(adjoint.gram, points[:1], adjoint, tolerance=ENOUGH))
-    fine = rough.refined(FINE)
+    rough = JointFit(
+        adjoint, minimise(adjoint.gram, points[:1], adjoint, tolerance=COMPARED_TOLERANCE)
+    )
+    fine = rough.refined(REPORTED_TOLERANCE)
     assert fine.joint is exact
     np.testing.assert_allclose(fine.end.gram, exact.gram(fine.end.values), rtol=1e-9)
     assert expected.apart(fine.end.values[0], exact.residuals) < 1e-4

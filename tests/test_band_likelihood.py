@@ -23,7 +23,7 @@ from pilotid.recordings.spectra import floors_of
 from pilotid.seeds import recording_rng
 from pilotid.solve.covariance import covariance_of
 from pilotid.solve.least_squares import minimise
-from pilotid.theory.experiment import View
+from pilotid.theory.bounds import View
 from pilotid.time_domain import band_likelihood
 from pilotid.time_domain.band_likelihood import (
     OUTSIDE,
@@ -40,7 +40,7 @@ from pilotid.time_domain.remnant_models import (
     BandPass,
     LowPass,
     NoiseModel,
-    guessed,
+    guess_parameters,
 )
 from pilotid.types import FloatArray
 
@@ -75,7 +75,7 @@ def banded(recording: Recording, scenario: Scenario, terms: tuple[float, ...]) -
 
 def near_truth(joint: PredictionErrors, scenario: Scenario) -> FloatArray:
     residual = joint.prediction.residual(scenario.values)
-    remnant = guessed(joint.noise, residual, joint.band)
+    remnant = guess_parameters(joint.noise, residual, joint.band)
     return np.concatenate([1.07 * scenario.values, remnant])
 
 
@@ -156,7 +156,9 @@ def test_differences_are_those_of_whittles_likelihood_of_the_closed_loop() -> No
         loop = np.abs(1.0 + element * (on_error + on_output)) ** 2
         return float(weights @ (left / spectrum - np.log(loop)) + described @ np.log(spectrum))
 
-    first = np.concatenate([truth, guessed(LowPass(2), prediction.residual(truth), joint.band)])
+    first = np.concatenate(
+        [truth, guess_parameters(LowPass(2), prediction.residual(truth), joint.band)]
+    )
     sets = [first]
     for index in range(first.size):
         for factor in (0.8, 1.25):

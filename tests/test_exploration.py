@@ -24,7 +24,11 @@ from pilotid.seeds import recording_rng
 from pilotid.solve.intervals import profile_intervals
 from pilotid.solve.least_squares import Minima, minimise
 from pilotid.time_domain import prediction_errors as reduction
-from pilotid.time_domain.maximum_likelihood import EDGE, SHORT, maximise_likelihood
+from pilotid.time_domain.maximum_likelihood import (
+    BARTLETT_SECONDS,
+    LARGEST_EDGE_SHARE,
+    maximise_likelihood,
+)
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction, predict
 from pilotid.time_domain.prediction_errors import reduced
@@ -36,7 +40,7 @@ from pilotid.time_domain.remnant_models import (
     criterion,
     neighbours,
 )
-from pilotid.time_domain.search import MOST, explore, optima, together
+from pilotid.time_domain.search import MOST_CANDIDATES, explore, optima, together
 from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical
@@ -117,7 +121,7 @@ def test_optima_are_told_apart_by_the_information() -> None:
         np.tile(np.eye(2), (20, 1, 1)),
         5,
     )
-    assert len(optima(many, samples=100, far=1.0)[0]) == MOST
+    assert len(optima(many, samples=100, far=1.0)[0]) == MOST_CANDIDATES
 
 
 def test_exploration_finds_the_pilot_from_a_start_that_is_nobodys() -> None:
@@ -181,8 +185,8 @@ def test_an_optimum_at_a_bound_does_not_decide_on_the_band() -> None:
     frequency = NOMINAL.model.keys.index("fnm")
     for share, asked in ((0.99, True), (1.0, False)):
         other[frequency] = share * NOMINAL.model.upper[frequency]
-        assert found.edge_of(other) > EDGE > found.edge_of(found.pilot)
-        assert (replace(found, rivals=[other]).at_edge > EDGE) is asked
+        assert found.edge_of(other) > LARGEST_EDGE_SHARE > found.edge_of(found.pilot)
+        assert (replace(found, competing=[other]).at_edge > LARGEST_EDGE_SHARE) is asked
 
 
 def test_the_band_is_wider_where_the_loop_answers_at_once() -> None:
@@ -207,7 +211,7 @@ def test_short_recordings_have_wider_intervals() -> None:
     prediction = found.joint.prediction
     seconds = prediction.scored * prediction.dt
     assert 81.0 < seconds < 83.0
-    assert found.widened == pytest.approx(1.0 + SHORT / seconds)
+    assert found.widened == pytest.approx(1.0 + BARTLETT_SECONDS / seconds)
 
 
 def test_a_profile_that_comes_upon_a_better_optimum_says_where() -> None:

@@ -15,7 +15,7 @@ from pilotid.solve.least_squares import Minima
 from pilotid.time_domain.maximum_likelihood import in_wide_band, maximise_likelihood
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prediction_errors import reduced
-from pilotid.time_domain.search import LESS, Following
+from pilotid.time_domain.search import LEAST_EXPLAINED, Following
 
 pytestmark = pytest.mark.numerical
 
@@ -52,7 +52,7 @@ def test_who_explains_far_less_than_the_lines_pilot_does_not_follow() -> None:
     judged = following(TRUTH[None])
     own, idle = judged.explained(np.array([TRUTH, IDLE]))
     assert 0.6 < own < 1.0  # a remnant of 20 % or less is left
-    assert idle < LESS * own
+    assert idle < LEAST_EXPLAINED * own
     np.testing.assert_array_equal(judged(np.array([TRUTH, IDLE])), [True, False])
     # What stands behind the pilot's parameters is not looked at.
     behind = np.hstack([np.array([TRUTH, IDLE]), np.full((2, 3), np.nan)])
@@ -75,7 +75,9 @@ def test_ends_that_do_not_follow_are_left_out_unless_none_does() -> None:
 
 def test_an_estimate_that_does_not_follow_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not any("inverse" in remark for remark in fit_of(MLE(), NOMINAL).remarks)
-    monkeypatch.setattr("pilotid.time_domain.search.LESS", 2.0)  # nobody explains as much
+    monkeypatch.setattr(
+        "pilotid.time_domain.search.LEAST_EXPLAINED", 2.0
+    )  # nobody explains as much
     remarks = fit_of(MLE(), NOMINAL).remarks
     assert any("inverse of the controlled element" in remark for remark in remarks)
 

@@ -16,7 +16,7 @@ from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.pilot.catalogue import MULTI
 from pilotid.solve.covariance import covariance_at_bounds
-from pilotid.solve.intervals import profile_intervals, walk
+from pilotid.solve.intervals import find_profile_end, profile_intervals
 from pilotid.solve.least_squares import minimise
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
@@ -98,7 +98,7 @@ def test_the_past_of_a_residual_is_what_its_filters_say(
     expected = prediction.without_nuisance(prediction.samples_of(-residual * delays[:, None]))
     assert found[:, 7:13] == pytest.approx(expected, abs=1e-12 * np.abs(expected).max())
     if way == "long":
-        monkeypatch.setattr("pilotid.time_domain.prediction.LONG", 100)
+        monkeypatch.setattr("pilotid.time_domain.prediction.LONG_BINS", 100)
         long = PredictionErrors(prediction, Autoregressive(6), BAND)
         assert long.block == 1
         assert long.rows(values) == pytest.approx(found, abs=1e-12 * np.abs(found).max())
@@ -174,7 +174,7 @@ def test_profile_intervals_beside_a_parameter_at_its_bound() -> None:
     for k, end in ((0, found[0, 0]), (0, found[0, 1]), (1, found[1, 0]), (1, found[1, 1])):
         start, target = minimum.values[0], 1.44 + CHI_SQUARED_95
         side = -1.0 if end < start[k] else 1.0
-        point, cost = walk(gram, Plane(), start, 1.44, 1.44, target, k, side)
+        point, cost = find_profile_end(gram, Plane(), start, 1.44, 1.44, target, k, side)
         # Within 4 % of the way, and never beyond it.
         assert 0.95 * abs(end - start[k]) <= abs(point[k] - start[k]) <= abs(end - start[k]) + 1e-6
         assert cost <= target

@@ -11,11 +11,11 @@ from pilotid.time_domain.remnant_models import (
     Autoregressive,
     BandPass,
     LowPass,
+    best_noise_model,
     contenders,
-    handicap,
     lagged_products,
     remnant_estimate,
-    suiting,
+    selection_penalty,
 )
 from pilotid.types import FloatArray
 
@@ -80,14 +80,14 @@ def test_the_whitening_filter_is_the_inverse_of_the_spectrum(model: LowPass) -> 
 def test_a_remnant_without_low_frequencies_is_taken_for_a_band_pass() -> None:
     """Twenty taps do not see the corner, whatever the autoregression."""
     truth = [4.0, 0.7, 0.8]
-    found = [suiting(shaped(BandPass(2), truth, 1360, seed), BAND) for seed in range(20)]
+    found = [best_noise_model(shaped(BandPass(2), truth, 1360, seed), BAND) for seed in range(20)]
     assert sum(isinstance(guess.model, BandPass) for guess in found) >= 18
     corners = [guess.values[-1] for guess in found if isinstance(guess.model, BandPass)]
     assert np.median(corners) == pytest.approx(truth[-1], rel=0.4)
 
 
 def test_a_band_pass_has_to_win_against_a_low_pass() -> None:
-    """Its corner and the pilot's gain explain one another: both are fitted, with a handicap."""
+    """Its corner and the pilot's gain explain one another: both are fitted and compared."""
     close = 0
     for seed in range(20):
         residual = shaped(BandPass(2), [4.0, 0.7, 0.3], 1360, seed)
@@ -95,7 +95,12 @@ def test_a_band_pass_has_to_win_against_a_low_pass() -> None:
         if any(isinstance(model, BandPass) for model in found):
             close += any(type(model) is LowPass for model in found)
     assert close >= 5
-    assert handicap(BandPass(2)) > handicap(LowPass(2)) == handicap(Autoregressive(8)) == 0.0
+    assert (
+        selection_penalty(BandPass(2))
+        > selection_penalty(LowPass(2))
+        == selection_penalty(Autoregressive(8))
+        == 0.0
+    )
 
 
 def test_the_filter_whitens_a_remnant_that_was_filtered_and_decimated() -> None:
@@ -118,7 +123,7 @@ def test_a_moving_average_of_the_products_is_the_filtered_power() -> None:
 @pytest.mark.parametrize("order", [1, 2])
 def test_the_family_that_made_the_remnant_is_chosen(order: int) -> None:
     chosen = [
-        suiting(shaped(LowPass(order), TRUTHS[order], 1360, seed), BAND).model.name
+        best_noise_model(shaped(LowPass(order), TRUTHS[order], 1360, seed), BAND).model.name
         for seed in range(20)
     ]
     assert chosen.count(LowPass(order).name) >= 18
@@ -126,7 +131,7 @@ def test_the_family_that_made_the_remnant_is_chosen(order: int) -> None:
 
 def test_white_noise_is_taken_for_white() -> None:
     chosen = [
-        suiting(np.random.default_rng(seed).standard_normal((1, 1360)), FULL).model.name
+        best_noise_model(np.random.default_rng(seed).standard_normal((1, 1360)), FULL).model.name
         for seed in range(20)
     ]
     assert chosen.count("white") >= 16  # of fifteen families; Akaike's criterion errs so often
@@ -139,7 +144,7 @@ def test_a_resonance_that_no_low_pass_has_calls_for_a_free_spectrum() -> None:
     signal = rng.standard_normal(3000)
     for i in range(4, signal.size):
         signal[i] -= coefficients[1:] @ signal[i - 4 : i][::-1]
-    best = suiting(signal[None, 200:], FULL).model
+    best = best_noise_model(signal[None, 200:], FULL).model
     assert isinstance(best, Autoregressive)
     guess, _ = best.guess(lagged_products(signal[None, 200:]), FULL)
     np.testing.assert_allclose(guess[:4], coefficients[1:], atol=0.1)

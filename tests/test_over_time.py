@@ -11,7 +11,7 @@ from helpers import without_remnant
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.estimates.estimate import Outcome
 from pilotid.estimates.method import Method, identify
-from pilotid.estimates.trajectory import Trajectory, times_of
+from pilotid.estimates.parts import Trajectory, times_of
 from pilotid.frequency.regression import Structure, arx_response
 from pilotid.methods.mle_windowed import MLEWindowed
 from pilotid.methods.rarx import RARX, forgetting

@@ -164,7 +164,7 @@ def test_long_recordings_have_the_rows_and_grams_of_short_ones(
     taps = np.array([1.0, -0.9])
     short = OutputErrors(prediction, taps)
     rows, gram = short.rows(sets), short.gram(sets)
-    monkeypatch.setattr("pilotid.time_domain.prediction.LONG", limit)
+    monkeypatch.setattr("pilotid.time_domain.prediction.LONG_BINS", limit)
     long = OutputErrors(replace(prediction), taps)  # without what is cached
     assert (short.block, long.block) == (4, 1)
     size = np.sqrt(np.einsum("spp->sp", gram))

@@ -15,7 +15,7 @@ from pilotid.methods.mle import MLE, profile_of
 from pilotid.pilot.factors import Neuromuscular
 from pilotid.pilot.model import PilotModel
 from pilotid.seeds import recording_rng
-from pilotid.solve.intervals import Held, profile_intervals
+from pilotid.solve.intervals import FixedParameter, profile_intervals
 from pilotid.solve.least_squares import Minima, minimise
 from pilotid.time_domain.competing_optima import off_bounds
 from pilotid.time_domain.maximum_likelihood import Maximum, maximise_likelihood
@@ -110,7 +110,9 @@ def test_where_the_optimum_is_at_a_bound_others_are_sought_inside() -> None:
     # All others are at their best there, or as near as a few iterations come.
     lower, upper = found.joint.lower.copy(), found.joint.upper.copy()
     lower[at] = upper[at] = points[0, at]
-    again = minimise(found.joint.gram, points[:1], Held(lower, upper, found.joint.positive))
+    again = minimise(
+        found.joint.gram, points[:1], FixedParameter(lower, upper, found.joint.positive)
+    )
     cost = found.joint.gram(points[:1])[0, -1, -1]
     assert cost <= 1.0005 * again.cost[0]
     estimate = MLE().fit(recording, bounded, np.random.default_rng(1))
@@ -128,13 +130,13 @@ def test_intervals_hold_the_other_summits_that_the_search_came_upon() -> None:
     delays = [scenario.model.keys.index(key) for key in ("tdvis", "tdvest")]
     truth = scenario.values[delays]
     assert (np.abs(found.pilot[delays] - truth) > 0.05).all()  # .25 and .36 s for .33 and .29 s
-    own = intervals_of(replace(found, rivals=()))[delays]
+    own = intervals_of(replace(found, competing=()))[delays]
     assert not ((own[:, 0] < truth) & (truth < own[:, 1])).any()
-    both = intervals_of(replace(found, rivals=[scenario.values]))[delays]
+    both = intervals_of(replace(found, competing=[scenario.values]))[delays]
     assert ((both[:, 0] < truth) & (truth < both[:, 1])).all()
     assert ((both[:, 0] < own[:, 0] + 0.01) & (own[:, 1] - 0.01 < both[:, 1])).all()
     # The search comes upon it of itself, too.
-    assert any(np.abs(pilot[delays] - truth).max() < 0.03 for pilot in found.rivals)
+    assert any(np.abs(pilot[delays] - truth).max() < 0.03 for pilot in found.competing)
 
 
 def intervals_of(found: Maximum) -> FloatArray:

@@ -18,8 +18,7 @@ from pilotid.pilot.catalogue import MULTI
 from pilotid.seeds import fit_rng, recording_rng
 from pilotid.solve.covariance import hessian, sandwich_of, score_products
 from pilotid.study.study import scenario_entry
-from pilotid.theory.bounds import bounds, monic, white_limit
-from pilotid.theory.experiment import View
+from pilotid.theory.bounds import View, bounds, monic, white_limit
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prediction_errors import PredictionErrors

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pilotid.datasets import SCENARIOS, experiments
-from pilotid.estimates.trajectory import Trajectory, times_of
+from pilotid.estimates.parts import Trajectory, times_of
 from pilotid.pilot.model import frozen, frozen_over
 from pilotid.study.comparison import TRAJECTORIES, comparison_of
 from pilotid.study.entries import Track

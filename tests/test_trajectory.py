@@ -10,7 +10,7 @@ import pytest
 
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.estimates.method import fault_of, identify
-from pilotid.estimates.trajectory import Trajectory, times_of, trajectory_of
+from pilotid.estimates.parts import Trajectory, times_of, trajectory_of
 from pilotid.methods.mle import MLE
 from pilotid.pilot.catalogue import ADAPTING, SINGLE
 

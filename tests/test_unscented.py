@@ -19,7 +19,7 @@ from pilotid.pilot.model import Channel, PilotModel, frozen_over
 from pilotid.pilot.timevarying import Fading
 from pilotid.recordings.recording import Recording
 from pilotid.time_domain.random_walk import Walks, muscle_step, walking_pilot
-from pilotid.time_domain.unscented import Levels, filtered, smoothed
+from pilotid.time_domain.unscented import Levels, run_filter, run_smoother
 from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical
@@ -97,8 +97,8 @@ def _kalman(
 
 def test_a_linear_system_is_filtered_and_smoothed_as_by_its_whole_distribution() -> None:
     system, levels = _linear(np.random.default_rng(1))
-    found = filtered(system, levels, TWO, keep=True)
-    course = smoothed(found)
+    found = run_filter(system, levels, TWO, keep=True)
+    course = run_smoother(found)
     weights = np.random.default_rng(2).standard_normal((3, 2, 40))
     sums = course.covariance_of(weights)
     for i in range(3):
@@ -124,9 +124,11 @@ def test_a_filter_that_breaks_down_leaves_the_others_alone() -> None:
     system, levels = _linear(np.random.default_rng(3))
     broken = levels.covariance.copy()
     broken[1] = -np.eye(6)
-    found = filtered(system, replace(levels, covariance=broken), TWO).log_likelihood
+    found = run_filter(system, replace(levels, covariance=broken), TWO).log_likelihood
     assert found[1] == -np.inf
-    np.testing.assert_allclose(found[[0, 2]], filtered(system, levels, TWO).log_likelihood[[0, 2]])
+    np.testing.assert_allclose(
+        found[[0, 2]], run_filter(system, levels, TWO).log_likelihood[[0, 2]]
+    )
 
 
 @pytest.mark.parametrize("damping", [0.05, 0.35, 1.0, 2.5])

@@ -29,7 +29,7 @@ from pilotid.recordings.spectra import forcing_lines
 from pilotid.solve.covariance import covariance_of
 from pilotid.solve.least_squares import Problem, minimise
 from pilotid.solve.search import search
-from pilotid.time_domain.output_error import concluded
+from pilotid.time_domain.output_error import make_estimate
 
 
 class Lines(Problem):
@@ -105,4 +105,4 @@ class LineFit:
             return failed(self.name, model, Outcome.SINGULAR)
         converged = bool(minimum.converged[0])
         values = minimum.values[0]
-        return concluded(self.name, recording, model, values, covariance, converged=converged)
+        return make_estimate(self.name, recording, model, values, covariance, converged=converged)

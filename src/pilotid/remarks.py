@@ -104,6 +104,12 @@ class Remark(str):
         return self.code, str(self), self.grade
 
 
+def remarks_json(remarks: Iterable[str]) -> dict[str, list[str]]:
+    """Sentences and codes, as JSON has them."""
+    told = list(remarks)
+    return {"remarks": [str(remark) for remark in told], "codes": codes_of(told)}
+
+
 def codes_of(remarks: Iterable[str]) -> list[str]:
     """The codes of remarks, of plain sentences as well."""
     return [getattr(remark, "code", OTHER) for remark in remarks]

@@ -22,7 +22,7 @@ from pilotid.datasets.population import POPULATIONS
 from pilotid.methods.mle import MLE
 from pilotid.seeds import fit_rng, recording_rng, start_rng
 from pilotid.solve.least_squares import minimise
-from pilotid.time_domain.maximum_likelihood import SHORT, maximise_likelihood
+from pilotid.time_domain.maximum_likelihood import BARTLETT_SECONDS, maximise_likelihood
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.prepare import analysis_band
@@ -65,7 +65,7 @@ def ratio(name: str, recordings: int, seed: int) -> None:
     error = np.std(ratios) / np.sqrt(recordings)
     print(
         f"{name}: likelihood ratio over chi-squared {np.mean(ratios):.3f} +- {error:.3f}, "
-        f"allowed for {np.mean(1.0 + SHORT / seconds):.3f} ({recordings} recordings)"
+        f"allowed for {np.mean(1.0 + BARTLETT_SECONDS / seconds):.3f} ({recordings} recordings)"
     )
 
 

@@ -28,7 +28,7 @@ from pilotid.study.entries import number
 from pilotid.time_domain.output_error import OutputErrors, simulated_vaf
 from pilotid.time_domain.prediction import Prediction, predict
 from pilotid.time_domain.prepare import analysis_band
-from pilotid.time_domain.remnant_models import suiting
+from pilotid.time_domain.remnant_models import best_noise_model
 from pilotid.types import FloatArray
 
 BAND = 50.0  # analysis band of the likelihood [rad/s], that of `mle`
@@ -125,7 +125,7 @@ def log_likelihood(
     """
     band = analysis_band(others.dt, BAND)
     left = _errors(others, model, values)
-    taps = suiting(left, band).whitener(band)
+    taps = best_noise_model(left, band).whitener(band)
     variance = float(np.mean(_errors(others, model, values, taps) ** 2))
     errors = _errors(own, model, values, taps)
     squares = float(np.sum(errors**2)) / variance

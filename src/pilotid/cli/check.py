@@ -24,7 +24,7 @@ from pilotid.recordings.checks import remarks
 from pilotid.recordings.detectors import findings
 from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.recordings.understood import Forcing, Signal, Understood, understood
-from pilotid.remarks import codes_of
+from pilotid.remarks import codes_of, remarks_json
 from pilotid.seeds import DEFAULT_SEED, fit_rng
 from pilotid.terminal import make_console
 from pilotid.time_domain.constancy import LEVEL, constancy_of
@@ -89,7 +89,7 @@ def _checked(
         for m in models
     }
     entry: Entry = {
-        "recording": {**recording.to_dict(), "remarks": told, "codes": codes_of(told)},
+        "recording": {**recording.to_dict(), **remarks_json(told)},
         "understood": {
             **facts.to_dict(),
             "recorder": [asdict(fault) for fault in findings(recording)],

@@ -13,9 +13,8 @@ from pilotid.datasets.remnant import UNIT_LEVEL
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.simulation import closed_loop, remnant_ratio, white_level
 from pilotid.pilot.loops import margins
-from pilotid.theory.bounds import LineInformation, line_information
-from pilotid.theory.experiment import GRID
-from pilotid.time_domain.maximum_likelihood import SHORT
+from pilotid.theory.bounds import GRID, LineInformation, line_information
+from pilotid.time_domain.maximum_likelihood import BARTLETT_SECONDS
 from pilotid.types import FloatArray, InputError
 
 Pick = Literal["any", "odd", "prime"]
@@ -323,7 +322,7 @@ def widening(runs: int, seconds: float) -> float:
 
     Bounds hold for long recordings.
     """
-    return 1.0 + SHORT / (runs * seconds)
+    return 1.0 + BARTLETT_SECONDS / (runs * seconds)
 
 
 def powers_of(scenario: Scenario) -> FloatArray:

@@ -13,7 +13,7 @@ import numpy as np
 from pilotid.chance import Z95
 from pilotid.document import table_html, table_text
 from pilotid.estimates.draws import Draws
-from pilotid.estimates.parts import AnalysedBand, FrequencyResponse, RemnantEstimate
+from pilotid.estimates.parts import AnalysedBand, FrequencyResponse, RemnantEstimate, Trajectory
 from pilotid.estimates.quantities import (
     Pair,
     Quantity,
@@ -24,9 +24,8 @@ from pilotid.estimates.quantities import (
     quantity_tables,
 )
 from pilotid.estimates.specification import Specification
-from pilotid.estimates.trajectory import Trajectory
 from pilotid.pilot.model import PilotModel
-from pilotid.remarks import codes_of
+from pilotid.remarks import remarks_json
 from pilotid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -278,8 +277,7 @@ class Estimate:
             "seconds": self.seconds,
             "band": self.band and self.band.to_dict(),
             "specification": self.specification and self.specification.to_dict(),
-            "remarks": list(self.remarks),
-            "codes": codes_of(self.remarks),
+            **remarks_json(self.remarks),
         }
         if self.remnant is not None:
             result["remnant"] = self.remnant.to_dict()

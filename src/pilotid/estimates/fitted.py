@@ -17,7 +17,7 @@ from pilotid.estimates.quantities import abreast, quantity_tables
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import Recording
-from pilotid.remarks import GRADES, OTHER, codes_of, remark_of
+from pilotid.remarks import GRADES, Remark, remark_of, remarks_json
 from pilotid.seeds import fit_rng
 
 if TYPE_CHECKING:
@@ -67,11 +67,7 @@ class Fitted:
     def to_dict(self) -> dict[str, object]:
         """Plain objects, in the form that `pilotid fit --json` writes."""
         return {
-            "recording": {
-                **self.recording.to_dict(),
-                "remarks": list(self.remarks),
-                "codes": codes_of(self.remarks),
-            },
+            "recording": {**self.recording.to_dict(), **remarks_json(self.remarks)},
             "model": self.model.name,
             **({"choice": self.choice, "models": list(self.compared)} if self.choice else {}),
             "estimates": [
@@ -86,10 +82,8 @@ class Fitted:
         if given is None:
             return [{} for _ in self.estimates]
         if given.element is None:
-            return [
-                {"loops": {"element": None, "remarks": [given.why], "codes": [OTHER]}}
-                for _ in self.estimates
-            ]
+            why = Remark("element-unknown", given.why)
+            return [{"loops": {"element": None, **remarks_json([why])}} for _ in self.estimates]
         return [{"loops": {**loops.to_dict(), "origin": given.origin}} for loops in self.loops]
 
     @property

@@ -27,7 +27,7 @@ from pilotid.pilot.loops import (
 )
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.remarks import Remark, codes_of
+from pilotid.remarks import Remark, remarks_json
 from pilotid.types import ComplexArray, FloatArray
 
 NAMES = ("target", "disturbance")
@@ -55,12 +55,10 @@ def loops_of(estimate: Estimate, element: ControlledElement) -> Loops:
         The controlled element.
     """
     model, values = estimate.model, estimate.values
-    if not np.isfinite(values).all():
-        target, disturbance = (no_loop(name, "the fit failed") for name in NAMES)
-        return Loops(element, target, disturbance)
-    if model.changes:
-        target, disturbance = (no_loop(name, CHANGES) for name in NAMES)
-        return Loops(element, target, disturbance)
+    is_known = bool(np.isfinite(values).all())
+    if not is_known or model.changes:
+        why = CHANGES if is_known else "the fit failed"
+        return Loops(element, no_loop("target", why), no_loop("disturbance", why))
     remarks = []
     if unstable_poles(model, values, element):
         remarks.append(
@@ -318,8 +316,7 @@ class Loops:
             "element": self.element.name,
             "target": self.target.to_dict(),
             "disturbance": self.disturbance.to_dict(),
-            "remarks": list(self.remarks),
-            "codes": codes_of(self.remarks),
+            **remarks_json(self.remarks),
         }
 
 

@@ -17,8 +17,15 @@ import numpy as np
 from pilotid.estimates.applicability import motionless_input
 from pilotid.estimates.draws import Draws
 from pilotid.estimates.estimate import Estimate, Outcome, Starts, failed
-from pilotid.estimates.parts import AnalysedBand, FrequencyResponse, RemnantEstimate
-from pilotid.estimates.trajectory import DRAWS, Trajectory, times_of, trajectory_of
+from pilotid.estimates.parts import (
+    DRAWS,
+    AnalysedBand,
+    FrequencyResponse,
+    RemnantEstimate,
+    Trajectory,
+    times_of,
+    trajectory_of,
+)
 from pilotid.estimates.warnings import all_remarks
 from pilotid.naming.code import reason
 from pilotid.pilot.model import PilotModel, frozen

@@ -321,9 +321,10 @@ def arx_response(
     structure: Structure,
     coefficients: FloatArray,
     shift: ComplexArray,
+    factors: ComplexArray | float = 1.0,
     reference: ComplexArray | None = None,
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Responses B_i/A of many models of one structure, and their derivatives by coefficients.
+    """Responses F_i B_i/A of many models of one structure, and their derivatives by coefficients.
 
     Parameters
     ----------
@@ -333,6 +334,8 @@ def arx_response(
         Those of A behind its 1, then those of each B_i, shape (models, coefficients).
     shift
         Response of a delay by one sample at the frequencies, shape (n,).
+    factors
+        F_i, shape (inputs, n).
     reference
         Responses at which derivatives are taken, shape (inputs, n); None for the models' own.
 
@@ -346,10 +349,12 @@ def arx_response(
     value = np.empty((len(coefficients), *shape), dtype=complex)
     slopes = np.zeros((*coefficients.shape, *shape), dtype=complex)
     ends = poles + np.cumsum([0, *structure.zeros])
+    known = np.broadcast_to(factors, shape)
     for i, own in enumerate(map(slice, ends[:-1], ends[1:])):
         up = shift ** structure.lags(i)[:, None]
-        value[:, i] = coefficients[:, own] @ up / bottom
-        slopes[:, own, i] = up / bottom[:, None]
+        common = known[i] / bottom
+        value[:, i] = common * (coefficients[:, own] @ up)
+        slopes[:, own, i] = common[:, None] * up
     at = value if reference is None else reference[None]
     slopes[:, :poles] = -at[:, None] * (down / bottom[:, None])[:, :, None]
     return value, slopes
@@ -382,11 +387,11 @@ def discrete_response(
     -------
     Responses (inputs, n), and the covariance of `pilotid.estimates.parts.real_parts` of them.
     """
-    at = None if reference is None else reference / factors
     shift = np.exp(-1j * omega * dt)
-    value, slopes = arx_response(fit.structure, fit.coefficients[None], shift, at)
-    jacobian = real_parts(slopes[0] * factors)
-    return value[0] * factors, jacobian.T @ fit.covariance @ jacobian
+    values = fit.coefficients[None]
+    response, slopes = arx_response(fit.structure, values, shift, factors, reference)
+    jacobian = real_parts(slopes[0])
+    return response[0], jacobian.T @ fit.covariance @ jacobian
 
 
 def channel_response(

@@ -28,7 +28,7 @@ from pilotid.solve.covariance import covariance_of
 from pilotid.solve.intervals import profile_intervals
 from pilotid.solve.least_squares import Problem, minimise
 from pilotid.solve.search import search
-from pilotid.time_domain.output_error import OutputErrors, concluded, record
+from pilotid.time_domain.output_error import OutputErrors, make_estimate, record
 from pilotid.time_domain.prediction import Prediction
 from pilotid.types import FloatArray
 
@@ -139,7 +139,7 @@ def second_step(
     covariance = covariance_of(end.gram[0, :-1, :-1], variance)
     if covariance is None:
         return failed(name, model, Outcome.SINGULAR)
-    estimate = concluded(
+    estimate = make_estimate(
         name, recording, model, values, covariance, converged=bool(end.converged[0])
     )
     return replace(

@@ -24,7 +24,7 @@ import numpy as np
 
 from pilotid.posterior.nearby import BLOCK, Nearby, blocks, sums_of_squares
 from pilotid.posterior.priors import Prior
-from pilotid.solve.least_squares import Scale
+from pilotid.solve.least_squares import LogTransform
 from pilotid.time_domain.band_likelihood import BandTerms, most_likely_regression
 from pilotid.time_domain.maximum_likelihood import Maximum
 from pilotid.time_domain.output_error import Residuals
@@ -225,7 +225,7 @@ class Posterior:
 
     def __init__(self, likelihood: Likelihood, priors: tuple[Prior, ...]) -> None:
         self.likelihood, self.priors = likelihood, priors
-        self._scale = Scale(likelihood.positive)
+        self._scale = LogTransform(likelihood.positive)
         self._lower, self._upper = likelihood.lower, likelihood.upper
 
     def values(self, points: FloatArray) -> FloatArray:
@@ -263,7 +263,7 @@ class Posterior:
             The likelihood's maximum, all of the remnant's parameters included.
         """
         joint, end = maximum.joint, maximum.end
-        scale = Scale(joint.positive)
+        scale = LogTransform(joint.positive)
         values = end.values[:1]
         variance = max(float(end.cost[0]), np.finfo(float).tiny) / joint.residuals
         information = scale.inner(end.gram[:1], values)[0, :-1, :-1] / variance

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import wraps
 from types import MappingProxyType
 from typing import Any, Concatenate, ParamSpec, TypeVar
@@ -304,27 +304,16 @@ def joined(recordings: Sequence[Recording]) -> Recording:
                 )
     _require_different_runs(recordings)
 
-    def stacked(name: str) -> FloatArray | None:
-        if getattr(first, name) is None:
-            return None
-        return np.concatenate([getattr(r, name) for r in recordings])
-
-    e, u, x = (np.concatenate([getattr(r, n) for r in recordings]) for n in ("e", "u", "x"))
-    return Recording(
-        dt=first.dt,
-        e=e,
-        u=u,
-        x=x,
-        ft=stacked("ft"),
-        fd=stacked("fd"),
-        run_in=first.run_in,
-        lines=first.lines,
-        units=first.units,
+    signals: dict[str, Any] = {
+        name: np.concatenate([getattr(recording, name) for recording in recordings])
+        for name in SIGNALS
+        if getattr(first, name) is not None
+    }
+    return replace(
+        first,
+        **signals,
         source=f"{first.source} and {len(recordings) - 1} more",
-        controlled_element=first.controlled_element,
-        origin=first.origin,
         treatment=tuple(dict.fromkeys(s for r in recordings for s in r.treatment)),
-        lead_in=first.lead_in,
     )
 
 

@@ -69,12 +69,6 @@ COLUMNS = (
     "error in claimed standard errors, with its Monte Carlo standard error. **Coverage**: share of "
     "the 95 % intervals that hold the truth, with its 95 % interval."
 )
-SHORT = (
-    "Loss of the 95 % intervals: an exact, efficient estimator has 1, and a mean below 1 is chance "
-    "within its interval. Times best: ratio on the same recordings. Bias: largest mean error of a "
-    "parameter, in claimed standard errors. Coverage of the 95 % intervals. ± one standard error; "
-    "in parentheses 95 % intervals, of failures the loss of the fits that ended well."
-)
 VARYING = (
     "The controlled element varies during the run, and the pilot with it. **Trajectories** are the "
     "parameters over time: errors are relative to the true value at the time, before, during and "
@@ -218,7 +212,6 @@ def _summary(study: Comparison, about: Mapping[str, str]) -> Section:
     names = compared(study)
     blocks += [Text(" ".join(words)) if len(words) == 1 else Bullets(words), *tables]
     if names:
-        blocks.append(Text(SHORT))
         name = _reference(names)
         order = ranked(study.of(name))
         if len(names) == 1:

@@ -8,7 +8,7 @@ import numpy as np
 
 from pilotid.chance import Z95
 from pilotid.estimates.estimate import Estimate
-from pilotid.estimates.trajectory import Trajectory
+from pilotid.estimates.parts import Trajectory
 from pilotid.pilot.model import frozen, frozen_over
 from pilotid.recordings.recording import Recording
 from pilotid.show.style import INK, Named, leading, legend, named, new_axes, with_unit

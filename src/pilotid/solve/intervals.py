@@ -15,22 +15,22 @@ from typing import NamedTuple
 import numpy as np
 
 from pilotid.chance import CHI_SQUARED_95
-from pilotid.solve.least_squares import Gram, Minima, Scale, Space, minimise
+from pilotid.solve.least_squares import Bounds, Gram, LogTransform, Minima, minimise
 from pilotid.types import BoolArray, FloatArray, IntArray
 
 #: How often the others are searched, at the most, and how close to the end is close enough, as
 #: a share of the distance.
-LOOKS, CLOSE = 14, 0.04
+MOST_SEARCHES, END_TOLERANCE = 14, 0.04
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class FixedParameter:
     """A space in which one parameter keeps its value.
 
     Attributes
     ----------
     lower, upper, positive
-        As in `Space`.
+        As in `Bounds`.
     """
 
     lower: FloatArray
@@ -38,16 +38,16 @@ class Held:
     positive: BoolArray
 
     @classmethod
-    def at(cls, space: Space, which: int, value: float) -> Held:
+    def at(cls, space: Bounds, which: int, value: float) -> FixedParameter:
         """A space in which one parameter, by its index, keeps a value."""
         lower, upper = space.lower.copy(), space.upper.copy()
         lower[which] = upper[which] = value
         return cls(lower, upper, space.positive)
 
 
-def walk(
+def find_profile_end(
     gram: Gram,
-    space: Space,
+    space: Bounds,
     start: FloatArray,
     cost: float,
     lowest: float,
@@ -62,7 +62,7 @@ def walk(
     gram
         Gram matrices of residual and Jacobian.
     space
-        Bounds; the walk ends at them.
+        Bounds, at which the search ends.
     start, cost
         The optimum, or another point that suits, shape (parameters,), and its cost.
     lowest, target
@@ -75,9 +75,9 @@ def walk(
     Returns
     -------
     The point, shape (parameters,), and the cost there, which is below the lowest one where the
-    walk came upon a better optimum.
+    search came upon a better optimum.
     """
-    scale = Scale(space.positive)
+    scale = LogTransform(space.positive)
     bound = float(scale.enter(space.lower if reach < 0.0 else space.upper)[which])
     origin = float(scale.enter(start[None])[0, which])
     allowed = abs(bound - origin)
@@ -86,7 +86,7 @@ def walk(
     root_inside, root_outside = math.sqrt(max(cost - lowest, 0.0) / (target - lowest)), math.inf
     distance = min(abs(reach), allowed)
     point = start
-    for _ in range(LOOKS):
+    for _ in range(MOST_SEARCHES):
         trial, trial_cost = _conditional(
             gram, space, point, which, origin + math.copysign(distance, reach), scale
         )
@@ -94,7 +94,7 @@ def walk(
         if not share > 1.0:
             point, cost = trial, trial_cost
             inside, root_inside = distance, math.sqrt(max(share, 0.0))
-            if share < 0.0 or distance >= allowed or root_inside > 1.0 - CLOSE:
+            if share < 0.0 or distance >= allowed or root_inside > 1.0 - END_TOLERANCE:
                 break
         else:
             outside, root_outside = distance, math.sqrt(share)
@@ -102,7 +102,7 @@ def walk(
             longer = distance / max(root_inside, 1.0 / 3.0) if inside else 2.0 * distance
             distance = min(max(longer, 1.2 * distance), allowed)
             continue
-        if outside - inside < CLOSE * outside:
+        if outside - inside < END_TOLERANCE * outside:
             break
         rise = (1.0 - root_inside) / (root_outside - root_inside) if root_outside < 3.0 else 0.5
         distance = inside + (outside - inside) * min(max(rise, 0.1), 0.9)
@@ -110,13 +110,13 @@ def walk(
 
 
 def _conditional(
-    gram: Gram, space: Space, start: FloatArray, which: int, place: float, scale: Scale
+    gram: Gram, space: Bounds, start: FloatArray, which: int, place: float, scale: LogTransform
 ) -> tuple[FloatArray, float]:
     """The optimum with one parameter held at a place of the inner scale, and its cost."""
     inner = scale.enter(start[None])
     inner[0, which] = place
     values = np.clip(scale.leave(inner)[0], space.lower, space.upper)
-    held = Held.at(space, which, float(values[which]))
+    held = FixedParameter.at(space, which, float(values[which]))
     end = minimise(gram, values[None], held, tolerance=1e-5)
     cost = float(end.cost[0])
     return end.values[0], cost if math.isfinite(cost) else math.inf
@@ -124,11 +124,11 @@ def _conditional(
 
 #: A point that lies beyond an end by more than this share of the interval's length, on the inner
 #: scale, is walked on from.
-BEYOND = 0.1
+OUTSIDE_SHARE = 0.1
 #: How often, over all parameters; each round goes on where the one before has come to.
-ROUNDS = 3
+EXTENSION_ROUNDS = 3
 #: Length of the first step, as a share of the interval's.
-REACH = 0.1
+FIRST_STEP_SHARE = 0.1
 
 
 class Suiting(NamedTuple):
@@ -153,9 +153,9 @@ class Suiting(NamedTuple):
         )
 
 
-def spanned(
+def extend_intervals(
     gram: Gram,
-    space: Space,
+    space: Bounds,
     suiting: Suiting,
     intervals: FloatArray,
     lowest: float,
@@ -183,16 +183,16 @@ def spanned(
     Intervals, shape (count, 2), and all points that suit, with those that were come upon.
     """
     count = len(intervals)
-    scale = Scale(space.positive[:count])
+    scale = LogTransform(space.positive[:count])
     known = scale.enter(intervals.T).T
-    for _ in range(ROUNDS):
+    for _ in range(EXTENSION_ROUNDS):
         points = scale.enter(suiting.values[:, :count])
         # What suits one parameter may not suit another whose level is lower.
         points = np.where(suiting.costs[:, None] <= targets, points, np.nan)
         hull = np.stack([np.nanmin(points, axis=0), np.nanmax(points, axis=0)], axis=1)
         length = np.diff(known, axis=1)[:, 0]
         sides = np.array([-1.0, 1.0])
-        beyond = (hull - known) * sides > BEYOND * length[:, None]
+        beyond = (hull - known) * sides > OUTSIDE_SHARE * length[:, None]
         known = np.stack(
             [np.minimum(known[:, 0], hull[:, 0]), np.maximum(known[:, 1], hull[:, 1])], axis=1
         )
@@ -200,9 +200,9 @@ def spanned(
             break
         for k, side in np.argwhere(beyond).tolist():
             at = int(np.nanargmax(sides[side] * points[:, k]))
-            step = sides[side] * max(REACH * float(known[k, 1] - known[k, 0]), 1e-9)
+            step = sides[side] * max(FIRST_STEP_SHARE * float(known[k, 1] - known[k, 0]), 1e-9)
             start = suiting.values[at], float(suiting.costs[at])
-            point, cost = walk(gram, space, *start, lowest, float(targets[k]), k, step)
+            point, cost = find_profile_end(gram, space, *start, lowest, float(targets[k]), k, step)
             known[k, side] = scale.enter(point[:count])[k]
             suiting = suiting.joined(point[None], np.array([cost]), float(np.max(targets)))
     ends = np.clip(scale.leave(known.T), space.lower[:count], space.upper[:count])
@@ -211,7 +211,7 @@ def spanned(
 
 LONGEST_STEP = 1.0  # standard errors an iteration may move the profiled parameter
 FIRST_STEP = 1.5  # the same of the first one, in lengths of the quadratic interval
-BETTER = 0.2  # deviance by which a point must be lower than the minimum to take its place
+BETTER_DEVIANCE = 0.2  # deviance by which a point must be lower than the minimum to take its place
 
 
 class Profile(NamedTuple):
@@ -231,7 +231,7 @@ class Profile(NamedTuple):
 
 def profile_intervals(
     gram: Gram,
-    space: Space,
+    space: Bounds,
     minimum: Minima,
     variance: float,
     count: int,
@@ -246,7 +246,8 @@ def profile_intervals(
 
     All end points are sought at once by Newton steps (Venzon & Moolgavkar, Applied
     Statistics 37, 1988): along the profiled parameter to the sought level, in all
-    others to their conditional optimum.  Ends that are not found that way are sought by `walk`.
+    others to their conditional optimum.  Other ends are sought by
+    `find_profile_end`.
 
     Parameters
     ----------
@@ -271,7 +272,7 @@ def profile_intervals(
         Largest number of evaluations, and how far from the sought deviance, of 3.84, the
         last Newton step may begin.
     """
-    scale = Scale(space.positive)
+    scale = LogTransform(space.positive)
     lower, upper = scale.enter(space.lower), scale.enter(space.upper)
     best = scale.enter(minimum.values[:1])
     lowest = float(minimum.cost[0])
@@ -295,7 +296,7 @@ def profile_intervals(
     points = np.clip(points + ridge, lower, upper)
     active = np.arange(2 * count)
     found = np.zeros(2 * count, dtype=bool)
-    better, least = None, lowest - BETTER * variance
+    better, least = None, lowest - BETTER_DEVIANCE * variance
     suiting = Suiting(minimum.values[:1], minimum.cost[:1])
     for _ in range(iterations):
         values = scale.leave(points[active])
@@ -331,7 +332,7 @@ def profile_intervals(
             reach = float(side[i]) * math.sqrt(sought[i]) * float(error[index])
             level = float(target[i])
             optimum = minimum.values[0], lowest
-            point, cost = walk(gram, space, *optimum, lowest, level, index, reach)
+            point, cost = find_profile_end(gram, space, *optimum, lowest, level, index, reach)
             ends[i] = point[index]
             suiting = suiting.joined(point[None], np.array([cost]), highest)
     best_values = minimum.values[0, :count]
@@ -341,7 +342,9 @@ def profile_intervals(
     if better is None and others is not None and len(others):
         suiting = suiting.joined(others, gram(others)[:, -1, -1], highest)
     if better is None:
-        intervals, suiting = spanned(gram, space, suiting, intervals, lowest, target[:count])
+        intervals, suiting = extend_intervals(
+            gram, space, suiting, intervals, lowest, target[:count]
+        )
         best_of_all = int(np.argmin(suiting.costs))
         if suiting.costs[best_of_all] < least:
             better = suiting.values[best_of_all]

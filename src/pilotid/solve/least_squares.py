@@ -19,7 +19,7 @@ from pilotid.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)
-class Scale:
+class LogTransform:
     """Parameters on their own scale and on the inner one.
 
     Attributes
@@ -84,14 +84,14 @@ class Scale:
 
 #: Longest step of a positive parameter, on its logarithmic scale: a gain that is
 #: extrapolated towards zero would not come back.
-LONGEST = 1.0
+LONGEST_LOG_STEP = 1.0
 
 #: Damping of the first step, in shares of the diagonal of the Hessian.
-FIRST = 1e-3
+FIRST_DAMPING = 1e-3
 
 #: Pivots of a Hessian with a unit diagonal from which on it is solved as it is: no eigenvalue is
 #: negative, nor so small that rounding decides.
-CLEAR = 1e-6
+LEAST_PIVOT = 1e-6
 
 BLOCK = 4  # parameter sets evaluated at once: more no longer fit the processor's cache
 
@@ -230,7 +230,7 @@ class Problem(Protocol):
         return self
 
 
-class Space(Protocol):
+class Bounds(Protocol):
     """Where a search moves."""
 
     @property
@@ -324,7 +324,7 @@ class Minima:
 def minimise(
     gram: Gram,
     starts: FloatArray,
-    space: Space,
+    space: Bounds,
     *,
     tolerance: float = 1e-9,
     iterations: int = 60,
@@ -353,7 +353,7 @@ def minimise(
 
 
 def resume(
-    gram: Gram, end: Minima, space: Space, *, tolerance: float = 1e-9, iterations: int = 60
+    gram: Gram, end: Minima, space: Bounds, *, tolerance: float = 1e-9, iterations: int = 60
 ) -> Minima:
     """Go on from where a search ended, its best end alone, with what it learned of the Hessian.
 
@@ -371,7 +371,7 @@ def resume(
 def minimise_each(
     gram: GramOf,
     starts: FloatArray,
-    space: Space,
+    space: Bounds,
     *,
     tolerance: float = 1e-9,
     iterations: int = 60,
@@ -398,13 +398,13 @@ def minimise_each(
 def _within(
     gram: GramOf,
     starts: FloatArray,
-    space: Space,
+    space: Bounds,
     tolerance: float,
     iterations: int,
     known: Minima | None,
 ) -> Minima:
     """Minimise on the inner scale; `known` is what a search knew that ended at the starts."""
-    scale = Scale(space.positive)
+    scale = LogTransform(space.positive)
     clipped = np.clip(starts, space.lower, space.upper)
 
     def inner_gram(points: FloatArray, which: IntArray) -> FloatArray:
@@ -423,7 +423,7 @@ def _within(
         begin,
         scale.enter(space.lower),
         scale.enter(space.upper),
-        np.where(space.positive, LONGEST, 0.25 * (space.upper - space.lower)),
+        np.where(space.positive, LONGEST_LOG_STEP, 0.25 * (space.upper - space.lower)),
         tolerance,
         iterations,
     )
@@ -446,7 +446,7 @@ def _minimise(
     values, grams = begin.values, begin.gram
     curvature = np.zeros_like(grams[:, :-1, :-1]) if begin.curvature is None else begin.curvature
     scale = _scale(grams)
-    damping = np.full(len(values), FIRST)
+    damping = np.full(len(values), FIRST_DAMPING)
     ended = begin.only(np.arange(len(values)))
     learned_of = curvature.copy()
     count = 1
@@ -540,7 +540,7 @@ def _solved(
         pivots = np.diagonal(np.linalg.cholesky(matrix), axis1=1, axis2=2)
     except np.linalg.LinAlgError:
         pivots = np.zeros(1)
-    if pivots.min() > CLEAR:
+    if pivots.min() > LEAST_PIVOT:
         both = np.empty((2, *matrix.shape))
         both[1] = matrix
         np.add(matrix, damping[:, None, None] * np.eye(right.shape[1]), out=both[0])

@@ -6,11 +6,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from pilotid.solve.least_squares import Gram, Minima, Scale, Space, minimise, solve_linear
+from pilotid.solve.least_squares import Bounds, Gram, LogTransform, Minima, minimise, solve_linear
 from pilotid.types import FloatArray
 
 
-class SearchSpace(Space, Protocol):
+class SearchSpace(Bounds, Protocol):
     """Bounds, and where in them to begin; a pilot model for example."""
 
     @property
@@ -88,7 +88,7 @@ def draw_starts(space: SearchSpace, rng: np.random.Generator, count: int) -> Flo
 
 #: How far evolution looks: positive parameters are below and above their usual range by this
 #: factor, the range of others is as many times as wide.
-WIDER = 2.0
+WIDENED_RANGE = 2.0
 
 
 def evolve(
@@ -125,7 +125,7 @@ def evolve(
         Gram matrices of the residual and its derivatives by the linear parameters alone, which
         evolution needs no more than; None to take them from `gram`.
     """
-    scale = Scale(space.positive)
+    scale = LogTransform(space.positive)
     low, high = (scale.enter(ends) for ends in _widened(space))
     linear = list(space.linear)
     wanted = [*linear, -1]
@@ -157,11 +157,12 @@ def evolve(
 
     best = np.zeros(0)
     if free:
-        from scipy.optimize import Bounds, differential_evolution
+        from scipy.optimize import Bounds as Box
+        from scipy.optimize import differential_evolution
 
         best = differential_evolution(
             cost,
-            Bounds(low[free], high[free]),
+            Box(low[free], high[free]),
             popsize=population,
             maxiter=generations,
             polish=False,
@@ -175,7 +176,7 @@ def evolve(
 def _widened(space: SearchSpace) -> FloatArray:
     """Lower and upper ends of the usual ranges made wider, shape (2, parameters)."""
     low, high = space.usual
-    beyond = 0.5 * (WIDER - 1.0) * (high - low)
-    low = np.where(space.positive, low / WIDER, low - beyond)
-    high = np.where(space.positive, high * WIDER, high + beyond)
+    beyond = 0.5 * (WIDENED_RANGE - 1.0) * (high - low)
+    low = np.where(space.positive, low / WIDENED_RANGE, low - beyond)
+    high = np.where(space.positive, high * WIDENED_RANGE, high + beyond)
     return np.array([np.maximum(low, space.lower), np.minimum(high, space.upper)])

@@ -20,14 +20,15 @@ import numpy as np
 
 from pilotid.pilot.timevarying import Curve
 from pilotid.remarks import Remark
-from pilotid.solve.least_squares import Minima, Penalty, Problem, Scale, Space, minimise
+from pilotid.solve.least_squares import Bounds, LogTransform, Minima, Penalty, Problem, minimise
 from pilotid.types import FloatArray
 
 #: Logarithms between which a weight is sought, that of the weight which makes penalty and
 #: information equal being zero.  At the ends a curve is free, and straight.
 LIGHTEST, HEAVIEST = -12.0, 10.0
-FLAT = 1.0  # of a weight's logarithm in -2 log of a density that is flat in the standard deviation
-TRIED = 12  # weights, the same for all curves, from the best of which the search begins
+#: Factor of a weight's logarithm in -2 log of a density that is flat in the standard deviation.
+FLAT_PRIOR_EXPONENT = 1.0
+WEIGHTS_TRIED = 12  # weights, the same for all curves, from the best of which the search begins
 
 
 class Restricted:
@@ -75,7 +76,7 @@ class Restricted:
             + step @ self._information @ step
             + moved @ total @ moved
         )
-        ranks = self._ranks - FLAT
+        ranks = self._ranks - FLAT_PRIOR_EXPONENT
         # Of a recording without a remnant rounding errors are left, of any sign.
         squares = max(float(squares), 1e-13 * self._squares, 1e-300)
         value = self._freedom * np.log(squares) + determinant - ranks @ logs
@@ -110,7 +111,7 @@ class Restricted:
         from scipy.optimize import minimize
 
         if start is None:
-            tried = [self.even + at for at in np.linspace(LIGHTEST, HEAVIEST, TRIED)]
+            tried = [self.even + at for at in np.linspace(LIGHTEST, HEAVIEST, WEIGHTS_TRIED)]
             start = min(tried, key=lambda logs: self(logs)[0])
         ends = list(zip(self.even + LIGHTEST, self.even + HEAVIEST, strict=True))
         inside = np.clip(start, self.even + LIGHTEST, self.even + HEAVIEST)
@@ -124,17 +125,17 @@ AGAINST_WHITE = Remark(
     "remnant and their bands are far too narrow; use mle or bayes",
 )
 
-ROUNDS = 25  # of weights and optimum in turn, at the most
-SETTLED = 0.05  # change of the logarithms of the weights that ends them
-TOLERANCE = 1e-5  # of the optima between
+MOST_ROUNDS = 25  # of weights and optimum in turn, at the most
+SETTLED_LOG_CHANGE = 0.05  # change of the logarithms of the weights that ends them
+ROUND_TOLERANCE = 1e-5  # of the optima between
 
 
 P = TypeVar("P", bound=Problem)
 
 
-def smoothed(
+def fit_smooth(
     problem: P,
-    space: Space,
+    space: Bounds,
     curves: tuple[Curve, ...],
     values: FloatArray,
     tolerance: float,
@@ -160,17 +161,17 @@ def smoothed(
     free = problem.penalised(None)
     point = values[None]
     logs: FloatArray | None = None
-    for _ in range(ROUNDS):
+    for _ in range(MOST_ROUNDS):
         last, logs = logs, _restricted(free, space, point, curves).best(logs)
         problem = free.penalised(Penalty(curves, np.exp(logs)))
-        end = minimise(problem.gram, point, space, tolerance=TOLERANCE)
+        end = minimise(problem.gram, point, space, tolerance=ROUND_TOLERANCE)
         point = end.values[:1]
-        if last is not None and np.max(np.abs(logs - last)) < SETTLED:
+        if last is not None and np.max(np.abs(logs - last)) < SETTLED_LOG_CHANGE:
             break
     return problem, minimise(problem.gram, point, space, tolerance=tolerance)
 
 
-def criterion_and_degrees(problem: Problem, space: Space, end: Minima) -> tuple[float, FloatArray]:
+def criterion_and_degrees(problem: Problem, space: Bounds, end: Minima) -> tuple[float, FloatArray]:
     """How likely an optimum is, and how free its curves are.
 
     Parameters
@@ -193,8 +194,8 @@ def criterion_and_degrees(problem: Problem, space: Space, end: Minima) -> tuple[
 
 
 def _restricted(
-    free: Problem, space: Space, point: FloatArray, curves: tuple[Curve, ...]
+    free: Problem, space: Bounds, point: FloatArray, curves: tuple[Curve, ...]
 ) -> Restricted:
-    scale = Scale(space.positive)
+    scale = LogTransform(space.positive)
     gram = scale.inner(free.gram(point), point)[0]
     return Restricted(gram, scale.enter(point)[0], curves, free.residuals)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pilotid.datasets import Scenario
-from pilotid.estimates.trajectory import Trajectory, times_of
+from pilotid.estimates.parts import Trajectory, times_of
 from pilotid.pilot.model import frozen, frozen_over
 from pilotid.study import scores
 from pilotid.study.entries import Track, number

@@ -245,7 +245,8 @@ class BandTerms:
         unit variance, shape (sets, p + r, p + r).
         """
         shifts, inside = self.shifts[: taps.shape[-1]], self.inside[: self.counting]
-        by_remnant = (slopes @ shifts) / (taps @ shifts)[:, None]
+        # Slopes are real: so are the products, of real and imaginary parts side by side.
+        by_remnant = (slopes @ shifts.view(float)).view(complex) / (taps @ shifts)[:, None]
         by_pilot = loop[:, :-1] / -loop[:, -1:]
         term = self.of_loop(loop[:, -1]) + self.of_whitener(taps)
         slope = np.concatenate([by_pilot.real @ inside, by_remnant.real @ self.whitened], axis=1)

@@ -14,7 +14,7 @@ import numpy as np
 
 from pilotid.chance import CHI_SQUARED_95, CHI_SQUARED_95_OF_TWO
 from pilotid.estimates.estimate import is_at_bound
-from pilotid.solve.intervals import Held
+from pilotid.solve.intervals import FixedParameter
 from pilotid.solve.least_squares import minimise
 from pilotid.time_domain.maximum_likelihood import Maximum
 from pilotid.types import FloatArray
@@ -25,7 +25,7 @@ TOLERANCE, ITERATIONS = 1e-5, 20
 CHANGE_TOLERANCE, CHANGE_ITERATIONS = 1e-3, 10
 
 
-def rivals(found: Maximum) -> FloatArray:
+def competing_optima(found: Maximum) -> FloatArray:
     """Other summits, with the optimum's model of the remnant, shape (points, parameters).
 
     Parameters
@@ -34,7 +34,7 @@ def rivals(found: Maximum) -> FloatArray:
         The optimum, with the pilots of other summits.
     """
     joint, optimum = found.joint, found.end.values[0]
-    starts = [np.concatenate([pilot, optimum[joint.pilot :]]) for pilot in found.rivals]
+    starts = [np.concatenate([pilot, optimum[joint.pilot :]]) for pilot in found.competing]
     if not starts:
         return np.zeros((0, len(optimum)))
     return minimise(
@@ -65,7 +65,7 @@ def off_bounds(found: Maximum) -> FloatArray:
         for value in (low[k], middle[k], high[k]):
             starts = np.array(bases)
             starts[:, k] = value
-            space = Held.at(joint, k, value)
+            space = FixedParameter.at(joint, k, value)
             ends = minimise(
                 found.search.gram, starts, space, tolerance=TOLERANCE, iterations=ITERATIONS
             )
@@ -74,12 +74,12 @@ def off_bounds(found: Maximum) -> FloatArray:
 
 
 #: How far beyond the ends of its interval the middle of a change is tried [s].
-BEYOND = (0.25, 0.75, 1.5, 2.5, 4.0, 6.0)
+SHIFTS_BEYOND = (0.25, 0.75, 1.5, 2.5, 4.0, 6.0)
 #: Rates at which it is tried there, and that are tried themselves [1/s].
-SHAPES: tuple[float, ...] = (0.4, 20.0)
+RATES_BEYOND: tuple[float, ...] = (0.4, 20.0)
 RATES = (0.1, 0.2, 0.4, 0.8, 2.0, 6.0, 20.0, 100.0)
 #: Shifts of the middle at which a rate is tried [s].
-AROUND = (-2.0, -1.0, 0.0, 1.0, 2.0)
+SHIFTS_AROUND = (-2.0, -1.0, 0.0, 1.0, 2.0)
 
 
 def deviances(found: Maximum) -> FloatArray:
@@ -122,9 +122,12 @@ def over_changes(found: Maximum, intervals: FloatArray, sought: FloatArray | flo
             continue
         middle, rate = when
         ends = intervals[middle]
-        beyond = [*(ends[0] - far for far in BEYOND), *(ends[1] + far for far in BEYOND)]
-        tried = [(middle, float(value), rate, SHAPES) for value in beyond]
-        near = tuple(float(optimum[middle]) + shift for shift in AROUND)
+        beyond = [
+            *(ends[0] - far for far in SHIFTS_BEYOND),
+            *(ends[1] + far for far in SHIFTS_BEYOND),
+        ]
+        tried = [(middle, float(value), rate, RATES_BEYOND) for value in beyond]
+        near = tuple(float(optimum[middle]) + shift for shift in SHIFTS_AROUND)
         tried += [
             (rate, value, middle, near) for value in RATES if not _inside(value, intervals[rate])
         ]
@@ -137,7 +140,7 @@ def over_changes(found: Maximum, intervals: FloatArray, sought: FloatArray | flo
             fits = minimise(
                 joint.gram,
                 points,
-                Held.at(joint, fixed, value),
+                FixedParameter.at(joint, fixed, value),
                 tolerance=CHANGE_TOLERANCE,
                 iterations=CHANGE_ITERATIONS,
             )

@@ -23,15 +23,15 @@ from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import floors_of
 from pilotid.solve.covariance import covariance_of
 from pilotid.solve.least_squares import minimise
-from pilotid.solve.smoothing import criterion_and_degrees, smoothed
+from pilotid.solve.smoothing import criterion_and_degrees, fit_smooth
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction, predict, weighted
 from pilotid.time_domain.prediction_errors import PredictionErrors, for_search
 from pilotid.time_domain.prepare import Band, analysis_band, decimation
-from pilotid.time_domain.remnant_models import guessed, remnant_estimate
+from pilotid.time_domain.remnant_models import guess_parameters, remnant_estimate
 from pilotid.time_domain.search import (
-    FINE,
-    FIRST,
+    FIRST_NOISE_MODEL,
+    REPORTED_TOLERANCE,
     Following,
     JointFit,
     JointFits,
@@ -47,23 +47,23 @@ from pilotid.types import FloatArray
 #: what the recording tells of any parameter.  Filter and decimation reach into the future a
 #: little; in a loop that answers at once (position control) the remnant there, which the error
 #: shows too, would otherwise bias delays and neuromuscular parameters by up to 10 %.
-UPPER, EDGE = 0.6, 0.01
+EDGE_BEGINS, LARGEST_EDGE_SHARE = 0.6, 0.01
 #: The same share in the likelihood of a band whose loop falls off above it: nothing is biased then,
 #: and this much information may be lost.  A step, which has all frequencies, has .13 to .31 there;
 #: multisines have .00 to .07 (populations usual and inner, tuning seed 3003).
-LOST = 0.1
+LARGEST_LOST_SHARE = 0.1
 
 #: Candidates whose criterion, on a first look, is higher than the lowest by more are left out.
-NEAR = 20.0
+FIRST_LOOK_MARGIN = 20.0
 
 #: Optima of the whole search whose criterion is higher by no more are as likely as the best one.
-#: Two whose criteria differ by less than `ONE` are one.
-AS_LIKELY, ONE = 5.0, 0.01
+#: Two whose criteria differ by less than `SAME_CRITERION` are one.
+COMPETING_MARGIN, SAME_CRITERION = 5.0, 0.01
 
 #: Likelihood ratios are larger than chi-squared says in short recordings, since pilot and remnant
 #: share what little there is: by this many seconds over the scored time (Bartlett's correction,
 #: with the constant measured on populations of pilots; docs/remnant.md).
-SHORT = 5.0
+BARTLETT_SECONDS = 5.0
 
 
 #: What is told of a search from one start.
@@ -88,7 +88,7 @@ class Maximum(JointFit):
         Tells whether parameters follow the control, where that was asked.
     known
         The pilot that the forcing functions' lines show, shape (1, parameters), if they do.
-    rivals
+    competing
         Pilots of other optima that are as likely, each of shape (parameters,).
     """
 
@@ -96,7 +96,7 @@ class Maximum(JointFit):
     iterations: int = 0
     following: Following | None = None
     known: FloatArray | None = None
-    rivals: Sequence[FloatArray] = ()
+    competing: Sequence[FloatArray] = ()
 
     @property
     def follows(self) -> bool:
@@ -114,7 +114,7 @@ class Maximum(JointFit):
     def widened(self) -> float:
         """Factor on variances, and on the deviance that an interval goes to."""
         prediction = self.joint.prediction
-        return 1.0 + SHORT / (prediction.runs * prediction.scored * prediction.dt)
+        return 1.0 + BARTLETT_SECONDS / (prediction.runs * prediction.scored * prediction.dt)
 
     @cached_property
     def by_element(self) -> FloatArray:
@@ -187,7 +187,11 @@ class Maximum(JointFit):
     def enough(self) -> float:
         """Largest share at the edge with which the band is wide enough."""
         weighting = self.joint.prediction.weighting
-        return EDGE if weighting is None or weighting.answers_at_once else LOST
+        return (
+            LARGEST_EDGE_SHARE
+            if weighting is None or weighting.answers_at_once
+            else LARGEST_LOST_SHARE
+        )
 
     @cached_property
     def at_edge(self) -> float:
@@ -197,7 +201,7 @@ class Maximum(JointFit):
         One at a bound is no pilot, and whether a search comes upon it is chance.
         """
         model = self.joint.prediction.model
-        inside = [pilot for pilot in self.rivals if not is_at_bound(model, pilot).any()]
+        inside = [pilot for pilot in self.competing if not is_at_bound(model, pilot).any()]
         return max(map(self.edge_of, [self.pilot, *inside]))
 
     def edge_of(self, pilot: FloatArray) -> float:
@@ -211,10 +215,10 @@ class Maximum(JointFit):
         power = np.sum(np.abs(rows) ** 2, axis=1)
         if prediction.weighting is not None:  # a recorder's noise tells nothing
             power = power * prediction.weighting.weights(prediction.s.imag)
-        upper = prediction.s.imag > UPPER * np.pi / prediction.dt
+        upper = prediction.s.imag > EDGE_BEGINS * np.pi / prediction.dt
         return float(np.max(np.sum(power[:, upper], axis=1) / np.sum(power, axis=1)))
 
-    def refined(self, tolerance: float = FINE) -> Self:
+    def refined(self, tolerance: float = REPORTED_TOLERANCE) -> Self:
         """The same optimum to the tolerance of what is reported."""
         found = super().refined(tolerance)
         return replace(found, iterations=self.iterations + found.end.iterations)
@@ -281,16 +285,18 @@ class _Fit:
         """As `maximum`, for a pilot who varies freely: how smoothly is found on the way."""
         curves, residual = prediction.model.curves, OutputErrors(prediction).residual(pilot)
         # What the first pilot leaves is not the remnant alone: a long autoregression would keep it.
-        noise = self.settings.noise or FIRST
+        noise = self.settings.noise or FIRST_NOISE_MODEL
         joint = PredictionErrors(prediction, noise, band)
-        values = np.concatenate([pilot, guessed(noise, residual, band)])
-        joint, end = smoothed(joint, joint, curves, values, FINE)
+        values = np.concatenate([pilot, guess_parameters(noise, residual, band)])
+        joint, end = fit_smooth(joint, joint, curves, values, REPORTED_TOLERANCE)
         iterations = end.iterations
         for _ in range(self.settings.rounds):
             other = self.maximum(joint.prediction, band, end.values[0, : joint.pilot])
             if other.joint.noise == joint.noise:
                 break
-            joint, end = smoothed(other.joint, other.joint, curves, other.end.values[0], FINE)
+            joint, end = fit_smooth(
+                other.joint, other.joint, curves, other.end.values[0], REPORTED_TOLERANCE
+            )
             iterations += other.iterations + end.iterations
         return Maximum(joint, end, iterations=iterations)
 
@@ -308,8 +314,8 @@ class _Fit:
         if not other.follows:
             return found
         best = min(found, other, key=lambda maximum: maximum.criterion)
-        rivals = [*found.rivals, *_rivals([found, other], best.criterion)]
-        return replace(best, starts=found.starts, known=found.known, rivals=rivals)
+        competing = [*found.competing, *_competing([found, other], best.criterion)]
+        return replace(best, starts=found.starts, known=found.known, competing=competing)
 
     def searched(
         self,
@@ -344,16 +350,16 @@ class _Fit:
         followed = [maximum for maximum in tried if maximum.follows] or tried
         lowest = min(maximum.criterion for maximum in followed)
         # What was far behind to `ENOUGH` is no rival.
-        far = lowest + 2.0 * AS_LIKELY
+        far = lowest + 2.0 * COMPETING_MARGIN
         followed = [each.refined() for each in followed if not each.criterion > far]
         best = min(followed, key=lambda maximum: maximum.criterion)
-        rivals = _rivals(followed, best.criterion)
+        competing = _competing(followed, best.criterion)
         # The terms were chosen beside a first estimate; at the optimum the choice may be another.
         whitened = OutputErrors(prediction, best.joint.whitener(best.end.values[0]))
         terms = whitened.noticeable_terms(best.pilot)
         if terms != explored.terms:
             best = self.maximum(replace(prediction, terms=terms), band, best.pilot, following)
-        return replace(_elsewhere(best), starts=explored.starts, known=known, rivals=rivals)
+        return replace(_elsewhere(best), starts=explored.starts, known=known, competing=competing)
 
 
 def maximise_likelihood(
@@ -401,7 +407,7 @@ def in_wide_band(
         found = fit.beside_lines(found)
         if found.at_edge <= found.enough:
             continue
-        beside = [found.pilot, *found.rivals] if found.follows else []
+        beside = [found.pilot, *found.competing] if found.follows else []
         wider = fit.searched(rng, rate, found.known, beside)
         # The wider the band, the better the forcing functions are predicted, see `Following`.
         if found.follows and not wider.follows:
@@ -460,24 +466,24 @@ def _likely(candidates: list[JointFits], following: Following) -> list[JointFits
     kept = following(np.array([first.pilot for first in firsts]))
     if kept.any():
         reached[~kept] = np.inf
-    near = np.flatnonzero(reached < np.min(reached) + NEAR)
+    near = np.flatnonzero(reached < np.min(reached) + FIRST_LOOK_MARGIN)
     ranked = near[np.argsort(reached[near], kind="stable")].tolist()
     met = grouped(ranked, lambda first, index: firsts[first].is_near(firsts[index].pilot))
     return [candidates[group[0]] for group in met]
 
 
-def _rivals(tried: Sequence[Maximum], lowest: float) -> list[FloatArray]:
+def _competing(tried: Sequence[Maximum], lowest: float) -> list[FloatArray]:
     """Pilots of optima that are nearly as good as the best one, each once."""
-    reached, rivals = [lowest], []
+    reached, competing = [lowest], []
     for other in tried:
         criterion = other.criterion
         if (
-            criterion < lowest + AS_LIKELY
-            and min(abs(criterion - known) for known in reached) > ONE
+            criterion < lowest + COMPETING_MARGIN
+            and min(abs(criterion - known) for known in reached) > SAME_CRITERION
         ):
             reached.append(criterion)
-            rivals.append(other.pilot)
-    return rivals
+            competing.append(other.pilot)
+    return competing
 
 
 def _elsewhere(found: Maximum) -> Maximum:

@@ -24,7 +24,7 @@ from pilotid.pilot.model import PilotModel, Placed, unfrozen
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_of, sandwich
 from pilotid.solve.least_squares import Minima, Penalty, Problem, minimise
-from pilotid.solve.smoothing import AGAINST_WHITE, smoothed
+from pilotid.solve.smoothing import AGAINST_WHITE, fit_smooth
 from pilotid.time_domain.prediction import Prediction, predict
 from pilotid.types import ComplexArray, FloatArray
 
@@ -260,7 +260,7 @@ def record(minima: Minima, same: float = 3e-3) -> Starts:
     return Starts(cost=relative, agreeing=int(np.sum(relative <= 1.0 + same)))
 
 
-def concluded(
+def make_estimate(
     method: str,
     recording: Recording,
     model: PilotModel,
@@ -343,7 +343,7 @@ class WhiteLikelihood:
         terms = OutputErrors(prediction).noticeable_terms(start)
         problem = OutputErrors(replace(prediction, terms=terms))
         if model.curves:
-            problem, end = smoothed(problem, model, model.curves, start, 1e-6)
+            problem, end = fit_smooth(problem, model, model.curves, start, 1e-6)
         else:
             end = minimise(problem.gram, start[None], model, tolerance=1e-8)
         values, gram = end.values[0], end.gram[0]
@@ -357,7 +357,7 @@ class WhiteLikelihood:
             covariance = sandwich(problem.gram, rows, values, prediction.dt, prior=prior)
         if covariance is None:
             return failed(method, model, Outcome.SINGULAR)
-        estimate = concluded(
+        estimate = make_estimate(
             method,
             recording,
             model,

@@ -13,13 +13,13 @@ import numpy as np
 
 from pilotid.chance import Z95
 from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.estimates.trajectory import Trajectory
+from pilotid.estimates.parts import Trajectory
 from pilotid.pilot.model import PilotModel, ends, frozen, frozen_over
 from pilotid.pilot.timevarying import Fading, Sigmoid
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import sandwich_of
-from pilotid.solve.least_squares import Problem, Scale, minimise
-from pilotid.time_domain.output_error import concluded
+from pilotid.solve.least_squares import LogTransform, Problem, minimise
+from pilotid.time_domain.output_error import make_estimate
 from pilotid.types import BoolArray, FloatArray
 
 #: A time is weighted as if its band had at least this share of the band's median width: where an
@@ -171,11 +171,11 @@ def estimated_over_time(
     covariance, scaled = _covariance(problem, values, memory)
     if covariance is None or scaled is None:
         return failed(method, model, Outcome.SINGULAR)
-    estimate = concluded(
+    estimate = make_estimate(
         method, recording, model, values, covariance, converged=bool(end.converged[0])
     )
     error = np.sqrt(np.diag(scaled))
-    ends = Scale(model.positive).interval(values, error, model.lower, model.upper)
+    ends = LogTransform(model.positive).interval(values, error, model.lower, model.upper)
     intervals = np.stack(ends, axis=1)
     return replace(estimate, intervals=intervals, trajectory=trajectory, iterations=end.iterations)
 
@@ -186,7 +186,7 @@ def _covariance(
     """Covariance of the values, and that on the scale of the search; None if it is singular."""
     model, time = problem.model, problem.trajectory.time
     rows = problem.rows(values[None])[0]
-    scale = Scale(model.positive)
+    scale = LogTransform(model.positive)
     slope = scale.slope(values)
     jacobian, residual = rows[:-1] * slope[:, None, None], rows[-1]
     own = np.sum(residual**2, axis=1) / problem.known.sum(axis=1)

@@ -27,9 +27,9 @@ from pilotid.time_domain.prepare import (
     Prepared,
     decimation,
     derivative_kernel,
-    extended,
     fast_length,
     lowpass,
+    pad,
     prepare,
 )
 from pilotid.types import ComplexArray, FloatArray, IntArray
@@ -103,7 +103,7 @@ def fine_input(
     start
         Time of the first prepared sample [s].
     span
-        Prepared samples, samples by which they are extended at both ends, and length of the
+        Prepared samples, samples by which they are padded at both ends, and length of the
         transform.
     band
         The analysis band [rad/s], None for the full rate.
@@ -134,7 +134,7 @@ def fine_input(
     edges = np.array([filtered(centred, order, ends).T for order in range(channel.derivative)])
     edges = edges.reshape(channel.derivative, 2, recording.runs)
     outside = extension * ratio - max(before, after)
-    padded = extended(signal, edges, outside, dt)
+    padded = pad(signal, edges, outside, dt)
     whole = np.zeros((recording.runs, length * ratio))
     lead = extension * ratio - before - outside
     whole[:, lead : lead + padded.shape[1]] = padded
@@ -159,10 +159,10 @@ def fine_enough(step: int, dt: float) -> bool:
     return step == 1 or step * dt <= FINEST * (1.0 + 1e-9)
 
 
-LONG = 1 << 16  # bins of all runs from which one parameter set is evaluated after the other
+LONG_BINS = 1 << 16  # bins of all runs from which one parameter set is evaluated after the other
 #: Share of a row's sum of squares that the nuisance terms must leave of it, so that products may
 #: be projected in its place.
-LITTLE = 1e-6
+LEAST_LEFT_SHARE = 1e-6
 #: What a unit of the element's output is in each input of a channel.
 CLOSED = {"error": -1.0, "output": 1.0, "target": 0.0}
 EXTENSION = 4.0  # seconds over which signals fade out beyond both ends of the recording
@@ -221,7 +221,7 @@ class Prediction:
     @property
     def block(self) -> int:
         """Parameter sets that are evaluated at once: one beyond any cache, to spare memory."""
-        return BLOCK if self.control_spectrum.size < LONG else 1
+        return BLOCK if self.control_spectrum.size < LONG_BINS else 1
 
     @property
     def samples(self) -> int:
@@ -327,7 +327,7 @@ class Prediction:
         sets, count = values.shape
         rows = count + between + 1
         spectrum = np.empty((sets, rows, *self.control_spectrum.shape), dtype=complex)
-        step = self.s.size if any(self.fine) else LONG
+        step = self.s.size if any(self.fine) else LONG_BINS
         for begin in range(0, self.s.size, step):
             self._put(spectrum, values, slice(begin, begin + step))
         if taps is not None:
@@ -462,7 +462,7 @@ class Prediction:
     def nuisance_basis(self) -> FloatArray:
         """Orthonormal basis of the nuisance terms, shape (scored, terms)."""
         # By blocks, since a factorisation takes several times the memory of its matrix.
-        blocks = np.array_split(self.nuisance_terms, 1 + self.scored // LONG)
+        blocks = np.array_split(self.nuisance_terms, 1 + self.scored // LONG_BINS)
         parts = [np.linalg.qr(block) for block in blocks]
         if len(parts) == 1:
             return np.asarray(parts[0].Q)
@@ -497,7 +497,7 @@ class Prediction:
         if self.block > 1:
             return self.without_nuisance(self.samples_of(spectra))
         rows = spectra.reshape(-1, spectra.shape[-1])
-        size, step = len(rows) * self.scored, 1 + LONG // rows.shape[1]
+        size, step = len(rows) * self.scored, 1 + LONG_BINS // rows.shape[1]
         place = rows.reshape(-1).view(float)[:size].reshape(len(rows), self.scored)
         for i in range(0, len(rows), step):  # samples end before the next transform begins
             block = slice(i, i + step)
@@ -530,7 +530,7 @@ class Prediction:
         products = flat @ flat.transpose(0, 2, 1)
         whole = np.diagonal(products, axis1=1, axis2=2).copy()
         products -= along @ along.transpose(0, 2, 1)
-        if (np.diagonal(products, axis1=1, axis2=2) < LITTLE * whole).any():
+        if (np.diagonal(products, axis1=1, axis2=2) < LEAST_LEFT_SHARE * whole).any():
             flat = self.without_nuisance(rows).reshape(flat.shape)
             products = flat @ flat.transpose(0, 2, 1)
         return np.asarray(products)
@@ -585,7 +585,7 @@ def predict(recording: Recording, model: PilotModel, band: float | None = None) 
     length = fast_length(prepared.control.shape[1] + 2 * extension)
 
     def transformed(signal: FloatArray, edges: FloatArray) -> ComplexArray:
-        return np.fft.rfft(extended(signal, edges, extension, prepared.dt), n=length)
+        return np.fft.rfft(pad(signal, edges, extension, prepared.dt), n=length)
 
     span = (prepared.control.shape[1], extension, length)
     fine = tuple(

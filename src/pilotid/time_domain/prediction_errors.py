@@ -24,9 +24,9 @@ from pilotid.time_domain.remnant_models import NoiseModel
 from pilotid.types import BoolArray, ComplexArray, FloatArray
 
 #: A group of bins is this share of its frequency wide, and at most so many rad/s.
-SHARE, WIDEST = 1.0 / 15.0, 0.35
+GROUP_SHARE, GROUP_WIDEST = 1.0 / 15.0, 0.35
 
-MANY = 12  # parameter sets evaluated at once: a hundred frequencies of each fit the cache
+SETS_AT_ONCE = 12  # parameter sets evaluated at once: a hundred frequencies of each fit the cache
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Reduced(Prediction):
 
     @property
     def block(self) -> int:
-        return MANY
+        return SETS_AT_ONCE
 
     def samples_of(self, spectrum: ComplexArray) -> FloatArray:
         weighted = np.ascontiguousarray(spectrum * self.weights)
@@ -90,7 +90,9 @@ def reduced(prediction: Prediction) -> Prediction:
     given = np.array([*prediction.spectra, prediction.control_spectrum])
     signals = np.fft.rfft(prediction.samples_of(given) * window)
     omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(scored, prediction.dt), dtype=float)
-    groups = group_begins(omega, SHARE, WIDEST, 2)  # the mean and what the window makes of it go
+    groups = group_begins(
+        omega, GROUP_SHARE, GROUP_WIDEST, 2
+    )  # the mean and what the window makes of it go
     sizes = np.sqrt(np.mean(np.abs(signals) ** 2, axis=(1, 2)))
     sizes[sizes == 0.0] = 1.0
     signals = signals / sizes[:, None, None]
@@ -319,12 +321,12 @@ class PredictionErrors(Problem):
 
 
 #: Bins of all runs but one from which on the reduced prediction and the adjoint take less time.
-LARGE = 8000
+ADJOINT_BINS = 8000
 
 
 def is_large(prediction: Prediction) -> bool:
     """Whether a search is faster by the adjoint."""
-    return (prediction.runs - 1) * prediction.s.size >= LARGE
+    return (prediction.runs - 1) * prediction.s.size >= ADJOINT_BINS
 
 
 def for_search(joint: PredictionErrors, coarse: Prediction | None = None) -> PredictionErrors:
@@ -358,7 +360,7 @@ class AdjointErrors(PredictionErrors):
         super().__init__(exact.prediction, exact.noise, exact.band)
         self._exact = exact
         self.coarse = PredictionErrors(coarse, exact.noise, exact.band)
-        self.block = MANY
+        self.block = SETS_AT_ONCE
 
     @property
     def exact(self) -> PredictionErrors:

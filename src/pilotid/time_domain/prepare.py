@@ -22,7 +22,7 @@ from pilotid.recordings.recording import Recording
 from pilotid.types import FloatArray, InputError
 
 
-def extended(signal: FloatArray, edges: FloatArray, extension: int, dt: float) -> FloatArray:
+def pad(signal: FloatArray, edges: FloatArray, extension: int, dt: float) -> FloatArray:
     """Continue a signal beyond both ends, faded to zero.
 
     Parameters
@@ -41,12 +41,12 @@ def extended(signal: FloatArray, edges: FloatArray, extension: int, dt: float) -
     # Going back in time, odd derivatives change their sign.
     signs = (-1.0) ** np.arange(order + 1)
     lower = signs[:order, None] * edges[:, 0]
-    left = signs[order] * _continued(signs[order] * signal, lower, extension, dt)
-    right = _continued(signal[:, ::-1], edges[:, 1], extension, dt)
+    left = signs[order] * _pad_beyond_end(signs[order] * signal, lower, extension, dt)
+    right = _pad_beyond_end(signal[:, ::-1], edges[:, 1], extension, dt)
     return np.concatenate([left[:, ::-1], signal, right], axis=1)
 
 
-def _continued(inward: FloatArray, lower: FloatArray, extension: int, dt: float) -> FloatArray:
+def _pad_beyond_end(inward: FloatArray, lower: FloatArray, extension: int, dt: float) -> FloatArray:
     """Continuation of a signal beyond its first sample, in the direction away from it.
 
     Odd reflection, since a jump would ring into the scored part, where whitening

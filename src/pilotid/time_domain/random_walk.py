@@ -21,9 +21,9 @@ from pilotid.pilot.factors import Delay, Factor, Neuromuscular, Polynomial
 from pilotid.pilot.model import PilotModel, frozen
 from pilotid.pilot.timevarying import product_of
 from pilotid.recordings.recording import Recording
-from pilotid.solve.least_squares import Scale
+from pilotid.solve.least_squares import LogTransform
 from pilotid.time_domain.prepare import decimation, derivative_kernel
-from pilotid.time_domain.unscented import Filtered, Levels, filtered
+from pilotid.time_domain.unscented import Filtered, Levels, run_filter
 from pilotid.types import BoolArray, FloatArray, InputError, IntArray
 
 NODES = 3  # of the parabola that the input is, over a step
@@ -163,8 +163,8 @@ class WalkingPilot:
         return self.model.positive[self.order]
 
     @cached_property
-    def _scale(self) -> Scale:
-        return Scale(self.positive)
+    def _scale(self) -> LogTransform:
+        return LogTransform(self.positive)
 
     def with_remnant(self, remnant: FloatArray) -> WalkingPilot:
         """The system with another remnant."""
@@ -411,7 +411,7 @@ class Walks:
 
     def filtered(self, levels: FloatArray, *, keep: bool = False) -> Filtered:
         """The filters of sets of logarithms of levels."""
-        return filtered(*self.system(levels), self.spread, keep=keep)
+        return run_filter(*self.system(levels), self.spread, keep=keep)
 
 
 def _lags(share: FloatArray, order: int) -> tuple[FloatArray, FloatArray]:

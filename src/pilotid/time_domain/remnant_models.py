@@ -317,17 +317,17 @@ def lagged_products(residual: FloatArray) -> FloatArray:
 
 
 #: Contenders lie this close: the residual of a first estimate decides no more than that.
-CLOSE = 20.0
+CONTENDER_MARGIN = 20.0
 
 
 #: By how much a band-pass must predict better: its corner and the pilot's gain at low frequencies
 #: explain one another, and where none is needed it would take the gain for its own.
-CORNER = 7.0
+BAND_PASS_PENALTY = 7.0
 
 
-def handicap(model: NoiseModel) -> float:
+def selection_penalty(model: NoiseModel) -> float:
     """By how much the criterion of a model, fitted with the pilot, must be lower to be chosen."""
-    return CORNER if isinstance(model, BandPass) else 0.0
+    return BAND_PASS_PENALTY if isinstance(model, BandPass) else 0.0
 
 
 def criterion(model: NoiseModel, power: float, samples: int, pilot: int = 0) -> float:
@@ -364,12 +364,12 @@ class Guess(NamedTuple):
         return np.asarray(self.model.filters(self.values[None], band)[0])
 
 
-def guessed(model: NoiseModel, residual: FloatArray, band: Band) -> FloatArray:
+def guess_parameters(model: NoiseModel, residual: FloatArray, band: Band) -> FloatArray:
     """The parameters of a noise model that a residual (runs, samples) suggests."""
     return model.guess(lagged_products(residual), band)[0]
 
 
-def suiting(residual: FloatArray, band: Band) -> Guess:
+def best_noise_model(residual: FloatArray, band: Band) -> Guess:
     """The noise model that suits a residual (runs, samples) best."""
     return contenders(lagged_products(residual), residual.size, band)[0]
 
@@ -378,7 +378,7 @@ def contenders(products: FloatArray, samples: int, band: Band) -> list[Guess]:
     """The noise model that suits a residual best, and the best of the other kind if it is close.
 
     The kinds are filters of white noise and autoregressions.  Beside a band-pass stands the best
-    low-pass as well: whether there is a corner is for `CORNER` to decide.
+    low-pass as well: whether there is a corner is for `BAND_PASS_PENALTY` to decide.
 
     Parameters
     ----------
@@ -398,7 +398,7 @@ def contenders(products: FloatArray, samples: int, band: Band) -> list[Guess]:
         plain = [each for each in scored[False] if not isinstance(each[1].model, BandPass)]
         best.append(min(plain, key=_score))
     best.sort(key=_score)
-    return [guess for score, guess in best if score < best[0][0] + CLOSE]
+    return [guess for score, guess in best if score < best[0][0] + CONTENDER_MARGIN]
 
 
 def _score(scored: tuple[float, Guess]) -> float:

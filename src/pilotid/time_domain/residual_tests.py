@@ -41,12 +41,12 @@ from pilotid.time_domain.prepare import (
     prediction_error_filters,
     prepare,
 )
-from pilotid.time_domain.remnant_models import suiting
+from pilotid.time_domain.remnant_models import best_noise_model
 from pilotid.types import FloatArray
 
-USUAL = 50.0  # rad/s, the analysis band where the method has no model of the remnant
+USUAL_BAND = 50.0  # rad/s, the analysis band where the method has no model of the remnant
 
-NARROWEST = 20.0  # rad/s, of an analysis band: that of a pilot
+NARROWEST_BAND = 20.0  # rad/s, of an analysis band: that of a pilot
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,7 @@ def prediction_errors(recording: Recording, estimate: Estimate) -> Whitened:
     """The prediction errors of an estimate.
 
     They are whitened by the estimate's model of the remnant, from its density; without one, by
-    the model that suits best what the estimate leaves, see `suiting`.
+    the model that suits best what the estimate leaves, see `best_noise_model`.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def prediction_errors(recording: Recording, estimate: Estimate) -> Whitened:
         An estimate with values.
     """
     remnant = estimate.remnant
-    band = analysis_band(recording.dt, USUAL) if remnant is None else _band(recording, remnant)
+    band = analysis_band(recording.dt, USUAL_BAND) if remnant is None else _band(recording, remnant)
     rate = None if band.factor == 1 else math.pi / band.dt
     prediction = predict(recording, estimate.model, rate)
     residual = OutputErrors(prediction).residual(estimate.values)
@@ -97,7 +97,7 @@ def prediction_errors(recording: Recording, estimate: Estimate) -> Whitened:
         density = np.interp(band.omega, remnant.omega, remnant.density)
         name, taps = remnant.model, prediction_error_filters((density @ band.cosines)[None])[0]
     else:
-        guess = suiting(residual, band)
+        guess = best_noise_model(residual, band)
         name, taps = guess.model.name, guess.whitener(band)
     errors = prediction.without_nuisance(prediction.residual(estimate.values, taps))
     prepared = prepare(recording, estimate.model, rate)
@@ -112,7 +112,7 @@ def prediction_errors(recording: Recording, estimate: Estimate) -> Whitened:
 def _band(recording: Recording, remnant: RemnantEstimate) -> Band:
     """The analysis band up to the last frequency at which a remnant's density is known."""
     factor = round(float(Band(recording.dt, 1).omega[-1] / remnant.omega[-1]))
-    return Band(recording.dt, min(max(1, factor), decimation(recording.dt, NARROWEST)))
+    return Band(recording.dt, min(max(1, factor), decimation(recording.dt, NARROWEST_BAND)))
 
 
 def _low_passed(signal: FloatArray, band: Band) -> FloatArray:
@@ -171,7 +171,7 @@ def drift_left(joint: PredictionErrors, values: FloatArray) -> tuple[float, Floa
     line = prediction.without_nuisance(np.linspace(-0.5, 0.5, prediction.scored))
     residual = prediction.without_nuisance(prediction.residual(pilot))
     flat = residual - np.outer(residual @ line, line) / (line @ line)
-    taps = suiting(flat, band).whitener(band)
+    taps = best_noise_model(flat, band).whitener(band)
     rows = prediction.without_nuisance(prediction.rows(pilot[None], taps))[0]
     *jacobian, errors = rows.reshape(len(rows), -1)
     own = np.array([column / (np.linalg.norm(column) or 1.0) for column in jacobian])
@@ -190,16 +190,18 @@ def drift_left(joint: PredictionErrors, values: FloatArray) -> tuple[float, Floa
     return float(explained * freedom / (rest @ rest - explained)), drifts
 
 
-LAGS = 40  # samples of the analysis band over which prediction errors must not be correlated
+#: Samples of the analysis band over which prediction errors must not be correlated.
+PORTMANTEAU_LAGS = 40
 #: Share of the samples at which the control keeps its value, or one value, from which on that
 #: is no accident.  A recording to 16 bits of the stick's range keeps it in 1 of 1000.
-HELD = 0.02
+LARGEST_HELD_SHARE = 0.02
 #: Least share of the largest variance of a direction of autocovariances in a band.
 INDEPENDENT = 0.01
-FLAT = 0.15  # relative, by which the response of an element that is a gain differs over frequency
+#: Relative, by which the response of an element that is a gain differs over frequency.
+FLAT_RESPONSE = 0.15
 
 
-def tested(found: Maximum, recording: Recording) -> tuple[Remark, ...]:
+def residual_remarks(found: Maximum, recording: Recording) -> tuple[Remark, ...]:
     """What speaks against the fit of pilot and remnant, a sentence each; empty for nothing."""
     rows = found.joint.tested_rows(found.end.values[0])
     remarks = [
@@ -215,7 +217,7 @@ def tested(found: Maximum, recording: Recording) -> tuple[Remark, ...]:
 
 def _held(recording: Recording) -> Remark | None:
     share = held_share(recording.window(recording.u))
-    if share < HELD:
+    if share < LARGEST_HELD_SHARE:
         return None
     return Remark(
         "held-control",
@@ -231,7 +233,7 @@ def _answered_at_once(recording: Recording) -> Remark | None:
     if plant is None:
         return None
     known = plant.response[plant.coherence >= COHERENT]
-    if known.size < FEWEST_BANDS or np.max(np.abs(known / np.mean(known) - 1.0)) > FLAT:
+    if known.size < FEWEST_BANDS or np.max(np.abs(known / np.mean(known) - 1.0)) > FLAT_RESPONSE:
         return None
     return Remark(
         "gain-element",
@@ -303,16 +305,16 @@ def _drifting(found: Maximum) -> Remark | None:
 
 def _coloured(errors: FloatArray, terms: BandTerms | None) -> Remark | None:
     if terms is None:
-        statistic, freedom = portmanteau(errors, LAGS), LAGS
+        statistic, freedom = portmanteau(errors, PORTMANTEAU_LAGS), PORTMANTEAU_LAGS
     else:
-        statistic, freedom = portmanteau_in_band(errors, terms.weights, LAGS)
+        statistic, freedom = portmanteau_in_band(errors, terms.weights, PORTMANTEAU_LAGS)
     if statistic <= chi_squared_limit(freedom, SELDOM):
         return None
     return Remark(
         "residual-not-white",
-        f"the prediction errors are not white (portmanteau over {LAGS} lags: {statistic:.0f}, "
-        f"where chance gives {freedom}): neither pilot nor remnant explains all of the control, so "
-        "errors may be larger than claimed; try another model",
+        f"the prediction errors are not white (portmanteau over {PORTMANTEAU_LAGS} lags: "
+        f"{statistic:.0f}, where chance gives {freedom}): neither pilot nor remnant explains "
+        "all of the control, so errors may be larger than claimed; try another model",
     )
 
 

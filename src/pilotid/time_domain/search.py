@@ -32,10 +32,10 @@ from pilotid.time_domain.remnant_models import (
     NoiseModel,
     contenders,
     criterion,
-    guessed,
-    handicap,
+    guess_parameters,
     lagged_products,
     neighbours,
+    selection_penalty,
 )
 from pilotid.types import BoolArray, FloatArray, IntArray
 
@@ -91,7 +91,7 @@ class LikelihoodSettings(SearchSettings):
 
 #: A pilot's simulated response explains at least this share of what that of the lines' pilot does;
 #: in populations what is right has .90 or more, what has slid to the inverse -100 to .84.
-LESS = 0.8
+LEAST_EXPLAINED = 0.8
 
 
 class Following:
@@ -127,7 +127,7 @@ class Following:
         """Which parameters do, the pilot's first, shape (sets,)."""
         if self.lines <= 0.0:
             return np.ones(len(sets), dtype=bool)
-        return np.asarray(self.explained(sets) >= LESS * self.lines)
+        return np.asarray(self.explained(sets) >= LEAST_EXPLAINED * self.lines)
 
     def which(self, ends: Minima) -> IntArray:
         """Indices of the ends that do, of all if none does."""
@@ -141,17 +141,17 @@ class Following:
 
 
 #: The remnant's model before one is chosen: most published remnants are of this kind.
-FIRST = LowPass(2)
+FIRST_NOISE_MODEL = LowPass(2)
 
 #: Deviance by which a candidate may be worse than the best one.  The sweep's whitening is that
 #: of one pilot and favours it; with a remnant of its own each candidate has the same chance, but
 #: for what the few frequencies do not tell (170 was seen, and the right one left out for it).
-SWEPT, LIKELY = 1000.0, 300.0
-MOST = 5  # candidates that are looked at closely
-SWEEP = 8  # iterations of the sweep, after which the `PROMISING` best go on
-PROMISING = 9
+SWEEP_MARGIN, CANDIDATE_MARGIN = 1000.0, 300.0
+MOST_CANDIDATES = 5  # candidates that are looked at closely
+SWEEP_ITERATIONS = 8  # iterations of the sweep, after which the `SWEEP_SURVIVORS` best go on
+SWEEP_SURVIVORS = 9
 #: Ends are one optimum where they lie so close, in squared standard errors.
-SAME = 4.0
+SAME_OPTIMUM = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,7 +219,7 @@ def explore(
             white.gram, model, rng, candidates=settings.candidates, refined=settings.refined
         )
         firsts = np.concatenate([ends.distinct(), near])
-    joint = PredictionErrors(coarse, settings.noise or FIRST, band)
+    joint = PredictionErrors(coarse, settings.noise or FIRST_NOISE_MODEL, band)
     end = _own_remnant(joint, prediction, firsts)
     taps = joint.whitener(end.values[0])
     best = end.values[0, : joint.pilot]
@@ -227,24 +227,24 @@ def explore(
     starts = _starts(model, best, rng, 0 if guided else settings.candidates)
     starts, _ = solve_linear(whitened.gram(starts), starts, model.linear, model.lower)
     starts = np.concatenate([best[None], near, starts])
-    first = minimise(whitened.gram, starts, model, tolerance=1e-3, iterations=SWEEP)
+    first = minimise(whitened.gram, starts, model, tolerance=1e-3, iterations=SWEEP_ITERATIONS)
     # What is far behind by then is given up, and of starts that met one goes on for all.
-    met = together(first, coarse.samples)[:PROMISING]
+    met = together(first, coarse.samples)[:SWEEP_SURVIVORS]
     swept = minimise_each(
         lambda values, _: whitened.gram(values),
         first.values[[group[0] for group in met]],
         model,
         tolerance=1e-3,
-        iterations=2 * SWEEP,
+        iterations=2 * SWEEP_ITERATIONS,
     )
     sizes = np.array([len(group) for group in met])
     kept = following.which(swept)
     followed = swept.only(np.repeat(kept, sizes[kept])).best_first()
-    candidates, agreeing = optima(followed, coarse.samples, SWEPT)
+    candidates, agreeing = optima(followed, coarse.samples, SWEEP_MARGIN)
     candidates = np.concatenate([candidates, near])
     if len(candidates) > 1:
         ends = following.only(_own_remnant(joint, prediction, candidates))
-        candidates = optima(ends, coarse.samples, LIKELY)[0][:, : joint.pilot]
+        candidates = optima(ends, coarse.samples, CANDIDATE_MARGIN)[0][:, : joint.pilot]
     if beside:
         # What is known of another band may be nearer than where the first remnant leads.
         candidates = np.concatenate([candidates, near])
@@ -258,7 +258,7 @@ def terms_at(
     prediction: Prediction, band: Band, pilot: FloatArray, settings: LikelihoodSettings
 ) -> tuple[float, ...]:
     """The nuisance terms that the recording shows beside a pilot, shape (parameters,)."""
-    joint = PredictionErrors(reduced(prediction), settings.noise or FIRST, band)
+    joint = PredictionErrors(reduced(prediction), settings.noise or FIRST_NOISE_MODEL, band)
     end = _own_remnant(joint, prediction, pilot[None])
     return OutputErrors(prediction, joint.whitener(end.values[0])).noticeable_terms(pilot)
 
@@ -285,7 +285,7 @@ def _starts(
 def _own_remnant(joint: PredictionErrors, prediction: Prediction, pilots: FloatArray) -> Minima:
     """Each pilot with the remnant that it leaves, both estimated together."""
     residuals = [OutputErrors(prediction).residual(pilot) for pilot in pilots]
-    guesses = [guessed(joint.noise, residual, joint.band) for residual in residuals]
+    guesses = [guess_parameters(joint.noise, residual, joint.band) for residual in residuals]
     return minimise(joint.gram, np.hstack([pilots, guesses]), joint, tolerance=3e-3, iterations=12)
 
 
@@ -293,7 +293,7 @@ def together(ends: Minima, samples: int) -> list[list[int]]:
     """Which ends are in one optimum, the best one's first; `ends`, `samples` as in `optima`."""
     return grouped(
         range(len(ends.values)),
-        lambda first, index: ends.apart(ends.values[index], samples, first) <= SAME,
+        lambda first, index: ends.apart(ends.values[index], samples, first) <= SAME_OPTIMUM,
     )
 
 
@@ -332,29 +332,35 @@ def optima(ends: Minima, samples: int, far: float) -> tuple[FloatArray, int]:
     """
     near = ends.only(ends.cost <= ends.cost[0] * np.exp(far / samples))
     groups = together(near, samples)
-    return near.values[[group[0] for group in groups[:MOST]]], len(groups[0]) if groups else 0
+    return near.values[[group[0] for group in groups[:MOST_CANDIDATES]]], len(
+        groups[0]
+    ) if groups else 0
 
 
 #: By how much the criterion of a longer or shorter autoregression must be lower.
-CLEARLY = 0.1
+NEIGHBOUR_MARGIN = 0.1
 
-COARSE, FINE = 1e-3, 1e-10  # tolerances of a first look, and of what is reported
+#: Relative decrease of the cost at which a search ends: of a first look, and of what is reported.
+FIRST_LOOK_TOLERANCE, REPORTED_TOLERANCE = 1e-3, 1e-10
 #: Tolerance of what is compared, and at which a search has converged that creeps along a flat
 #: valley.
-ENOUGH = 1e-6
+COMPARED_TOLERANCE = 1e-6
 #: What such a search is still short of, in steps of its tolerance: those ahead add up.
-AHEAD = 10.0
+STEPS_AHEAD = 10.0
 
 
-def optimum(joint: PredictionErrors, starts: FloatArray, tolerance: float = FINE) -> Minima:
+def optimum(
+    joint: PredictionErrors, starts: FloatArray, tolerance: float = REPORTED_TOLERANCE
+) -> Minima:
     """The best optimum that starts lead to, shape (starts, parameters), to a tolerance.
 
-    Along a flat valley the search creeps; where it got is then good enough if `ENOUGH` is met.
+    Along a flat valley the search creeps; where it got is then good enough if
+    `COMPARED_TOLERANCE` is met.
     """
     end = minimise(joint.gram, starts, joint, tolerance=tolerance)
     if end.converged[0]:
         return end
-    return resume(joint.gram, end, joint, tolerance=max(tolerance, ENOUGH))
+    return resume(joint.gram, end, joint, tolerance=max(tolerance, COMPARED_TOLERANCE))
 
 
 @dataclass(frozen=True, eq=False)
@@ -382,27 +388,27 @@ class JointFit:
         """The criterion that chooses the remnant's model, of pilot and remnant together."""
         power = float(self.end.cost[0]) / self.joint.residuals
         own = criterion(self.joint.noise, power, self.joint.residuals, self.joint.pilot)
-        return own + handicap(self.joint.noise)
+        return own + selection_penalty(self.joint.noise)
 
     @property
     def short(self) -> float:
-        """By how much the criterion may be lower at the optimum, of a fit to `ENOUGH`."""
-        return AHEAD * ENOUGH * self.joint.residuals
+        """Possible further decrease of the criterion after a fit to `COMPARED_TOLERANCE`."""
+        return STEPS_AHEAD * COMPARED_TOLERANCE * self.joint.residuals
 
     def is_near(self, pilot: FloatArray) -> bool:
         """Whether a pilot, shape (parameters,), differs by no more than its errors."""
-        return self.end.apart(pilot, self.joint.residuals) <= SAME
+        return self.end.apart(pilot, self.joint.residuals) <= SAME_OPTIMUM
 
-    def refined(self, tolerance: float = FINE) -> Self:
-        """The same to another tolerance, or to `ENOUGH` as in `optimum`."""
+    def refined(self, tolerance: float = REPORTED_TOLERANCE) -> Self:
+        """The same to another tolerance, or to `COMPARED_TOLERANCE` as in `optimum`."""
         joint, end = self.joint, self.end
-        if tolerance < ENOUGH and joint.exact is not joint:
+        if tolerance < COMPARED_TOLERANCE and joint.exact is not joint:
             joint = joint.exact
             end = minimise(joint.gram, end.values[:1], joint, tolerance=tolerance)
         else:
             end = resume(joint.gram, end, joint, tolerance=tolerance)
-        if tolerance < ENOUGH and not end.converged[0]:
-            end = resume(joint.gram, end, joint, tolerance=ENOUGH)
+        if tolerance < COMPARED_TOLERANCE and not end.converged[0]:
+            end = resume(joint.gram, end, joint, tolerance=COMPARED_TOLERANCE)
         return replace(self, joint=joint, end=end)
 
 
@@ -446,23 +452,29 @@ class JointFits:
 
     def look(self) -> JointFit:
         """A first look: the model that suits what the pilot leaves, roughly fitted."""
-        return self._chosen(COARSE)
+        return self._chosen(FIRST_LOOK_TOLERANCE)
 
     def best(self, rounds: int) -> JointFit:
-        """The best of all to `ENOUGH`, its model chosen anew as the pilot moves, up to so often."""
-        found = self._chosen(ENOUGH)
+        """The best of all to `COMPARED_TOLERANCE`.
+
+        Its model is chosen anew as the pilot moves, in as many rounds at most.
+        """
+        found = self._chosen(COMPARED_TOLERANCE)
         if self.noise:
             return found
         for _ in range(rounds - 1):
-            before, found = found, self._chosen(ENOUGH)
+            before, found = found, self._chosen(COMPARED_TOLERANCE)
             if found.joint.noise == before.joint.noise:
                 break
         # Of many long autoregressions the first that suits depends on where the search came from.
         while others := neighbours(found.joint.noise):
-            better = self._best(self._guesses(others, self._products()), ENOUGH)
-            if abs(better.criterion - found.criterion + CLEARLY) < found.short:
-                found, better = self._to(found, FINE), self._to(better, FINE)
-            if not better.criterion < found.criterion - CLEARLY:
+            better = self._best(self._guesses(others, self._products()), COMPARED_TOLERANCE)
+            if abs(better.criterion - found.criterion + NEIGHBOUR_MARGIN) < found.short:
+                found, better = (
+                    self._to(found, REPORTED_TOLERANCE),
+                    self._to(better, REPORTED_TOLERANCE),
+                )
+            if not better.criterion < found.criterion - NEIGHBOUR_MARGIN:
                 break
             found = self._moved(better)
         return found
@@ -493,9 +505,9 @@ class JointFits:
         fits = [self._fitted(guess, tolerance) for guess in guesses]
         best = min(fits, key=_criterion)
         near = [fit for fit in fits if not fit.criterion > best.criterion + best.short]
-        if tolerance > ENOUGH or len(near) == 1:
+        if tolerance > COMPARED_TOLERANCE or len(near) == 1:
             return best
-        return min((self._to(fit, FINE) for fit in near), key=_criterion)
+        return min((self._to(fit, REPORTED_TOLERANCE) for fit in near), key=_criterion)
 
     def _fitted(self, guess: Guess, tolerance: float) -> JointFit:
         """A model fitted to a tolerance, if it is not yet."""

@@ -150,7 +150,7 @@ class Smoothed:
         return total
 
 
-def filtered(system: System, levels: Levels, spread: float, *, keep: bool = False) -> Filtered:
+def run_filter(system: System, levels: Levels, spread: float, *, keep: bool = False) -> Filtered:
     """Run the filter for many sets of noise levels at once.
 
     Parameters
@@ -208,7 +208,7 @@ def _room(sets: int, steps: int, size: int, runs: int) -> Filtered:
     return Filtered(*(np.zeros(shape) for shape in shapes))
 
 
-def smoothed(found: Filtered) -> Smoothed:
+def run_smoother(found: Filtered) -> Smoothed:
     """The smoother, from a filter whose steps were kept.
 
     Raises

@@ -1,0 +1,102 @@
+"""One table in its written forms, and what names from files cannot do to them."""
+
+from __future__ import annotations
+
+import io
+import math
+
+import pytest
+from rich.console import Console
+
+from pilotid.document import (
+    Bullets,
+    Column,
+    Command,
+    LogAxis,
+    Section,
+    Table,
+    Text,
+    print_blocks,
+    table_html,
+    table_latex,
+    to_html,
+    to_markdown,
+    typeset,
+)
+from pilotid.numbers import plus_minus, share
+
+Item = tuple[str, float, float]
+NASTY = "a|b <i>&\x1b[1m_%"
+
+
+def table(*items: Item) -> Table[Item]:
+    columns: list[Column[Item]] = [
+        Column("name", lambda i: i[0]),
+        Column("bias", lambda i: (i[1], i[2]), plus_minus, "a hint", lambda i: "good"),
+        Column("nothing", lambda i: None),
+        Column("", lambda i: (1.0 + i[2], 1.0, 2.0), axis=LogAxis(-0.5, 0.5)),
+        Column("coverage %", lambda i: (0.95, (0.9, 0.98)), share),
+    ]
+    return Table("A **caption**", columns, items, heads=1)
+
+
+def test_values_are_written_once_and_signs_are_those_of_the_form() -> None:
+    made = table(("x", -1.234, 0.034), ("y", math.nan, 0.1))
+    html = table_html(made)
+    assert '<td class="good">\N{MINUS SIGN}1.234 ± 0.034</td>' in html
+    assert ">\N{EN DASH}</td>" in html
+    assert "95 (90\N{EN DASH}98)" in html
+    assert html.count('class="dot"') == 2
+    lines = to_markdown("T", [Section("s", "S", [made])]).splitlines()
+    assert "| x | \N{MINUS SIGN}1.234 ± 0.034 | 95 (90\N{EN DASH}98) |" in lines
+    assert r"x & $-1.234$ $\pm$ $0.034$ & $95$ ($90$-$98$) \\" in table_latex(made)
+    assert r"y & -- & $95$ ($90$-$98$) \\" in table_latex(made)
+
+
+def test_a_table_is_a_frame_of_values() -> None:
+    frame = table(("x", -1.2, 0.1)).to_dataframe()
+    assert frame["bias"][0] == (-1.2, 0.1)
+    assert list(frame.columns)[:3] == ["name", "bias", "nothing"]
+
+
+def test_columns_that_say_nothing_are_left_out() -> None:
+    assert [c.title for c in table(("x", 1.0, 0.1)).titles] == ["name", "bias", "", "coverage %"]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
+def test_a_terminal_gets_signs_that_it_has_and_empty_lines_about_a_table(encoding: str) -> None:
+    stream = io.TextIOWrapper(io.BytesIO(), encoding=encoding, newline="\n")
+    print_blocks(
+        Console(file=stream, width=100), Text("`before`", "heading"), table(("x", -1.2, 0.1)),
+        Bullets(["[after](#s)"]),
+    )  # fmt: skip
+    stream.seek(0)
+    lines = stream.read().splitlines()
+    assert lines[:3] == ["before", "", "A caption"]
+    sign = "±" if encoding == "utf-8" else "+-"
+    assert f"-1.20 {sign} 0.10" in lines[5]
+    assert lines[-2:] == ["", "after"]
+
+
+def test_names_from_files_are_text_everywhere() -> None:
+    made = table((NASTY, 1.0, 0.1))
+    page = to_html(NASTY, [Section("s", NASTY, [Text(NASTY), made, Command(NASTY, NASTY)])])
+    assert "<i>" not in page
+    assert "a\\|b &lt;i>" in to_markdown("T", [Section("s", "S", [made])])
+    assert r"a\textbar{}b \textless{}i\textgreater{}\&" in table_latex(made)
+    stream = io.StringIO()
+    print_blocks(Console(file=stream, width=100), made)
+    assert "\x1b[1m" not in stream.getvalue()
+
+
+def test_signs_of_print() -> None:
+    assert [typeset(t) for t in ("-", "-1.5", "1-2", "1.0e-05")] == [
+        "\N{EN DASH}", "\N{MINUS SIGN}1.5", "1\N{EN DASH}2", "1.0e\N{MINUS SIGN}05",
+    ]  # fmt: skip
+
+
+def test_an_axis_shows_one_and_all_values() -> None:
+    axis = LogAxis.of([(1.2, 0.9, 1.6), (8.0, 6.0, 400.0), (math.nan, 1.0, 1.0)])
+    assert axis.place(24.0) == pytest.approx(97.0, abs=3.5)  # one wild end is cut
+    assert axis.whisker(math.nan, 1.0, 2.0) is None
+    assert "1" in [label for _, label in axis.ticks]
