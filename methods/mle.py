@@ -22,7 +22,7 @@ import numpy as np
 
 from pilotid.chance import CHI_SQUARED_95
 from pilotid.estimates.estimate import Estimate, Outcome, failed, is_at_bound
-from pilotid.lines.specification import specification_of
+from pilotid.lines.fit import specification_of
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.remarks import Remark

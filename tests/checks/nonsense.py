@@ -31,7 +31,7 @@ from pilotid.remarks import codes_of
 SOUND = {
     name: scenario
     for name, scenario in SCENARIOS.items()
-    if scenario.violation is None and scenario.change is None
+    if scenario.violation is None and scenario.change is None and scenario.recorder is None
 }
 #: Target alone, where the sign of u follows from the slope of the element.
 TARGET_ALONE = {"sign of u, no disturbance": ("wrong-sign", "u")}

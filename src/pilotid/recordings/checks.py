@@ -46,7 +46,8 @@ def remarks(recording: Recording) -> tuple[Remark, ...]:
     found = [check(recording) for check in CHECKS]
     named = _names(recording)
     faults = [f for f in findings(recording) if f.grade != "note"]
-    if named and named.code == "not-the-error" and any(f.code in LATE for f in faults):
+    shifted = any(f.code in LATE for f in faults)
+    if named and named.code in ("not-the-error", "wrong-unit") and shifted:
         named = None  # that tells why e is not ft - x
     if named:  # explains what times and gains seem to be
         faults = [f for f in faults if f.code not in (*LATE, "gain-differs", "includes-fd")]

@@ -19,6 +19,7 @@ import numpy as np
 from pilotid.pilot.element import parsed_element
 from pilotid.recordings.recording import Recording, remembered
 from pilotid.recordings.spectra import floors_of
+from pilotid.recordings.timing import Relation, derivatives, regression
 from pilotid.remarks import GRADES, Grade
 from pilotid.types import ComplexArray, FloatArray
 
@@ -49,15 +50,13 @@ class Limits(NamedTuple):
     gain: float = 0.05  # by which the share of fd in the drive differs from 1 (.014)
     left: tuple[float, float] = (0.03, 1e-3)  # share of u that may be unexplained beside fd, and x
     drift: tuple[float, float, float] = (150.0, 12e-6, 8.0)  # ppm (92), scatter, standard errors
-    copy: float = 0.65  # correlation of remnants (.541 in 568 pairs)
+    copy: float = 0.72  # correlation of remnants (.67 in some 2000 pairs)
 
 
 LIMITS = Limits()
 #: Frequency [Hz] up to which signals must be usable for a fit to lose next to nothing: pilots
 #: have no power above 30 rad/s, and a band of 26 rad/s tells as much as a wider one.
 ENOUGH = 5.0
-#: Standard deviation of the Gaussian that all signals pass before times are compared [s].
-SMOOTH = 0.06
 LOWEST, PER_OCTAVE = 0.3, 6  # Hz, and bands in an octave
 STEPS = 10.0  # of a converter, that are no jump
 HIGHEST = 5.0  # Hz, of the remnants that are held against one another
@@ -179,17 +178,13 @@ class _Look:
             while first > 0 and slope[first - 1] < LIMITS.goes_on:
                 first -= 1
             usable = float(at[first])
-            yield Finding(
-                "low-pass",
-                name,
-                "note" if usable >= ENOUGH else "doubt",
-                usable,
-                "Hz",
+            words = (
                 f"{name} is usable up to {usable:.2g} Hz: a low-pass filter or an interpolation "
                 "begins there; fits end there, and record without it, or with the same causal "
-                "filter on all signals",
-                usable,
+                "filter on all signals"
             )
+            grade: Grade = "note" if usable >= ENOUGH else "doubt"
+            yield Finding("low-pass", name, grade, usable, "Hz", words, usable)
 
     def grids(self) -> Iterator[Finding]:
         """Signals resampled from a lower rate: every k-th difference is small."""
@@ -201,16 +196,12 @@ class _Look:
                 continue
             rate, usable = 1.0 / (step * self.dt), 0.25 / (step * self.dt)
             how = {1: "held", 2: "linearly interpolated", 4: "interpolated by cubics"}[order]
-            yield Finding(
-                "resampled",
-                name,
-                "note" if usable >= ENOUGH else "doubt",
-                rate,
-                "Hz",
+            words = (
                 f"{name} is usable up to {usable:.2g} Hz: it was recorded at {rate:.3g} Hz and "
-                f"{how} between; give the samples as they were recorded",
-                usable,
+                f"{how} between; give the samples as they were recorded"
             )
+            grade: Grade = "note" if usable >= ENOUGH else "doubt"
+            yield Finding("resampled", name, grade, rate, "Hz", words, usable)
 
     def steps(self) -> Iterator[Finding]:
         """Rounding, by a converter or by the decimals of a text file."""
@@ -219,14 +210,8 @@ class _Look:
                 continue
             step, rms = _step(self.signals[name]), float(np.std(self.signals[name]))
             if step > LIMITS.lattice * rms:
-                yield Finding(
-                    "rounded",
-                    name,
-                    "note",
-                    step,
-                    self.units[name],
-                    f"{name} has steps of {step:.3g}, {100.0 * step / rms:.2g} % of its rms",
-                )
+                words = f"{name} has steps of {step:.3g}, {100.0 * step / rms:.2g} % of its rms"
+                yield Finding("rounded", name, "note", step, self.units[name], words)
 
     def floors(self) -> Iterator[Finding]:
         """White noise, whose spectrum is flat where that of a loop falls."""
@@ -240,17 +225,13 @@ class _Look:
             above = floors.omega[floors.share((name,)) >= 0.5]
             usable = float(above[-1] if above.size else floors.omega[0]) / (2.0 * math.pi)
             size = math.sqrt(floors.floor[name] * math.pi / self.dt)
-            yield Finding(
-                "noise",
-                name,
-                "note" if usable >= 1.0 else "doubt",
-                size,
-                self.units[name],
+            words = (
                 f"{name} is usable up to {usable:.2g} Hz: it is met by a floor there, of noise or "
                 f"rounding of {size:.2g} {self.units[name]}".rstrip()
-                + "; mle allows for it; record with less noise or more digits to use more",
-                usable,
+                + "; mle allows for it; record with less noise or more digits to use more"
             )
+            grade: Grade = "note" if usable >= 1.0 else "doubt"
+            yield Finding("noise", name, grade, size, self.units[name], words, usable)
         for name in ("ft", "fd"):
             if name not in self.signals or _is_stepped(self.signals[name]):
                 continue
@@ -260,15 +241,11 @@ class _Look:
             level = float(np.median(self.power[name][top])) / math.log(2.0) / float(window.sum())
             size = math.sqrt(level) / rms
             if self._slope(name) > LIMITS.flat_forcing[0] and size > LIMITS.flat_forcing[1]:
-                yield Finding(
-                    "jitter",
-                    name,
-                    "note",
-                    size,
-                    "",
+                words = (
                     f"{name} holds noise of {100.0 * size:.2g} % of its rms: the times of samples "
-                    "jitter, or it was recorded through a converter; give it as it was commanded",
+                    "jitter, or it was recorded through a converter; give it as it was commanded"
                 )
+                yield Finding("jitter", name, "note", size, "", words)
 
     @property
     def _apart(self) -> float:
@@ -324,16 +301,12 @@ class _Look:
         rms = float(np.std(self.signals["x"]))
         least = max(LIMITS.outlier[1], STEPS * _step(self.signals["x"]) / rms)
         if ratio > LIMITS.outlier[0] and share > least:
-            yield Finding(
-                "lost-samples",
-                "x",
-                "wrong",
-                float(count),
-                "samples",
+            words = (
                 f"x jumps at {count} samples, first at t = {sample * self.dt:.4g} s of run "
                 f"{run + 1}, by up to {100.0 * share:.2g} % of its rms where u + fd do not: "
-                "samples are lost or spiked; leave those parts or runs out",
+                "samples are lost or spiked; leave those parts or runs out"
             )
+            yield Finding("lost-samples", "x", "wrong", float(count), "samples", words)
 
     def identity(self) -> Iterator[Finding]:
         """E = ft - x: how much later than in e target and output are recorded."""
@@ -344,10 +317,10 @@ class _Look:
             return
         every = max(1, round(0.045 / self.dt))
         (error,), (output, rate), (target, speed) = (
-            [d[:, ::every] for d in _derivatives(s, self.dt, order)]
+            [d[:, ::every] for d in derivatives(s, self.dt, order)]
             for s, order in ((e, 0), (x, 1), (ft, 1))
         )
-        values, errors, left = _regression(
+        values, errors, left = regression(
             error, [target, -output, -speed, rate, np.ones_like(error)], every * self.dt
         )
         if not left < 0.01 or min(abs(values[0]), abs(values[1])) < 0.5:
@@ -375,7 +348,7 @@ class _Look:
         """Times and gains of u and fd against one another, whatever the element is."""
         if "fd" not in self.signals or _is_stepped(self.signals["fd"]):
             return
-        best = _Relation(self.signals, self.dt).best(order=4)
+        best = Relation(self.signals, self.dt).best(order=4)
         if not best.left < LIMITS.left[0]:
             return
         # Noise on x, which stands on the right-hand side, moves times and shares.
@@ -390,16 +363,19 @@ class _Look:
             and off > max(LIMITS.errors * best.share_error, LIMITS.gain)
         ):
             includes = abs(best.share) < 0.1
+            words = (
+                "u includes fd: x is the answer to u alone; subtract fd from u"
+                if includes
+                else f"x answers to u + {best.share:.3g} fd: the gain of fd, or that of u, is not "
+                "as recorded; give both in one unit"
+            )
             yield Finding(
                 "includes-fd" if includes else "gain-differs",
                 "u",
                 "wrong" if includes else "doubt",
                 best.share,
                 "",
-                "u includes fd: x is the answer to u alone; subtract fd from u"
-                if includes
-                else f"x answers to u + {best.share:.3g} fd: the gain of fd, or that of u, is not "
-                "as recorded; give both in one unit",
+                words,
             )
 
     def _against_named(self) -> Iterator[Finding]:
@@ -412,8 +388,8 @@ class _Look:
         def applied(signal: FloatArray, polynomial: Sequence[float], delay: float) -> FloatArray:
             """A polynomial of derivatives of a delayed signal, and its derivative."""
             order = len(polynomial)
-            derivatives = _derivatives(signal, self.dt, order, delay)
-            rows = [derivatives[i : i + order] for i in range(2)]
+            found = derivatives(signal, self.dt, order, delay)
+            rows = [found[i : i + order] for i in range(2)]
             ascending = np.array(polynomial[::-1], dtype=float)
             return np.array([np.tensordot(ascending, r, axes=1)[:, ::every] for r in rows])
 
@@ -422,26 +398,22 @@ class _Look:
         for _ in range(3):  # the derivative is right for small shifts alone
             drive, rate = applied(self.drive, element.numerator, element.delay + late)
             columns = [drive, -rate, np.ones_like(drive)]
-            values, errors, left = _regression(output, columns, every * self.dt)
+            values, errors, left = regression(output, columns, every * self.dt)
             late += float(values[1] / values[0])
         error = float(errors[1] / abs(values[0]))
         least = max(LIMITS.errors * error, LIMITS.named * self.dt, LIMITS.acausal[1])
         if left < LIMITS.left[0] and error < LIMITS.told and abs(late) > least:
-            yield Finding(
-                "late-signal",
-                "x",
-                "wrong",
-                late,
-                "s",
+            words = (
                 f"x answers {1e3 * abs(late):.3g} ms {'later' if late > 0 else 'earlier'} than the "
                 f"controlled element {element.name} that is named: u, or x and e, passed a filter "
                 "or are shifted in time, and delays are wrong by as much; or name the element with "
-                "that delay",
+                "that delay"
             )
+            yield Finding("late-signal", "x", "wrong", late, "s", words)
 
     def _against_output(self) -> Iterator[Finding]:
         """U or fd recorded later than x has answered to it."""
-        relation = _Relation(self.signals, self.dt)
+        relation = Relation(self.signals, self.dt)
         for scanned, order in ((s, o) for s in (False, True) for o in range(3)):
             best = relation.best(order, against_output=True, scanned=scanned)
             if best.left < LIMITS.left[1]:
@@ -464,7 +436,7 @@ class _Look:
         if not moving or length * self.dt < 12.0:
             return
         quarters = [
-            _Relation(
+            Relation(
                 {n: s[:, i * length : (i + 1) * length] for n, s in self.signals.items()}, self.dt
             )
             for i in range(parts)
@@ -483,15 +455,11 @@ class _Look:
             and scatter < straight * abs(ppm)
             and abs(slope) * parts > errors * error
         ):
-            yield Finding(
-                "clock-drifts",
-                "u",
-                "wrong",
-                ppm,
-                "ppm",
+            words = (
                 f"u is recorded by a clock that drifts by {ppm:.0f} ppm against that of fd, "
-                f"{1e3 * abs(slope) * parts:.2g} ms over the recording; bring all to one clock",
+                f"{1e3 * abs(slope) * parts:.2g} ms over the recording; bring all to one clock"
             )
+            yield Finding("clock-drifts", "u", "wrong", ppm, "ppm", words)
 
     def copies(self, found: Sequence[Finding]) -> Iterator[Finding]:
         """Runs with one remnant, which never comes twice."""
@@ -502,27 +470,26 @@ class _Look:
         for one, other in combinations(range(self.recording.runs), 2):
             alike = _alike(remnants[one], remnants[other], step)
             if alike > LIMITS.copy:
-                yield Finding(
-                    "copied-run",
-                    "u",
-                    "wrong",
-                    alike,
-                    "",
+                words = (
                     f"runs {one + 1} and {other + 1} have the same remnant (correlation "
-                    f"{alike:.2f}): one is a copy of the other; leave it out",
+                    f"{alike:.2f}): one is a copy of the other; leave it out"
                 )
+                yield Finding("copied-run", "u", "wrong", alike, "", words)
 
 
 def _late(name: str, other: str, late: float, dt: float, why: str) -> Finding:
     word, by = ("late", "earlier") if late > 0 else ("early", "later")
+    words = (
+        f"{name} is {1e3 * abs(late):.3g} ms {word} against {other} ({abs(late) / dt:.2g} samples)"
+        f": {why}; take {name} so much {by}, since delays are wrong by as much"
+    )
     return Finding(
         "late-forcing" if name in ("ft", "fd") else "late-signal",
         name,
         "doubt" if name in ("ft", "fd") else "wrong",
         late,
         "s",
-        f"{name} is {1e3 * abs(late):.3g} ms {word} against {other} ({abs(late) / dt:.2g} samples)"
-        f": {why}; take {name} so much {by}, since delays are wrong by as much",
+        words,
     )
 
 
@@ -610,117 +577,6 @@ def _outliers(
     events = int(np.count_nonzero(np.diff(far, prepend=-order - 1) > order))
     run, sample = divmod(first, count)
     return float(error.max()) / usual, float(error.max()), events, run, sample + order
-
-
-def _derivatives(signal: FloatArray, dt: float, order: int, delay: float = 0.0) -> list[FloatArray]:
-    """A delayed signal and its derivatives behind a Gaussian filter, without what ends reach."""
-    centred = signal - signal.mean(axis=1, keepdims=True)
-    omega = 2.0 * np.pi * np.fft.rfftfreq(signal.shape[1], dt)
-    spectrum = np.fft.rfft(centred) * np.exp(-0.5 * (omega * SMOOTH) ** 2 - 1j * omega * delay)
-    edge = math.ceil(6.5 * SMOOTH / dt)
-    found = []
-    for power in range(order + 1):
-        response = spectrum * (1j * omega) ** power
-        found.append(np.fft.irfft(response, n=signal.shape[1])[:, edge:-edge])
-    return found
-
-
-def _regression(
-    wanted: FloatArray, columns: Sequence[FloatArray], step: float
-) -> tuple[FloatArray, FloatArray, float]:
-    """Least squares: values, their standard errors by blocks of 2 s, and the share left."""
-    table = np.stack([c.ravel() for c in columns], axis=1)
-    size = np.sqrt(np.mean(table**2, axis=0)) + 1e-300
-    table /= size
-    target = wanted.ravel()
-    inverse = np.linalg.inv(table.T @ table + 1e-12 * len(table) * np.eye(table.shape[1]))
-    values = inverse @ (table.T @ target)
-    left = target - table @ values
-    scores = np.add.reduceat(
-        table * left[:, None], np.arange(0, left.size, max(1, int(2.0 / step)))
-    )
-    covariance = inverse @ (scores.T @ scores) @ inverse
-    share = float(left @ left) / (float(target @ target) or 1.0)
-    return values / size, np.sqrt(np.diag(covariance)) / size, share
-
-
-class _Best(NamedTuple):
-    """How much later u is [s], the share of fd, and what is left of u unexplained."""
-
-    late: float
-    error: float
-    share: float
-    share_error: float
-    left: float
-    other: float  # how much later fd is
-    other_error: float
-
-
-class _Relation:
-    """u(t + a) + b fd(t + f) = sum of c_j times the j-th derivative of x(t + c)."""
-
-    REACH, OUTPUT = 1.2, 0.45  # s, by which u and x are shifted at most
-    STEP = 0.05
-
-    def __init__(self, signals: dict[str, FloatArray], dt: float) -> None:
-        self.dt = dt
-        self.reach = int(self.REACH / dt)
-        self.every = max(1, int(0.045 / dt))
-        self.control = _derivatives(signals["u"], dt, 1)
-        self.output = _derivatives(signals["x"], dt, 4)
-        self.forcing = _derivatives(signals["fd"], dt, 1) if "fd" in signals else []
-
-    def _cut(self, signal: FloatArray, shift: int) -> FloatArray:
-        end = signal.shape[1] - self.reach + shift
-        return signal[:, self.reach + shift : end : self.every]
-
-    def _at(
-        self, order: int, shifts: tuple[int, int], against_output: bool, runs: int | None = None
-    ) -> tuple[FloatArray, FloatArray, float]:
-        control, rate = (self._cut(s[:runs], shifts[0]) for s in self.control)
-        columns = [-rate, *(self._cut(s[:runs], shifts[1]) for s in self.output[: order + 1])]
-        columns.append(np.ones_like(control))
-        columns += [-self._cut(s[:runs], 0) for s in self.forcing[: 2 if against_output else 1]]
-        return _regression(control, columns, self.every * self.dt)
-
-    def best(self, order: int, *, against_output: bool = False, scanned: bool = True) -> _Best:
-        """The relation with the least left, of all shifts if without them much is."""
-        shifts = (0, 0)
-        found = self._at(order, shifts, against_output)
-        step = max(1, round(self.STEP / self.dt))
-        grid = range(-(self.reach // step) * step, self.reach, step)
-        scanned = scanned and found[2] > LIMITS.left[1]
-        left = self._at(order, shifts, against_output, 1)[2] if scanned else 0.0
-        for moves in (0, 1, 0, 1) if scanned else ():  # by the first run
-            for shift in grid:
-                if (moves == 0 and not self.forcing) or (
-                    moves == 1 and abs(shift * self.dt) > self.OUTPUT
-                ):
-                    continue
-                tried = (shift, shifts[1]) if moves == 0 else (shifts[0], shift)
-                other = self._at(order, tried, against_output, 1)[2]
-                if other < 0.7 * left:
-                    left, shifts = other, tried
-        if shifts != (0, 0):
-            found = self._at(order, shifts, against_output)
-        (values, errors, share_left), (of_control, of_output) = found, shifts
-        against = of_output * self.dt if against_output else 0.0
-        place = order + 3
-        share, share_error, other, other_error = 1.0, math.inf, 0.0, math.inf
-        if self.forcing:
-            share, share_error = float(values[place]), float(errors[place])
-            if against_output:
-                other = float(values[place + 1]) / share - against
-                other_error = float(errors[place + 1]) / abs(share)
-        return _Best(
-            float(values[0]) + of_control * self.dt - against,
-            float(errors[0]),
-            share,
-            share_error,
-            share_left,
-            other,
-            other_error,
-        )
 
 
 def _remnants(
