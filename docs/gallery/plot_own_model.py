@@ -17,16 +17,23 @@ import numpy as np
 import pilotid
 from pilotid import Channel, PilotModel, Scenario, plot
 from pilotid.datasets.remnant import Remnant
-from pilotid.pilot.factors import Delay, Differentiator, Gain, Lead, Neuromuscular, Parameter
+from pilotid.pilot.factors import (
+    Delay,
+    Differentiator,
+    Factor,
+    Gain,
+    Lead,
+    Neuromuscular,
+    Parameter,
+)
 from pilotid.show.style import journal_style
 
 
 @dataclass(frozen=True)
-class Washout:
+class Washout(Factor):
     """First-order high-pass T s/(1 + T s)."""
 
     key: str = "twash"
-    fixed_poles = ()
 
     @property
     def parameters(self):
