@@ -15,6 +15,7 @@ from pilotid.recordings.checks import remarks
 from pilotid.recordings.files import detrended, load_recording, save_recording
 from pilotid.recordings.recording import Recording, joined
 from pilotid.recordings.understood import understood
+from pilotid.remarks import codes_of
 from pilotid.types import InputError
 
 pytestmark = [pytest.mark.numerical, pytest.mark.long]
@@ -196,23 +197,25 @@ def element_changed(file: Path) -> bool:
     return file.parent.name == "adaptation" and condition in changed[axis]
 
 
+#: x stands still for a sample or two in these, and jumps to where it should be.
+LOST = ("pilot7_C5_pitch", "pilot7_C8_roll")
+
+
 def test_measured_recordings_have_no_remarks_but_of_an_element_that_changed(measured: Path) -> None:
     files = [*sorted(measured.glob("*/*.mat"))[::7], *measured.glob("rollpitch/pilot*run1*.csv")]
     for file in files:
         recording = load_recording(file)
         told = remarks(recording)
-        if element_changed(file):
-            (told_of_it,) = told
-            assert told_of_it.startswith("the controlled element of the second half differs")
-        else:
-            assert told == (), file.name
+        expected = {"element-varies"} if element_changed(file) else set()
+        if file.stem in LOST:
+            expected |= {"lost-samples"}
+        assert set(codes_of(told)) == expected, file.name
         facts = understood(recording)
         assert [f.name for f in facts.forcing] == [
             n for n in ("ft", "fd") if n in recording.signals
         ]
         assert all(len(f.lines) == 10 for f in facts.forcing), file.name
-        (wrong,) = remarks(replace(recording, u=-recording.u))
-        assert wrong.startswith("u has the wrong sign"), file.name
+        assert "wrong-sign" in codes_of(remarks(replace(recording, u=-recording.u))), file.name
 
 
 def test_a_pilot_who_changes_is_mentioned(run: Run, tmp_path: Path) -> None:

@@ -472,7 +472,7 @@ def test_the_command_writes_what_others_read(
     assert left.value.code == 0
     printed = capsys.readouterr().out
     assert "optimality gap" in printed
-    assert "subjects for 80 %" in printed
+    assert "Subjects that see it with 80 %" in printed
     held = json.loads((out / "design.json").read_text())
     assert held["gap"] < 0.01
     scenario = scenario_named(str(out / "design.json"))

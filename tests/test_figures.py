@@ -269,11 +269,11 @@ def test_figures_are_files_of_the_same_bytes_each_time(tmp_path: Path) -> None:
     for number in (1, 2):
         folder = tmp_path / str(number)
         folder.mkdir()
-        files = save_figures(folder, figures_of(fit, element=ELEMENT), "C3-")
+        files = save_figures(folder, figures_of(fit, element=ELEMENT))
         kept.append({f.name: f.read_bytes() for f in files})
     assert kept[0] == kept[1]
     assert len(kept[0]) == 14
-    assert kept[0]["C3-time.svg"].startswith(b"<svg")
+    assert kept[0]["time.svg"].startswith(b"<svg")
     for name, content in kept[0].items():
         if name.endswith(".pdf"):
             assert content.startswith(b"%PDF")
