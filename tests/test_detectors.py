@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from checks.recorder import FAULTS
+from helpers import without_remnant
 
 from pilotid.datasets import SCENARIOS, scenario_named, simulate
 from pilotid.estimates.method import identify
@@ -133,3 +134,11 @@ def test_a_fit_ends_where_a_filter_left_nothing(fault: str) -> None:
         off.append((estimate.values - scenario.values) / estimate.std_error)
     assert np.abs(off).max() < 4.0
     assert math.sqrt(np.mean(np.square(off))) < 1.6
+
+
+@pytest.mark.parametrize("name", ["single", "nominal", "training", "target-step"])
+def test_a_recording_without_remnant_is_no_low_passed_one(name: str) -> None:
+    scenario = without_remnant(SCENARIOS[name])
+    assert "low-pass" not in {
+        f.code for f in findings(simulate(scenario, np.random.default_rng(1)))
+    }
