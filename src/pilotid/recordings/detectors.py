@@ -33,7 +33,7 @@ class Limits(NamedTuple):
 
     half_octave: tuple[float, float] = (-45.0, -52.0)  # dB, steepest of u (-38.8) and x (-45.9)
     octave: tuple[float, float] = (-54.0, -70.0)  # dB, from 1 to 9 Hz (-50.7, -64.6)
-    lines: float = 60.0  # dB, of a line over what is around it; more has no remnant around it
+    lines: tuple[float, float] = (80.0, 60.0)  # dB, of a line over its surroundings (78, 69)
     goes_on: float = -15.0  # dB in half an octave: a fall begins where it gets as steep
     grid: float = 8.0  # mean difference over that of the smallest phase (5.6)
     lattice: float = 1e-6  # step over rms; encoders have it, and nothing else
@@ -181,8 +181,8 @@ class _Look:
             usable = float(at[first])
             # Between the lines of a recording without remnant there is next to nothing anyway.
             density = 10.0 * np.log10(np.mean(np.abs(self.spectra[name]) ** 2, axis=0) + 1e-300)
-            above = [np.max(density[a:b]) for a, b in self.bands[steepest + 3 :]]
-            if np.max(above - level[steepest + 3 :]) > LIMITS.lines:
+            out = [np.max(density[begin:end]) for begin, end in self.bands] - level
+            if np.max(out) > LIMITS.lines[0] or np.max(out[steepest + 3 :]) > LIMITS.lines[1]:
                 continue
             words = (
                 f"{name} is usable up to {usable:.2g} Hz: a low-pass filter or an interpolation "
