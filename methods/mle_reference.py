@@ -85,8 +85,9 @@ class MLEReference(LikelihoodSettings):
             return failed(self.name, model, Outcome.NOT_APPLICABLE, why)
         moments = Moments(found, references(recording, model, values[0], element), values[0])
         # The weights of the moments do not move their root, but they say how well it is known.
-        moments = moments.at(minimise(moments.gram, values, model).values[0])
-        end = minimise(moments.gram, moments.values[None], model)
+        values = minimise(moments.gram, values, model).values
+        moments.weigh_at(values[0])
+        end = minimise(moments.gram, values, model)
         covariance = covariance_of(end.gram[0, :-1, :-1], found.widened)
         if covariance is None:
             return failed(self.name, model, Outcome.SINGULAR)

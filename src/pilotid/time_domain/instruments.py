@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.fft import next_fast_len
 
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.loops import pilot_on
@@ -17,7 +16,8 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Problem
 from pilotid.time_domain.maximum_likelihood import Maximum
-from pilotid.time_domain.prediction import Prediction, predict
+from pilotid.time_domain.prediction import predict
+from pilotid.time_domain.prepare import fast_length
 from pilotid.types import FloatArray
 
 #: Seconds of zeros behind a recording, in which the loop comes to rest.
@@ -32,7 +32,7 @@ def references(
     """A recording with the e and x that its forcing functions alone make in the loop."""
     target, disturbance = forcing_functions(recording)
     samples = target.shape[1]
-    length = next_fast_len(samples + round(REST / recording.dt), real=True)
+    length = fast_length(samples + round(REST / recording.dt))
     omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(length, recording.dt), dtype=float)
     omega[0] = 1e-3 * omega[1]  # an integrator has no response at rest
     on_error, on_output = pilot_on(model, omega, values)
@@ -66,27 +66,22 @@ class Moments(Problem):
     """
 
     def __init__(self, found: Maximum, reference: Recording, values: FloatArray) -> None:
-        prediction: Prediction = found.joint.prediction
-        self.found, self.reference, self.values = found, reference, values
-        self._prediction = prediction
+        self._prediction = found.joint.prediction
         self._taps = found.joint.whitener(found.end.values[0])
-        rate = None if found.joint.band.factor == 1 else np.pi / prediction.dt
-        other = predict(reference, prediction.model, rate)
-        instruments = prediction.without_nuisance(other.rows(found.pilot[None], self._taps)[0, :-1])
-        errors = prediction.without_nuisance(prediction.rows(values[None], self._taps)[0, -1:])
-        self._instruments = self._weighed(instruments)
-        power = self._weighed(errors).reshape(-1, 2)
-        power = np.mean(power**2, axis=1)
-        half = SMOOTHED // 2
-        smooth = np.convolve(
-            np.pad(power, half, mode="reflect"), np.ones(SMOOTHED) / SMOOTHED, "valid"
-        )
+        rate = None if found.joint.band.factor == 1 else np.pi / self._prediction.dt
+        other = predict(reference, self._prediction.model, rate)
+        jacobian = other.rows(found.pilot[None], self._taps)[0, :-1]
+        self._instruments = self._weighed(self._prediction.without_nuisance(jacobian))
+        self.weigh_at(values)
+
+    def weigh_at(self, values: FloatArray) -> None:
+        """Standardise the moments by the power that the prediction errors of these values have."""
+        errors = self._prediction.rows(values[None], self._taps)[0, -1:]
+        parts = self._weighed(self._prediction.without_nuisance(errors)).reshape(-1, 2)
+        power = np.pad(np.mean(parts**2, axis=1), SMOOTHED // 2, mode="reflect")
+        smooth = np.convolve(power, np.ones(SMOOTHED) / SMOOTHED, "valid")
         scatter = (self._instruments * np.repeat(smooth, 2)) @ self._instruments.T
         self._whitener = np.linalg.inv(np.linalg.cholesky(scatter))
-
-    def at(self, values: FloatArray) -> Moments:
-        """The same, with the power that prediction errors have at other parameters."""
-        return Moments(self.found, self.reference, values)
 
     def _weighed(self, rows: FloatArray) -> FloatArray:
         """Rows (n, runs, samples) as real numbers whose products are weighted, shape (n, m)."""
