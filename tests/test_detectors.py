@@ -14,11 +14,21 @@ from pilotid.datasets import SCENARIOS, scenario_named, simulate
 from pilotid.estimates.method import identify
 from pilotid.methods import method_named
 from pilotid.recordings.checks import remarks
-from pilotid.recordings.detectors import Finding, band_end, findings, usable_of
+from pilotid.recordings.detectors import Finding, band_end, findings
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import start_rng
 
 pytestmark = pytest.mark.numerical
+
+
+def usable_of(recording: Recording) -> dict[str, float]:
+    """Highest usable frequency of each signal [Hz], of those that have one."""
+    found: dict[str, float] = {}
+    for f in findings(recording):
+        if f.usable < math.inf:
+            found[f.signal] = min(f.usable, found.get(f.signal, math.inf))
+    return found
+
 
 ALWAYS = (
     # fault, signal, code, size, tolerance

@@ -97,13 +97,13 @@ def findings(recording: Recording) -> tuple[Finding, ...]:
     if not {"e", "u"} <= set(moving):
         return ()
     with np.errstate(all="ignore"):  # a signal may be of any size
-        found = _found(_Look(recording, moving))
+        found = _found(_Look(recording, moving), _ends(recording))
     once = {(f.code, f.signal): f for f in reversed(found)}
     return tuple(sorted(once.values(), key=lambda finding: GRADES.index(finding.grade)))
 
 
-def _found(look: _Look) -> list[Finding]:
-    found = list(look.ends())
+def _found(look: _Look, ends: Sequence[Finding]) -> list[Finding]:
+    found = list(ends)
     found += [*look.lost(found), *look.floors(), *look.steps()]
     if not any(f.code == "lost-samples" for f in found):
         found += look.identity()
@@ -111,21 +111,17 @@ def _found(look: _Look) -> list[Finding]:
     return found + list(look.copies(found))
 
 
-def usable_of(recording: Recording) -> dict[str, float]:
-    """Highest usable frequency of each signal [Hz], of those that have one."""
-    found: dict[str, float] = {}
-    for finding in findings(recording):
-        if finding.usable < math.inf:
-            found[finding.signal] = min(finding.usable, found.get(finding.signal, math.inf))
-    return found
-
-
 @remembered
+def _ends(recording: Recording) -> tuple[Finding, ...]:
+    """What ends the band of a signal, so that nothing is left of it above."""
+    with np.errstate(all="ignore"):
+        look = _Look(recording, _moving(recording))
+        return (*look.falls(), *look.grids())
+
+
 def band_end(recording: Recording) -> float:
     """Frequency above which a filter or an interpolation left nothing of a signal [rad/s]."""
-    with np.errstate(all="ignore"):
-        ends = list(_Look(recording, _moving(recording)).ends())
-    return 2.0 * math.pi * min((f.usable for f in ends), default=math.inf)
+    return 2.0 * math.pi * min((f.usable for f in _ends(recording)), default=math.inf)
 
 
 def _moving(recording: Recording) -> dict[str, FloatArray]:
@@ -153,11 +149,6 @@ class _Look:
     def drive(self) -> FloatArray:
         """What the element answers to."""
         return self.signals["u"] + self.signals.get("fd", 0.0)
-
-    def ends(self) -> Iterator[Finding]:
-        """What ends the band of a signal, so that nothing is left of it above."""
-        yield from self.falls()
-        yield from self.grids()
 
     def falls(self) -> Iterator[Finding]:
         """Low-pass filters: spectra of pilots and elements fall, but nowhere that steeply."""
