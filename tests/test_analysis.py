@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from helpers import PILOTS, Run
 
+from pilotid.analysis.analyse import compared
 from pilotid.analysis.board import read_board
 from pilotid.analysis.recordings import Pattern, parts_of
 from pilotid.analysis.rows import in_order
@@ -23,7 +24,7 @@ from pilotid.seeds import recording_rng
 from pilotid.types import InputError
 
 PATTERN = "s{subject}_{condition}"
-OPTIONS = ("--per-run", "--left-out")
+OPTIONS = ("--per-run", "--left-out", "--model-per-condition")
 #: One process: to start a second one takes longer than the few fits that it would do.
 ALONE = ("--workers", "1")
 
@@ -201,6 +202,21 @@ def test_names_are_ordered_as_people_do() -> None:
     assert in_order(["C10", "C2", "C1", "C2"]) == ["C1", "C2", "C10"]
 
 
+@pytest.mark.parametrize(
+    ("pairs", "sets"),
+    [
+        ([], [("C1", "C2", "C3")]),
+        ([("C3", "C1")], [("C2",), ("C1", "C3")]),
+        ([("C1", "C2"), ("C2", "C3")], [("C1", "C2", "C3")]),
+        ([("tlead1", "tlead2")], [("C1",), ("C2",), ("C3",)]),
+    ],
+)
+def test_conditions_that_are_contrasted_belong_together(
+    pairs: list[tuple[str, str]], sets: list[tuple[str, ...]]
+) -> None:
+    assert compared(["C1", "C2", "C3"], pairs) == sets
+
+
 @pytest.mark.numerical
 @pytest.mark.long
 def test_loops_are_those_of_the_simulated_element(analysed: Path) -> None:
@@ -234,6 +250,7 @@ def test_conditions_are_compared_over_subjects(analysed: Path) -> None:
     row = next(r for r in table(analysed / "contrasts.csv") if r["parameter"] == "tdvis")
     differences = [values[s, "B"] - values[s, "A"] for s in ("1", "2")]
     assert (row["model_a"], row["model_b"], row["subjects"]) == ("single", "lead-lag", "2")
+    assert "across models" in row["notes"].split(" | ")
     assert float(row["difference"]) == pytest.approx(np.mean(differences))
     assert float(row["std_error"]) == pytest.approx(np.std(differences, ddof=1) / np.sqrt(2.0))
 
@@ -261,7 +278,8 @@ def test_the_same_analysis_gives_the_same_bytes(
     """On one machine; the store alone may differ."""
     names = ("estimates.csv", "models.csv", "loops.csv", "contrasts.csv", "runs.csv")
     files = sorted(folder.glob("s[12]_*.csv"))
-    answer = run("analyse", *files, "--pattern", PATTERN, "--per-run", *ALONE, "--out", tmp_path)
+    options = ("--per-run", "--model-per-condition", *ALONE, "--out", tmp_path)
+    answer = run("analyse", *files, "--pattern", PATTERN, *options)
     assert answer.status == 0, answer.err
     for name in names:
         assert (tmp_path / name).read_bytes() == (analysed / name).read_bytes(), name

@@ -5,15 +5,18 @@ from __future__ import annotations
 import csv
 import io
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.stats import ttest_rel
 from tidy_rows import row, table
 
-from pilotid.analysis.contrasts import Contrast, contrasts
+from pilotid.analysis.contrasts import Contrast, contrasts, is_across
+from pilotid.analysis.report_tables import is_significant
 from pilotid.analysis.results import CONTRAST_COLUMNS, table_of
 from pilotid.disk import table_bytes
+from pilotid.pilot.catalogue import MODELS
 from pilotid.types import InputError
 
 A = (1.1, 1.4, 0.9, 2.0, 1.3)
@@ -96,6 +99,7 @@ def test_who_is_left_out_is_named() -> None:
     assert found.notes == (
         "left out: subject 2 (C1: not-converged); subject 4 (no recording in C2)",
     )
+    assert len(found.left_out) == 2
     assert found.t == pytest.approx(ttest_rel([B[0], B[2], B[4]], [A[0], A[2], A[4]]).statistic)
 
 
@@ -165,6 +169,43 @@ def test_each_condition_by_its_own_model() -> None:
     found = only(contrasts(rows, [("C3", "C6")], {((), "C3"): "single", ((), "C6"): "multi"}))
     assert (found.model_a, found.model_b, found.parameter) == ("single", "multi", "tlead")
     assert found.t == pytest.approx(ttest_rel(B, A).statistic)
+
+
+@pytest.mark.parametrize(
+    ("models", "parameter", "across"),
+    [
+        (("single", "multi"), "Kvis", False),
+        (("single", "multi"), "fnm", False),
+        (("single", "lead-lag"), "tdvis", True),
+        (("single", "lead-lag"), "Kvis*tlead", True),
+        (("single", "lead-lag"), "target_crossover", False),
+        (("lead-lag", "lead-lag-motion"), "tlag", False),
+        (("rate", "multi"), "dnm", True),
+    ],
+)
+def test_a_parameter_of_another_channel_is_across_models(
+    models: tuple[str, str], parameter: str, across: bool
+) -> None:
+    assert is_across(parameter, [MODELS[name] for name in models]) is across
+    rows = [
+        row(s, c, v, model=model, parameter=parameter)
+        for c, column, model in (("C1", A, models[0]), ("C2", B, models[1]))
+        for s, v in zip("12345", column, strict=True)
+    ]
+    own = {((), "C1"): models[0], ((), "C2"): models[1]}
+    found = only(contrasts(rows, chosen=own))
+    assert found.across is across
+    assert is_significant(replace(found, p_holm=0.001)) is not across
+    assert ("across models" in found.notes) is across
+
+
+def test_estimates_that_the_lines_contradict_are_named() -> None:
+    rows = table({"C1": A, "C2": B})
+    rows[2] = replace(rows[2], agrees=False)
+    found = only(contrasts(rows))
+    assert found.misspecified == ("subject 3 in C1",)
+    assert found.subjects == 5
+    assert found.doubt.startswith("1 fit")
 
 
 @pytest.mark.parametrize(

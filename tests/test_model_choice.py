@@ -12,6 +12,7 @@ from helpers import NOMINAL, PILOTS, SINGLE_LOOP
 from pilotid.datasets import simulate
 from pilotid.model_choice import (
     Candidate,
+    choose_jointly,
     choose_model,
     compare_models,
     default_candidates,
@@ -115,6 +116,78 @@ def test_what_describes_the_loop_and_not_the_pilot_is_not_taken() -> None:
     choice = choose_model([[pilot, loop]])
     assert choice.model == "single"
     assert "describes the loop, not the pilot" in choice.reason
+
+
+#: Pilot parameters of the models that compete below.
+SIZES = {"single": 5, "lead-lag": 6, "rate": 7, "multi": 7, "lead-lag-motion": 8}
+
+
+def condition(more: dict[str, float], delayless: str = "") -> list[list[Candidate]]:
+    """Three recordings, and what models leave in each run above the best."""
+    every = [
+        replace(
+            candidate(name, SIZES[name], tuple(run + more.get(name, 0.0) for run in RUNS)),
+            no_delay=name == delayless,
+        )
+        for name in SIZES
+    ]
+    return [every] * 3
+
+
+MOTIONLESS = {"rate": 0.1, "multi": 0.1, "lead-lag-motion": 0.1}
+
+
+@pytest.mark.parametrize(
+    ("conditions", "taken"),
+    [
+        # What one condition needs and the other allows.
+        (
+            {"A": condition(MOTIONLESS), "B": condition({**MOTIONLESS, "single": 2.0})},
+            {"A": "lead-lag", "B": "lead-lag"},
+        ),
+        # What makes do without a delay is no pilot; then nothing suits, and the misfit decides.
+        (
+            {"A": condition({}), "B": condition({"single": 2.0}, delayless="lead-lag")},
+            {"A": "single", "B": "single"},
+        ),
+        # Channels on other signals stay.
+        (
+            {
+                "A": condition(MOTIONLESS),
+                "B": condition({"single": 9.0, "lead-lag": 9.0, "rate": 2.0}),
+            },
+            {"A": "single", "B": "multi"},
+        ),
+        # The channel on the error is one: a lag here is a lag there.
+        (
+            {
+                "A": condition({**MOTIONLESS, "single": 2.0}),
+                "B": condition({"single": 9.0, "lead-lag": 9.0}),
+            },
+            {"A": "lead-lag", "B": "lead-lag-motion"},
+        ),
+    ],
+)
+def test_conditions_that_are_compared_have_one_model(
+    conditions: dict[str, list[list[Candidate]]], taken: dict[str, str]
+) -> None:
+    found = choose_jointly(conditions, MODELS)
+    assert {name: choice.model for name, choice in found.items()} == taken
+
+
+def test_subjects_in_two_vehicles_have_the_model_of_the_publication(measured: Path) -> None:
+    """A lag in one of the two would take the delays of some subjects to zero."""
+    held = {
+        name: [
+            compare_models(recording, default_candidates(recording), 0, likelihood=False)
+            for file in sorted(measured.glob(f"adaptation/pilot*_{name}_roll.mat"))
+            for recording in [load_recording(file)]
+        ]
+        for name in ("C1", "C2")
+    }
+    assert choose_model(held["C2"]).model == "lead-lag"
+    found = choose_jointly(held, MODELS)
+    assert {name: choice.model for name, choice in found.items()} == dict.fromkeys(held, "single")
 
 
 def test_misfits_are_those_of_chance_for_the_true_model() -> None:

@@ -21,7 +21,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from pilotid.estimates.applicability import lines_objection, motionless_input
-from pilotid.estimates.estimate import bounds_reached
+from pilotid.estimates.estimate import at_bounds, bounds_reached
 from pilotid.lines.coefficients import Coefficients
 from pilotid.lines.fit import LinesFit, fit_lines
 from pilotid.pilot.catalogue import MODELS
@@ -42,7 +42,7 @@ ASKED_FOR = ("lead2-lag", "lead2-lag-motion")
 #: A neuromuscular system of a higher damping ratio is a lag in disguise.
 OVERDAMPED = 1.0
 #: What JSON does not have of a candidate.
-NOT_SHOWN = ("remnant", "samples", "overdamped")
+NOT_SHOWN = ("remnant", "samples", "overdamped", "no_delay")
 
 
 @dataclass(frozen=True)
@@ -74,6 +74,8 @@ class Candidate:
         The bounds that parameters reached, in words.
     overdamped
         Whether the neuromuscular system is overdamped.
+    no_delay
+        Whether a delay ends at zero, which no pilot has.
     change_p, change_size, change_time
         How often a pilot whose gains and leads are constant would seem to change as this one
         does, by how much of its value a gain or lead changes at most, and when that is seen best
@@ -96,6 +98,7 @@ class Candidate:
     left_out_chi_squared: tuple[float, ...] = ()
     bounds: str = ""
     overdamped: bool = False
+    no_delay: bool = False
     change_p: float = math.nan
     change_size: float = math.nan
     change_time: float = math.nan
@@ -197,6 +200,7 @@ def _by_likelihood(found: Evidence) -> Candidate:
         left_out_log_likelihood=tuple(found.left_out.tolist()),
         bounds=bounds_reached(found.model, found.values),
         overdamped=_overdamped(found.model, found.values),
+        no_delay=_no_delay(found.model, found.values),
         change_p=math.nan if found.constancy is None else found.constancy.p,
         change_size=math.nan if found.constancy is None else found.constancy.size,
         change_time=math.nan if found.constancy is None else found.constancy.time,
@@ -212,6 +216,7 @@ def _with_lines(candidate: Candidate, fit: LinesFit) -> Candidate:
         left_out_chi_squared=_left_out_misfits(fit),
         bounds=bounds_reached(fit.model, fit.values),
         overdamped=_overdamped(fit.model, fit.values),
+        no_delay=_no_delay(fit.model, fit.values),
     )
 
 
@@ -223,6 +228,10 @@ def _by_lines(recording: Recording, fit: LinesFit) -> Candidate:
 def _overdamped(model: PilotModel, values: FloatArray) -> bool:
     damping = dict(zip(model.keys, values.tolist(), strict=True)).get("dnm", 0.0)
     return bool(damping > OVERDAMPED)
+
+
+def _no_delay(model: PilotModel, values: FloatArray) -> bool:
+    return bool(at_bounds(model, values, values)[0][list(model.delays)].any())
 
 
 def fit_forced_response(
@@ -316,6 +325,10 @@ class Choice:
     reason: str
 
 
+#: Share of recordings in which a delay may end at zero with a model that serves for contrasts.
+DELAYLESS = 0.1
+
+
 def choose_model(recordings: Sequence[Sequence[Candidate]]) -> Choice:
     """The simplest model that explains recordings as well as any.
 
@@ -330,21 +343,129 @@ def choose_model(recordings: Sequence[Sequence[Candidate]]) -> Choice:
     recordings
         For each recording the candidates, see `compare_models`.
     """
-    names = [c.model for c in recordings[0]]
-    names = [name for name in names if all(name in [c.model for c in held] for held in recordings)]
-    held = [{c.model: c for c in candidates} for candidates in recordings]
-    by_lines = all(c.freedom > 0 for own in held for c in own.values())
-    credible = names if by_lines else _credible(held, names)
-    runs = sum(len(own[names[0]].left_out) for own in held)
-    many = runs >= RUNS and all(own[name].left_out for own in held for name in names)
-    deficits = _deficits(held, credible, by_lines=by_lines, left_out=many)
-    best = min(credible, key=lambda name: (sum(deficits[name]), held[0][name].pilot_parameters))
-    least = {n: [a - b for a, b in zip(deficits[n], deficits[best], strict=True)] for n in credible}
-    close = [n for n in credible if n == best or not _clear(least[n], many=many)]
-    taken = min(close, key=lambda name: (held[0][name].pilot_parameters, sum(least[name])))
-    told = _reason(held, taken, least, by_lines=by_lines, left_out=many)
-    told += _warnings(held, names, credible, taken)
-    return Choice(taken, " ".join(told))
+    judged = _Judged(recordings)
+    return Choice(judged.taken, judged.reason(judged.taken))
+
+
+class _Judged:
+    """Candidates on the recordings of one condition: what each leaves above the best."""
+
+    def __init__(self, recordings: Sequence[Sequence[Candidate]]) -> None:
+        names = [c.model for c in recordings[0]]
+        self.names = [n for n in names if all(n in [c.model for c in own] for own in recordings)]
+        self.held = [{c.model: c for c in candidates} for candidates in recordings]
+        self.by_lines = all(c.freedom > 0 for own in self.held for c in own.values())
+        self.credible = self.names if self.by_lines else _credible(self.held, self.names)
+        runs = sum(len(own[self.names[0]].left_out) for own in self.held)
+        told = all(own[name].left_out for own in self.held for name in self.names)
+        self.many = runs >= RUNS and told
+        deficits = _deficits(self.held, self.credible, by_lines=self.by_lines, left_out=self.many)
+        best = min(self.credible, key=lambda name: (sum(deficits[name]), self.parameters(name)))
+        self.least = {
+            name: [a - b for a, b in zip(own, deficits[best], strict=True)]
+            for name, own in deficits.items()
+        }
+        self.close = [
+            name
+            for name, own in self.least.items()
+            if name == best or not _clear(own, many=self.many)
+        ]
+        self.taken = min(self.close, key=lambda n: (self.parameters(n), sum(self.least[n])))
+
+    def parameters(self, name: str) -> int:
+        """Number of the pilot's parameters."""
+        return self.held[0][name].pilot_parameters
+
+    def left(self, name: str) -> float:
+        """What a model leaves above the best."""
+        return sum(self.least[name]) if name in self.least else math.inf
+
+    def is_pilot(self, name: str) -> bool:
+        """Whether a model leaves pilots their delays."""
+        return sum(own[name].no_delay for own in self.held) <= DELAYLESS * len(self.held)
+
+    def reason(self, taken: str) -> str:
+        """Why a model is taken, in sentences."""
+        told = _reason(self.held, taken, self.least, by_lines=self.by_lines, left_out=self.many)
+        return " ".join([*told, *_warnings(self.held, self.names, self.credible, taken)])
+
+
+def choose_jointly(
+    conditions: Mapping[str, Sequence[Sequence[Candidate]]], models: Mapping[str, PilotModel]
+) -> dict[str, Choice]:
+    """One model for conditions that are compared, or one for each set of channels.
+
+    Conditions whose own choices have channels on other signals keep those.  Taken are the simplest
+    models that suit every condition (not clearly worse than the best there, and a delay of zero in
+    no more than a tenth of the recordings) and have one channel on the error in common, so that
+    its parameters mean the same everywhere.  Where none suit all, the misfit decides.
+
+    Parameters
+    ----------
+    conditions
+        The recordings' candidates by condition, see `compare_models`.
+    models
+        The candidates' models by name.
+    """
+    judged = {condition: _Judged(held) for condition, held in conditions.items()}
+    groups: dict[frozenset[str], list[str]] = {}
+    for condition, own in judged.items():
+        groups.setdefault(_inputs(models[own.taken]), []).append(condition)
+
+    def rank(name: str, inputs: frozenset[str]) -> tuple[int, int, float, float]:
+        """Whether a model does not suit, and is no pilot; parameters, or misfit; misfit."""
+        every = [judged[condition] for condition in groups[inputs]]
+        left = sum(own.left(name) for own in every)
+        delayless = not all(own.is_pilot(name) for own in every)
+        if delayless or not all(name in own.close for own in every):
+            return 1, delayless, left, left
+        return 0, 0, every[0].parameters(name), left
+
+    found = []
+    for family in dict.fromkeys(_on_error(model) for model in models.values()):
+        taken = {}
+        for inputs, members in groups.items():
+            able = [
+                name
+                for name in judged[members[0]].names
+                if all(name in judged[condition].names for condition in members)
+                and _inputs(models[name]) == inputs
+                and _on_error(models[name]) == family
+            ]
+            if able:
+                taken[inputs] = min(able, key=lambda name: rank(name, inputs))
+        if len(taken) == len(groups):
+            ranks = [rank(name, inputs) for inputs, name in taken.items()]
+            found.append((tuple(map(sum, zip(*ranks, strict=True))), taken))
+    if not found:
+        return {c: Choice(own.taken, own.reason(own.taken)) for c, own in judged.items()}
+    worst, taken = min(found, key=lambda pair: pair[0])
+    result = {}
+    for inputs, members in groups.items():
+        for condition in members:
+            own, name = judged[condition], taken[inputs]
+            told = [own.reason(own.taken)]
+            if name != own.taken:
+                others = listed([other for other in conditions if other != condition])
+                told.append(f"{name} is taken all the same, to compare it with {others}.")
+            if worst[0]:
+                told.append("No model suits all conditions that are compared.")
+            result[condition] = Choice(name, " ".join(told))
+    return result
+
+
+def _inputs(model: PilotModel) -> frozenset[str]:
+    return frozenset(channel.input for channel in model.channels)
+
+
+def _on_error(model: PilotModel) -> tuple[object, ...]:
+    """What acts on the error, whatever its starts are."""
+    return tuple(
+        (type(factor), tuple(p.key for p in factor.parameters))
+        for channel in model.channels
+        if channel.input == "error"
+        for factor in channel.factors
+    )
 
 
 def _credible(held: Sequence[Mapping[str, Candidate]], names: Sequence[str]) -> list[str]:

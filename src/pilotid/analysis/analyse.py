@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple
 
 from pilotid.analysis.cross_validation import LeftOut, failed_rows, left_out_rows, predict_left_out
 from pilotid.analysis.recordings import Part, Source
-from pilotid.analysis.rows import SUBJECT, Row, rows_of
+from pilotid.analysis.rows import CONDITION, SUBJECT, Row, in_order, rows_of
 from pilotid.database import DamagedError, checksum, in_words, open_to_write
 from pilotid.disk import make_folder, write_file
 from pilotid.element.fit import chosen_element
@@ -24,7 +24,14 @@ from pilotid.estimates.method import Method
 from pilotid.estimates.quantities import Quantity
 from pilotid.jobs import Loss, run_tasks
 from pilotid.methods.fourier import first_step_of
-from pilotid.model_choice import Candidate, Choice, choose_model, compare_models, default_candidates
+from pilotid.model_choice import (
+    Candidate,
+    Choice,
+    choose_jointly,
+    choose_model,
+    compare_models,
+    default_candidates,
+)
 from pilotid.naming.code import code_digest, own_digest, packed, reason, unpacked
 from pilotid.naming.settings import plain
 from pilotid.pilot.catalogue import MODELS
@@ -64,6 +71,10 @@ class Settings:
         The controlled element, where the user names it.
     seed
         Seed of all random numbers.
+    pairs
+        What the user contrasts; every condition with every other if nothing.
+    alone
+        Whether a model is chosen for each condition alone, also of those that are contrasted.
     """
 
     models: Mapping[str, PilotModel]
@@ -73,6 +84,13 @@ class Settings:
     left_out: bool = False
     element: ControlledElement | None = None
     seed: int = 0
+    pairs: Sequence[tuple[str, str]] = ()
+    alone: bool = False
+
+    @property
+    def known(self) -> dict[str, PilotModel]:
+        """All models that may be fitted, by name."""
+        return {**MODELS, **self.models}
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,6 +302,7 @@ def content_of(fitted: Fitted) -> Content:
                 "verdict": e.verdict(timed=False),
                 "vaf": number(e.vaf),
                 "remarks": list(e.remarks),
+                "agrees": e.specification is None or e.specification.agrees,
                 "parameters": [[q.key, q.unit, *_numbers(q)] for q in e.quantities],
                 "loops": [[q.key, q.unit, *_numbers(q)] for q in own.quantities] if own else [],
                 "loop_remarks": [*own.remarks, *own.notes] if own else [],
@@ -417,14 +436,14 @@ def analyse(
         groups: dict[Group, list[list[Candidate]]] = {}
         for source, look in looked.items():
             groups.setdefault(group_of(source.part), []).append(candidates_of(look))
-        choices = {group: choose_model(candidates) for group, candidates in groups.items()}
+        choices = _choices(groups, settings)
         fits, left = [], []
         for source, look in looked.items():
             count = int(look["recording"]["runs"])
             runs = range(1, count + 1) if count > 1 else ()
             models = list(settings.models.values())
             if settings.auto:
-                models = [{**MODELS, **settings.models}[choices[group_of(source.part)].model]]
+                models = [settings.known[choices[group_of(source.part)].model]]
             for model in models:
                 fitted = (model, methods, element)
                 fits.append(work.task("fit", source, fitted, folder=folder))
@@ -447,6 +466,40 @@ def analyse(
                 for line in left_out_rows(task.source.part, task.run or 0, told[task.key])
             ],
         )
+
+
+def _choices(
+    groups: Mapping[Group, list[list[Candidate]]], settings: Settings
+) -> dict[Group, Choice]:
+    """A model for each group of recordings, one for those that are contrasted."""
+    found: dict[Group, Choice] = {}
+    strata: dict[Group, dict[str, Group]] = {}
+    for group in groups:
+        name = dict(group).get(CONDITION)
+        if settings.alone or not settings.auto or name is None or "file" in dict(group):
+            found[group] = choose_model(groups[group])
+        else:
+            rest = tuple(pair for pair in group if pair[0] != CONDITION)
+            strata.setdefault(rest, {})[name] = group
+    for own in strata.values():
+        for together in compared(in_order(list(own)), settings.pairs):
+            held = {name: groups[own[name]] for name in together}
+            jointly = choose_jointly(held, settings.known)
+            found |= {own[name]: choice for name, choice in jointly.items()}
+    return {group: found[group] for group in groups}
+
+
+def compared(conditions: Sequence[str], pairs: Sequence[tuple[str, str]]) -> list[tuple[str, ...]]:
+    """Conditions that are contrasted, directly or by way of others; all if no pair is given."""
+    if not pairs:
+        return [tuple(conditions)]
+    sets = [{name} for name in conditions]
+    for pair in pairs:
+        joined = [own for own in sets if own & set(pair)]
+        sets = [own for own in sets if own not in joined]
+        if joined:
+            sets.append(set().union(*joined))
+    return [tuple(name for name in conditions if name in own) for own in sets]
 
 
 def _opened(path: Path) -> sqlite3.Connection:

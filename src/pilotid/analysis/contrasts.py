@@ -10,7 +10,7 @@ where it departs from the plain mean, the plain one is the average subject's.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -18,6 +18,8 @@ import numpy as np
 
 from pilotid.analysis.combine import NAN, effect_size, holm, plain_mean, random_effects
 from pilotid.analysis.rows import CONDITION, Chosen, Layout, Row, Stratum, in_order, layouts, who
+from pilotid.pilot.catalogue import MODELS
+from pilotid.pilot.model import PilotModel
 from pilotid.types import InputError
 
 
@@ -78,6 +80,13 @@ weighted_upper
         What an estimated difference is typically off by: median of the claimed errors.
     notes
         Who is left out and why, and what could not be worked out.
+    left_out
+        The subjects that are left out, each with the reason.
+    across
+        Whether the parameter stands in another channel in one model than in the other, so that the
+        two numbers need not mean the same.
+    misspecified
+        The estimates that the lines of the forcing functions contradict, by subject and condition.
     """
 
     stratum: Stratum
@@ -111,11 +120,22 @@ weighted_upper
     between_upper: float = NAN
     claimed_error: float = NAN
     notes: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
+    across: bool = False
+    misspecified: tuple[str, ...] = ()
 
     @property
     def within(self) -> bool:
         """Whether it is between two parameters of the same fits, see `within_fits`."""
         return self.condition_a == self.condition_b
+
+    @property
+    def doubt(self) -> str:
+        """Why it is not to be read like the others; empty if it is."""
+        told = ["across models"] * self.across
+        count = len(self.misspecified)
+        told += [f"{count} {'fit' if count == 1 else 'fits'} contradicted"] * bool(count)
+        return ", ".join(told)
 
     @property
     def subjects(self) -> int:
@@ -127,6 +147,7 @@ def contrasts(
     rows: Sequence[Row],
     pairs: Sequence[tuple[str, str]] = (),
     chosen: Chosen | None = None,
+    models: Mapping[str, PilotModel] = MODELS,
 ) -> list[Contrast]:
     """Paired differences between conditions, for each stratum, method, model and parameter.
 
@@ -139,6 +160,8 @@ def contrasts(
     chosen
         The model of each stratum and condition, where each condition has its own: parameters
         that the two models share are compared.  None compares fits of the same model.
+    models
+        The models by name.
 
     Raises
     ------
@@ -153,7 +176,7 @@ def contrasts(
         wanted = pairs or list(combinations(layout.conditions, 2))
         if chosen is not None:  # what only one of the two models has cannot be compared
             wanted = [pair for pair in wanted if set(pair) <= set(layout.conditions)]
-        made = [_contrast(layout, a, layout, b) for a, b in wanted]
+        made = [_contrast(layout, a, layout, b, models) for a, b in wanted]
         plain, weighted = holm([c.p for c in made]), holm([c.weighted_p for c in made])
         result += [
             replace(contrast, p_holm=p, weighted_p_holm=q)
@@ -174,14 +197,32 @@ def _require(pair: tuple[str, str], known: Sequence[str]) -> None:
         raise InputError(f"the contrast {':'.join(pair)} names one condition twice; name two")
 
 
-def _contrast(first: Layout, a: str, second: Layout, b: str) -> Contrast:
+def is_across(parameter: str, models: Sequence[PilotModel]) -> bool:
+    """Whether a parameter, or a product of some, stands in other channels in one of the models.
+
+    Channels on one signal are compared, whatever their starts are.  Loops and variances belong to
+    no channel.
+    """
+    keys = set(parameter.split("*"))
+    found: dict[str, set[object]] = {}
+    for model in models:
+        for channel in model.channels:
+            factors = [(type(f), [p.key for p in f.parameters]) for f in channel.factors]
+            if keys & {key for _, own in factors for key in own}:
+                found.setdefault(channel.input, set()).add(repr(factors))
+    return any(len(own) > 1 for own in found.values())
+
+
+def _contrast(
+    first: Layout, a: str, second: Layout, b: str, models: Mapping[str, PilotModel]
+) -> Contrast:
     """One quantity in two conditions, or two quantities in one condition."""
     within = first is not second
     everyone = in_order([*first.cells.get(a, {}), *second.cells.get(b, {})])
     faults = {s: first.missing(s, a) or second.missing(s, b) for s in everyone}
     out = [fault for fault in faults.values() if fault]
     notes = [f"left out: {'; '.join(out)}"] if out else []
-    pairs = []
+    pairs, misspecified = [], []
     for subject in (s for s in everyone if not faults[s]):
         one, two = first.cells[a][subject], second.cells[b][subject]
         # Errors of one fit are correlated, and say nothing of a difference.
@@ -191,17 +232,29 @@ def _contrast(first: Layout, a: str, second: Layout, b: str) -> Contrast:
             where = who(subject) if within else f"{who(subject)} in {condition}"
             notes += [f"{where}: mean of {cell.recordings} recordings"] * (cell.recordings > 1)
             notes += [f"{where}: a parameter is at its bound"] * cell.at_bound
+            misspecified += [where] * (not cell.agrees)
+    if misspecified:
+        told = ", ".join(misspecified)
+        notes.append(f"the lines of the forcing functions say otherwise of {told}")
     some_model = next(iter(first.models.values()))
+    one_model, other = first.models.get(a, some_model), second.models.get(b, some_model)
+    both = [models[name] for name in (one_model, other) if name in models]
+    across = not within and is_across(first.parameter, both)
+    if across:
+        notes.append("across models")
     contrast = Contrast(
         first.stratum,
         a,
         b,
-        first.models.get(a, some_model),
-        second.models.get(b, some_model),
+        one_model,
+        other,
         first.method,
         f"{second.parameter} - {first.parameter}" if within else first.parameter,
         ", ".join(dict.fromkeys((first.unit, second.unit))),
         tuple(pairs),
+        left_out=tuple(out),
+        across=across,
+        misspecified=tuple(dict.fromkeys(misspecified)),
     )
     if "," in contrast.unit and (within or len(pairs) > 1):
         return replace(contrast, notes=(*notes, f"the units differ ({contrast.unit}): no test"))
@@ -322,7 +375,7 @@ def within_fits(
         for a, b in pairs:
             if a not in own or b not in own:
                 continue
-            made = [_contrast(own[a], c, own[b], c) for c in own[a].conditions]
+            made = [_contrast(own[a], c, own[b], c, {}) for c in own[a].conditions]
             corrected = holm([c.p for c in made])
             result += [replace(c, p_holm=p) for c, p in zip(made, corrected, strict=True)]
     return result

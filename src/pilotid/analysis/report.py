@@ -13,11 +13,13 @@ from pilotid.analysis.report_tables import (
     LEVEL,
     contrast_tables,
     estimate_groups,
+    is_significant,
     means_table,
     model_table,
     recording_table,
     repeated_table,
     table_title,
+    without_repeats,
 )
 from pilotid.analysis.results import Results
 from pilotid.analysis.rows import SUBJECT
@@ -47,9 +49,9 @@ PAIRED = (
     "it all."
 )
 OTHER_MODELS = (
-    "Where the models of two conditions differ, parameters of the same key are "
-    "compared; a gain or lead beside a lag or a motion channel need not mean the "
-    "same as one without. `--model` with one name fits the same to all."
+    "Across models: the parameter stands in another channel in one condition than in the other, "
+    "so that it need not mean the same. Such rows count in no summary. Without "
+    "`--model-per-condition` one model is chosen for conditions that are compared."
 )
 RUNS = (
     "A claimed error says what the same pilot would scatter who did the same again. Runs "
@@ -124,13 +126,7 @@ def _summary(results: Results) -> Section:
         for group, choice in analysis.choices.items():
             chosen.setdefault(choice.model, []).append(group_words(group) or "all")
         items += [f"Model `{model}`: {'; '.join(where)}." for model, where in chosen.items()]
-    clear = [c for c in results.contrasts if c.p_holm < LEVEL]
-    if results.contrasts:
-        items.append(
-            f"{len(clear)} of {len(results.contrasts)} {_compared(results)} have p < "
-            f"{LEVEL:g} after Holm's correction"
-            + (": see [conditions](#conditions)." if clear else ".")
-        )
+    items += _contrasted(results)
     told_of = [s for s in map(spread_sentence, _by_condition(results)) if s]
     items += [f"{s[0].upper()}{s[1:]}." for s in told_of]
     items += _changing(analysis)
@@ -151,6 +147,37 @@ def _summary(results: Results) -> Section:
     if analysis.refused:
         blocks += [Text("**Left out:**"), Bullets(list(analysis.refused))]
     return Section("summary", "Summary", blocks)
+
+
+def _contrasted(results: Results) -> Iterator[str]:
+    """How many contrasts are significant, who is left out of them, and which are in doubt."""
+    if not results.contrasts:
+        return
+    counted = [c for c in without_repeats(results.contrasts) if not c.across]
+    clear = [c for c in counted if is_significant(c)]
+    told = f"{len(clear)} of {len(counted)} {_compared(results)} have p < {LEVEL:g} after Holm's"
+    yield f"{told} correction" + (": see [conditions](#conditions)." if clear else ".")
+    out: dict[str, dict[str, None]] = {}
+    for c in results.contrasts:
+        for reason in c.left_out:
+            pair = " ".join(
+                (*(value for _, value in c.stratum), f"{c.condition_a}:{c.condition_b}")
+            )
+            out.setdefault(reason, {})[pair] = None
+    for reason, pairs in out.items():
+        yield f"Left out of the contrasts {', '.join(pairs)}: {reason}."
+    if across := sum(c.across for c in results.contrasts):
+        yield f"{across} differences are across models and count in no summary."
+    doubted = [c for c in clear if c.misspecified]
+    who = dict.fromkeys(
+        f"{c.method}, {place}" for c in results.contrasts for place in c.misspecified
+    )
+    if who:
+        yield (
+            "The lines of the forcing functions contradict the fits of "
+            f"{'; '.join(who)}: {len(doubted)} of the {len(clear)} significant differences are "
+            "made with them. Set `--method fourier` beside them, and do not believe what differs."
+        )
 
 
 def _compared(results: Results) -> str:
@@ -210,7 +237,7 @@ def _estimates(results: Results) -> list[Block]:
 def _conditions(results: Results) -> Section:
     """Conditions compared, in pairs and together."""
     blocks: list[Block] = [Text(PAIRED), *contrast_tables(results)]
-    if any(c.model_a != c.model_b for c in results.contrasts):
+    if any(c.across for c in results.contrasts):
         blocks.append(Text(OTHER_MODELS))
     if results.repeated:
         blocks.append(repeated_table(results.repeated))

@@ -101,8 +101,19 @@ def _compared(c: Contrast) -> str:
     return c.condition_a if c.within else f"{c.condition_a}:{c.condition_b}"
 
 
+def is_significant(c: Contrast) -> bool:
+    """Whether a contrast counts as a finding: one across models does not."""
+    return c.p_holm < LEVEL and not c.across
+
+
 def _significant(c: Contrast) -> str:
-    return "good" if c.p_holm < LEVEL else ""
+    return "good" if is_significant(c) else ""
+
+
+def _doubts(shown: Sequence[Contrast]) -> list[Column[Contrast]]:
+    """A column for what speaks against contrasts, if anything does."""
+    about = "by the lines of the forcing functions"
+    return [Column("doubt", lambda c: c.doubt, hint=about)] * any(c.doubt for c in shown)
 
 
 #: What is compared, the paired test, and the mean weighted by claimed errors.
@@ -134,12 +145,12 @@ def contrast_tables(results: Results) -> Iterator[Table[Contrast]]:
     for c in without_repeats(results.contrasts):
         same = c.model_a if c.model_a == c.model_b and results.chosen is None else ""
         groups.setdefault(table_title(c.stratum, c.method, same), []).append(c)
-    columns = [*FRONT, *TEST, *WEIGHTED]
+    columns = [*FRONT, *TEST, *WEIGHTED, *_doubts(results.contrasts)]
     for title, own in groups.items():
         many = len(_pairs(own)) > FEW
         if many:
-            shown = sorted(own, key=lambda c: (not c.p_holm < LEVEL, c.condition_a, c.condition_b))
-            clear = [c for c in shown if c.p_holm < LEVEL or c.weighted_p_holm < LEVEL or c.within]
+            shown = sorted(own, key=lambda c: (not is_significant(c), c.condition_a, c.condition_b))
+            clear = [c for c in shown if is_significant(c) or c.weighted_p_holm < LEVEL or c.within]
             caption = f"Differences with p < {LEVEL:g} after Holm's correction: {title}"
             yield Table(caption, columns, clear, heads=2)
         yield Table(f"All differences: {title}", columns, own, heads=2, folded=many)
@@ -153,14 +164,15 @@ def contrast_overview(results: Results) -> Table[Contrast]:
     if not pairs:
         caption = "differences between parameters of the same fits"
     elif pairs > FEW:
-        shown = [c for c in shown if c.p_holm < LEVEL or c.within]
+        shown = [c for c in shown if is_significant(c) or c.within]
         caption = f"differences between conditions with p < {LEVEL:g} after Holm's correction"
     front: list[Column[Contrast]] = [
         Column("", lambda c: " ".join(value for _, value in c.stratum)),
         Column("method", lambda c: c.method),
     ]
     size: Column[Contrast] = Column("difference", lambda c: (c.difference, _error(c)), unsigned)
-    return Table(caption, [*front, *FRONT, size, *TEST[2:]], shown, heads=4)
+    columns = [*front, *FRONT, size, *TEST[2:], *_doubts(shown)]
+    return Table(caption, columns, shown, heads=4)
 
 
 def _pairs(own: Sequence[Contrast]) -> set[tuple[str, str]]:
@@ -370,6 +382,6 @@ def tables_tex(
         parts += [
             f"% Paired differences between conditions, b less a, over subjects, {printable(title)}",
             "% paired t-test, p after Holm's correction, Cohen's d_z with Hedges' correction",
-            table_latex(Table("", [*FRONT, *TEST], some, heads=2)),
+            table_latex(Table("", [*FRONT, *TEST, *_doubts(some)], some, heads=2)),
         ]
     return "\n".join(parts) + "\n"

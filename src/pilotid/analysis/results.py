@@ -28,6 +28,7 @@ CONTRAST_COLUMNS = (
     *("lower_95", "upper_95", "effect_size", "weighted_difference", "weighted_std_error"),
     *("weighted_p", "weighted_p_holm", "weighted_lower_95", "weighted_upper_95"),
     *("between_subjects", "between_lower_95", "between_upper_95", "claimed_error", "notes"),
+    "misspecified",
 )
 #: Columns of the table of analyses of all conditions.
 REPEATED_COLUMNS = (
@@ -128,7 +129,6 @@ class Results:
 
 def results_of(
     analysis: Analysis,
-    pairs: Sequence[tuple[str, str]] = (),
     tried: Sequence[Tried] = (),
     untried: Sequence[str] = (),
 ) -> Results:
@@ -138,8 +138,6 @@ def results_of(
     ----------
     analysis
         What was fitted.
-    pairs
-        Conditions to compare, all pairs if none are given; or parameters of the same fits.
     tried, untried
         What `tried_conditions` gave.
 
@@ -148,7 +146,7 @@ def results_of(
     InputError
         If a pair names a condition that no recording has.
     """
-    rows, loops = analysis.rows, analysis.loop_rows
+    rows, loops, pairs = analysis.rows, analysis.loop_rows, analysis.settings.pairs
     both = [*rows, *loops]
     spreads = run_spreads(both)
     notes: list[str] = list(untried)
@@ -169,7 +167,7 @@ def results_of(
     else:
         between, within = split_pairs(both, pairs)
         if between or not within:
-            differences = contrasts(both, between, chosen)
+            differences = contrasts(both, between, chosen, analysis.settings.known)
         differences += within_fits(both, within, chosen)
         together = repeated(both, chosen)
     return Results(

@@ -42,6 +42,8 @@ class Row:
         Whether the value may be used: the fit ended as one that can be believed.
     remarks
         What a user must know of the fit, a sentence each.
+    agrees
+        Whether the lines of the forcing functions agree, see `pilotid.estimates.specification`.
     """
 
     file: str
@@ -58,6 +60,7 @@ class Row:
     outcome: str
     usable: bool
     remarks: tuple[str, ...] = ()
+    agrees: bool = True
 
     def field(self, name: str) -> str:
         """The value of a field; empty where the pattern has no such field."""
@@ -104,6 +107,7 @@ def rows_of(
             outcome=estimate["outcome"],
             usable=estimate["usable"],
             remarks=tuple(estimate[told]),
+            agrees=estimate["agrees"],
         )
         for estimate in content["estimates"]
         for key, unit, value, error, lower, upper in estimate[what]
@@ -147,6 +151,8 @@ class Cell:
         Recordings of the subject in the condition; of several it is the mean.
     at_bound
         Whether the fit ended with a parameter, this or another, at its bound.
+    agrees
+        Whether the lines of the forcing functions agree with all fits.
     interval
         The claimed 95 % interval; that of several recordings is symmetric.
     """
@@ -156,6 +162,7 @@ class Cell:
     fault: str = ""
     recordings: int = 1
     at_bound: bool = False
+    agrees: bool = True
     interval: tuple[float, float] = (math.nan, math.nan)
 
 
@@ -267,7 +274,8 @@ def _cell(rows: Sequence[Row]) -> Cell:
     interval = (value - Z95 * error, value + Z95 * error)
     if count == 1 and math.isfinite(sound[0].lower) and math.isfinite(sound[0].upper):
         interval = (sound[0].lower, sound[0].upper)
-    return Cell(value, error, "", count, at_bound, interval)
+    agrees = all(row.agrees for row in sound)
+    return Cell(value, error, "", count, at_bound, agrees, interval)
 
 
 def by_table(

@@ -45,6 +45,13 @@ def analyse(
             "tlead1:tlead2; repeat.",
         ),
     ] = None,
+    model_per_condition: Annotated[
+        bool,
+        typer.Option(
+            "--model-per-condition",
+            help="Choose a model for each condition, also of those that are contrasted.",
+        ),
+    ] = False,
     per_run: Annotated[
         bool, typer.Option("--per-run", help="Also fit each run separately.")
     ] = False,
@@ -93,8 +100,10 @@ def analyse(
     models = {m.name: m for m in (model_named(name) for name in names if name != AUTO)}
     plant = element_named(element) if element else None
     chosen = options.methods_of(method, [options.default_method()])
-    settings = Settings(models, AUTO in names, chosen, per_run, left_out, plant, seed)
     pairs = _pairs(contrast)
+    settings = Settings(
+        models, AUTO in names, chosen, per_run, left_out, plant, seed, pairs, model_per_condition
+    )
     reading = Reading(tuple(mapping or ()), dt, detrend, lead_in)
     parts, refused = parts_of(files, Pattern(pattern) if pattern else None)
     if not parts:
@@ -112,7 +121,7 @@ def analyse(
             )
     if not analysis.parts:
         options.raise_refused(analysis.refused)
-    results = results_of(analysis, pairs, tried, untried)
+    results = results_of(analysis, tried, untried)
     command = options.typed_command(analyse, given)
     write_tables(out, results, command)
     about = {k: v for k, v in about_this(seed).items() if k not in ("seed", "code")}
