@@ -34,6 +34,7 @@ from pilotid.time_domain.competing_optima import (
     off_bounds,
     over_changes,
 )
+from pilotid.time_domain.instruments import specification_by_instruments
 from pilotid.time_domain.maximum_likelihood import (
     Maximum,
     criteria_from,
@@ -133,12 +134,15 @@ class MLE(LikelihoodSettings):
                 information = np.asarray(np.linalg.inv(covariance[pilot, pilot]))
                 inside = covariance_at_bounds(information, at_bound, profile.intervals)
                 estimate = estimate if inside is None else replace(estimate, covariance=inside)
-        tested_against = specification_of(
-            recording, model, estimate.values, estimate.covariance, found.remnant
-        )
+        tested = None
+        if not is_at_bound(model, estimate.values).any():  # where no score is zero
+            values, covariance = estimate.values, estimate.covariance
+            tested = specification_of(
+                recording, model, values, covariance, found.remnant
+            ) or specification_by_instruments(found, recording, values, covariance, "mle-reference")
         return replace(
             estimate,
-            specification=tested_against,
+            specification=tested,
             iterations=found.iterations,
             starts=found.starts,
             remnant=found.remnant,
@@ -146,7 +150,7 @@ class MLE(LikelihoodSettings):
             band=found.band_of(recording),
             message="; ".join(part for part in (estimate.message, found.curves) if part),
             remarks=(
-                *(tested_against.remarks if tested_against else ()),
+                *(tested.remarks if tested else ()),
                 *self._not_closed(found),
                 *_not_followed(found),
                 *residual_remarks(found, recording),

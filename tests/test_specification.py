@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -52,15 +53,39 @@ def test_it_is_the_first_line_under_the_table() -> None:
     assert lines[1].startswith("mle: converged")
 
 
-def test_without_lines_there_is_no_test() -> None:
-    estimate = fit("disturbance-step", "multi", 0)
+def test_without_lines_the_forcing_functions_are_instruments() -> None:
+    right = fit("disturbance-step", "multi", 0).specification
+    assert right is not None
+    assert right.against == "mle-reference"
+    assert right.agrees
+
+
+def test_aperiodic_forcing_functions_find_a_model_that_lacks_a_channel() -> None:
+    name = "population-aperiodic"
+    drawn = scenario_named(name).drawn(start_rng(5, name, 39))
+    assert drawn.model.name == "multi"
+    recording = simulate(drawn, np.random.default_rng(2))
+    estimate = identify(method_named("mle"), recording, MODELS["single"], np.random.default_rng(2))
+    assert estimate.specification is not None
+    assert not estimate.specification.agrees
+
+
+def test_an_estimate_at_its_bound_is_not_tested() -> None:
+    model = MODELS["multi"]
+    narrow = tuple(
+        replace(p, lower=3.0, start=4.0, upper=5.0, usual=(3.5, 4.5)) if p.key == "fnm" else p
+        for p in model.parameters
+    )
+    recording = simulate(SCENARIOS["nominal"], np.random.default_rng(0))
+    bounded = replace(model, overrides=narrow)
+    estimate = identify(method_named("mle"), recording, bounded, np.random.default_rng(0))
     assert estimate.specification is None
     assert estimate.to_dict()["specification"] is None
 
 
 def test_the_level() -> None:
-    assert Specification(1.0, LEVEL).agrees
-    assert not Specification(1.0, 0.9 * LEVEL).agrees
+    assert Specification(1.0, LEVEL, "fourier").agrees
+    assert not Specification(1.0, 0.9 * LEVEL, "fourier").agrees
 
 
 @pytest.mark.long

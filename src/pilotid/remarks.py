@@ -49,7 +49,7 @@ CODES: dict[str, tuple[Grade, str]] = {
     "clock-drifts": ("wrong", "u is recorded by a clock of its own"),
     "copied-run": ("wrong", "two runs have one remnant"),
     # of an estimate, by any method
-    "misspecified": ("wrong", "the forcing functions' lines say otherwise"),
+    "misspecified": ("wrong", "the forcing functions say otherwise"),
     "little-explained": ("wrong", "the model explains next to nothing of the control"),
     "short-delay": ("doubt", "a delay is shorter than people's"),
     "shared-signals": ("doubt", "several channels act on one signal or the same two"),

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from pilotid.remarks import Remark
+from pilotid.types import FloatArray
 
 #: p-value below which an estimate disagrees.
 LEVEL = 1e-4
+#: Share of the information by which the covariance of a score may be wrong: it is estimated too.
+ALLOWED = 0.1
 
 
 @dataclass(frozen=True)
@@ -24,7 +30,7 @@ class Specification:
 
     statistic: float
     p_value: float
-    against: str = "fourier"
+    against: str
 
     @property
     def agrees(self) -> bool:
@@ -47,7 +53,7 @@ class Specification:
         return (
             Remark(
                 "misspecified",
-                f"the lines of the forcing functions say otherwise (p = {self.p_value:.1g}): the "
+                f"the forcing functions say otherwise (p = {self.p_value:.1g}): the "
                 f"model, or the recording, is not what the method takes it for; set {self.against} "
                 "beside it, and do not believe what differs",
             ),
@@ -61,3 +67,23 @@ class Specification:
             "against": self.against,
             "agrees": self.agrees,
         }
+
+
+def score_test(score: FloatArray, shares: FloatArray, against: str) -> Specification | None:
+    """Hausman's test by independent scores, which have mean zero if an estimate is right.
+
+    Parameters
+    ----------
+    score
+        Scores in units of what they scatter by at the true parameters, shape (directions,).
+    shares
+        Share of that variance that is left at the estimate, from 0 to 1, shape (directions,).
+    against
+        The method whose equations they are of.
+    """
+    from scipy.special import gammaincc
+
+    statistic = float(np.sum(score**2 / (np.clip(shares, 0.0, 1.0) + ALLOWED)))
+    if not math.isfinite(statistic):
+        return None
+    return Specification(statistic, float(gammaincc(0.5 * score.size, 0.5 * statistic)), against)

@@ -9,7 +9,6 @@ less of gain and lead than the whole recording does, but their optimum lies in i
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -18,7 +17,7 @@ import numpy as np
 
 from pilotid.estimates.applicability import lines_objection
 from pilotid.estimates.parts import RemnantEstimate
-from pilotid.estimates.specification import Specification
+from pilotid.estimates.specification import Specification, score_test
 from pilotid.lines.coefficients import NEIGHBOURS, TREND, Coefficients, coefficients_of
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.detectors import band_end
@@ -28,8 +27,6 @@ from pilotid.solve.least_squares import Problem, minimise, solve_linear
 from pilotid.solve.search import search
 from pilotid.types import ComplexArray, FloatArray
 
-#: Share of the lines' information by which its covariance may be wrong: F and V are estimates.
-ALLOWED = 0.1
 #: Share of the inputs' power at a line that must be no noise of the recorder.
 CLEAR = 0.95
 #: Lines whose power is averaged.
@@ -277,13 +274,7 @@ def specification_of(
     root = along[:, told] / np.sqrt(sizes[told])
     variance = root.T @ expected @ root
     shares, turned = np.linalg.eigh(variance)
-    shares = np.clip(shares, 0.0, 1.0) + ALLOWED
-    statistic = float(np.sum((turned.T @ root.T @ score) ** 2 / shares))
-    if not math.isfinite(statistic):
-        return None
-    from scipy.special import gammaincc
-
-    return Specification(statistic, float(gammaincc(0.5 * shares.size, 0.5 * statistic)))
+    return score_test(turned.T @ root.T @ score, shares, "fourier")
 
 
 def _smoothed(omega: FloatArray, power: FloatArray, remnant: RemnantEstimate) -> FloatArray:

@@ -10,11 +10,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from pilotid.estimates.specification import Specification, score_test
 from pilotid.pilot.element import ControlledElement
-from pilotid.pilot.loops import pilot_on
+from pilotid.pilot.loops import pilot_on, unstable_poles
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Problem
+from pilotid.time_domain.band_likelihood import closing_element
 from pilotid.time_domain.maximum_likelihood import Maximum
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prepare import fast_length
@@ -99,3 +101,37 @@ class Moments(Problem):
         weighed = self._weighed(rows.reshape(-1, *rows.shape[2:]))
         products = weighed.reshape(*rows.shape[:2], -1) @ self._instruments.T
         return np.asarray(products @ self._whitener.T)
+
+
+def specification_by_instruments(
+    found: Maximum, recording: Recording, values: FloatArray, covariance: FloatArray, against: str
+) -> Specification | None:
+    """An efficient estimate tested against the moments of instruments, where no lines can test it.
+
+    Durbin and Wu's test as a score: at an efficient estimate with covariance V the standardised
+    moments have mean zero and covariance I - G V G', with G their Jacobian (Hausman, Econometrica
+    46(6), 1978).  None without forcing functions or a controlled element.
+
+    Parameters
+    ----------
+    found, recording
+        The optimum of the likelihood, and what was fitted.
+    values, covariance
+        The estimate, shapes (parameters,) and (parameters, parameters).
+    against
+        The method whose moments they are.
+    """
+    model = found.joint.prediction.model
+    if model.changes or not any(np.ptp(s) > 0.0 for s in forcing_functions(recording)):
+        return None
+    element, _ = closing_element(recording)
+    if element is None or unstable_poles(model, values, element):
+        return None
+    try:
+        moments = Moments(found, references(recording, model, values, element), values)
+    except np.linalg.LinAlgError:  # a parameter that no forcing function excites
+        return None
+    rows = moments.rows(values[None])[0]
+    jacobian, score = rows[:-1].T, rows[-1]
+    shares, along = np.linalg.eigh(np.eye(score.size) - jacobian @ covariance @ jacobian.T)
+    return score_test(along.T @ score, shares, against)

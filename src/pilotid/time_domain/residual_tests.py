@@ -216,9 +216,10 @@ def residual_remarks(found: Maximum, recording: Recording) -> tuple[Remark, ...]
 
 
 def _held(recording: Recording) -> Remark | None:
-    share = held_share(recording.window(recording.u))
-    if share < LARGEST_HELD_SHARE:
-        return None
+    control = recording.window(recording.u)
+    share = held_share(control)
+    if share < LARGEST_HELD_SHARE or _one_step_share(control) > share:
+        return None  # the steps of a converter, taken at every other sample
     return Remark(
         "held-control",
         f"u keeps its value from one sample to the next in {100.0 * share:.2g} % of the recording: "
@@ -321,6 +322,13 @@ def _coloured(errors: FloatArray, terms: BandTerms | None) -> Remark | None:
 def held_share(u: FloatArray) -> float:
     """Share of the samples (runs, samples) that are equal to the one before."""
     return float(np.mean(np.diff(u, axis=1) == 0.0))
+
+
+def _one_step_share(u: FloatArray) -> float:
+    """Share of the samples (runs, samples) that differ from the one before by the least change."""
+    moves = np.abs(np.diff(u, axis=1))
+    least = np.min(moves, where=moves > 0.0, initial=np.inf)
+    return float(np.mean(np.abs(moves - least) < 0.1 * least))
 
 
 def portmanteau(errors: FloatArray, lags: int) -> float:
