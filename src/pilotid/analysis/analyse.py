@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 from pilotid.analysis.cross_validation import LeftOut, failed_rows, left_out_rows, predict_left_out
+from pilotid.analysis.performance import performance_content, performance_rows
 from pilotid.analysis.recordings import Part, Source
 from pilotid.analysis.rows import CONDITION, SUBJECT, Row, in_order, rows_of
 from pilotid.database import DamagedError, checksum, in_words, open_to_write
@@ -149,6 +150,16 @@ class Analysis:
         return [row for fit in self.fits for row in fit.rows("loops", "loop_remarks")]
 
     @property
+    def performance(self) -> list[Row]:
+        """Performance and control activity in every recording."""
+        per_run = self.settings.per_run
+        return [
+            row
+            for part, look in self.looks.items()
+            for row in performance_rows(part.name, part.fields, look, per_run=per_run)
+        ]
+
+    @property
     def elements(self) -> dict[tuple[str, int | None, str], str]:
         """The controlled element that loops are drawn with, by file, run and model."""
         return {
@@ -246,6 +257,7 @@ def _look(task: Task) -> Content:
         "recording": recording.to_dict(),
         "remarks": [*remarks(recording), *choice.remarks],
         "candidates": [asdict(candidate) for candidate in candidates],
+        "performance": performance_content(recording),
     }
 
 

@@ -12,6 +12,7 @@ from pilotid.analysis.figures import estimates_figure, spread_figure
 from pilotid.analysis.report_tables import (
     LEVEL,
     contrast_tables,
+    counted,
     estimate_groups,
     is_significant,
     means_table,
@@ -19,10 +20,9 @@ from pilotid.analysis.report_tables import (
     recording_table,
     repeated_table,
     table_title,
-    without_repeats,
 )
 from pilotid.analysis.results import Results
-from pilotid.analysis.rows import SUBJECT
+from pilotid.analysis.rows import MEASURED, SUBJECT
 from pilotid.analysis.spread import ConditionSpread, spread_sentence
 from pilotid.document import Block, Bullets, Command, Figure, Section, Text, write_page
 from pilotid.report.trust import trust_blocks
@@ -153,9 +153,9 @@ def _contrasted(results: Results) -> Iterator[str]:
     """How many contrasts are significant, who is left out of them, and which are in doubt."""
     if not results.contrasts:
         return
-    counted = [c for c in without_repeats(results.contrasts) if not c.across]
-    clear = [c for c in counted if is_significant(c)]
-    told = f"{len(clear)} of {len(counted)} {_compared(results)} have p < {LEVEL:g} after Holm's"
+    every = counted(results.contrasts)
+    clear = [c for c in every if is_significant(c)]
+    told = f"{len(clear)} of {len(every)} {_compared(results)} have p < {LEVEL:g} after Holm's"
     yield f"{told} correction" + (": see [conditions](#conditions)." if clear else ".")
     out: dict[str, dict[str, None]] = {}
     for c in results.contrasts:
@@ -223,13 +223,16 @@ def _estimates(results: Results) -> list[Block]:
     """Estimates over conditions, in tables and figures."""
     blocks: list[Block] = []
     wider = ", with the variation from run to run" if results.wider else ""
-    groups = estimate_groups(results.shown, results.chosen)
-    for place, (title, group) in enumerate(groups, start=1):
+    place = 0
+    for title, group in estimate_groups(results.shown, results.chosen):
+        blocks.append(means_table(group, title))
+        if group[0].method == MEASURED:
+            continue
+        place += 1
         caption = (
             f"Estimates over conditions, {title}. Bars: 95 % from the claimed errors{wider}; "
             "black: means over subjects. Long bars are cut."
         )
-        blocks.append(means_table(group, title))
         blocks.append(Figure(f"estimates-{place}", estimates_figure(group), caption))
     return blocks
 

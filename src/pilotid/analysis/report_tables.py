@@ -13,6 +13,7 @@ from pilotid.analysis.contrasts import Contrast
 from pilotid.analysis.repeated import Repeated
 from pilotid.analysis.results import Results
 from pilotid.analysis.rows import (
+    MEASURED,
     Chosen,
     Layout,
     Row,
@@ -36,6 +37,8 @@ FEW = 3
 
 def table_title(stratum: Stratum, method: str, model: str) -> str:
     """What the numbers of a table are of."""
+    if method == MEASURED:
+        return ", ".join(filter(None, [group_words(stratum), "performance and control activity"]))
     words = [group_words(stratum), f"method `{method}`", f"model `{model}`" if model else ""]
     return ", ".join(word for word in words if word)
 
@@ -159,6 +162,7 @@ def contrast_tables(results: Results) -> Iterator[Table[Contrast]]:
 def contrast_overview(results: Results) -> Table[Contrast]:
     """What a terminal shows of contrasts: all of few, or the significant ones of many."""
     shown = without_repeats(results.contrasts)
+    shown = [c for c in shown if c.method != MEASURED or is_headline(c)]
     pairs = len(_pairs(shown))
     caption = "differences between conditions, b less a"
     if not pairs:
@@ -177,6 +181,17 @@ def contrast_overview(results: Results) -> Table[Contrast]:
 
 def _pairs(own: Sequence[Contrast]) -> set[tuple[str, str]]:
     return {(c.condition_a, c.condition_b) for c in own if not c.within}
+
+
+def is_headline(c: Contrast) -> bool:
+    """Whether it is of a variance as a whole, or of the share of remnant."""
+    return c.parameter in ("var_e", "var_u", "remnant_share_u")
+
+
+def counted(found: Sequence[Contrast]) -> list[Contrast]:
+    """Contrasts that count in a summary, each once: an rms says what a variance does."""
+    once = [c for c in found if not c.parameter.startswith("rms_")]
+    return [c for c in without_repeats(once) if not c.across]
 
 
 def without_repeats(found: Sequence[Contrast]) -> list[Contrast]:

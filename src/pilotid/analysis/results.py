@@ -88,7 +88,7 @@ class Results:
         The model of each stratum and condition, where each has its own; None where all
         recordings were fitted with the same models.
     rows, loops
-        Every quantity of every fit, and of its loops.
+        Every quantity of every recording and fit, and of the fit's loops.
     wider
         The fits of all runs together, with errors that include the variation from run to run;
         empty where runs were not fitted one by one.
@@ -146,9 +146,10 @@ def results_of(
     InputError
         If a pair names a condition that no recording has.
     """
-    rows, loops, pairs = analysis.rows, analysis.loop_rows, analysis.settings.pairs
-    both = [*rows, *loops]
-    spreads = run_spreads(both)
+    seen, rows, loops = analysis.performance, analysis.rows, analysis.loop_rows
+    pairs = analysis.settings.pairs
+    spreads = run_spreads([*rows, *loops])
+    both = [*seen, *rows, *loops]
     notes: list[str] = list(untried)
     differences: list[Contrast] = []
     together: list[Repeated] = []
@@ -173,7 +174,7 @@ def results_of(
     return Results(
         analysis=analysis,
         chosen=chosen,
-        rows=rows,
+        rows=[*seen, *rows],
         loops=loops,
         wider=with_variation([r for r in both if r.run is None], spreads) if spreads else [],
         contrasts=differences,

@@ -15,6 +15,8 @@ from pilotid.estimates.estimate import Outcome
 
 #: The field of a pattern that names who was recorded, and the one that names under what.
 SUBJECT, CONDITION = "subject", "condition"
+#: The method of what signals show without any model.
+MEASURED = "measured"
 
 
 @dataclass(frozen=True)
@@ -234,7 +236,7 @@ def layouts(rows: Sequence[Row], chosen: Chosen | None = None) -> list[Layout]:
             continue
         own = row.model
         if chosen is not None:
-            if chosen.get((row.stratum, row.field(CONDITION))) != row.model:
+            if row.model and chosen.get((row.stratum, row.field(CONDITION))) != row.model:
                 continue
             own = ""
         order.setdefault((row.stratum, row.method, own, row.parameter), []).append(row)

@@ -57,7 +57,8 @@ class Fitted:
         """The loops of each estimate, in their order; empty where no element is known."""
         if self.loop_element is None or self.loop_element.element is None:
             return ()
-        return tuple(loops_of(e, self.loop_element.element) for e in self.estimates)
+        element = self.loop_element.element
+        return tuple(loops_of(e, element).excited_by(self.recording) for e in self.estimates)
 
     @property
     def heading(self) -> str:

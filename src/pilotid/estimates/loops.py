@@ -26,6 +26,7 @@ from pilotid.pilot.loops import (
     why_no_crossing,
 )
 from pilotid.pilot.model import PilotModel
+from pilotid.recordings.checks import STILL, motionless
 from pilotid.recordings.recording import Recording
 from pilotid.remarks import Remark, remarks_json
 from pilotid.types import ComplexArray, FloatArray
@@ -291,24 +292,41 @@ class Loops:
         The loops, see `pilotid.pilot.loops`.
     remarks
         What speaks against them, a sentence each.
+    excited
+        The names of those that a forcing function excites; only these are shown.
     """
 
     element: ControlledElement
     target: Loop
     disturbance: Loop
     remarks: tuple[str, ...] = ()
+    excited: tuple[str, ...] = NAMES
+
+    @property
+    def shown(self) -> list[Loop]:
+        """The loops that the recording excites."""
+        return [lp for lp in (self.target, self.disturbance) if lp.name in self.excited]
 
     @property
     def quantities(self) -> list[Quantity]:
         """Crossover frequency and phase margin of the target, then of the disturbance loop."""
-        return [
-            q for lp in (self.target, self.disturbance) for q in (lp.crossover, lp.phase_margin)
-        ]
+        return [q for loop in self.shown for q in (loop.crossover, loop.phase_margin)]
 
     @property
     def notes(self) -> list[str]:
         """What should be known of the margins, a sentence each."""
-        return [*self.target.notes, *self.disturbance.notes]
+        return [note for loop in self.shown for note in loop.notes]
+
+    def excited_by(self, recording: Recording) -> Loops:
+        """The same, with no numbers for a loop that no forcing function of a recording excites."""
+        target = recording.window(recording.input("target"))
+        moves = {
+            "target": float(np.std(target)) > STILL * float(np.std(recording.window(recording.e))),
+            "disturbance": recording.fd is not None and not motionless(recording, "fd"),
+        }
+        absent = {name: no_loop(name, f"no {name} excites it") for name in NAMES if not moves[name]}
+        excited = tuple(name for name in NAMES if moves[name])
+        return replace(self, excited=excited, **absent)  # type: ignore[arg-type]
 
     def to_dict(self) -> dict[str, object]:
         """Plain objects, as JSON has them; NaN where there is none."""

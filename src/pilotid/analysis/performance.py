@@ -1,0 +1,113 @@
+"""Performance and control activity: variances of signals, and what they are made of.
+
+At the lines of the target and the disturbance a signal holds the answer to them, and remnant.  The
+answer is what a run has in common with the others, in phase with the forcing function; of fewer
+than three runs it is what stands above the bins beside the line.  All the rest is remnant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from pilotid.analysis.combine import plain_mean
+from pilotid.analysis.rows import MEASURED, Row
+from pilotid.recordings.recording import Recording
+from pilotid.recordings.spectra import NotMultisineError, forcing_lines
+from pilotid.types import FloatArray, IntArray
+
+#: What variances are made of, and the signal that has each.
+SOURCES = {"target": "ft", "disturbance": "fd"}
+REMNANT = "remnant"
+#: Runs of which each can be set against the mean of others.
+ENOUGH = 3
+#: Share of remnant in the control's variance.
+SHARE = "remnant_share_u"
+
+
+def performance(recording: Recording) -> dict[str, tuple[str, FloatArray]]:
+    """Quantities of e, u and x: unit, and value in each run.
+
+    ``var_e`` and ``rms_e``, and where forcing functions are multisines ``var_e_target``,
+    ``var_e_disturbance`` (of those that there are) and ``var_e_remnant``, and `SHARE`.
+    """
+    try:
+        lines = forcing_lines(recording)
+    except NotMultisineError:
+        lines = {}
+    every = np.concatenate([*lines.values()]) if lines else np.zeros(0, dtype=int)
+    if np.unique(every).size < every.size:  # nothing tells the answers to both apart
+        lines = {}
+    found: dict[str, tuple[str, FloatArray]] = {}
+    for name in (name for name in ("e", "u", "x") if name in recording.signals):
+        unit, signal = recording.units.get(name, ""), getattr(recording, name)
+        window = recording.window(signal)
+        total = rest = window.var(axis=1)
+        square = f"({unit})^2" if "/" in unit else f"{unit}^2" * bool(unit)
+        found[f"var_{name}"] = square, total
+        found[f"rms_{name}"] = unit, np.sqrt(np.mean(window**2, axis=1))
+        if not lines:
+            continue
+        for source, forcing in SOURCES.items():
+            if forcing in lines:
+                own = _answer(recording, signal, forcing, lines[forcing], every)
+                found[f"var_{name}_{source}"] = square, own
+                rest = rest - own
+        found[f"var_{name}_{REMNANT}"] = square, rest
+        if name == "u":
+            found[SHARE] = "", rest / total
+    return found
+
+
+def _answer(
+    recording: Recording, signal: FloatArray, forcing: str, lines: IntArray, every: IntArray
+) -> FloatArray:
+    """Variance of the answer to a forcing function at its lines in each run, shape (runs,)."""
+    spectrum = np.fft.rfft(recording.window(signal)) / recording.samples
+    values, runs = spectrum[:, lines], recording.runs
+    if runs < ENOUGH:
+        free = np.setdiff1d(np.arange(1, spectrum.shape[1]), every)
+        after = np.clip(np.searchsorted(free, lines), 1, free.size - 1)
+        beside = np.mean(np.abs(spectrum[:, [free[after - 1], free[after]]]) ** 2, axis=1)
+        return np.asarray(2.0 * np.sum(np.abs(values) ** 2 - beside, axis=1))
+    source = recording.input("target") if forcing == "ft" else recording.fd
+    if source is not None:
+        values = values * np.exp(-1j * np.angle(np.fft.rfft(recording.window(source))[:, lines]))
+    others = (values.sum(axis=0) - values) / (runs - 1)
+    common = 2.0 * np.sum((values * others.conj()).real, axis=1)
+    # A run counts in its own product and in those of the others: the scatter is twice as large.
+    return np.asarray(2.0 * common - common.mean())
+
+
+def performance_content(recording: Recording) -> list[list[Any]]:
+    """Key, unit and values of each quantity, as JSON has them."""
+    return [[key, unit, values.tolist()] for key, (unit, values) in performance(recording).items()]
+
+
+def performance_rows(
+    file: str,
+    fields: tuple[tuple[str, str], ...],
+    look: Mapping[str, Any],
+    *,
+    per_run: bool,
+) -> Iterator[Row]:
+    """Means over the runs, and each run if so asked.
+
+    Parameters
+    ----------
+    file, fields
+        The recording.
+    look
+        What a look at it gave.
+    per_run
+        Whether to give the runs too.
+    """
+    for key, unit, values in look["performance"]:
+        mean = plain_mean(np.array(values))
+        about = (mean.value, mean.std_error, mean.lower, mean.upper)
+        yield Row(file, fields, None, "", MEASURED, key, unit, *about, MEASURED, True)
+        for run, value in enumerate(values if per_run and len(values) > 1 else (), start=1):
+            about = (value, *[float("nan")] * 3)
+            yield Row(file, fields, run, "", MEASURED, key, unit, *about, MEASURED, True)

@@ -1,0 +1,98 @@
+"""Performance and control activity: variances and what they are made of."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import NOMINAL
+from scipy.io import loadmat
+from scipy.stats import ttest_rel
+
+from pilotid.analysis.contrasts import contrasts
+from pilotid.analysis.performance import performance, performance_content, performance_rows
+from pilotid.datasets import simulate
+from pilotid.estimates.estimate import Outcome, failed
+from pilotid.estimates.loops import loops_of
+from pilotid.recordings.files import load_recording
+from pilotid.seeds import recording_rng
+
+pytestmark = pytest.mark.numerical
+
+
+def test_the_parts_are_those_of_loops_that_one_source_drives_alone() -> None:
+    """The loop is linear: target, disturbance and remnant add up to what each would do alone."""
+    runs = 60
+    quiet = replace(NOMINAL, remnant=replace(NOMINAL.remnant, level=0.0))
+    recording = simulate(replace(NOMINAL, runs=runs), recording_rng(3, "split"))
+    alone = {
+        "target": simulate(replace(quiet, disturbance=None), recording_rng(3, "target")),
+        "disturbance": simulate(replace(quiet, target=None), recording_rng(3, "disturbance")),
+        "remnant": simulate(
+            replace(NOMINAL, target=None, disturbance=None, runs=runs), recording_rng(4, "remnant")
+        ),
+    }
+    found = performance(recording)
+    for name in ("e", "u", "x"):
+        total = found[f"var_{name}"][1]
+        parts = {source: found[f"var_{name}_{source}"][1] for source in alone}
+        assert total == pytest.approx(sum(parts.values()))
+        for source, own in parts.items():
+            signal = alone[source].window(getattr(alone[source], name))
+            expected = signal.var(axis=1)
+            error = np.hypot(own.std() / np.sqrt(runs), expected.std() / np.sqrt(len(expected)))
+            assert abs(own.mean() - expected.mean()) < 4.0 * error, (name, source)
+    unit, share = found["remnant_share_u"]
+    assert unit == ""
+    assert share == pytest.approx(found["var_u_remnant"][1] / found["var_u"][1])
+    assert found["var_e"][0] == "deg^2"
+
+
+def test_forcing_without_lines_has_totals_alone() -> None:
+    recording = simulate(NOMINAL, recording_rng(1, "aperiodic"))
+    ft = np.cumsum(np.random.default_rng(0).normal(size=recording.u.shape), axis=1)
+    found = performance(replace(recording, ft=ft, lines={}))
+    assert set(found) == {f"{what}_{name}" for what in ("var", "rms") for name in ("e", "u", "x")}
+    assert found["rms_e"][1] ** 2 == pytest.approx(np.mean(recording.window(recording.e) ** 2))
+
+
+@pytest.mark.parametrize(("absent", "left"), [("disturbance", "target"), ("target", "disturbance")])
+def test_a_loop_that_nothing_excites_has_no_margins(absent: str, left: str) -> None:
+    scenario = replace(NOMINAL, disturbance=None) if absent == "disturbance" else NOMINAL
+    recording = simulate(scenario, recording_rng(1, "one loop"))
+    if absent == "target":
+        recording = replace(recording, e=-recording.x, ft=None)
+    size = len(NOMINAL.values)
+    fit = replace(
+        failed("a", NOMINAL.model, Outcome.CONVERGED),
+        values=NOMINAL.values,
+        covariance=1e-6 * np.eye(size),
+    )
+    loops = loops_of(fit, NOMINAL.element).excited_by(recording)
+    assert [q.key for q in loops.quantities] == [f"{left}_crossover", f"{left}_phase_margin"]
+    assert all(np.isfinite(q.value) for q in loops.quantities)
+    assert np.isnan(getattr(loops, absent).crossover.value)
+
+
+def test_motion_makes_the_error_smaller(measured: Path) -> None:
+    """The headline of the yaw experiment, by the laboratory's arithmetic."""
+    rows, by_hand = [], {}
+    for condition in ("C3", "C6"):
+        for subject in "1346":
+            file = measured / f"yaw/ae2224I_measurement_data_subj{subject}_{condition}.mat"
+            by_hand.setdefault(condition, []).append(loadmat(file)["e"].var(axis=0).mean())
+            fields = (("subject", subject), ("condition", condition))
+            look = {"performance": performance_content(load_recording(file))}
+            rows += performance_rows(file.name, fields, look, per_run=False)
+    known = ttest_rel(by_hand["C6"], by_hand["C3"])
+    (found,) = [c for c in contrasts(rows) if c.parameter == "var_e"]
+    assert (found.mean_a, found.mean_b) == pytest.approx(
+        (np.mean(by_hand["C3"]), np.mean(by_hand["C6"]))
+    )
+    assert (found.t, found.p) == pytest.approx((known.statistic, known.pvalue))
+    assert found.difference < -15.0
+    assert found.p < 0.05
+    errors = [row.std_error for row in rows]
+    assert min(errors) > 0.0
