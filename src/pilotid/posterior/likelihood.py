@@ -20,9 +20,10 @@ likely (Laplace).
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from pilotid.posterior.nearby import BLOCK, Nearby, blocks, sums_of_squares
 from pilotid.posterior.priors import Prior
 from pilotid.solve.least_squares import LogTransform
 from pilotid.time_domain.band_likelihood import BandTerms, most_likely_regression
@@ -31,6 +32,8 @@ from pilotid.time_domain.output_error import Residuals
 from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.prepare import shifted_products
 from pilotid.types import BoolArray, FloatArray
+
+BLOCK = 16  # parameter sets evaluated at once: about what the processor's cache holds
 
 
 class Likelihood:
@@ -51,7 +54,6 @@ class Likelihood:
         self.residuals = Residuals(joint.prediction)
         self._terms = joint.prediction.band_terms
         self._loop = None if self._terms is None else Residuals(joint.prediction.loop)
-        self._nearby = Nearby(joint, self.residuals) if Nearby.suits(joint.prediction) else None
         #: Number of the remnant's parameters that are integrated out.
         self.integrated = len(joint.noise.keys) if joint.noise.regressive else 0
         #: Number of parameters that stay.
@@ -119,15 +121,21 @@ class Likelihood:
         values
             Sets of pilot and, in any case, remnant parameters.
         """
-        taps = self._taps(values)
-        if self._nearby is not None:
-            found = self._nearby.sums_of_squares(values, taps)
-        else:
-            found = sums_of_squares(self.joint, self.residuals, values, taps)
+        taps, prediction = self._taps(values), self.joint.prediction
+        sums = np.empty(len(values))
+        for block in _blocks(len(values)):
+            spectra = self.residuals.spectra(values[block, : self.joint.pilot])
+            if taps.shape[1] > 1:
+                spectra *= prediction.filter_response(taps[block])[:, None, :]
+            errors = prediction.without_nuisance(prediction.samples_of(spectra))
+            if self._terms is not None:
+                errors = prediction.weighed(errors)
+            errors = errors.reshape(len(errors), -1)
+            sums[block] = np.vecdot(errors, errors)
         if self._terms is not None:
             count = taps.shape[1]
-            found += np.vecdot(taps @ self._terms.outside[:count, :count], taps)
-        return found
+            sums += np.vecdot(taps @ self._terms.outside[:count, :count], taps)
+        return sums
 
     def _taps(self, values: FloatArray) -> FloatArray:
         """Whitening filters of sets of pilot and remnant parameters."""
@@ -146,7 +154,7 @@ class Likelihood:
         prediction, order = self.joint.prediction, len(self.joint.noise.keys)
         scored = prediction.scored
         result = np.empty((len(values), order + 1, order + 1))
-        for block in blocks(len(values), BLOCK):
+        for block in _blocks(len(values)):
             signal = self._long_residual(values[block])
             if self._terms is not None:
                 result[block] = self._weighted_products(signal, self._terms)
@@ -205,6 +213,11 @@ class Likelihood:
             return most_likely_regression(products, self._terms)[0][:, 1:]
         solved = np.linalg.solve(products[:, 1:, 1:], products[:, 1:, :1])
         return np.asarray(-solved[..., 0])
+
+
+def _blocks(count: int) -> Iterator[slice]:
+    """Slices of `BLOCK` parameter sets that cover so many."""
+    return (slice(begin, begin + BLOCK) for begin in range(0, count, BLOCK))
 
 
 #: Standard deviations, on the inner scale, beyond which nobody looks for a parameter: they
