@@ -147,6 +147,14 @@ class PilotModel:
         return tuple(p.key for p in self.parameters)
 
     @cached_property
+    def index(self) -> dict[str, int]:
+        """The place of each parameter in model order, by its key."""
+        return {p.key: i for i, p in enumerate(self.parameters)}
+
+    def _indices(self, parameters: tuple[Parameter, ...]) -> tuple[int, ...]:
+        return tuple(self.index[p.key] for p in parameters)
+
+    @cached_property
     def lower(self) -> FloatArray:
         """Lower bounds, shape (parameters,)."""
         return np.array([p.lower for p in self.parameters])
@@ -211,10 +219,8 @@ class PilotModel:
     @cached_property
     def layout(self) -> tuple[tuple[Placed, ...], ...]:
         """Per channel, its dynamics, each with the indices of its parameters."""
-        index = {key: i for i, key in enumerate(self.keys)}
         return tuple(
-            tuple((f, tuple(index[p.key] for p in f.parameters)) for f in c.dynamics)
-            for c in self.channels
+            tuple((f, self._indices(f.parameters)) for f in c.dynamics) for c in self.channels
         )
 
     @cached_property
@@ -288,17 +294,21 @@ class PilotModel:
     @cached_property
     def changing_indices(self) -> tuple[tuple[int, ...], ...]:
         """Per channel, the indices of the parameters of what varies in time; empty for nothing."""
-        index = {key: i for i, key in enumerate(self.keys)}
         return tuple(
-            tuple(index[p.key] for p in c.changing.parameters) if c.changing else ()
-            for c in self.channels
+            self._indices(c.changing.parameters) if c.changing else () for c in self.channels
         )
+
+    @cached_property
+    def varying(self) -> tuple[tuple[Changing, list[int]], ...]:
+        """What varies in time, with the indices of its parameters."""
+        placed = zip(self.channels, self.changing_indices, strict=True)
+        return tuple((c.changing, list(indices)) for c, indices in placed if c.changing)
 
     @property
     def whens(self) -> tuple[tuple[int, ...], ...]:
         """Per channel, the indices of middle and rate of its change; empty where it has none."""
         return tuple(
-            tuple(self.keys.index(key) for key in c.changing.course.when) if c.changing else ()
+            tuple(self.index[key] for key in c.changing.course.when) if c.changing else ()
             for c in self.channels
         )
 
@@ -306,26 +316,22 @@ class PilotModel:
         """The model over a measurement window of so many seconds, see `Spline.over`."""
         if not self.changes:
             return self
-        channels = tuple(
-            replace(
-                c,
-                factors=tuple(f.over(seconds) if isinstance(f, Changing) else f for f in c.factors),
-            )
-            for c in self.channels
-        )
-        return replace(self, channels=channels)
+
+        def placed(channel: Channel) -> Channel:
+            parts = (f.over(seconds) if isinstance(f, Changing) else f for f in channel.factors)
+            return replace(channel, factors=tuple(parts))
+
+        return replace(self, channels=tuple(placed(channel) for channel in self.channels))
 
     @cached_property
     def curves(self) -> tuple[Curve, ...]:
         """The parameters that vary freely, see `Spline.roughness`."""
         found: dict[str, Curve] = {}
-        for channel, indices in zip(self.channels, self.changing_indices, strict=True):
-            if channel.changing is None or channel.changing.course.roughness is None:
-                continue
-            matrix = channel.changing.course.roughness
-            for i, parameter in enumerate(channel.changing.changed):
-                own = indices[i * len(matrix) : (i + 1) * len(matrix)]
-                found[parameter.key] = Curve(parameter.key, own, matrix)
+        for changing, indices in self.varying:
+            if (matrix := changing.course.roughness) is not None:
+                knots = np.reshape(indices, (-1, len(matrix))).tolist()
+                for p, own in zip(changing.changed, knots, strict=True):
+                    found[p.key] = Curve(p.key, tuple(own), matrix)
         return tuple(found.values())
 
     def elsewhere(self, values: FloatArray) -> list[FloatArray]:
@@ -339,12 +345,10 @@ class PilotModel:
             Parameters in model order, shape (parameters,); so are those that come back.
         """
         found = []
-        for channel, indices in zip(self.channels, self.changing_indices, strict=True):
-            if channel.changing is not None:
-                own = list(indices)
-                for part in channel.changing.course.elsewhere(values[own]):
-                    found.append(values.copy())
-                    found[-1][own] = part
+        for changing, indices in self.varying:
+            for part in changing.course.elsewhere(values[indices]):
+                found.append(values.copy())
+                found[-1][indices] = part
         return found
 
     def vector(self, values: Mapping[str, float]) -> FloatArray:
@@ -552,20 +556,12 @@ def frozen_over(model: PilotModel, values: FloatArray, time: FloatArray) -> Floa
     FloatArray
         Shape (..., parameters of the frozen model, n).
     """
-    plain = frozen(model)
-    place = {key: i for i, key in enumerate(model.keys)}
     still = (*values.shape[:-1], time.size)
-    found = {
-        key: np.broadcast_to(values[..., place[key], None], still)
-        for key in plain.keys
-        if key in place
-    }
-    for channel in model.channels:
-        if (changing := channel.changing) is not None:
-            own = values[..., [place[p.key] for p in changing.parameters]]
-            keys = [p.key for factor in changing.factors for p in factor.parameters]
-            found.update(zip(keys, np.moveaxis(changing.at(time, own), -2, 0), strict=True))
-    return np.stack([found[key] for key in plain.keys], axis=-2)
+    found = {key: np.broadcast_to(values[..., i, None], still) for key, i in model.index.items()}
+    for changing, indices in model.varying:
+        over = np.moveaxis(changing.at(time, values[..., indices]), -2, 0)
+        found.update(zip((p.key for p in changing.changed), over, strict=True))
+    return np.stack([found[key] for key in frozen(model).keys], axis=-2)
 
 
 def ends(model: PilotModel) -> tuple[IntArray, IntArray]:
@@ -573,18 +569,13 @@ def ends(model: PilotModel) -> tuple[IntArray, IntArray]:
 
     For a constant model these are all its parameters, twice.
     """
-    plain, place = frozen(model), {key: i for i, key in enumerate(model.keys)}
-    before, after = dict(place), dict(place)
-    for channel in model.channels:
-        if (changing := channel.changing) is not None:
-            for factor in changing.factors:
-                for p in factor.parameters:
-                    first, last = changing.ends(p.key)
-                    before[p.key], after[p.key] = place[first], place[last]
-    return (
-        np.array([before[key] for key in plain.keys]),
-        np.array([after[key] for key in plain.keys]),
-    )
+    before, after = dict(model.index), dict(model.index)
+    for changing, _ in model.varying:
+        for p in changing.changed:
+            first, last = changing.ends(p.key)
+            before[p.key], after[p.key] = model.index[first], model.index[last]
+    keys = frozen(model).keys
+    return np.array([before[key] for key in keys]), np.array([after[key] for key in keys])
 
 
 def before_and_after(model: PilotModel, values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -612,13 +603,12 @@ def unfrozen(model: PilotModel, constant: FloatArray) -> FloatArray:
     -------
     Array of shape (..., parameters).
     """
-    plain = {key: i for i, key in enumerate(frozen(model).keys)}
+    plain = frozen(model).index
     found = {key: constant[..., i] for key, i in plain.items()}
-    for channel in model.channels:
-        if (changing := channel.changing) is not None:
-            own = constant[..., [plain[p.key] for p in changing.changed]]
-            spread = np.moveaxis(changing.constant(own), -1, 0)
-            found.update(zip((p.key for p in changing.parameters), spread, strict=True))
+    for changing, _ in model.varying:
+        own = constant[..., [plain[p.key] for p in changing.changed]]
+        spread = np.moveaxis(changing.constant(own), -1, 0)
+        found.update(zip((p.key for p in changing.parameters), spread, strict=True))
     return np.stack([found[key] for key in model.keys], axis=-1)
 
 
