@@ -289,7 +289,7 @@ def test_an_element_that_cannot_be_read_is_refused_before_anything_is_fitted(
 ) -> None:
     answer = run("fit", files["named"], "--element", "K/s^2")
     assert answer.status == 2
-    assert "the controlled element 'K/s^2' cannot be read: at character 1" in answer.err
+    assert "the controlled element 'K/s^2' cannot be read: 'k/s^2' is nothing" in answer.err
 
 
 # ------------------------------------------------------------------ human pilots

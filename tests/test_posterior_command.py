@@ -77,7 +77,7 @@ def test_what_is_wrong_with_a_recording_is_told(run: Run, tmp_path: Path) -> Non
         (["a.csv", "b.csv"], "a.csv: there is no such file; check the name and the folder; b.csv"),
         (
             ["a.csv", "--element", "four"],
-            "the controlled element 'four' cannot be read: at character 1, 'four'",
+            "the controlled element 'four' cannot be read: 'four'",
         ),
     ],
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from dataclasses import dataclass
+from functools import reduce
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,12 +32,6 @@ SAME = str.maketrans(
         **dict.fromkeys("]}", ")"),
     }
 )
-TOKEN = re.compile(
-    r"\s*((?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+(?![.\d]))?|exp|e(?=\s*(?:\^|\*\*))|s|\*\*|[-+*/^()])"
-)
-NEEDED = "stands where a number, s or a bracket is needed"
-IN_BRACKETS = "must be in brackets, as in exp(-0.1s)"
-NO_DELAY = "is no number of seconds times s, as in exp(-0.1s)"
 
 
 class NotTransferFunctionError(Exception):
@@ -72,8 +67,10 @@ def transfer_function(text: str) -> Ratio:
     """
     if len(text) > LONGEST:
         raise NotTransferFunctionError(f"it is longer than {LONGEST} characters")
-    before, sign, rest = text.rpartition("=")
-    found = _Text((" " * len(before + sign) + rest.translate(SAME).lower()).rstrip()).ratio()
+    source = text.rpartition("=")[2].translate(SAME).lower().replace("^", "**")
+    if not source.strip():
+        raise NotTransferFunctionError("it is empty")
+    found = _evaluate(_parse(source))
     if not found.top.any():
         raise NotTransferFunctionError("it is zero")
     if len(found.top) > len(found.bottom):
@@ -83,105 +80,83 @@ def transfer_function(text: str) -> Ratio:
     return found
 
 
-class _Text:
-    """A text, the same in Python's syntax, and the place in it of each sign of that."""
+def _parse(source: str) -> ast.expr:
+    """The expression in a text: `b()` stands for brackets, `@` between factors side by side."""
+    allowed = re.match(r"(?:exp|[-+*/().\s0-9es])*", source)
+    if allowed is not None and allowed.end() < len(source):
+        strange = _written(source[allowed.end() :])
+        raise NotTransferFunctionError(f"{strange} is nothing that a transfer function of s has")
+    source = re.sub(r"(?<=[\d.s)])\s*(?=exp|e\s*\*\*|s|\()", "@", source)
+    source = re.sub(r"(?<!exp)\(", "b(", re.sub(r"(?<![\d.])0+(?=\d)", "", source))
+    try:
+        return ast.parse(source.strip(), mode="eval").body
+    except (SyntaxError, MemoryError) as error:
+        rest = source.strip()[(getattr(error, "offset", None) or 1) - 1 :]
+        raise NotTransferFunctionError(
+            f"a sign, a number or a bracket is missing at {_written(rest) if rest else 'its end'}"
+        ) from None
 
-    def __init__(self, text: str) -> None:
-        self.text = text
-        self.source = ""
-        self.places: list[int] = []
-        before, at = "", 0
-        divided = [False]  # by brackets that are open: whether the last sign was one of division
-        while at < len(text):
-            match = TOKEN.match(text, at)
-            if match is None:
-                at += len(text[at:]) - len(text[at:].lstrip())
-                raise self.fault(at, "is nothing that a transfer function of s has")
-            word, at = match[1], match.start(1)
-            if re.fullmatch(r"[\d.].*|s|\)", before) and re.fullmatch(r"[\d.].*|exp|[se(]", word):
-                if word[0] in ".0123456789":
-                    raise self.fault(at, "is a number where a sign is needed")
-                if divided[-1]:
-                    raise self.fault(
-                        at,
-                        "may be meant above or below the fraction line: put what is below it in "
-                        "brackets",
-                    )
-                self._add("*", at)
-            if self.source.endswith("e ** ") and word != "(":
-                raise self.fault(at, IN_BRACKETS)
-            if word in ("/", "*", "+", "-"):
-                divided[-1] = word == "/"
-            if word in "()":
-                divided = [*divided, False] if word == "(" else divided[:-1] or [False]
-            self._add(str(int(word)) if word.isdigit() else word.replace("^", "**"), at)
-            before, at = word, match.end()
-        if not before:
-            raise NotTransferFunctionError("it is empty")
-        if before in ("+", "-", "*", "/", "^", "**"):
-            raise NotTransferFunctionError("it ends where a number, s or a bracket is needed")
 
-    def _add(self, word: str, place: int) -> None:
-        self.source += f"{word} "
-        self.places += [place] * (len(word) + 1)
+def _written(source: str) -> str:
+    """The beginning of a part as users write it."""
+    text = source.replace("b(", "(").replace("**", "^").replace("@", "").replace(" ", "")
+    return f"'{text[:12]}'"
 
-    def fault(self, place: int, what: str) -> NotTransferFunctionError:
-        """A sentence that shows the place."""
-        rest = self.text[place : place + 12]
-        return NotTransferFunctionError(f"at character {place + 1}, '{rest}' {what}")
 
-    def ratio(self) -> Ratio:
-        """The ratio that it describes."""
-        try:
-            return self.walk(ast.parse(self.source, mode="eval").body)
-        except SyntaxError as error:
-            place = self.places[min(error.offset or 1, len(self.places)) - 1]
-            what = NEEDED if error.msg == "invalid syntax" else f"({error.msg})"
-            raise self.fault(place, what) from None
+def _evaluate(node: ast.expr) -> Ratio:
+    """What an expression is."""
+    match node:
+        case ast.Constant(value=int() | float() as value):
+            return _ratio(np.array([float(value)]), np.ones(1), 0.0)
+        case ast.Name(id="s"):
+            return Ratio(np.array([1.0, 0.0]), np.ones(1))
+        case ast.UnaryOp(op=ast.USub() | ast.UAdd() as sign, operand=part):
+            return _times(_constant(_sign(sign)), _evaluate(part))
+        case (
+            ast.Call(func=ast.Name(id="exp"), args=[part])
+            | ast.BinOp(left=ast.Name("e"), op=ast.Pow(), right=ast.Call(ast.Name("b"), [part]))
+        ):
+            return _delay(_evaluate(part))
+        case ast.Call(func=ast.Name(id="b"), args=[part]):
+            return _evaluate(part)
+        case ast.BinOp(left=left, op=ast.Pow(), right=right):
+            return _power(_evaluate(left), _exponent(right))
+        case ast.BinOp(left=ast.BinOp(op=ast.Div()), op=ast.MatMult(), right=right):
+            raise NotTransferFunctionError(
+                f"{_written(ast.unparse(right))} may be meant above or below the fraction line: "
+                "put what is below it in brackets"
+            )
+        case ast.BinOp(left=left, op=ast.Mult() | ast.MatMult(), right=right):
+            return _times(_evaluate(left), _evaluate(right))
+        case ast.BinOp(left=left, op=ast.Div(), right=right):
+            return _times(_evaluate(left), _inverse(_evaluate(right)))
+        case ast.BinOp(left=left, op=ast.Add() | ast.Sub() as sign, right=right):
+            return _plus(_evaluate(left), _evaluate(right), _sign(sign))
+    raise NotTransferFunctionError(f"{_written(ast.unparse(node))} is no number, s or bracket")
 
-    def walk(self, node: ast.expr) -> Ratio:
-        """The ratio of a part."""
-        match node:
-            case ast.Constant(value=int() | float() as value):
-                if not np.isfinite(value):
-                    raise self.fault(self.places[node.col_offset], "is too large a number")
-                return _constant(float(value))
-            case ast.Name(id="s"):
-                return Ratio(np.array([1.0, 0.0]), np.ones(1))
-            case ast.UnaryOp(op=ast.USub() | ast.UAdd() as sign, operand=part):
-                return _times(_constant(_sign(sign)), self.walk(part))
-            case ast.BinOp(left=ast.Name(id="e"), op=ast.Pow(), right=part):
-                return self.exponential(part)
-            case ast.Call(func=ast.Name(id="exp"), args=[part]):
-                return self.exponential(part)
-            case ast.BinOp(left=left, op=ast.Pow(), right=right):
-                return _power(self.walk(left), self.exponent(right))
-            case ast.BinOp(left=left, op=ast.Mult(), right=right):
-                return _times(self.walk(left), self.walk(right))
-            case ast.BinOp(left=left, op=ast.Div(), right=right):
-                return _times(self.walk(left), _inverse(self.walk(right)))
-            case ast.BinOp(left=left, op=ast.Add() | ast.Sub() as sign, right=right):
-                return _plus(self.walk(left), self.walk(right), _sign(sign))
-        what = IN_BRACKETS if isinstance(node, ast.Name) else NEEDED
-        raise self.fault(self.places[node.col_offset], what)
 
-    def exponent(self, node: ast.expr) -> int:
-        """A whole exponent."""
-        match node:
-            case ast.Constant(value=int() as value) if value <= HIGHEST:
-                return value
-            case ast.UnaryOp(op=ast.USub() | ast.UAdd() as sign, operand=part):
-                return int(_sign(sign)) * self.exponent(part)
-        raise self.fault(self.places[node.col_offset], f"is no whole exponent up to {HIGHEST}")
+def _exponent(node: ast.expr) -> int:
+    """A whole number."""
+    match node:
+        case ast.Constant(value=int() as value) if value <= HIGHEST:
+            return value
+        case ast.UnaryOp(op=ast.USub() | ast.UAdd() as sign, operand=part):
+            return int(_sign(sign)) * _exponent(part)
+        case ast.Call(func=ast.Name(id="b"), args=[part]):
+            return _exponent(part)
+    raise NotTransferFunctionError(
+        f"{_written(ast.unparse(node))} is no whole exponent up to {HIGHEST}"
+    )
 
-    def exponential(self, node: ast.expr) -> Ratio:
-        """What follows exp, or e^: a number of seconds times s."""
-        power = self.walk(node)
-        top = np.trim_zeros(power.top, "f")
-        if len(power.bottom) > 1 or power.delay or len(top) > 2 or (top.size and top[-1]):
-            raise self.fault(self.places[node.col_offset], NO_DELAY)
-        delay = -float(top[0] / power.bottom[0]) if top.size else 0.0
-        return Ratio(np.ones(1), np.ones(1), delay)
+
+def _delay(power: Ratio) -> Ratio:
+    """The delay that is e to some power."""
+    top = np.trim_zeros(power.top, "f")
+    if len(power.bottom) > 1 or power.delay or len(top) > 2 or (top.size and top[-1]):
+        raise NotTransferFunctionError(
+            "a delay is e to a number of seconds times s, as in exp(-0.1s)"
+        )
+    return Ratio(np.ones(1), np.ones(1), -float(top[0] / power.bottom[0]) if top.size else 0.0)
 
 
 def _sign(operator: ast.AST) -> float:
@@ -213,10 +188,7 @@ def _inverse(a: Ratio) -> Ratio:
 
 def _power(base: Ratio, exponent: int) -> Ratio:
     base = base if exponent >= 0 else _inverse(base)
-    result = _constant(1.0)
-    for _ in range(abs(exponent)):
-        result = _times(result, base)
-    return result
+    return reduce(_times, [base] * abs(exponent), _constant(1.0))
 
 
 def _plus(a: Ratio, b: Ratio, sign: float) -> Ratio:
