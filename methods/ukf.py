@@ -128,7 +128,7 @@ class UKF:
         found = likeliest(choices, rng, self.rounds, self.candidates, kept)
         if not np.isfinite(found.log_likelihood):
             return failed(self.name, model, Outcome.DIVERGED, "every filter broke down")
-        passed = found.walks.filtered(found.levels, keep=True)
+        passed = found.walks.passed(found.levels)
         course = run_smoother(passed)
         mean, error = _mixed(course, found.weights, len(start))
         if not (np.isfinite(mean).all() and (error > 0.0).all()):

@@ -19,7 +19,7 @@ from pilotid.pilot.model import Channel, PilotModel, frozen_over
 from pilotid.pilot.timevarying import Fading
 from pilotid.recordings.recording import Recording
 from pilotid.time_domain.random_walk import Walks, muscle_step, walking_pilot
-from pilotid.time_domain.unscented import Levels, run_filter, run_smoother
+from pilotid.time_domain.unscented import Levels, passed, run_filter, run_smoother
 from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical
@@ -97,13 +97,13 @@ def _kalman(
 
 def test_a_linear_system_is_filtered_and_smoothed_as_by_its_whole_distribution() -> None:
     system, levels = _linear(np.random.default_rng(1))
-    found = run_filter(system, levels, TWO, keep=True)
-    course = run_smoother(found)
+    found = run_filter(system, levels, TWO)
+    course = run_smoother(passed(system, levels, TWO))
     weights = np.random.default_rng(2).standard_normal((3, 2, 40))
     sums = course.covariance_of(weights)
     for i in range(3):
         value, means, whole, _ = _kalman(system, levels, i)
-        assert found.log_likelihood[i] == pytest.approx(value, abs=1e-8)
+        assert found[i] == pytest.approx(value, abs=1e-8)
         np.testing.assert_allclose(course.mean[i], means, atol=1e-8)
         own = whole.reshape(40, 6, 40, 6)
         for k in (0, 17, 39):
@@ -115,8 +115,8 @@ def test_a_linear_system_is_filtered_and_smoothed_as_by_its_whole_distribution()
 def test_a_batch_gives_what_its_sets_give_one_by_one() -> None:
     walks = _walks(simulate(SLOW, np.random.default_rng(1)))
     levels = walks.usual + np.array([[0.0], [0.4], [-0.5]])
-    together = walks.filtered(levels).log_likelihood
-    alone = [walks.filtered(level[None]).log_likelihood[0] for level in levels]
+    together = walks.log_likelihood(levels)
+    alone = [walks.log_likelihood(level[None])[0] for level in levels]
     np.testing.assert_allclose(together, alone, rtol=1e-9)
 
 
@@ -124,11 +124,9 @@ def test_a_filter_that_breaks_down_leaves_the_others_alone() -> None:
     system, levels = _linear(np.random.default_rng(3))
     broken = levels.covariance.copy()
     broken[1] = -np.eye(6)
-    found = run_filter(system, replace(levels, covariance=broken), TWO).log_likelihood
+    found = run_filter(system, replace(levels, covariance=broken), TWO)
     assert found[1] == -np.inf
-    np.testing.assert_allclose(
-        found[[0, 2]], run_filter(system, levels, TWO).log_likelihood[[0, 2]]
-    )
+    np.testing.assert_allclose(found[[0, 2]], run_filter(system, levels, TWO)[[0, 2]])
 
 
 @pytest.mark.parametrize("damping", [0.05, 0.35, 1.0, 2.5])

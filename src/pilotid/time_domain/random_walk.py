@@ -23,10 +23,12 @@ from pilotid.pilot.timevarying import product_of
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import LogTransform
 from pilotid.time_domain.prepare import decimation, derivative_kernel
-from pilotid.time_domain.unscented import Filtered, Levels, run_filter
+from pilotid.time_domain.unscented import Filtered, Levels, block_diagonal, passed, run_filter
 from pilotid.types import BoolArray, FloatArray, InputError, IntArray
 
 NODES = 3  # of the parabola that the input is, over a step
+#: What each power of time within a step counts for each node.
+PARABOLA = np.array([[1.0, -3.0, 2.0], [0.0, 4.0, -4.0], [0.0, -1.0, 2.0]])
 
 
 def muscle_step(
@@ -41,35 +43,20 @@ def muscle_step(
     """
     square, loss = frequency * frequency, damping * frequency
     turn = dt * dt * square * (damping * damping - 1.0)
-    root = np.sqrt(np.abs(turn)) + 1e-12
-    over = turn > 0.0
-    reached = np.where(over, root, 0.0)
-    # e^(-loss dt) cosh and sinh without overflow: loss dt >= root where it is overdamped.
-    slow, fast = np.exp(reached - loss * dt), np.exp(-reached - loss * dt)
-    even = np.where(over, 0.5 * (slow + fast), slow * np.cos(root))
-    odd = np.where(over, 0.5 * (slow - fast), slow * np.sin(root)) * (dt / root)
-    matrix = np.empty((*frequency.shape, 2, 2))
-    matrix[..., 0, 0] = even + loss * odd
-    matrix[..., 0, 1] = odd
-    matrix[..., 1, 0] = -square * odd
-    matrix[..., 1, 1] = even - loss * odd
+    root, over, decay = np.sqrt(np.abs(turn)) + 1e-12, turn > 0.0, np.exp(-loss * dt)
+    even = decay * np.where(over, np.cosh(root), np.cos(root))
+    odd = decay * np.where(over, np.sinh(root), np.sin(root)) * (dt / root)
+    matrix, moments = np.empty((*root.shape, 2, 2)), np.empty((*root.shape, NODES, 2))
+    matrix[..., 0, 0], matrix[..., 0, 1] = even + loss * odd, odd
+    matrix[..., 1, 0], matrix[..., 1, 1] = -square * odd, even - loss * odd
     # Integrals of e^(A (dt - t)) B (t/dt)^j, each from the one before.
-    lead, inverse = 2.0 * damping / frequency, 1.0 / square
-    position = 1.0 - matrix[..., 0, 0]
-    rate = -matrix[..., 1, 0]
-    moments = [(position, rate)]
-    for j in (1, 2):
-        share = j / dt
-        p, q = share * position, share * rate - square
-        position, rate = -lead * p - inverse * q, p
-        moments.append((position, rate))
-    weights = np.empty((*frequency.shape, NODES, 2))
-    for i in (0, 1):
-        zeroth, first, second = (m[i] for m in moments)
-        weights[..., 0, i] = zeroth - 3.0 * first + 2.0 * second
-        weights[..., 1, i] = 4.0 * (first - second)
-        weights[..., 2, i] = 2.0 * second - first
-    return matrix, weights
+    position, rate = 1.0 - matrix[..., 0, 0], square * odd
+    for j in range(NODES):
+        if j:
+            before, rest = j / dt * position, j / dt * rate - square
+            position, rate = -2.0 * damping / frequency * before - rest / square, before
+        moments[..., j, 0], moments[..., j, 1] = position, rate
+    return matrix, PARABOLA @ moments
 
 
 F = TypeVar("F", bound=Factor)
@@ -292,15 +279,15 @@ def walking_pilot(
     error = recording.input(channel.input)
     error = channel.sign * (error - error.mean(axis=1, keepdims=True)) / size
 
-    def passed(signal: FloatArray, kernel: FloatArray, order: int = 0) -> FloatArray:
+    def through(signal: FloatArray, kernel: FloatArray, order: int = 0) -> FloatArray:
         windows = sliding_window_view(signal, kernel.size, axis=1)
         beside = (span + 1 - kernel.size) // 2
         found = windows[:, beside : windows.shape[1] - beside] @ kernel[::-1]
         return np.asarray(found / recording.dt**order)
 
-    measured = passed(control, smoothing)
+    measured = through(control, smoothing)
     known = np.array(
-        [passed(error, kernel, channel.derivative + i) for i, kernel in enumerate(kernels)]
+        [through(error, kernel, channel.derivative + i) for i, kernel in enumerate(kernels)]
     )
     finer = 2 * math.ceil(recording.dt / FINEST / 2.0 - 1e-9)
     coarse = np.arange(known.shape[-1])
@@ -391,27 +378,26 @@ class Walks:
         mean = pilot.to_walk(self.start)
         rate = np.exp(mean[0])  # of the control's rate over the control
         first[:, :2, :2] = np.diag([1.0, rate**2])
-        noise[:, :2, :2] = MOTOR**2 * np.diag([1.0, rate**2])
+        noise[:, :2, :2] = MOTOR**2 * first[:, :2, :2]
         error, step = variance, np.zeros((sets, 0, 0))
         if self.order:
             step, still = _lags(pilot.dt / np.exp(levels[:, -1]), self.order)
-            first[:, 2:, 2:] = variance[:, None, None] * still
-            left = first[:, 2:, 2:]
-            noise[:, 2:, 2:] = left - step @ left @ step.swapaxes(1, 2)
+            left = variance[:, None, None] * still
+            first[:, 2:, 2:], noise[:, 2:, 2:] = left, left - step @ left @ step.swapaxes(1, 2)
             error = WHITE**2 * variance
-        means = np.zeros((sets, count + pilot.runs * size))
-        means[:, :count] = mean
-        covariance = np.zeros((*means.shape, means.shape[1]))
         apart = np.where(pilot.positive, APART, APART_DELAY)
-        covariance[:, :count, :count] = np.diag(apart**2)
-        for run in range(pilot.runs):
-            own = slice(count + run * size, count + (run + 1) * size)
-            covariance[:, own, own] = first
+        covariance = block_diagonal(np.tile(apart**2, (sets, 1)), first, pilot.runs)
+        means = np.zeros((sets, len(covariance[0])))
+        means[:, :count] = mean
         return pilot.with_remnant(step), Levels(walks, noise, error, means, covariance)
 
-    def filtered(self, levels: FloatArray, *, keep: bool = False) -> Filtered:
-        """The filters of sets of logarithms of levels."""
-        return run_filter(*self.system(levels), self.spread, keep=keep)
+    def log_likelihood(self, levels: FloatArray) -> FloatArray:
+        """Of sets of logarithms of levels, shape (sets,)."""
+        return run_filter(*self.system(levels), self.spread)
+
+    def passed(self, levels: FloatArray) -> Filtered:
+        """What the filters of sets of logarithms of levels find at each step."""
+        return passed(*self.system(levels), self.spread)
 
 
 def _lags(share: FloatArray, order: int) -> tuple[FloatArray, FloatArray]:
@@ -506,7 +492,7 @@ class _Search:
             normal[1] = np.clip(np.linalg.solve(root, top - self._middle), -3.0, 3.0)
         drawn = np.clip(self._middle + normal @ root.T, self._low, self._high)
         self._density = -0.5 * np.sum(normal**2, axis=1)
-        self._last = self.walks.filtered(drawn).log_likelihood
+        self._last = self.walks.log_likelihood(drawn)
         self.tried = np.concatenate([self.tried, drawn])
         self.worth = np.concatenate([self.worth, self._last])
         best = np.argsort(-self.worth, kind="stable")[:ELITE]

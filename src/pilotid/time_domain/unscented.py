@@ -17,7 +17,7 @@ E. A. Wan and R. van der Merwe, *The unscented Kalman filter for nonlinear estim
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -84,24 +84,20 @@ class Levels:
 
 @dataclass(frozen=True, eq=False)
 class Filtered:
-    """What a filter found.
+    """What a filter found at each step.
 
     Attributes
     ----------
-    log_likelihood
-        Of the measurements, shape (sets,); minus infinity for a filter that broke down.
     errors
-        Innovations over their standard deviations, shape (sets, steps, runs); empty unless
-        kept, as all below.
+        Innovations over their standard deviations, shape (sets, steps, runs).
     mean, covariance
         After each measurement, shapes (sets, steps, n) and (sets, steps, n, n).
     predicted, predicted_covariance
-        Before the measurement of the step that follows.
+        Before the measurement of the step that follows; one step fewer.
     cross
         Covariance of each step with the one that follows, before the measurement of that.
     """
 
-    log_likelihood: FloatArray
     errors: FloatArray
     mean: FloatArray
     covariance: FloatArray
@@ -150,8 +146,29 @@ class Smoothed:
         return total
 
 
-def run_filter(system: System, levels: Levels, spread: float, *, keep: bool = False) -> Filtered:
-    """Run the filter for many sets of noise levels at once.
+def block_diagonal(variances: FloatArray, states: FloatArray, runs: int) -> FloatArray:
+    """Covariances, shape (sets, n, n), of independent parameters and of equal runs.
+
+    Parameters
+    ----------
+    variances
+        Of the parameters, shape (sets, parameters).
+    states
+        Covariance of the states of a run, shape (sets, states, states).
+    runs
+        Number of runs.
+    """
+    count, every = variances.shape[1], np.kron(np.eye(runs)[None], states)
+    whole = np.zeros((len(states), count + every.shape[1], count + every.shape[1]))
+    whole[:, :count, :count] = variances[:, :, None] * np.eye(count)
+    whole[:, count:, count:] = every
+    return whole
+
+
+def run_filter(
+    system: System, levels: Levels, spread: float, keep: list[tuple[FloatArray, ...]] | None = None
+) -> FloatArray:
+    """Log-likelihood of each set of noise levels; minus infinity where a filter breaks down.
 
     Parameters
     ----------
@@ -161,20 +178,15 @@ def run_filter(system: System, levels: Levels, spread: float, *, keep: bool = Fa
         Distance of the sigma points, in standard deviations; squared at least the number of
         parameters, so that no weight is negative.
     keep
-        Whether to keep what a smoother needs.
+        Takes what each step found; see `passed`.
     """
     measured, count = system.measured, levels.walk.shape[1]
     steps, runs = measured.shape
     output = np.zeros((runs, levels.mean.shape[1]))
-    for run in range(runs):
-        first = count + run * len(system.output)
-        output[run, first : first + len(system.output)] = system.output
-    transform = _Transform(system, levels, spread, runs)
+    output[:, count:] = np.kron(np.eye(runs), system.output)
+    noise = block_diagonal(levels.walk, levels.states, runs)
     mean, covariance = levels.mean, levels.covariance
-    alive = np.ones(len(mean), dtype=bool)
-    sets, size = mean.shape
-    total = np.zeros(sets)
-    kept = _room(sets, steps if keep else 0, size, runs)
+    alive, total = np.ones(len(mean), dtype=bool), np.zeros(len(mean))
     error = levels.error[:, None, None] * np.eye(runs)
     constant = 0.5 * runs * np.log(2.0 * np.pi)
     with np.errstate(all="ignore"):
@@ -188,24 +200,23 @@ def run_filter(system: System, levels: Levels, spread: float, *, keep: bool = Fa
             total -= np.sum(np.log(np.diagonal(root, axis1=-2, axis2=-1)), axis=-1)
             mean = mean + (half @ scaled[..., None])[..., 0]
             covariance = covariance - half @ half.swapaxes(-1, -2)
-            if keep:
-                kept.errors[:, k], kept.mean[:, k] = scaled, mean
-                kept.covariance[:, k] = covariance
+            found: tuple[FloatArray, ...] = (scaled, mean, covariance)
             if k + 1 < steps:
                 root, alive = _root(covariance, alive)
-                mean, covariance, cross = transform.through(k, mean, root, cross=keep)
-                if keep:
-                    kept.predicted[:, k], kept.predicted_covariance[:, k] = mean, covariance
-                    kept.cross[:, k] = cross
-    total = np.where(alive & np.isfinite(total), total, -np.inf)
-    return replace(kept, log_likelihood=total)
+                mean, covariance, cross = _transform(system, spread, noise, k, mean, root, count)
+                found = *found, mean, covariance, cross
+            if keep is not None:
+                keep.append(found)
+    return np.where(alive & np.isfinite(total), total, -np.inf)
 
 
-def _room(sets: int, steps: int, size: int, runs: int) -> Filtered:
-    """Room for what a filter keeps."""
-    means, square = (sets, steps, size), (sets, steps, size, size)
-    shapes = ((sets,), (sets, steps, runs), means, square, means, square, square)
-    return Filtered(*(np.zeros(shape) for shape in shapes))
+def passed(system: System, levels: Levels, spread: float) -> Filtered:
+    """What the filter finds at each step."""
+    steps: list[tuple[FloatArray, ...]] = []
+    run_filter(system, levels, spread, steps)
+    own = zip(*(step[:3] for step in steps), strict=True)
+    ahead = zip(*(step[3:] for step in steps[:-1]), strict=True)
+    return Filtered(*(np.stack(part, axis=1) for part in (*own, *ahead)))
 
 
 def run_smoother(found: Filtered) -> Smoothed:
@@ -217,9 +228,8 @@ def run_smoother(found: Filtered) -> Smoothed:
         If a covariance is singular.
     """
     mean, covariance = found.mean.copy(), found.covariance.copy()
-    gains = np.linalg.solve(
-        found.predicted_covariance[:, :-1], found.cross[:, :-1].swapaxes(-1, -2)
-    ).swapaxes(-1, -2)
+    gains = np.linalg.solve(found.predicted_covariance, found.cross.swapaxes(-1, -2))
+    gains = gains.swapaxes(-1, -2)
     for k in range(mean.shape[1] - 2, -1, -1):
         gain = gains[:, k]
         mean[:, k] += (gain @ (mean[:, k + 1] - found.predicted[:, k])[..., None])[..., 0]
@@ -228,66 +238,48 @@ def run_smoother(found: Filtered) -> Smoothed:
     return Smoothed(mean, covariance, np.asarray(gains, dtype=float))
 
 
-class _Transform:
-    """The unscented transform of a step."""
-
-    def __init__(self, system: System, levels: Levels, spread: float, runs: int) -> None:
-        self.system, self.runs = system, runs
-        self.count, self.states = levels.walk.shape[1], levels.states.shape[1]
-        self.spread = spread
-        self.weight = 0.5 / spread**2
-        self.centre = 1.0 - 2.0 * self.count * self.weight
-        if self.centre < -1e-12:
-            raise ValueError("the weight of the centre must not be negative")
-        size = self.count + runs * self.states
-        self.noise = np.zeros((len(levels.walk), size, size))
-        self.noise[:, : self.count, : self.count] = levels.walk[:, :, None] * np.eye(self.count)
-        for first in range(self.count, size, self.states):
-            own = slice(first, first + self.states)
-            self.noise[:, own, own] = levels.states
-
-    def through(
-        self, k: int, mean: FloatArray, root: FloatArray, *, cross: bool
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Mean and covariance after a step, and the covariance with those before it."""
-        count, sets, size = self.count, *mean.shape
-        away = self.spread * root[:, :, :count].swapaxes(1, 2)
-        centre = mean[:, None]
-        points = np.concatenate([centre, centre + away, centre - away], axis=1)
-        matrix, given = self.system.step(k, points[..., :count])
-        states = points[..., count:].reshape(*points.shape[:2], self.runs, self.states)
-        moved = given + (matrix[:, :, None] @ states[..., None])[..., 0]
-        points[..., count:] = moved.reshape(*points.shape[:2], -1)
-        after = self.centre * points[:, 0] + self.weight * points[:, 1:].sum(axis=1)
-        lower = root[:, count:, count:].reshape(sets, self.runs, self.states, size - count)
-        columns = np.zeros((sets, size, size - count))
-        columns[:, count:] = (matrix[:, :1] @ lower).reshape(sets, size - count, size - count)
-        off = np.sqrt(self.weight) * (points - after[:, None])
-        off[:, 0] *= np.sqrt(max(self.centre, 0.0) / self.weight)
-        covariance = off.swapaxes(1, 2) @ off + columns @ columns.swapaxes(1, 2) + self.noise
-        if not cross:
-            return after, covariance, covariance
-        difference = points[:, 1 : 1 + count] - points[:, 1 + count :]
-        between = self.weight * (away.swapaxes(1, 2) @ difference)
-        between += root[:, :, count:] @ columns.swapaxes(1, 2)
-        return after, covariance, between
+def _transform(
+    system: System,
+    spread: float,
+    noise: FloatArray,
+    k: int,
+    mean: FloatArray,
+    root: FloatArray,
+    count: int,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Mean and covariance after a step, and the covariance with those before it."""
+    weight = 0.5 / spread**2
+    centre = 1.0 - 2.0 * count * weight
+    if centre < -1e-12:
+        raise ValueError("the weight of the centre must not be negative")
+    sets, size = mean.shape
+    away = spread * root[:, :, :count].swapaxes(1, 2)
+    middle = mean[:, None]
+    points = np.concatenate([middle, middle + away, middle - away], axis=1)
+    matrix, given = system.step(k, points[..., :count])
+    states = points[..., count:].reshape(given.shape)
+    moved = given + (matrix[:, :, None] @ states[..., None])[..., 0]
+    points[..., count:] = moved.reshape(*points.shape[:2], -1)
+    after = centre * points[:, 0] + weight * points[:, 1:].sum(axis=1)
+    lower = root[:, count:, count:].reshape(sets, *given.shape[2:], size - count)
+    columns = np.zeros((sets, size, size - count))
+    columns[:, count:] = (matrix[:, :1] @ lower).reshape(sets, size - count, size - count)
+    off = np.sqrt(weight) * (points - after[:, None])
+    off[:, 0] *= np.sqrt(max(centre, 0.0) / weight)
+    covariance = off.swapaxes(1, 2) @ off + columns @ columns.swapaxes(1, 2) + noise
+    difference = points[:, 1 : 1 + count] - points[:, 1 + count :]
+    cross = weight * (away.swapaxes(1, 2) @ difference)
+    return after, covariance, cross + root[:, :, count:] @ columns.swapaxes(1, 2)
 
 
 def _root(covariance: FloatArray, alive: BoolArray) -> tuple[FloatArray, BoolArray]:
     """Cholesky factors, and which sets still have one; a set that has none is out for good."""
-    if covariance.shape[-1] == 1:
-        good = np.asarray(covariance[:, 0, 0] > 0.0)
-        root = np.sqrt(np.where(good[:, None, None], covariance, 1.0))
-        return root, alive & good
     size = covariance.shape[-1]
-    diagonal = np.arange(size)
-    covariance = covariance.copy()
-    covariance[:, diagonal, diagonal] *= 1.0 + ROUNDING
+    covariance = covariance * (1.0 + ROUNDING * np.eye(size))
     try:
         return np.asarray(np.linalg.cholesky(covariance), dtype=float), alive
     except np.linalg.LinAlgError:
-        roots = np.empty_like(covariance)
-        good = alive.copy()
+        roots, good = np.empty_like(covariance), alive.copy()
         for i, own in enumerate(covariance):
             try:
                 roots[i] = np.linalg.cholesky(own)
