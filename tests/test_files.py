@@ -679,14 +679,13 @@ def test_notes_in_v73(tmp_path: Path) -> None:
 def test_one_process_reads_all_files_and_is_started_anew_when_it_dies(tmp_path: Path) -> None:
     path = saved(ONE)(tmp_path)
     good = load_recording(path)
-    process = matlab_process._READERS[-1].process
+    process = matlab_process._process(os.getpid())
     load_recording(path)
-    assert process is not None
-    assert matlab_process._READERS[-1].process is process
+    assert matlab_process._process(os.getpid()) is process
     process.kill()
     process.wait()
     assert_equal(load_recording(path), good)
-    assert matlab_process._READERS[-1].process is not process
+    assert matlab_process._process(os.getpid()) is not process
 
 
 def test_changed_bytes_end_no_more_than_that_process(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ import threading
 import warnings
 from collections.abc import Mapping
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 
 from pilotid.disk import require_file
@@ -25,61 +26,44 @@ from pilotid.types import InputError
 LARGEST_FILE = 2**32  # bytes
 MEMORY = 2**31  # bytes of address space, that of libraries included
 SECONDS = 30  # for one file
+_LOCK = threading.Lock()
 
 
-class _Reader:
-    """The process, started when it is first needed."""
-
-    def __init__(self) -> None:
-        self.lock = threading.Lock()
-        self.process: subprocess.Popen[bytes] | None = None
-
-    def answer(self, request: bytes) -> object:
-        """What the process answers; None if the request ends it."""
-        with self.lock:
-            tries = 1 if self.process is None else 2  # an earlier file may have harmed it
-            for _ in range(tries):
-                try:
-                    return self._asked(request)
-                except (OSError, EOFError, pickle.UnpicklingError):
-                    self.stop()
-                except BaseException:  # interrupted: the next answer must not be this one
-                    self.stop()
-                    raise
-        return None
-
-    def _asked(self, request: bytes) -> object:
-        if self.process is None:
-            same_path = {
-                "PYTHONPATH": os.pathsep.join(map(str, sys.path)),
-                "OPENBLAS_NUM_THREADS": "1",
-            }
-            self.process = subprocess.Popen(
-                [sys.executable, "-P", "-m", __name__],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                env={**os.environ, **same_path},
-            )
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
-        self.process.stdin.write(request)
-        self.process.stdin.flush()
-        return pickle.load(self.process.stdout)
-
-    def stop(self) -> None:
-        """End the process."""
-        if self.process is not None:
-            self.process.kill()
-            self.process.communicate()
-            self.process = None
+@cache
+def _process(owner: int) -> subprocess.Popen[bytes]:
+    """The reader of the process with this id; one that was forked has another."""
+    limits = {"PYTHONPATH": os.pathsep.join(map(str, sys.path)), "OPENBLAS_NUM_THREADS": "1"}
+    process = subprocess.Popen(
+        [sys.executable, "-P", "-m", __name__],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        env={**os.environ, **limits},
+    )
+    atexit.register(_end, process)
+    return process
 
 
-#: The last one is this process's own; those before it belong to processes it was forked from.
-_READERS = [_Reader()]
-atexit.register(lambda: _READERS[-1].stop())
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=lambda: _READERS.append(_Reader()))
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.kill()
+    process.communicate()
+
+
+def _ask(request: bytes) -> object:
+    """What the reader answers; a request that ends it leaves the next one to a new reader."""
+    process = _process(os.getpid())
+    assert process.stdin is not None
+    assert process.stdout is not None
+    try:
+        process.stdin.write(request)
+        process.stdin.flush()
+        return pickle.load(process.stdout)
+    except BaseException as error:  # when interrupted, the next answer must not be this one
+        _end(process)
+        _process.cache_clear()
+        if isinstance(error, OSError | EOFError | pickle.UnpicklingError):
+            return None
+        raise
 
 
 def read_mat(path: Path, source: str, places: Mapping[str, Place], *, timed: bool) -> Contents:
@@ -93,7 +77,9 @@ def read_mat(path: Path, source: str, places: Mapping[str, Place], *, timed: boo
         If the file cannot be read.
     """
     require_file(path, LARGEST_FILE)
-    answer = _READERS[-1].answer(pickle.dumps((path.absolute(), source, dict(places), timed)))
+    request = pickle.dumps((path.absolute(), source, dict(places), timed))
+    with _LOCK:
+        answer = _ask(request) or _ask(request)  # a file read before may have harmed the first
     if isinstance(answer, Exception):
         raise answer
     if not isinstance(answer, Contents):
@@ -111,23 +97,18 @@ def _serve() -> None:
         _, most = resource.getrlimit(resource.RLIMIT_AS)
         limit = MEMORY if most == resource.RLIM_INFINITY else min(MEMORY, most)
         resource.setrlimit(resource.RLIMIT_AS, (limit, most))
+    alarm = getattr(signal, "alarm", int)  # not every system has one
     with suppress(EOFError):
         while True:
             path, source, places, timed = pickle.load(sys.stdin.buffer)
-            _alarm(SECONDS)
+            alarm(SECONDS)
             try:
                 answer: object = read_contents(path, source, places, timed=timed)
             except (InputError, OSError) as error:
                 answer = error
-            _alarm(0)
+            alarm(0)
             pickle.dump(answer, sys.stdout.buffer, protocol=5)
             sys.stdout.buffer.flush()
-
-
-def _alarm(seconds: int) -> None:
-    """End this process after so many seconds; 0 for not at all."""
-    if hasattr(signal, "alarm"):
-        signal.alarm(seconds)
 
 
 if __name__ == "__main__":
