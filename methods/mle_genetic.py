@@ -28,7 +28,7 @@ from pilotid.estimates.estimate import Estimate
 from pilotid.pilot.model import PilotModel, searched
 from pilotid.recordings.recording import Recording
 from pilotid.solve.search import evolve
-from pilotid.time_domain.output_error import OutputErrors, Residuals, WhiteLikelihood
+from pilotid.time_domain.output_error import OutputErrors, ResidualSpectra, WhiteLikelihood
 from pilotid.time_domain.prediction import predict
 
 
@@ -72,7 +72,7 @@ class MLEGenetic(WhiteLikelihood):
         """
         sought = searched(model)
         coarse = OutputErrors(predict(recording, sought, self.search_band))
-        fast = None if sought.changes else Residuals(coarse.prediction).linear_gram
+        fast = None if sought.changes else ResidualSpectra(coarse.prediction).linear_gram
         found = evolve(
             coarse.gram,
             sought,

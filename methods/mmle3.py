@@ -16,13 +16,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import ClassVar, Literal
 
 import numpy as np
 
 from pilotid.estimates.applicability import varying
 from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.pilot.factors import Rational
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.remarks import Remark
@@ -162,88 +162,51 @@ class _Output:
             channel.sign * np.fft.rfft(signal, n=self._length)
             for channel, signal in zip(model.channels, prepared.inputs, strict=True)
         ]
-        keys = [{p.key for f in c.dynamics for p in f.parameters} for c in model.channels]
-        # Per channel, the parameters that it depends on.
-        self._moving = [[i for i, key in enumerate(model.keys) if key in own] for own in keys]
+        # A step along one parameter leaves channels that it does not move as they are.
+        self._transform = lru_cache(maxsize=2 * len(model.channels))(self._transform_of)
 
     def predict(self, values: FloatArray) -> FloatArray:
         """Model output, shape (runs, samples); not finite where the model diverges."""
         total = np.zeros(self._spectra[0].shape, dtype=complex)
         polynomials = self._model.polynomials(values, self._settings.pade_order)
         with np.errstate(over="ignore", invalid="ignore"):
-            for rational, spectrum in zip(polynomials, self._spectra, strict=True):
-                total += np.fft.rfft(self._pulses([rational])[0], n=self._length) * spectrum
-            return self._windowed(total)
+            for (top, bottom), spectrum in zip(polynomials, self._spectra, strict=True):
+                total += self._transform(tuple(top), tuple(bottom)) * spectrum
+            return np.fft.irfft(total, n=self._length)[:, self._first : self._samples]
 
     def jacobian(self, values: FloatArray) -> FloatArray:
-        """Central differences of the output, shape (parameters, runs * samples).
+        """Central differences of the output, shape (parameters, runs * samples)."""
+        steps = np.diag(FINITE_DIFFERENCE * np.maximum(np.abs(values), 1e-3))
+        differences = [self.predict(values + step) - self.predict(values - step) for step in steps]
+        return np.array(differences).reshape(len(steps), -1) / (2.0 * np.diag(steps))[:, None]
 
-        The output is linear in the pulse responses, so that these are what is differenced.
-        """
-        steps = FINITE_DIFFERENCE * np.maximum(np.abs(values), 1e-3)
-        sets = values + np.concatenate([np.diag(steps), -np.diag(steps)])
-        order = self._settings.pade_order
-        polynomials = [self._model.polynomials(own, order) for own in sets]
-        count = len(values)
-        responses: list[dict[int, ComplexArray]] = []
-        with np.errstate(over="ignore", invalid="ignore"):
-            for c, moving in enumerate(self._moving):
-                above = self._pulses([polynomials[i][c] for i in moving])
-                below = self._pulses([polynomials[i + count][c] for i in moving])
-                slopes = (above - below) / (2.0 * steps[moving])[:, None]
-                transforms = np.fft.rfft(slopes, n=self._length)
-                responses.append(dict(zip(moving, transforms, strict=True)))
-            rows = []
-            for i in range(count):
-                total = np.zeros(self._spectra[0].shape, dtype=complex)
-                for own, spectrum in zip(responses, self._spectra, strict=True):
-                    if i in own:
-                        total += own[i] * spectrum
-                rows.append(self._windowed(total).ravel())
-        return np.array(rows)
-
-    def _pulses(self, rationals: Sequence[Rational]) -> FloatArray:
-        return pulse_responses(rationals, self._dt, self._samples, self._settings.hold)
-
-    def _windowed(self, spectrum: ComplexArray) -> FloatArray:
-        """The measurement window of a transform, shape (runs, samples)."""
-        return np.fft.irfft(spectrum, n=self._length)[:, self._first : self._samples]
+    def _transform_of(self, top: tuple[float, ...], bottom: tuple[float, ...]) -> ComplexArray:
+        pulse = pulse_response((top, bottom), self._dt, self._samples, self._settings.hold)
+        return np.fft.rfft(pulse, n=self._length)
 
 
-def pulse_responses(
-    rationals: Sequence[Rational], dt: float, samples: int, hold: Hold
+def pulse_response(
+    rational: tuple[Sequence[float], Sequence[float]], dt: float, samples: int, hold: Hold
 ) -> FloatArray:
-    """Responses of discretised transfer functions to a unit pulse, from rest.
+    """Response of a discretised transfer function to a unit pulse from rest, shape (samples,).
 
     Parameters
     ----------
-    rationals
-        Numerator and denominator of each, highest power first.
+    rational
+        Numerator and denominator, highest power first.
     dt
         Sampling interval [s].
     samples
-        Length of the responses.
+        Length of the response.
     hold
         ``zoh`` or ``foh``.
-
-    Returns
-    -------
-    Array of shape (transfer functions, samples).
     """
     from scipy.signal import cont2discrete, tf2ss
 
-    found = np.empty((len(rationals), samples))
-    for pulse, polynomials in zip(found, rationals, strict=True):
-        scaled = [
-            np.asarray(p) * TIME_SCALE ** np.arange(len(p) - 1, -1, -1, dtype=float)
-            for p in polynomials
-        ]
-        pulse[:] = _pulsed(*cont2discrete(tf2ss(*scaled), dt * TIME_SCALE, hold)[:4], samples)
-    return found
-
-
-def _pulsed(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray, samples: int) -> FloatArray:
-    """Response d, cb, cab, caab, ..., shape (samples,)."""
+    scaled = [
+        np.asarray(p) * TIME_SCALE ** np.arange(len(p) - 1, -1, -1, dtype=float) for p in rational
+    ]
+    a, b, c, d = cont2discrete(tf2ss(*scaled), dt * TIME_SCALE, hold)[:4]
     # Rows [c; ca; caa; ...] times columns [b, a^m b, a^2m b, ...], each doubled in number by each
     # power of a.
     rows, power = c, a

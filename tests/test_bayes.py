@@ -23,7 +23,7 @@ from pilotid.posterior.ensembles import Run
 from pilotid.posterior.likelihood import Likelihood
 from pilotid.posterior.priors import HalfCauchy, LogNormal, Normal, default_prior, priors_of
 from pilotid.seeds import fit_rng, recording_rng, start_rng
-from pilotid.time_domain.output_error import OutputErrors, Residuals
+from pilotid.time_domain.output_error import OutputErrors, ResidualSpectra
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.prepare import analysis_band, prediction_error_filters
@@ -60,7 +60,7 @@ def test_residuals_are_those_of_the_prediction() -> None:
     values = sets_of(LowPass(0), 9)
     prediction = predict(RECORDING, MULTI, 50.0)
     expected = prediction.row_spectra(values)[:, -1]
-    found = Residuals(prediction).spectra(values)
+    found = ResidualSpectra(prediction).spectra(values)
     np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
 
 
@@ -81,7 +81,7 @@ def test_gram_matrices_of_gains_are_parts_of_the_whole_ones(model: PilotModel) -
     )
     wanted = [*model.linear, len(model.keys)]
     expected = OutputErrors(prediction).gram(values)[:, wanted][:, :, wanted]
-    found = Residuals(prediction).linear_gram(values)
+    found = ResidualSpectra(prediction).linear_gram(values)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * expected[:, -1, -1].min())
 
 

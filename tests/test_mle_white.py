@@ -16,7 +16,7 @@ from pilotid.datasets import scenario_named, simulate
 from pilotid.estimates.estimate import Outcome
 from pilotid.estimates.method import identify
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.methods.mmle3 import MMLE3, Hold, _Output, pulse_responses
+from pilotid.methods.mmle3 import MMLE3, Hold, _Output, pulse_response
 from pilotid.pilot.catalogue import GAIN_ONLY, MULTI
 from pilotid.pilot.factors import Rational
 from pilotid.study import scores
@@ -165,7 +165,7 @@ def random_input() -> tuple[float, FloatArray]:
 def assert_equal_response(
     rational: Rational, dt: float, signal: FloatArray, hold: Hold, expected: FloatArray
 ) -> None:
-    pulse = pulse_responses([rational], dt, signal.size, hold)[0]
+    pulse = pulse_response(rational, dt, signal.size, hold)
     actual = np.convolve(pulse, signal)[: signal.size]
     assert actual == pytest.approx(expected, abs=1e-6 * float(np.abs(expected).max()))
 

@@ -526,21 +526,11 @@ class Delayed:
         self._rows = 1j * omega[:: max(1, self._width)]
         self._columns = 1j * (omega[: self._width] - omega[:1])
 
-    def __call__(self, seconds: FloatArray, gain: FloatArray | float = 1.0) -> ComplexArray:
-        """A gain and a delay, shape (sets, n).
-
-        Parameters
-        ----------
-        seconds, gain
-            Shape (sets, 1).
-        """
+    def __call__(self, seconds: FloatArray) -> ComplexArray:
+        """Responses of delays of shape (sets, 1), shape (sets, n)."""
         if not self._width:
-            angle = seconds * self._omega
-            result = np.empty(angle.shape, dtype=complex)
-            np.multiply(gain, np.cos(angle), out=result.real)
-            np.multiply(-gain, np.sin(angle), out=result.imag)
-            return result
-        rows = gain * np.exp(-seconds * self._rows)
+            return np.asarray(np.exp(-1j * seconds * self._omega))
+        rows = np.exp(-seconds * self._rows)
         columns = np.exp(-seconds * self._columns)
         table = rows[:, :, None] * columns[:, None, :]
         return np.asarray(table.reshape(len(table), -1)[:, : self._omega.size], dtype=complex)

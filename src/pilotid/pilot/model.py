@@ -291,6 +291,27 @@ class PilotModel:
             for places in self.places
         ]
 
+    def moving_responses(
+        self, s: ComplexArray, values: FloatArray, delayed: Delayed
+    ) -> list[Response]:
+        """`responses_of` without derivatives, for parameter sets.
+
+        Parameters
+        ----------
+        s
+            Laplace variable i omega [rad/s], shape (n,).
+        values
+            Parameters in model order, shape (sets, parameters).
+        delayed
+            See `evaluated`.
+        """
+        one, found = np.ones((1, 1)), []
+        for factor, indices in self.moving:
+            own = [values[..., i, None] for i in indices]
+            seconds = factor.seconds(own)
+            found.append(factor.response_on_axis(s, own) if seconds is None else delayed(seconds))
+        return [reduce(np.multiply, [found[i] for i in places], one) for places in self.places]
+
     @cached_property
     def changing_indices(self) -> tuple[tuple[int, ...], ...]:
         """Per channel, the indices of the parameters of what varies in time; empty for nothing."""

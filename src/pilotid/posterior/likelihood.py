@@ -28,7 +28,7 @@ from pilotid.posterior.priors import Prior
 from pilotid.solve.least_squares import LogTransform
 from pilotid.time_domain.band_likelihood import BandTerms, most_likely_regression
 from pilotid.time_domain.maximum_likelihood import Maximum
-from pilotid.time_domain.output_error import Residuals
+from pilotid.time_domain.output_error import ResidualSpectra
 from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.prepare import shifted_products
 from pilotid.types import BoolArray, FloatArray
@@ -51,9 +51,9 @@ class Likelihood:
 
     def __init__(self, joint: PredictionErrors, widened: float = 1.0) -> None:
         self.joint, self.widened = joint, widened
-        self.residuals = Residuals(joint.prediction)
+        self.residuals = ResidualSpectra(joint.prediction)
         self._terms = joint.prediction.band_terms
-        self._loop = None if self._terms is None else Residuals(joint.prediction.loop)
+        self._loop = None if self._terms is None else ResidualSpectra(joint.prediction.loop)
         #: Number of the remnant's parameters that are integrated out.
         self.integrated = len(joint.noise.keys) if joint.noise.regressive else 0
         #: Number of parameters that stay.
@@ -182,7 +182,7 @@ class Likelihood:
         return np.asarray(inside + terms.outside[: order + 1, : order + 1])
 
     def _long_residual(self, values: FloatArray) -> FloatArray:
-        """Residuals from `order` samples before the first scored one, (sets, runs, samples).
+        """ResidualSpectra from `order` samples before the first scored one, (sets, runs, samples).
 
         Nuisance terms are fitted to the scored samples and taken out of all: what is left of
         them at other lags is then small beside the residual, whatever the offset was.

@@ -14,7 +14,7 @@ from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
 from pilotid.posterior.likelihood import Likelihood
 from pilotid.recordings.recording import Recording
-from pilotid.time_domain.output_error import Residuals
+from pilotid.time_domain.output_error import ResidualSpectra
 from pilotid.time_domain.prediction import predict
 from pilotid.types import FloatArray
 
@@ -130,7 +130,7 @@ def derived_spreads(
 def vafs(recording: Recording, model: PilotModel, values: FloatArray) -> FloatArray:
     """Variance accounted for [%] by each parameter set, see `simulated_vaf`, shape (sets,)."""
     prediction = predict(recording, model)
-    residuals = Residuals(prediction)
+    residuals = ResidualSpectra(prediction)
     spread = np.mean(np.var(prediction.control, axis=1))
     left = np.empty(len(values))
     for begin in range(0, len(values), BLOCK):

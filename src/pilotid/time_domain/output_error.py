@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import reduce
-from operator import and_
 from typing import Literal, Self
 
 import numpy as np
@@ -19,8 +18,7 @@ from pilotid.estimates.estimate import (
     outcome_of,
     symmetric_intervals,
 )
-from pilotid.pilot.factors import Delayed, Response
-from pilotid.pilot.model import PilotModel, Placed, unfrozen
+from pilotid.pilot.model import PilotModel, unfrozen
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_of, sandwich
 from pilotid.solve.least_squares import Minima, Penalty, Problem, minimise
@@ -136,13 +134,10 @@ def simulated_vaf(
 CACHED = 6000  # bins evaluated at once: about what the processor's cache holds
 
 
-class Residuals:
+class ResidualSpectra:
     """Transforms of the residual u - u_hat, before whitening, for many parameter sets.
 
-    The same numbers as those of `Prediction.row_spectra`, several times faster: constant
-    factors enter once and for all, factors that all channels share are applied to their
-    sum, and the exponentials of a delay, whose phase grows evenly from bin to bin, are
-    products of two short rows.
+    The same numbers as those of `Prediction.row_spectra`, without derivatives.
 
     Parameters
     ----------
@@ -152,19 +147,20 @@ class Residuals:
 
     def __init__(self, prediction: Prediction) -> None:
         self.prediction = prediction
-        model = prediction.model
-        shared = reduce(and_, (Counter(p for p in layout if p[1]) for layout in model.layout))
-        self._common = list(shared.elements())
-        self._channels: list[tuple[list[Placed], ComplexArray]] = []
-        for layout, spectrum in zip(model.layout, prediction.inputs, strict=True):
-            moving = list((Counter(p for p in layout if p[1]) - shared).elements())
-            self._channels.append((moving, spectrum[None]))
-        #: Per channel, the linear parameters that it depends on: place among those, and index.
-        self._scaling = [
-            [(i, index) for i, index in enumerate(model.linear) if any(index in p for _, p in own)]
-            for own in model.layout
-        ]
-        self._delayed = Delayed(prediction.s.imag)
+
+    def answers(self, values: FloatArray) -> Iterator[ComplexArray]:
+        """What each channel makes of its input, shape (sets, runs, bins) each."""
+        prediction = self.prediction
+        responses = prediction.model.moving_responses(prediction.s, values, prediction.delayed)
+        given = zip(responses, prediction.inputs, prediction.varying(values), strict=True)
+        for response, spectrum, varying in given:
+            answer = response[:, None, :] * spectrum
+            yield np.asarray(answer if varying is None else answer * varying, dtype=complex)
+
+    def spectra(self, values: FloatArray) -> ComplexArray:
+        """Transforms of the residuals of parameter sets, shape (sets, runs, bins)."""
+        total = reduce(np.add, self.answers(values))
+        return np.subtract(self.prediction.control_spectrum, total, out=total)
 
     def linear_gram(self, values: FloatArray) -> FloatArray:
         """Inner products of the derivatives by linear parameters, and of the residual.
@@ -181,77 +177,27 @@ class Residuals:
         -------
         Array of shape (sets, linear + 1, linear + 1), the residual last.
         """
-        prediction, channels = self.prediction, len(self._channels)
+        prediction, model = self.prediction, self.prediction.model
         control = prediction.without_nuisance(prediction.control).ravel()
+        channels = len(model.channels)
         # Of each channel's answer and of the control.
         products = np.empty((len(values), channels + 1, channels + 1))
         products[:, -1, -1] = control @ control
         block = max(1, CACHED // prediction.control_spectrum.size)
         for begin in range(0, len(values), block):
-            own = values[begin : begin + block]
-            rows = np.empty((len(own), channels, *prediction.control_spectrum.shape), dtype=complex)
-            common = self._product(self._common, own) if self._common else None
-            for row, (layout, spectrum) in enumerate(self._channels):
-                part = self._product(layout, own)
-                if common is not None:
-                    part = part * common
-                np.multiply(part[:, None, :], spectrum, out=rows[:, row])
+            some = slice(begin, begin + block)
+            rows = np.stack(list(self.answers(values[some])), axis=1)
             answers = prediction.without_nuisance(prediction.samples_of(rows))
             flat = answers.reshape(*answers.shape[:2], -1)
-            found = products[begin : begin + block]
-            found[:, :-1, :-1] = flat @ flat.transpose(0, 2, 1)
-            found[:, -1, :-1] = found[:, :-1, -1] = flat @ control
-        linear = prediction.model.linear
-        combined = np.zeros((len(values), len(linear) + 1, channels + 1))
+            products[some, :-1, :-1] = flat @ flat.transpose(0, 2, 1)
+            products[some, -1, :-1] = products[some, :-1, -1] = flat @ control
+        combined = np.zeros((len(values), len(model.linear) + 1, channels + 1))
         combined[:, -1, :-1], combined[:, -1, -1] = -1.0, 1.0
-        for channel, scaling in enumerate(self._scaling):
-            for place, index in scaling:
-                combined[:, place, channel] = 1.0 / values[:, index]
+        for channel, layout in enumerate(model.layout):
+            for place, index in enumerate(model.linear):
+                if any(index in indices for _, indices in layout):
+                    combined[:, place, channel] = 1.0 / values[:, index]
         return np.asarray(combined @ products @ combined.transpose(0, 2, 1))
-
-    def spectra(self, values: FloatArray) -> ComplexArray:
-        """Transforms of the residuals, shape (sets, runs, bins).
-
-        Parameters
-        ----------
-        values
-            Parameter sets, shape (sets, parameters).
-        """
-        total: ComplexArray | None = None
-        given = self.prediction.varying(values)
-        for (layout, spectrum), varying in zip(self._channels, given, strict=True):
-            part = self._product(layout, values)[:, None, :] * spectrum
-            if varying is not None:
-                part = part * varying
-            total = part if total is None else np.add(total, part, out=total)
-        assert total is not None
-        if self._common:
-            total *= self._product(self._common, values)[:, None, :]
-        return np.subtract(self.prediction.control_spectrum, total, out=total)
-
-    def _product(self, placed: list[Placed], values: FloatArray) -> ComplexArray:
-        """Product of factors, shape (sets, bins) or, without any that varies, (sets, 1)."""
-        s, gain = self.prediction.s, np.ones((len(values), 1))
-        delay: FloatArray | None = None
-        responses: list[Response] = []
-        for factor, indices in placed:
-            own = [values[:, i, None] for i in indices]
-            seconds = factor.seconds(own)
-            if seconds is not None:
-                delay = seconds if delay is None else delay + seconds
-                continue
-            response = factor.response_on_axis(s, own)
-            if response.shape[-1] == 1:
-                gain = gain * np.real(response)
-            else:
-                responses.append(response)
-        if delay is not None:
-            responses.append(self._delayed(delay, gain))
-        elif responses:
-            responses[0] = responses[0] * gain
-        else:
-            return gain.astype(complex)
-        return np.asarray(reduce(np.multiply, responses), dtype=complex)
 
 
 def record(minima: Minima, same: float = 3e-3) -> Starts:
