@@ -101,9 +101,9 @@ def test_known_changes_are_found_and_no_others(first: Path, tmp_path: Path) -> N
     (bias,) = (c for c in found.all if (c.scenario, c.method, c.parameter, c.score)
                == ("first", "mle", "Kvis", "bias"))  # fmt: skip
     assert bias.change == pytest.approx(1.0)
-    assert bias.error == pytest.approx(0.0, abs=1e-12)
-    assert not bias.is_better
-    assert bias.verdicts[0] != bias.verdicts[1]
+    assert bias.change_se == pytest.approx(0.0, abs=1e-12)
+    assert bias.better == "no"
+    assert bias.verdict_first != bias.verdict_second
     assert found.words.startswith(f"{len(found.changed)} of {len(found.all)} ")
 
 
@@ -122,8 +122,8 @@ def test_failures_and_times(first: Path, tmp_path: Path) -> None:
     assert len(times) == 8
     assert times[0].change == pytest.approx(3.0)
     lost = [c for c in found.changed if c.score == "loss" and c.parameter == "all"]
-    assert [(c.scenario, c.method, c.is_better) for c in lost] == [
-        ("second", "arx", True)
+    assert [(c.scenario, c.method, c.better) for c in lost] == [
+        ("second", "arx", "yes")
     ]  # it was sure and wrong
 
 
@@ -138,7 +138,7 @@ def test_other_seeds_are_not_paired(first: Path, tmp_path: Path) -> None:
     apart = next(c for c in found.all if (c.parameter, c.score) == ("Kvis", "bias"))
     paired = find_changes(read_study(first), read_study(changed(first, tmp_path / "c", shifted)))
     together = next(c for c in paired.all if (c.parameter, c.score) == ("Kvis", "bias"))
-    assert apart.error > 2.0 * together.error
+    assert apart.change_se > 2.0 * together.change_se
 
 
 def test_scenarios_that_differ_are_left_out_and_named(first: Path, tmp_path: Path) -> None:

@@ -89,26 +89,22 @@ def spoiled(finished: Path, folder: Path, *changes: str) -> Path:
 @pytest.mark.parametrize(
     "change",
     [
-        "UPDATE about SET value = '2' WHERE key = 'seed'",
-        "DELETE FROM about WHERE key = 'seed'",
-        "UPDATE scenarios SET description = 'other' WHERE name = 'first'",
-        "DELETE FROM scenarios WHERE name = 'second'",
-        "UPDATE parameters SET truth = 1.6 WHERE scenario = 'first' AND parameter = 'fnm'",
-        "DELETE FROM parameters WHERE parameter = 'fnm'",
-        "UPDATE methods SET settings = '{}' WHERE label = 'mle'",
-        "DELETE FROM methods WHERE label = 'mle'",
-        "UPDATE fits SET usable = 1 - usable WHERE replication = 3 AND method = 'mle'",
-        "DELETE FROM fits WHERE replication = 3 AND method = 'mle'",
-        "UPDATE estimates SET value = value + 1e-15 WHERE replication = 3",
-        "DELETE FROM estimates WHERE parameter = 'fnm' AND replication = 4",
-        "UPDATE draws SET facts = '{}' WHERE replication = 3",
-        "DELETE FROM draws WHERE replication = 4",
-        "UPDATE seals SET rows = rows - 1 WHERE name = 'fits'",
-        "DELETE FROM seals",
+        "UPDATE rows SET content = replace(content, 'c0de', 'c0d3') WHERE kind = 'about'",
+        "DELETE FROM rows WHERE kind = 'about'",
+        "UPDATE rows SET content = replace(content, 'words', 'other') WHERE kind = 'scenarios'",
+        "DELETE FROM rows WHERE kind = 'scenarios' AND key = '[\"second\"]'",
+        "UPDATE rows SET key = '[\"other\"]' WHERE kind = 'methods' AND key = '[\"mle\"]'",
+        "DELETE FROM rows WHERE kind = 'methods' AND key = '[\"mle\"]'",
+        "UPDATE rows SET content = replace(content, '9', '8') WHERE key LIKE '%\"mle\", 3]'",
+        "DELETE FROM rows WHERE key LIKE '%\"mle\", 3]'",
+        "UPDATE rows SET content = replace(content, 'K/s', 'K') WHERE key = '[\"any\", 3]'",
+        "DELETE FROM rows WHERE key = '[\"any\", 3]'",
+        "UPDATE counts SET rows = rows - 1 WHERE kind = 'fits'",
+        "DELETE FROM counts",
     ],
 )
 def test_every_table_is_guarded(finished: Path, tmp_path: Path, change: str) -> None:
-    folder = spoiled(finished, tmp_path / "study", change)
+    folder = spoiled(finished, tmp_path / "study", "DROP TRIGGER removed", change)
     for create in (False, True):
         with (
             pytest.raises(DamagedError, match="--salvage"),
@@ -123,8 +119,8 @@ def test_salvage_keeps_what_is_whole_and_says_what_was_lost(
     folder = spoiled(
         finished,
         tmp_path / "study",
-        "UPDATE estimates SET value = 0 WHERE replication = 3 AND method = 'mle'",
-        "UPDATE draws SET model = 'other' WHERE replication = 4",
+        "UPDATE rows SET content = replace(content, 'Kvis', 'Kv') WHERE key LIKE '%mle\", 3]'",
+        "UPDATE rows SET content = replace(content, 'single', 'other') WHERE key = '[\"any\", 4]'",
     )
     damaged = (folder / STORE).read_bytes()
     (folder / f"{STORE}.damaged").write_bytes(b"an older one")

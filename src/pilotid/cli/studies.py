@@ -213,30 +213,13 @@ def compare_studies(
         raise InputError("--csv - and --json - would print both; write one of them to a file")
     studies = [read_study(folder) for folder in (first, second)]
     found = find_changes(*studies)
-    table = table_bytes(COLUMNS, found.rows())
+    table = table_bytes(COLUMNS, found.all)
     if csv == "-":
         sys.stdout.write(table.decode())
     elif csv is not None:
         write_file(Path(csv), table)
-    if not options.write_json(json, as_json(found)) and csv != "-":
+    if not options.write_json(json, found.to_dict()) and csv != "-":
         _print(found)
-
-
-def as_json(found: Changes) -> dict[str, object]:
-    """All comparisons as plain objects."""
-    from pilotid.publishing.changes import COLUMNS
-    from pilotid.study.judge import LEVEL
-
-    return {
-        "first": {"folder": str(found.first.folder), **found.first.about},
-        "second": {"folder": str(found.second.folder), **found.second.about},
-        "level": LEVEL,
-        "fits_paired": found.fits,
-        "fits_same": found.same,
-        "notes": list(found.notes),
-        "words": found.words,
-        "comparisons": [dict(zip(COLUMNS, row, strict=True)) for row in found.rows()],
-    }
 
 
 def _print(found: Changes) -> None:
@@ -245,8 +228,8 @@ def _print(found: Changes) -> None:
 
     def size(c: Change) -> str:
         if c.score == "time":
-            return f"x {unsigned(c.change, c.error)}"
-        return plus_minus(c.change, c.error)
+            return f"x {unsigned(c.change, c.change_se)}"
+        return plus_minus(c.change, c.change_se)
 
     columns: list[Column[Change]] = [
         Column("scenario", lambda c: c.scenario),
@@ -257,16 +240,16 @@ def _print(found: Changes) -> None:
         Column("B", lambda c: c.second, number),
         Column("change", size, str),
         Column("p", lambda c: c.p, lambda p: f"{p:.1e}" if p >= 1e-99 else "0"),
-        Column("", lambda c: "better" if c.is_better else "worse"),
+        Column("", lambda c: "better" if c.better == "yes" else "worse"),
     ]
     studies = []
     for letter, data in (("A", found.first), ("B", found.second)):
         facts = (f"{name} {data.about.get(name, '?')}" for name in ("pilotid", "code", "seed"))
         studies.append(f"{letter}: {data.folder} ({', '.join(facts)})")
     verdicts = {
-        f"{c.scenario}, {c.method}: {c.verdicts[0]} -> {c.verdicts[1]}"
+        f"{c.scenario}, {c.method}: {c.verdict_first} -> {c.verdict_second}"
         for c in found.all
-        if c.verdicts[0] != c.verdicts[1]
+        if c.verdict_first != c.verdict_second
     }
     table = [Table("What changed", columns, found.changed)] if found.changed else []
     told = Bullets([found.words, *sorted(verdicts), *found.notes])

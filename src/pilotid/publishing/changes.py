@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -23,13 +23,8 @@ from pilotid.study.scores import mean_difference
 from pilotid.study.store import Store
 from pilotid.types import FloatArray, InputError
 
-#: Columns of the table of all comparisons.
-COLUMNS = (
-    *("scenario", "method", "parameter", "score", "unit", "paired", "n_first", "n_second"),
-    *("first", "second", "change", "change_se", "p", "changed", "better"),
-    *("verdict_first", "verdict_second"),
-)
 UNITS = {"loss": "", "bias": "bound", "coverage": "share", "failures": "share", "time": "s"}
+YesNo = Literal["yes", "no"]
 #: Factor between times from which a change counts.
 SLOWER = 1.25
 #: Relative difference up to which two numbers are the same: stores may keep six digits.
@@ -37,47 +32,35 @@ SAME = 1e-5
 
 
 class Change(NamedTuple):
-    """One score of one method in one scenario, in both studies.
+    """One score of one method in one scenario, in both studies: a row of the table.
 
-    Attributes
-    ----------
-    scenario, method, parameter, score
-        What it is of; the parameter may be ``all``.  The score is a key of `UNITS`.
-    paired, counts
-        Whether recordings were compared one by one, and their numbers in both studies.
-    first, second
-        The scores.
-    change, error, p
-        Second less first, of times the factor between them; its Monte Carlo standard error, and
-        the probability that chance makes a change as large.
-    verdicts
-        Of the method in both studies.
+    The parameter may be ``all``, and the score is a key of `UNITS`.  If `paired`, recordings were
+    compared one by one.  `change` is the second less the first, of times the factor between them;
+    `p` is the probability that chance makes a change as large, and a change of times also has to
+    matter to count as `changed`.
     """
 
     scenario: str
     method: str
     parameter: str
     score: str
-    paired: bool
-    counts: tuple[int, int]
+    unit: str
+    paired: YesNo
+    n_first: int
+    n_second: int
     first: float
     second: float
     change: float
-    error: float
+    change_se: float
     p: float
-    verdicts: tuple[str, str]
+    changed: YesNo
+    better: YesNo
+    verdict_first: str
+    verdict_second: str
 
-    @property
-    def is_certain(self) -> bool:
-        """Whether it is significant; of times, also whether it matters."""
-        matters = self.score != "time" or max(self.change, 1.0 / self.change) > SLOWER
-        return matters and self.p <= LEVEL
 
-    @property
-    def is_better(self) -> bool:
-        """Whether the second is the better one."""
-        wanted = 0.95 if self.score == "coverage" else 0.0
-        return abs(self.second - wanted) < abs(self.first - wanted)
+#: Columns of the table of all comparisons.
+COLUMNS = Change._fields
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,16 +90,20 @@ class Changes:
     @property
     def changed(self) -> list[Change]:
         """Those that count."""
-        return [change for change in self.all if change.is_certain]
+        return [change for change in self.all if change.changed == "yes"]
 
-    def rows(self) -> Iterator[list[object]]:
-        """`COLUMNS` of every comparison."""
-        for c in self.all:
-            yield [
-                *(c.scenario, c.method, c.parameter, c.score, UNITS[c.score], _yes(c.paired)),
-                *(*c.counts, c.first, c.second, c.change, c.error, c.p),
-                *(_yes(c.is_certain), _yes(c.is_better), *c.verdicts),
-            ]
+    def to_dict(self) -> dict[str, object]:
+        """All comparisons as plain objects."""
+        return {
+            "first": {"folder": str(self.first.folder), **self.first.about},
+            "second": {"folder": str(self.second.folder), **self.second.about},
+            "level": LEVEL,
+            "fits_paired": self.fits,
+            "fits_same": self.same,
+            "notes": list(self.notes),
+            "words": self.words,
+            "comparisons": [change._asdict() for change in self.all],
+        }
 
     @property
     def words(self) -> str:
@@ -135,7 +122,7 @@ class Changes:
         )
 
 
-def _yes(true: bool) -> str:
+def _yes(true: bool) -> YesNo:
     return "yes" if true else "no"
 
 
@@ -218,8 +205,13 @@ def _changes(
         if score == "time":  # of logarithms
             values = [math.exp(float(np.median(own))) for own in (a, b)]
             change, error = math.exp(change), math.exp(change) * error
-        head = (ours.scenario.name, ours.method, parameter, score, paired, (a.size, b.size))
-        yield Change(*head, values[0], values[1], change, error, p, verdicts)
+        matters = score != "time" or max(change, 1.0 / change) > SLOWER
+        wanted = 0.95 if score == "coverage" else 0.0
+        is_better = abs(values[1] - wanted) < abs(values[0] - wanted)
+        head = (ours.scenario.name, ours.method, parameter, score, UNITS[score], _yes(paired))
+        is_changed = _yes(matters and p <= LEVEL)
+        numbers = (*head, a.size, b.size, values[0], values[1], change, error, p)
+        yield Change(*numbers, is_changed, _yes(is_better), verdicts[0], verdicts[1])
 
 
 def _by_recording(
@@ -274,32 +266,33 @@ def _together(losses: FloatArray) -> FloatArray:
 def _common(first: StudyData, second: StudyData) -> tuple[list[tuple[Cell, Cell]], list[str]]:
     """What both studies tried on the same scenarios, and what is left out."""
     ours, theirs = (
-        {(e.scenario.name, e.method): e for e in h.study.cells} for h in (first, second)
+        {(c.scenario.name, c.method): c for c in d.study.cells} for d in (first, second)
     )
-    names = [list(dict.fromkeys(name for name, _ in own)) for own in (ours, theirs)]
     notes = []
-    for which, own, other in (("first", *names), ("second", *reversed(names))):
-        if lone := [name for name in own if name not in other]:
-            notes.append(f"In the {which} study alone: {_listed(lone)}.")
+    for which, mine, yours in (("first", ours, theirs), ("second", theirs, ours)):
+        names, methods = map(set, zip(*yours, strict=True)) if yours else (set(), set())
+        alone = [
+            name
+            if name not in names
+            else method
+            if method not in methods
+            else f"{method} on {name}"
+            for name, method in mine
+            if (name, method) not in yours
+        ]
+        if alone:
+            notes.append(f"In the {which} study alone: {_listed(alone)}.")
     unlike = {
         name: why
-        for name in names[0]
-        if name in names[1]
-        and (why := difference(first.study.entry(name), second.study.entry(name)))
+        for (name, method), cell in ours.items()
+        if (name, method) in theirs
+        and (why := difference(cell.scenario, theirs[name, method].scenario))
     }
     if unlike:
         told = [f"{name} ({why})" for name, why in unlike.items()]
-        notes.append(f"Left out, since they differ: {', '.join(told)}.")
-    shared = [name for name in names[0] if name in names[1] and name not in unlike]
-    for which, mine, yours in (("first", ours, theirs), ("second", theirs, ours)):
-        alone = [key for key in mine if key[0] in shared and key not in yours]
-        tried = {method for name, method in yours if name in shared}
-        whole = [method for _, method in alone if method not in tried]
-        rest = [f"{method} on {name}" for name, method in alone if method in tried]
-        if alone:
-            notes.append(f"In the {which} study alone: {_listed([*whole, *rest])}.")
-    pairs = [(own, theirs[key]) for key, own in ours.items() if key in theirs and key[0] in shared]
-    return pairs, notes
+        notes.append(f"Left out, since they differ: {_listed(told)}.")
+    shared = [key for key in ours if key in theirs and key[0] not in unlike]
+    return [(ours[key], theirs[key]) for key in shared], notes
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -400,20 +393,20 @@ def names_for(folders: Sequence[Path], taken: Sequence[str] = ()) -> list[str]:
         If a folder is named twice.
     """
     places = [folder.resolve() for folder in folders]
-    twice = next((f for f, place in zip(folders, places, strict=True) if places.count(place) > 1),
-                 None)  # fmt: skip
-    if twice is not None:
-        raise InputError(f"{twice}: is named twice; name every study once")
     names = [_plain(place.name) for place in places]
-    longer = [_plain(f"{place.parent.name}-{place.name}") for place in places]
-    names = [
-        long if names.count(name) > 1 else name for name, long in zip(names, longer, strict=True)
-    ]
     found: list[str] = []
-    for name in names:
-        free = (n for n in (name, *(f"{name}-{i}" for i in range(2, 999))) if n not in found)
-        found.append(next(n for n in free if n not in taken))
+    for folder, place, name in zip(folders, places, names, strict=True):
+        if places.count(place) > 1:
+            raise InputError(f"{folder}: is named twice; name every study once")
+        if names.count(name) > 1:
+            name = _plain(f"{place.parent.name}-{name}")
+        found.append(free_name(name, [*found, *taken]))
     return found
+
+
+def free_name(name: str, taken: Sequence[str]) -> str:
+    """A name, with a number behind it where it is taken."""
+    return next(n for n in (name, *(f"{name}-{i}" for i in range(2, 999))) if n not in taken)
 
 
 def _plain(name: str) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
 
 from pilotid.analysis.board import BOARD, Board, left_out_blocks, read_board
 from pilotid.disk import make_folder, strict_json, table_bytes, write_file
@@ -21,7 +20,7 @@ from pilotid.document import (
     write_page,
 )
 from pilotid.naming.settings import shown
-from pilotid.publishing.changes import StudyData, difference, names_for, read_study
+from pilotid.publishing.changes import StudyData, difference, free_name, names_for, read_study
 from pilotid.report.study import COLUMNS, LOSS, command, details, mixed, write_report
 from pilotid.report.study_tables import key_of, ranked, ranking, ranking_columns
 from pilotid.study.archive import KEPT
@@ -144,23 +143,16 @@ def shared_scenarios(studies: Sequence[StudyData]) -> list[SharedScenario]:
     found: list[SharedScenario] = []
     for data in studies:
         for entry in data.study.scenarios:
-            same = next(
-                (
-                    i
-                    for i, shared in enumerate(found)
-                    if shared.entry.name == entry.name and not difference(shared.entry, entry)
-                ),
-                None,
-            )
-            if same is None:
-                plain = key_of(entry.name).encode("ascii", "replace").decode().replace("?", "-")
-                taken = {shared.key for shared in found}
-                keys = (plain, *(f"{plain}-{number}" for number in range(2, 999)))
-                found.append(
-                    SharedScenario(next(k for k in keys if k not in taken), entry, (data,))
-                )
-            else:
-                found[same] = replace(found[same], studies=(*found[same].studies, data))
+            same = [
+                s for s in found if s.entry.name == entry.name and not difference(s.entry, entry)
+            ]
+            if same:
+                place = found.index(same[0])
+                found[place] = replace(same[0], studies=(*same[0].studies, data))
+                continue
+            plain = key_of(entry.name).encode("ascii", "replace").decode().replace("?", "-")
+            key = free_name(plain, [shared.key for shared in found])
+            found.append(SharedScenario(key, entry, (data,)))
     return found
 
 
@@ -215,15 +207,6 @@ def _people(boards: Mapping[str, Board]) -> Iterator[Section]:
         yield Section(f"people-{name}", f"Recordings of people: {name}", blocks)
 
 
-class _Row(NamedTuple):
-    """A method of a study in a scenario."""
-
-    shared: SharedScenario
-    data: StudyData
-    cell: Cell
-    best: Cell
-
-
 def _results(studies: Sequence[StudyData], scenarios: Sequence[SharedScenario]) -> list[Block]:
     fits = sum(data.fits for data in studies)
     what = (
@@ -231,39 +214,19 @@ def _results(studies: Sequence[StudyData], scenarios: Sequence[SharedScenario]) 
         f"whose truth is known. A scenario's page has its methods side by side; "
         f"[{SCORES}]({SCORES}) has every score, and each study its rows."
     )
-
-    def of_method(place: int) -> Column[_Row]:
-        """A column of the rankings of single scenarios."""
-
-        def own(row: _Row) -> Column[Cell]:
-            return ranking_columns(row.best, axis)[place]
-
-        def value(row: _Row) -> object:
-            return own(row).value(row.cell)
-
-        def mark(row: _Row) -> str:
-            column = own(row)
-            return column.mark(row.cell) if column.mark else ""
-
-        like = columns[place]
-        return Column(like.title, value, like.form, like.hint, mark, axis=like.axis)
-
-    axis, rows = LogAxis(-0.1, 2.0), []
-    for shared in scenarios:
-        studied = {id(cell): data for data, cell in shared.cells}
-        order = ranked([cell for _, cell in shared.cells])
-        rows += [_Row(shared, studied[id(cell)], cell, order[0]) for cell in order]
-    columns = ranking_columns(rows[0].cell, axis) if rows else []
-    front: list[Column[_Row]] = [
-        Column("scenario", lambda r: r.shared.link),
-        Column("method", lambda r: r.cell.method),
-        Column("study", lambda r: f"[{r.data.name}]({r.data.name}/report.html)"),
+    origin = {cell: (shared, data) for shared in scenarios for data, cell in shared.cells}
+    orders = [ranked([cell for _, cell in shared.cells]) for shared in scenarios]
+    best = {cell: order[0] for order in orders for cell in order}
+    method, *columns = ranking_columns(best, LogAxis(-0.1, 2.0))
+    front = [
+        Column("scenario", lambda c: origin[c][0].link),
+        method,
+        Column("study", lambda c: f"[{origin[c][1].name}]({origin[c][1].name}/report.html)"),
     ]
-    caption = "What every method did, by scenario and study, in the order of the loss"
     table = Table(
-        caption,
-        [*front, *(of_method(place) for place in range(1, len(columns)))],
-        rows,
+        "What every method did, by scenario and study, in the order of the loss",
+        [*front, *columns],
+        list(best),
         heads=2,
         filters=(0, 1, 2),
     )

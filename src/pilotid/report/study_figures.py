@@ -392,8 +392,11 @@ UNITS = {"tlead": "s", "tdvis": "s", "fnm": "rad/s"}
 
 def by_stratum(cells: Sequence[Cell]) -> Figure:
     """Coverage with its interval: a panel a fact, a row a value of it, a point a method."""
-    panels: dict[str, Sequence[str]] = {"all recordings": [""]}
-    panels |= {name: list(own) for name, own in cells[0].strata.items() if len(own) > 1}
+    panels: dict[str, list[str]] = {"all recordings": [""]}
+    for cell in cells:  # studies side by side may have drawn other pilots
+        for name, stratum in cell.strata.items():
+            if len(stratum) > 1:
+                panels[name] = list(dict.fromkeys([*panels.get(name, []), *stratum]))
     longest = max(len(panel) for panel in panels.values())
     with journal_style():
         height = 0.6 + longest * max(0.19, 0.06 + 0.035 * len(cells))
@@ -409,7 +412,8 @@ def by_stratum(cells: Sequence[Cell]) -> Figure:
             for place, (cell, own) in zip(_dodged(len(cells)), zip(cells, points, strict=True),
                                           strict=True):  # fmt: skip
                 for row in range(len(panel)):
-                    _point(axes, row + place, own[name, row], cell.method, low)
+                    if (name, row) in own:
+                        _point(axes, row + place, own[name, row], cell.method, low)
             axes.set_title(name)
             axes.set_yticks(range(len(panel)), list(panel))
             axes.set_ylim(len(panel) - 0.45, -0.55)
@@ -426,6 +430,7 @@ def _points(cell: Cell, panels: Mapping[str, Sequence[str]]) -> dict[tuple[str, 
         (name, row): cell.parts[name, value][0] if value else cell.overall
         for name, panel in panels.items()
         for row, value in enumerate(panel)
+        if not value or (name, value) in cell.parts
     }
 
 

@@ -61,16 +61,16 @@ def ranking(cells: Sequence[Cell]) -> Table[Cell]:
         what = f"{count} recordings"
     axis = LogAxis.of(cell.overall.loss for cell in order)
     caption = f"`{entry.name}`, {what}: methods by their loss (1: perfect)"
-    return Table(caption, ranking_columns(order[0], axis), order)
+    return Table(caption, ranking_columns(dict.fromkeys(order, order[0]), axis), order)
 
 
-def ranking_columns(best: Cell, axis: LogAxis) -> list[Column[Cell]]:
-    """The columns of a ranking, whose best method times are compared with."""
+def ranking_columns(best: Mapping[Cell, Cell], axis: LogAxis) -> list[Column[Cell]]:
+    """The columns of a ranking; `best` has the best method of each one's scenario."""
 
     def times_best(cell: Cell) -> str | None:
         if not math.isfinite(cell.overall.loss.value):
             return None
-        return "best" if cell is best else str(loss_ratio(cell, best))
+        return "best" if cell is best[cell] else str(loss_ratio(cell, best[cell]))
 
     return [
         Column("method", lambda c: c.method),

@@ -26,8 +26,7 @@ LARGEST = 2**30
 FORMAT = 5
 
 HEAD = {"pilotid": "rows of a study", "format": FORMAT, "digits": DIGITS}
-#: Columns in front of a fit's row, and of its estimates' rows, that a line says once.
-CELL, UNIT = 2, 3
+CELL = 2  # columns in front of a fit's row that a line says once
 
 Row = tuple[Any, ...]
 Rows = Sequence[tuple[Row, list[Row]]]
@@ -87,13 +86,11 @@ def _lines(about: Mapping[str, str], rows: Mapping[str, Rows]) -> Iterator[objec
             yield [table, row, parts]
     cells: dict[tuple[Row, tuple[str, ...]], list[tuple[Row, list[Row]]]] = {}
     for row, parts in rows["fits"]:
-        keys = tuple(part[UNIT] for part in parts)
+        keys = tuple(part[0] for part in parts)
         cells.setdefault((row[:CELL], keys), []).append((row, parts))
     for (cell, keys), fits in cells.items():
         columns = _columns([row[CELL:] for row, _ in fits])
-        numbers = [
-            _columns([parts[place][UNIT + 1 :] for _, parts in fits]) for place in range(len(keys))
-        ]
+        numbers = [_columns([parts[place][1:] for _, parts in fits]) for place in range(len(keys))]
         yield ["fits", cell, keys, columns, numbers]
 
 
@@ -114,9 +111,5 @@ def _rows(lines: Iterable[Any]) -> Iterator[tuple[str, Row, list[Row]]]:
         cell, keys, columns, numbers = content
         estimates = [list(zip(*own, strict=True)) for own in numbers]
         for place, own in enumerate(zip(*columns, strict=True)):
-            unit = (*cell, own[0])
-            yield (
-                "fits",
-                (*cell, *own),
-                [(*unit, key, *values[place]) for key, values in zip(keys, estimates, strict=True)],
-            )
+            parts = [(key, *values[place]) for key, values in zip(keys, estimates, strict=True)]
+            yield "fits", (*cell, *own), parts

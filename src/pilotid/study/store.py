@@ -1,8 +1,9 @@
 """The store of a study: one SQLite file, to which every fit is added as soon as it is done.
 
 It also keeps all that a report needs (truth, bounds, settings, versions), so that it is made
-from the store alone.  A row and its parts (a fit and its estimates, a scenario and its
-parameters) have one checksum, and the number of rows is kept, so that none is lost unnoticed.
+from the store alone.  Its rows are JSON: a row and its parts (a fit and its estimates, a scenario
+and its parameters), with a checksum.  The number of rows of each kind is kept, so that none is
+lost unnoticed.
 """
 
 from __future__ import annotations
@@ -10,16 +11,16 @@ from __future__ import annotations
 import json
 import shutil
 import sqlite3
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from dataclasses import astuple
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from pilotid import database
 from pilotid.database import DamagedError, beside, checksum, damaged, in_words
 from pilotid.disk import write_file
-from pilotid.study.archive import KEPT, from_archive, not_an_archive, to_archive
+from pilotid.study.archive import KEPT, Row, from_archive, not_an_archive, to_archive
 from pilotid.study.entries import (
     Draw,
     MethodEntry,
@@ -34,53 +35,27 @@ from pilotid.types import InputError
 __all__ = ["FORMAT", "KEPT", "STORE", "Store", "salvage"]
 
 STORE = "study.sqlite"
-#: Raised when the tables change, so that a store of another version is refused and not misread.
-FORMAT = 6
-#: The same but for what they know of the number of rows.
-READABLE = ("5", "6")
+#: Raised when the rows change, so that a store of another version is refused and not misread.
+FORMAT = 7
+SCHEMA = (
+    """CREATE TABLE rows (kind TEXT, key TEXT, content TEXT, checksum INTEGER,
+        PRIMARY KEY (kind, key)) WITHOUT ROWID""",
+    "CREATE TABLE counts (kind TEXT PRIMARY KEY, rows INTEGER) WITHOUT ROWID",
+    """CREATE TRIGGER added AFTER INSERT ON rows BEGIN
+        UPDATE counts SET rows = rows + 1 WHERE kind = NEW.kind; END""",
+    """CREATE TRIGGER removed AFTER DELETE ON rows BEGIN
+        UPDATE counts SET rows = rows - 1 WHERE kind = OLD.kind; END""",
+    f"PRAGMA user_version = {FORMAT}",
+)
+#: How many columns of a row are its key, by kind.
+KINDS = {"about": 0, "scenarios": 1, "methods": 1, "draws": 2, "fits": 3}
 
-SCHEMA = """
-CREATE TABLE about (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
-CREATE TABLE scenarios (
-    name TEXT PRIMARY KEY, position INTEGER, description TEXT, model TEXT, settings TEXT,
-    family TEXT, code TEXT, typed TEXT, checksum INTEGER) WITHOUT ROWID;
-CREATE TABLE parameters (
-    scenario TEXT, parameter TEXT, position INTEGER, unit TEXT, truth REAL, bound REAL,
-    PRIMARY KEY (scenario, parameter)) WITHOUT ROWID;
-CREATE TABLE methods (
-    label TEXT PRIMARY KEY, position INTEGER, settings TEXT, code TEXT, typed TEXT,
-    checksum INTEGER) WITHOUT ROWID;
-CREATE TABLE fits (
-    scenario TEXT, method TEXT, replication INTEGER, outcome TEXT, message TEXT,
-    usable INTEGER, vaf REAL, iterations INTEGER, posterior INTEGER, seconds REAL,
-    excess REAL, remarks TEXT, tracks TEXT, checksum INTEGER,
-    PRIMARY KEY (scenario, method, replication)) WITHOUT ROWID;
-CREATE TABLE estimates (
-    scenario TEXT, method TEXT, replication INTEGER, parameter TEXT,
-    value REAL, std_error REAL, lower REAL, upper REAL,
-    PRIMARY KEY (scenario, method, replication, parameter)) WITHOUT ROWID;
-CREATE TABLE draws (
-    scenario TEXT, replication INTEGER, model TEXT, parameters TEXT, facts TEXT,
-    checksum INTEGER, PRIMARY KEY (scenario, replication)) WITHOUT ROWID;
-CREATE TABLE seals (name TEXT PRIMARY KEY, rows INTEGER) WITHOUT ROWID;
-"""
-FIT_KEY = ("scenario", "method", "replication")
-#: Tables whose rows have checksums, in the order of their keys, and the tables of their parts.
-KEYS = {
-    "scenarios": ("name",),
-    "methods": ("label",),
-    "draws": ("scenario", "replication"),
-    "fits": FIT_KEY,
-}
-PARTS = {"scenarios": "parameters", "fits": "estimates"}
-PART_KEYS = {"parameters": ("scenario", "parameter"), "estimates": (*FIT_KEY, "parameter")}
-#: The row of `about` that holds the checksum of the others.
-CHECKSUM = "checksum"
 
-Row = tuple[Any, ...]
-#: A row with its parts, and whether their checksum holds.
-Entry = tuple[Row, list[Row], bool]
-Reader = Callable[[sqlite3.Connection, str], Iterable[Row]]
+class Entry(NamedTuple):
+    """A row and its parts."""
+
+    row: Row
+    parts: list[Row]
 
 
 class Store:
@@ -128,25 +103,18 @@ class Store:
                 with self._transaction():
                     if not self._base.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
                         _create(self._base)
-            self._require_readable()
-            if create and kept and "seed" not in self.about():
+            with in_words(self.path):
+                (version,) = self._base.execute("PRAGMA user_version").fetchone()
+            if version != FORMAT:
+                raise InputError(
+                    f"{self.path}: was written by another version of pilotid, whose rows differ, "
+                    "or holds nothing; name another folder with --out"
+                )
+            if "seed" not in self.about() and create and kept:
                 self._restore(folder / KEPT)
-            if create and self.about()["format"] != str(FORMAT):
-                self.describe({"format": str(FORMAT)})  # earlier versions know other seals
         except BaseException:
             self._base.close()
             raise
-
-    def _require_readable(self) -> None:
-        """Refuse a store of another version."""
-        with in_words(self.path):
-            about, _ = _facts(self._base)
-        if about.get("format", READABLE[0]) not in READABLE:
-            raise InputError(
-                f"{self.path}: was written by another version of pilotid, whose tables differ; "
-                "name another folder with --out"
-            )
-        self.about()
 
     def close(self) -> None:
         """Close the file, which then holds everything."""
@@ -170,14 +138,14 @@ class Store:
     def describe(self, about: Mapping[str, str]) -> None:
         """Keep facts on the study."""
         with self._transaction():
-            _describe(self._base, about)
+            _describe(self._base, {**dict(self._rows("about")[0].row), **about})
 
     def add_scenario(self, entry: ScenarioEntry) -> None:
         """Keep what a scenario is; one that is known already stays as it is."""
         e = entry
         row = (e.name, e.position, e.description, e.model, _json(e.settings))
         parts = [
-            (e.name, p.parameter, place, p.unit, _real(p.truth), _real(p.bound))
+            (e.name, p.parameter, place, p.unit, p.truth, p.bound)
             for place, p in enumerate(e.parameters)
         ]
         with self._transaction():
@@ -187,13 +155,13 @@ class Store:
         """Keep what a method is; one that is known already stays as it is."""
         e = entry
         with self._transaction():
-            row = (e.label, e.position, _json(e.settings), e.code, e.typed)
-            _put(self._base, "methods", row)
+            _put(self._base, "methods", (e.label, e.position, _json(e.settings), e.code, e.typed))
 
     def forget(self, units: Iterable[Unit]) -> None:
         """Drop fits, which are then fitted again."""
         with self._transaction():
-            _drop(self._base, map(astuple, units))
+            keys = [(_key(astuple(unit)),) for unit in units]
+            self._base.executemany("DELETE FROM rows WHERE kind = 'fits' AND key = ?", keys)
 
     def add(self, result: Result) -> None:
         """Keep a fit and what was drawn for it; one that is known already stays as it is.
@@ -203,36 +171,32 @@ class Store:
         InputError
             If another pilot was drawn for other fits of the replication.
         """
-        r, unit = result, astuple(result.unit)
-        row = (*unit, r.outcome, r.message, int(r.usable), _real(r.vaf), int(r.iterations))
-        row = (*row, int(r.posterior), _real(r.seconds), _real(r.excess), r.remarks)
-        row = (*row, json.dumps([astuple(track) for track in r.tracks]) if r.tracks else "")
-        estimates = [(*unit, name, *map(_real, numbers)) for name, *numbers in r.estimates]
+        r = result
+        tracks = json.dumps([astuple(track) for track in r.tracks]) if r.tracks else ""
+        row = (*astuple(r.unit), r.outcome, r.message, int(r.usable), r.vaf, int(r.iterations))
+        row = (*row, int(r.posterior), r.seconds, r.excess, r.remarks, tracks)
         with self._transaction():
             if r.draw is not None:
                 self._add_draw(r.unit, r.draw)
-            _put(self._base, "fits", row, estimates)
+            _put(self._base, "fits", row, r.estimates)
 
     def _add_draw(self, unit: Unit, draw: Draw) -> None:
         """Keep what was drawn for a replication; the caller has a transaction."""
         key = (unit.scenario, unit.replication)
         held = self._base.execute(
-            "SELECT * FROM draws WHERE scenario = ? AND replication = ?", key
+            "SELECT content FROM rows WHERE kind = 'draws' AND key = ?", (_key(key),)
         ).fetchone()
-        if held and not draw.same(_draw(held[:-1])):
+        if held and not draw.same(_draw(json.loads(held[0])[0])):
             raise InputError(
                 f"{self.path}: holds fits of another pilot for replication {unit.replication} of "
                 f"{unit.scenario}, drawn by other code; name another folder with --out"
             )
-        parameters = [
-            [p.parameter, p.unit, _real(p.truth), _real(p.bound)] for p in draw.parameters
-        ]
-        row = (*key, draw.model, json.dumps(parameters), _json(draw.facts))
-        _put(self._base, "draws", row)
+        parameters = json.dumps([astuple(p) for p in draw.parameters])
+        _put(self._base, "draws", (*key, draw.model, parameters, _json(draw.facts)))
 
     def keep(self, folder: Path) -> Path:
         """Write all rows in their small form into a folder; returns the file."""
-        rows = {table: self._rows(table) for table in KEYS}
+        rows = {kind: self._rows(kind) for kind in KINDS if kind != "about"}
         path = folder / KEPT
         write_file(path, to_archive(self.about(), rows))
         return path
@@ -242,9 +206,9 @@ class Store:
         about, rows = from_archive(path)
         try:
             with self._transaction():
-                _describe(self._base, {**about, "format": str(FORMAT)})
-                for table, row, parts in rows:
-                    _put(self._base, table, row, parts)
+                _describe(self._base, about)
+                for kind, row, parts in rows:
+                    _put(self._base, kind, row, parts)
         except (InputError, ValueError, TypeError, KeyError) as error:
             raise not_an_archive(path) from error
 
@@ -252,11 +216,7 @@ class Store:
 
     def about(self) -> dict[str, str]:
         """Facts on the study."""
-        with in_words(self.path):
-            held, whole = _facts(self._base)
-        if not whole:
-            raise damaged(self.path, "the checksum of the table about does not hold")
-        return held
+        return dict(sorted({**dict(self._rows("about")[0].row), "format": str(FORMAT)}.items()))
 
     def done(self) -> dict[Unit, str]:
         """The fits that are in the store, and how they ended."""
@@ -284,36 +244,36 @@ class Store:
 
     def results(self) -> Iterator[Result]:
         """All fits, by scenario, method and replication in the order of the catalogues."""
-        scenarios, methods = self.scenarios(), list(self.methods())
-        draws = self.draws()
-        by_cell: dict[tuple[str, str], list[tuple[Row, list[Row]]]] = {}
-        for row, parts in self._rows("fits"):
-            by_cell.setdefault(row[:2], []).append((row, parts))
-        for scenario in scenarios:
-            for method in methods:
-                for row, parts in by_cell.get((scenario.name, method), ()):
-                    draw = draws.get((scenario.name, row[2]))
-                    known = scenario.parameters if draw is None else draw.parameters
-                    yield _result(row, parts, draw, [p.parameter for p in known])
+        scenarios, methods = {e.name: e for e in self.scenarios()}, list(self.methods())
+        draws, places = self.draws(), {name: place for place, name in enumerate(scenarios)}
+        held = [e for e in self._rows("fits") if e.row[0] in places and e.row[1] in methods]
+        held.sort(key=lambda e: (places[e.row[0]], methods.index(e.row[1]), e.row[2]))
+        for row, parts in held:
+            draw = draws.get((row[0], row[2]))
+            known = (draw or scenarios[row[0]]).parameters
+            yield _result(row, parts, draw, [p.parameter for p in known])
 
     def draws(self) -> dict[tuple[str, int], Draw]:
         """What populations drew, by their names and the replications."""
         return {row[:2]: _draw(row) for row, _ in self._rows("draws")}
 
-    def _rows(self, table: str) -> list[tuple[Row, list[Row]]]:
-        """Rows with their parts, in the order of their keys, all of which are whole."""
-        with in_words(self.path):
-            self._base.execute("BEGIN")  # what another process writes meanwhile is not seen
-            try:
-                found = list(_entries(self._base, table))
-                known = _counts(self._base).get(table)
-            finally:
-                self._base.execute("ROLLBACK")
-        if not all(whole for *_, whole in found):
-            raise damaged(self.path, f"a checksum in the table {table} does not hold")
-        if known != len(found):
-            raise damaged(self.path, f"rows of the table {table} are missing")
-        return [(row, parts) for row, parts, _ in found]
+    def _rows(self, kind: str) -> list[Entry]:
+        """Rows of a kind with their parts, in the order of their keys, all of which are whole."""
+        with in_words(self.path):  # one statement, which sees nothing of what others write
+            found = self._base.execute(
+                "SELECT key, content, checksum, counts.rows FROM counts LEFT JOIN rows USING (kind)"
+                " WHERE kind = ?",
+                (kind,),
+            ).fetchall()
+        if not found:
+            raise damaged(self.path, f"it lacks the number of rows of {kind}")
+        count = found[0][3]
+        found = [row[:3] for row in found if row[0] is not None]
+        if any(own != checksum(kind, *content) for *content, own in found):
+            raise damaged(self.path, f"a checksum of {kind} does not hold")
+        if count != len(found):
+            raise damaged(self.path, f"rows of {kind} are missing")
+        return sorted(_entry(content) for _, content, _ in found)
 
 
 def salvage(folder: Path) -> str:
@@ -360,32 +320,40 @@ def salvage(folder: Path) -> str:
     )
 
 
-#: Fits without what tells their scenario, their method, or the pilot that was drawn for them.
-ORPHANS = """FROM fits WHERE scenario NOT IN (SELECT name FROM scenarios)
-    OR method NOT IN (SELECT label FROM methods)
-    OR scenario NOT IN (SELECT scenario FROM parameters)
-    AND (scenario, replication) NOT IN (SELECT scenario, replication FROM draws)"""
-
-
 def _copy_whole(base: sqlite3.Connection, copy: sqlite3.Connection) -> tuple[int, int]:
-    """Copy what is whole in a damaged store; returns the numbers of fits kept and lost."""
-    try:
-        about, whole = _facts(base)
-        known = _counts(base).get("fits", 0)
-    except (sqlite3.Error, TypeError, UnicodeError):
-        return 0, 0
-    if not whole:  # nobody knows of which seed and code the fits are
-        return 0, known
-    _describe(copy, {**about, "format": str(FORMAT)})
-    seen = 0
-    for table in KEYS:
-        for row, parts, whole in _entries(base, table, _readable_rows):
-            seen += table == "fits"
-            if whole:
-                _put(copy, table, row, parts)
-    _drop(copy, copy.execute(f"SELECT scenario, method, replication {ORPHANS}").fetchall())
-    kept = _counts(copy)["fits"]
-    return kept, max(known, seen) - kept
+    """Copy what is whole in a damaged store; returns the numbers of fits kept and lost.
+
+    Fits without what tells their scenario, their method, or the pilot that was drawn for them
+    are lost too, and all are where nobody knows of which seed and code they are.
+    """
+    found: dict[str, dict[Row, Entry]] = {kind: {} for kind in KINDS}
+    known, seen = 0, set()
+    for direction in ("ASC", "DESC"):  # rows before the damage, and rows behind it
+        with suppress(sqlite3.Error, UnicodeError):
+            query = f"SELECT * FROM rows ORDER BY kind {direction}, key {direction}"
+            for kind, key, content, own in base.execute(query):
+                seen |= {key} if kind == "fits" else set()
+                if kind in found and own == checksum(kind, key, content):
+                    entry = _entry(content)
+                    found[kind][entry.row[: KINDS[kind]]] = entry
+    with suppress(sqlite3.Error, UnicodeError):
+        known = sum(n for _, n in base.execute("SELECT * FROM counts WHERE kind = 'fits'"))
+    fits = {
+        key: entry
+        for key, entry in found["fits"].items()
+        if found["about"]
+        and key[1:2] in found["methods"]
+        and (scenario := found["scenarios"].get(key[:1]))
+        and (scenario.parts or (key[0], key[2]) in found["draws"])
+    }
+    if found["about"]:
+        _describe(copy, dict(found["about"][()].row))
+    for kind in ("scenarios", "methods", "draws"):
+        for entry in found[kind].values():
+            _put(copy, kind, *entry)
+    for entry in fits.values():
+        _put(copy, "fits", *entry)
+    return len(fits), max(known, len(seen)) - len(fits)
 
 
 # ----------------------------------------------------------------------------------- rows
@@ -393,100 +361,37 @@ def _copy_whole(base: sqlite3.Connection, copy: sqlite3.Connection) -> tuple[int
 
 def _create(base: sqlite3.Connection) -> None:
     """Make the tables; the caller has a transaction."""
-    for statement in SCHEMA.split(";"):
+    for statement in SCHEMA:
         base.execute(statement)
-    base.executemany("INSERT INTO seals VALUES (?, 0)", [(name,) for name in KEYS])
-    _describe(base, {"format": str(FORMAT)})
+    base.executemany("INSERT INTO counts VALUES (?, 0)", [(kind,) for kind in KINDS])
+    _describe(base, {})
 
 
 def _describe(base: sqlite3.Connection, about: Mapping[str, str]) -> None:
-    """Keep facts on the study; the caller has a transaction."""
-    base.executemany("INSERT OR REPLACE INTO about VALUES (?, ?)", about.items())
-    own = _checksum_of_facts(dict(base.execute("SELECT key, value FROM about")))
-    base.execute("INSERT OR REPLACE INTO about VALUES (?, ?)", (CHECKSUM, own))
+    """Keep facts on the study in place of those before; the caller has a transaction."""
+    base.execute("DELETE FROM rows WHERE kind = 'about'")
+    _put(base, "about", tuple(about.items()))
 
 
-def _facts(base: sqlite3.Connection) -> tuple[dict[str, str], bool]:
-    """Facts on the study, and whether their checksum holds."""
-    held = dict(base.execute("SELECT key, value FROM about ORDER BY key"))
-    return {k: v for k, v in held.items() if k != CHECKSUM}, (
-        held.get(CHECKSUM) == _checksum_of_facts(held)
-    )
-
-
-def _checksum_of_facts(held: Mapping[str, str]) -> str:
-    return str(checksum(sorted((str(k), v) for k, v in held.items() if k != CHECKSUM)))
-
-
-def _put(base: sqlite3.Connection, table: str, row: Row, parts: Iterable[Row] = ()) -> None:
+def _put(base: sqlite3.Connection, kind: str, row: Row, parts: Iterable[Row] = ()) -> None:
     """Add a row with its parts unless it is known; the caller has a transaction."""
-    length = len(KEYS[table]) + 1
-    ordered = sorted(parts, key=lambda part: part[:length])
-    own = checksum(table, row, ordered)
-    new = base.execute(f"INSERT OR IGNORE INTO {table} VALUES ({_marks(row)}, ?)", (*row, own))
-    if new.rowcount:
-        for part in ordered:
-            base.execute(f"INSERT INTO {PARTS[table]} VALUES ({_marks(part)})", part)
-        _count(base, table, 1)
+    key, content = _key(row[: KINDS[kind]]), json.dumps([row, sorted(parts, key=lambda p: p[:2])])
+    values = (kind, key, content, checksum(kind, key, content))
+    base.execute("INSERT OR IGNORE INTO rows VALUES (?, ?, ?, ?)", values)
 
 
-def _drop(base: sqlite3.Connection, units: Iterable[Row]) -> None:
-    """Remove fits that are there; the caller has a transaction."""
-    for unit in units:
-        which = "WHERE scenario = ? AND method = ? AND replication = ?"
-        base.execute(f"DELETE FROM estimates {which}", unit)
-        gone = base.execute(f"DELETE FROM fits {which}", unit)
-        _count(base, "fits", -gone.rowcount)
+def _key(columns: Row) -> str:
+    return json.dumps(columns)
 
 
-def _marks(row: Row) -> str:
-    return ", ".join("?" * len(row))
-
-
-def _count(base: sqlite3.Connection, table: str, more: int) -> None:
-    base.execute("UPDATE seals SET rows = rows + ? WHERE name = ?", (more, table))
-
-
-def _counts(base: sqlite3.Connection) -> dict[str, int]:
-    """How many rows each table should have."""
-    return dict(base.execute("SELECT name, rows FROM seals"))
-
-
-def _entries(base: sqlite3.Connection, table: str, reader: Reader | None = None) -> Iterator[Entry]:
-    """The rows of a table with their parts."""
-    read, length = reader or _all_rows, len(KEYS[table])
-    parts: dict[Row, list[Row]] = {}
-    if table in PARTS:
-        for part in read(base, PARTS[table]):
-            parts.setdefault(part[:length], []).append(part)
-    for *columns, own in read(base, table):
-        row = tuple(columns)
-        mine = parts.get(row[:length], [])
-        yield row, mine, own == checksum(table, row, mine)
-
-
-def _all_rows(base: sqlite3.Connection, table: str, direction: str = "ASC") -> Iterator[Row]:
-    """The rows of a table in the order of its key."""
-    keys = ", ".join(f"{key} {direction}" for key in KEYS.get(table) or PART_KEYS[table])
-    yield from base.execute(f"SELECT * FROM {table} ORDER BY {keys}")
-
-
-def _readable_rows(base: sqlite3.Connection, table: str) -> list[Row]:
-    """What can be read of a damaged table: rows before the damage, and rows behind it."""
-    length = len(KEYS.get(table) or PART_KEYS[table])
-    found: dict[Row, Row] = {}
-    for direction in ("ASC", "DESC"):
-        try:
-            for row in _all_rows(base, table, direction):
-                found[row[:length]] = row
-        except (sqlite3.Error, UnicodeError):
-            continue
-    return sorted(found.values(), key=lambda row: [str(value) for value in row[:length]])
+def _entry(content: str) -> Entry:
+    row, parts = json.loads(content)
+    return Entry(tuple(row), [tuple(part) for part in parts])
 
 
 def _result(row: Row, parts: list[Row], draw: Draw | None, order: list[str]) -> Result:
     *unit, outcome, message, usable, vaf, count, posterior, seconds, excess, remarks, tracks = row
-    known = [part for part in parts if part[3] in order]
+    known = [part for part in parts if part[0] in order]
     return Result(
         Unit(*unit),
         outcome,
@@ -496,7 +401,7 @@ def _result(row: Row, parts: list[Row], draw: Draw | None, order: list[str]) -> 
         count,
         bool(posterior),
         seconds,
-        tuple(part[3:] for part in sorted(known, key=lambda part: order.index(part[3]))),
+        tuple(sorted(known, key=lambda part: order.index(part[0]))),
         excess,
         draw,
         remarks,
@@ -508,11 +413,6 @@ def _draw(row: Row) -> Draw:
     _, _, model, parameters, facts = row
     known = tuple(ParameterTruth(*parameter) for parameter in json.loads(parameters))
     return Draw(model, known, json.loads(facts))
-
-
-def _real(value: float | None) -> float | None:
-    """A number as SQLite gives it back."""
-    return None if value is None or value != value else float(value)
 
 
 def _json(settings: Mapping[str, Any]) -> str:
