@@ -458,7 +458,7 @@ def test_signals_for_the_apparatus() -> None:
 def test_wrong_pilots_stay_known() -> None:
     wrong = list(wrong_pilots(made()))
     assert len(wrong) == 14
-    assert all(w.errors is None or np.isfinite(w.errors).all() for w in wrong)
+    assert all(not w.errors or np.isfinite(w.errors).all() for w in wrong)
 
 
 @pytest.mark.long

@@ -13,6 +13,7 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, TypeVar
 from xml.etree import ElementTree
@@ -217,6 +218,21 @@ class Table(Generic[T]):
         from pandas import DataFrame
 
         return DataFrame({c.title: [c.value(item) for item in self.items] for c in self.columns})
+
+
+def table_of(
+    caption: str,
+    heads: Sequence[tuple[Any, ...]],
+    rows: Sequence[Sequence[Any]],
+    number_of_heads: int = 1,
+    *,
+    folded: bool = False,
+) -> Table[Any]:
+    """A table of rows of values; each head has the title and, if need be, form and hint."""
+    columns = [
+        Column(title, itemgetter(place), *more) for place, (title, *more) in enumerate(heads)
+    ]
+    return Table(caption, columns, rows, number_of_heads, folded)
 
 
 @dataclass(frozen=True)

@@ -22,9 +22,9 @@ from pilotid.designing.lines import (
     Lines,
     Loop,
     loop_of,
-    multisine,
     powers_of,
     reference_lines,
+    sines_of,
     widening,
     with_held_remnant,
     with_shared_remnant,
@@ -62,7 +62,6 @@ def with_signals(
     rng = draw_rng(seed, "phases")
     made: dict[str, Multisine] = {}
     crest: dict[str, tuple[float, float]] = {}
-    usual = {"ft": scenario.target, "fd": scenario.disturbance}
     for name, at in lines.signals:
         numbers = np.array(lines.target if name == "ft" else lines.disturbance, dtype=float)
         amplitudes = np.sqrt(2.0 * powers[at])
@@ -73,7 +72,7 @@ def with_signals(
             tuple(phases.tolist()),
             lines.period,
         )
-        old = multisine(scenario, usual[name])
+        old = sines_of(scenario, name)
         before = math.nan if old is None else crest_of(old)
         crest[name] = crest_factor(numbers, amplitudes, phases), before
     digest = crc32(repr(made).encode() + repr(scenario).encode())
@@ -416,24 +415,23 @@ def _require_time(
 
 
 class Wrong(NamedTuple):
-    """A pilot with one other parameter.
+    """A pilot with one other parameter, and what the design is worth for him.
 
     Attributes
     ----------
     key, share
         The parameter, and by what share it differs.
     errors
-        Standard errors over those with the reference's forcing functions, (parameters,);
-        None where the loop is unstable.
-    error_cost, control_cost
+        Standard errors over those with the reference's forcing functions, by parameter; none
+        where the loop is unstable.
+    costs
         Variances of e and u over those with the reference's forcing functions.
     """
 
     key: str
     share: float
-    errors: FloatArray | None
-    error_cost: float
-    control_cost: float
+    errors: list[float]
+    costs: tuple[float, float]
 
 
 def wrong_pilots(made: Design) -> Iterator[Wrong]:
@@ -450,11 +448,13 @@ def wrong_pilots(made: Design) -> Iterator[Wrong]:
             try:
                 before, after = loop_of(pilot, known), loop_of(pilot, made.lines)
             except InputError:
-                yield Wrong(key, share, None, np.nan, np.nan)
+                yield Wrong(key, share, [], (math.nan, math.nan))
                 continue
             if made.remnant == "share":
                 control = before.variance("u", usual)
                 before, after = before.sharing(control), after.sharing(control)
-            costs = (after.variance(s, made.powers) / before.variance(s, usual) for s in "eu")
+            error, control = (
+                after.variance(s, made.powers) / before.variance(s, usual) for s in "eu"
+            )
             ratio = after.errors(made.powers) / before.errors(usual)
-            yield Wrong(key, share, ratio, *costs)
+            yield Wrong(key, share, ratio.tolist(), (error, control))

@@ -88,10 +88,14 @@ def multisine(scenario: Scenario, forcing: Forcing | None) -> Multisine | None:
     return forcing
 
 
+def sines_of(scenario: Scenario, name: str) -> Multisine | None:
+    """The forcing function ``ft`` or ``fd`` of a scenario; see `multisine`."""
+    return multisine(scenario, scenario.target if name == "ft" else scenario.disturbance)
+
+
 def reference_lines(scenario: Scenario) -> Lines:
     """The lines that a scenario has."""
-    target = multisine(scenario, scenario.target)
-    disturbance = multisine(scenario, scenario.disturbance)
+    target, disturbance = sines_of(scenario, "ft"), sines_of(scenario, "fd")
     periods = {f.period for f in (target, disturbance) if f is not None}
     if len(periods) != 1:
         raise InputError(
@@ -327,7 +331,7 @@ def widening(runs: int, seconds: float) -> float:
 
 def powers_of(scenario: Scenario) -> FloatArray:
     """Powers of a scenario's own lines, the target's first, shape (lines,)."""
-    own = [multisine(scenario, f) for f in (scenario.target, scenario.disturbance)]
+    own = [sines_of(scenario, name) for name in ("ft", "fd")]
     return np.concatenate([0.5 * np.array(f.amplitudes) ** 2 for f in own if f is not None])
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from pilotid.datasets.named import scenario_json
 from pilotid.designing.design import Design
+from pilotid.designing.lines import sines_of
 from pilotid.disk import strict_json, table_bytes, write_file
 from pilotid.types import FloatArray
 
@@ -24,13 +25,13 @@ def design_json(made: Design, about: dict[str, Any], place: str = "") -> dict[st
     lines = made.lines
     signals = {}
     for name, at in lines.signals:
-        forcing = made.scenario.target if name == "ft" else made.scenario.disturbance
-        assert forcing is not None
+        sines = sines_of(made.scenario, name)
+        assert sines is not None
         signals[name] = {
-            "lines": list(forcing.lines),
+            "lines": list(sines.lines),
             "omega": lines.omega[at].tolist(),
-            "amplitudes": list(getattr(forcing, "amplitudes", ())),
-            "phases": list(getattr(forcing, "phases", ())),
+            "amplitudes": list(sines.amplitudes),
+            "phases": list(sines.phases),
             "crest_factor": made.crest[name][0],
         }
     return {

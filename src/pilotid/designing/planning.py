@@ -99,19 +99,10 @@ class Plan:
         """
         return next((n for n in range(2, MOST + 1) if self.chance(n, runs, times) >= wanted), None)
 
-    def table(self) -> Iterator[tuple[float, int, int | None]]:
-        """Length of a run [s], runs in each condition, and subjects that suffice."""
+    def table(self) -> Iterator[tuple[float, list[int | None]]]:
+        """Length of a run [s], and the subjects that suffice for each of `choices`."""
         for times in WINDOWS:
-            for runs in self.choices:
-                yield times * self.window, runs, self.subjects(runs, times)
-
-    def rows(self, none: str) -> list[list[str]]:
-        """The table as text: the window, and subjects by number of runs; `none` for too many."""
-        found: dict[float, list[str]] = {}
-        for window, _, subjects in self.table():
-            told = none if subjects is None else str(subjects)
-            found.setdefault(window, [f"{window:.2f} s"]).append(told)
-        return list(found.values())
+            yield times * self.window, [self.subjects(runs, times) for runs in self.choices]
 
 
 def read_effect(text: str) -> tuple[str, float]:
