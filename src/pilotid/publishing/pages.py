@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from pilotid.analysis.board import BOARD, Board, left_out_blocks, read_board
 from pilotid.disk import make_folder, strict_json, table_bytes, write_file
@@ -17,6 +18,7 @@ from pilotid.document import (
     Section,
     Table,
     Text,
+    table_of,
     write_page,
 )
 from pilotid.naming.settings import shown
@@ -234,26 +236,21 @@ def _results(studies: Sequence[StudyData], scenarios: Sequence[SharedScenario]) 
 
 
 def _studies(studies: Sequence[StudyData]) -> list[Block]:
-    def fact(name: str) -> Column[StudyData]:
-        return Column("code digest" if name == "code" else name, lambda d: d.about.get(name))
-
-    libraries = [name for name in LIBRARIES if name in studies[0].about]
-    columns: list[Column[StudyData]] = [
-        Column("study", lambda d: f"[{d.name}]({d.name}/report.html)"),
-        Column(
-            "rows",
-            lambda d: (
-                f"[fits]({d.name}/{ESTIMATES}), [scores]({d.name}/{SUMMARY}), "
-                f"[store]({d.name}/{KEPT})"
-            ),
-        ),
-        Column("scenarios", lambda d: len(d.study.names), str),
-        Column("methods", lambda d: len(d.study.methods), str),
-        Column("recordings", lambda d: d.study.replications(d.study.names), str),
-        Column("fits", lambda d: d.fits, str),
-        *map(fact, ("seed", "pilotid", "code", "python", *libraries)),
+    facts = ("seed", "pilotid", "code", "python", *(n for n in LIBRARIES if n in studies[0].about))
+    rows = [
+        (
+            f"[{d.name}]({d.name}/report.html)",
+            f"[fits]({d.name}/{ESTIMATES}), [scores]({d.name}/{SUMMARY}), [store]({d.name}/{KEPT})",
+            *(len(d.study.names), len(d.study.methods), d.study.replications(d.study.names)),
+            d.fits,
+            *map(d.about.get, facts),
+        )
+        for d in studies
     ]
-    blocks: list[Block] = [Table("What each study is of", columns, studies)]
+    numbers = [(title, str) for title in ("scenarios", "methods", "recordings", "fits")]
+    named = [("code digest" if name == "code" else name,) for name in facts]
+    heads = [("study",), ("rows",), *numbers, *named]
+    blocks: list[Block] = [table_of("What each study is of", heads, rows)]
     for data in studies:
         if "mixed" in data.about:
             blocks.append(Text(f"**{data.name}: {mixed(data.about['mixed'])}**"))
@@ -265,34 +262,26 @@ def _studies(studies: Sequence[StudyData]) -> list[Block]:
     return blocks
 
 
-def _methods(studies: Sequence[StudyData]) -> Table[tuple[StudyData, str]]:
-    def code(item: tuple[StudyData, str]) -> str:
-        own = item[0].methods[item[1]].code
-        return f"of its own, digest {own}" if own else "of pilotid"
+def _methods(studies: Sequence[StudyData]) -> Table[Any]:
+    rows = []
+    for data in studies:
+        for label in data.study.methods:
+            held, typed = data.methods[label], data.study.typed[label]
+            code = f"of its own, digest {held.code}" if held.code else "of pilotid"
+            rows.append((label, data.name, f"`{shown(held.settings)}`", f"`{typed}`", code))
+    heads = [(title,) for title in ("method", "study", "settings", "to type", "code")]
+    return table_of("All that defines each method", heads, rows, 2)
 
-    columns: list[Column[tuple[StudyData, str]]] = [
-        Column("method", lambda i: i[1]),
-        Column("study", lambda i: i[0].name),
-        Column("settings", lambda i: f"`{shown(i[0].methods[i[1]].settings)}`"),
-        Column("to type", lambda i: f"`{i[0].study.typed[i[1]]}`"),
-        Column("code", code),
+
+def _scenarios(scenarios: Sequence[SharedScenario]) -> Table[Any]:
+    rows = [
+        (
+            *(s.link, ", ".join(data.name for data in s.studies)),
+            *(s.entry.description, s.entry.model),
+            ", ".join(f"{p.parameter} {p.truth:.4g} {p.unit}".rstrip() for p in s.entry.parameters)
+            or "drawn for each recording",
+        )
+        for s in scenarios
     ]
-    items = [(data, label) for data in studies for label in data.study.methods]
-    return Table("All that defines each method", columns, items, heads=2)
-
-
-def _scenarios(scenarios: Sequence[SharedScenario]) -> Table[SharedScenario]:
-    def truth(shared: SharedScenario) -> str:
-        if shared.entry.population:
-            return "drawn for each recording"
-        known = shared.entry.parameters
-        return ", ".join(f"{p.parameter} {p.truth:.4g} {p.unit}".rstrip() for p in known)
-
-    columns: list[Column[SharedScenario]] = [
-        Column("scenario", lambda s: s.link),
-        Column("studies", lambda s: ", ".join(data.name for data in s.studies)),
-        Column("description", lambda s: s.entry.description),
-        Column("model", lambda s: s.entry.model),
-        Column("truth", truth),
-    ]
-    return Table("What each scenario is", columns, scenarios)
+    heads = [(title,) for title in ("scenario", "studies", "description", "model", "truth")]
+    return table_of("What each scenario is", heads, rows)

@@ -106,11 +106,9 @@ def _remnant(
         return f"{level:.1f}\n{100 * power:.0f} %" if math.isfinite(power) else f"{level:.1f}"
 
     label = "remnant gain, and its share of the control's power"
-    bias = sweep(study, points, lambda s: s.bias, (label, "bias [% of true value]"), tick=tick)
-    std = sweep(
-        study, points, lambda s: s.std, (label, "standard deviation [%]"),
-        log=True, line=lambda s: s.bound, line_label="bound", tick=tick,
-    )  # fmt: skip
+    labels = (label, "bias [% of true value]"), (label, "standard deviation [%]")
+    bias = sweep(study, points, lambda s: s.bias, labels[0], tick=tick)
+    std = sweep(study, points, lambda s: s.std, labels[1], log=True, tick=tick)
     return [
         Text(text),
         Figure("remnant-bias", bias, "Bias over the remnant. Triangles lie outside the scale."),
@@ -133,11 +131,11 @@ def _starts(study: Comparison, own: Sequence[ScenarioEntry]) -> list[Block]:
         "common end if every parameter lies within a tenth of the bound of the median end."
     )
     caption = (
-        "Ends of the search: mean and standard deviation over the starts; crosses: "
+        "Ends of the search: each (dots), mean and standard deviation over the starts; crosses: "
         f"{PAPER}, Fig. 5."
     )
     return [
         Text(text),
-        Figure("starts", errors(cells, [(end, 0.0) for end in paper], PAPER), caption),
+        Figure("starts", errors(cells, [(end, 0.0) for end in paper], PAPER, dots=True), caption),
         starts_table(cells, paper),
     ]

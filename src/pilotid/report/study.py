@@ -13,13 +13,13 @@ from pilotid.disk import write_file
 from pilotid.document import (
     Block,
     Bullets,
-    Column,
     Command,
     Figure,
     Kinds,
     Section,
     Table,
     Text,
+    table_of,
     to_markdown,
     write_page,
 )
@@ -44,7 +44,7 @@ from pilotid.report.study_tables import (
 )
 from pilotid.report.trust import read_trust, trust_section
 from pilotid.study.comparison import Cell, Comparison, loss_ratio
-from pilotid.study.entries import TRAJECTORY, ScenarioEntry
+from pilotid.study.entries import TRAJECTORY
 from pilotid.study.judge import RULES, USABLE, judge, sentence
 from pilotid.study.scores import EFFICIENT, loss_text
 from pilotid.study.store import Store
@@ -371,17 +371,15 @@ def _trends(study: Comparison) -> list[Section]:
         points = {e.number(path): e.name for e in own}
         same = [e for e in study.scenarios if e.name == REFERENCE and e.model == own[0].model]
         points = {e.number(path): e.name for e in same} | points
-        known = sorted((name, x) for x, name in points.items() if x > 0.0)
+        known = [(name, x) for x, name in points.items() if x > 0.0]
         if len(known) < 2:
             continue
         figure = figures.sweep(
             study,
-            sorted(known, key=lambda point: point[1]),
+            known,
             lambda s: s.rmse,
             (path, "rmse [% of true value]"),
             log=True,
-            line=lambda s: s.bound,
-            line_label="bound",
         )
         alt = f"Root mean square error by parameter and method over {path}"
         caption = f"Root mean square error and Cramér-Rao bound over `{path}`. {NUMBERS}"
@@ -450,17 +448,11 @@ def provenance(study: Comparison, store: Store, about: Mapping[str, str]) -> Sec
         if key not in OWN_FACTS and not key.startswith(("remnant ratio", TRAJECTORY))
     )
     seed = f"Seed {about.get('seed', '?')}, code digest {about.get('code', '?')}; {facts}."
-    methods: list[Column[str]] = [
-        Column("method", str),
-        Column("settings", lambda label: f"`{shown(held[label].settings)}`"),
+    methods = [(label, f"`{shown(held[label].settings)}`") for label in study.methods]
+    scenarios = [
+        (e.name, e.description, e.model, e.start, f"`{shown(e.settings)}`") for e in study.scenarios
     ]
-    scenarios: list[Column[ScenarioEntry]] = [
-        Column("scenario", lambda e: e.name),
-        Column("description", lambda e: e.description),
-        Column("model", lambda e: e.model),
-        Column("start", lambda e: e.start),
-        Column("all that defines it", lambda e: f"`{shown(e.settings)}`"),
-    ]
+    heads = ("scenario", "description", "model", "start", "all that defines it")
     blocks: list[Block] = [
         Command(
             "The whole study (resumes an interrupted one; the same numbers for any number of "
@@ -473,8 +465,8 @@ def provenance(study: Comparison, store: Store, about: Mapping[str, str]) -> Sec
             "same **start**: that of the model, or one drawn at random where the scenarios say so. "
             f"{seed}"
         ),
-        Table("Methods", methods, study.methods, folded=True),
-        Table("Scenarios", scenarios, study.scenarios, folded=True),
+        table_of("Methods", [("method",), ("settings",)], methods, folded=True),
+        table_of("Scenarios", [(title,) for title in heads], scenarios, folded=True),
     ]
     if "mixed" in about:
         blocks.insert(0, Text(f"**{mixed(about['mixed'])}**"))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,26 +28,37 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-
 COLUMNS = 4
 BOUND = "#c9ced6"
+#: Coverage [%] that is as good as it can be asked for, and the lowest that an axis shows.
+BAND, LOWEST = (93.5, 96.5), 60.0
+#: Reach of the axes of standardised errors and of normal quantiles.
+REACH, QUANTILES = 4.0, 3.2
+#: An axis of trajectories shows this many times the span of the truth at the most.
+ROOM = 4.0
+ABREAST = 4  # methods side by side
+UNITS = {"tlead": "s", "tdvis": "s", "fnm": "rad/s"}
 
 
-def grid(count: int, height: float, columns: int = COLUMNS) -> tuple[Figure, list[Axes], Axes]:
-    """Axes for each parameter, and those in the spare place for the legend."""
+@contextmanager
+def panelled(
+    titles: Sequence[str], height: float, labels: tuple[str, str], columns: int = COLUMNS
+) -> Iterator[tuple[Figure, list[Axes], Axes]]:
+    """A figure with a panel for each title, and axes in the spare place for the legend."""
     from matplotlib.figure import Figure
 
-    rows = -(-(count + 1) // columns)
-    figure = Figure(figsize=(WIDTH, height * rows), layout="constrained")
-    every = list(figure.subplots(rows, columns, squeeze=False).flat)
-    for axes in every[count:]:
-        axes.axis("off")
-    return figure, every[:count], every[count]
-
-
-def _height(rows: int) -> float:
-    """Inches that a dot plot's panel needs; the legend needs some, too."""
-    return max(1.35, 0.62 + 0.155 * rows)
+    rows = -(-(len(titles) + 1) // columns)
+    with journal_style():
+        figure = Figure(figsize=(WIDTH, height * rows), layout="constrained")
+        panels = list(figure.subplots(rows, columns, squeeze=False).flat)
+        for title, axes in zip(titles, panels, strict=False):
+            axes.set_title(title)
+        for axes in panels[len(titles) :]:
+            axes.axis("off")
+        figure.supxlabel(labels[0], fontsize=8.0)
+        if labels[1]:
+            figure.supylabel(labels[1], fontsize=8.0)
+        yield figure, panels[: len(titles)], panels[len(titles)]
 
 
 def limits(
@@ -73,19 +85,8 @@ def limits(
     return float(low - room), float(high + room)
 
 
-def name_rows(axes: Axes, labels: Sequence[str], cells: Sequence[Cell], *, named: bool) -> None:
-    """Rows of a dot plot from the top down, with labels in the first column."""
-    for row, cell in enumerate(cells):
-        if not cell.usable:
-            axes.text(0.5, row, "no result", transform=axes.get_yaxis_transform(), ha="center",
-                      va="center", fontsize=7.0, color="#777777", style="italic")  # fmt: skip
-    axes.set_ylim(len(labels) - 0.4, -0.6)
-    axes.set_yticks(range(len(labels)), labels if named else [""] * len(labels))
-    axes.tick_params(axis="y", length=0)
-
-
-def _outside(axes: Axes, row: float, value: float, colour: str) -> bool:
-    """A triangle at the edge for a point that lies outside the axis, with its value."""
+def _is_outside(axes: Axes, row: float, value: float, colour: str) -> bool:
+    """Whether a point lies outside the axis: then a triangle at the edge has its value."""
     low, high = axes.get_xlim()
     if low <= value <= high or not math.isfinite(value):
         return False
@@ -98,55 +99,12 @@ def _outside(axes: Axes, row: float, value: float, colour: str) -> bool:
     return True
 
 
-def bars(
-    axes: Axes,
-    rows: Sequence[float],
-    ends: Sequence[tuple[float, float]],
-    colours: Sequence[str] | str,
-    *,
-    width: float = 1.0,
-    cap: float = 0.0,
-    alpha: float = 1.0,
-) -> None:
-    """Horizontal bars of a dot plot, all at once: an artist for each takes most of a report's time.
-
-    Parameters
-    ----------
-    axes
-        Where they are drawn; its limits are set already.
-    rows
-        Their places.
-    ends
-        Left and right end of each; what is not finite is left out.
-    colours
-        One for each, or one for all.
-    width
-        Width of the lines, in points.
-    cap
-        Height of the caps at the ends, in points.
-    alpha
-        Opacity.
-    """
-    left, right = np.array(ends, dtype=float).reshape(-1, 2).T
-    axes.hlines(rows, left, right, colors=colours, linewidth=width, alpha=alpha)
-    if cap:
-        caps = np.concatenate([left, right])
-        each = [colours] * len(rows) if isinstance(colours, str) else list(colours)
-        axes.scatter(caps, [*rows, *rows], s=cap**2, c=each * 2, marker="|", linewidths=width)
-
-
-def _around(value: float, spread: float) -> tuple[float, float]:
-    return value - spread, value + spread
-
-
-def _reach(value: float, *spreads: float) -> tuple[float, float]:
-    """Ends of a value with the larger of its spreads."""
-    spread = max([s for s in spreads if math.isfinite(s)], default=0.0)
-    return _around(value, spread)
-
-
 def errors(
-    cells: Sequence[Cell], paper: Sequence[tuple[float, float]] = (), label: str = ""
+    cells: Sequence[Cell],
+    paper: Sequence[tuple[float, float]] = (),
+    label: str = "",
+    *,
+    dots: bool = False,
 ) -> Figure:
     """Mean error, scatter and claimed standard error beside the bound, by parameter and method.
 
@@ -158,64 +116,96 @@ def errors(
         Bias and standard deviation that a paper gives for each parameter [%].
     label
         How that paper is named in the figure.
+    dots
+        Whether each fit is a dot, in place of the claimed standard error.
     """
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     every = [cell.percent for cell in cells]
-    scores = every[0]
     labels = [c.method for c in cells] + ([label] if paper else [])
-    with journal_style():
-        figure, panels, spare = grid(len(scores), _height(len(labels)))
+    colours = [colour_of(cell.method) for cell in cells]
+    # The legend needs some inches, too.
+    height = max(1.35, 0.62 + 0.155 * len(labels))
+    titles = [score.parameter for score in every[0]]
+    with panelled(titles, height, ("error [% of true value]", "")) as (figure, panels, spare):
         for index, axes in enumerate(panels):
-            bound = scores[index].bound
+            own = [each[index] for each in every]
+            bound = own[0].bound
             if math.isfinite(bound):
                 axes.axvspan(-bound, bound, color=BOUND, linewidth=0)
             axes.axvline(0.0, color=INK, linewidth=0.6)
-            own = [each[index] for each in every]
-            ranges = [_reach(s.bias.value, s.std.value, s.claimed) for s in own]
-            axes.set_xlim(
-                *limits([*ranges, *(_reach(*p) for p in paper[index : index + 1])], bound)
-            )
-            seen = [
-                (row, cell.method, score)
-                for row, (cell, score) in enumerate(zip(cells, own, strict=True))
-                if not _outside(axes, row, score.bias.value, colour_of(cell.method))
-            ]
-            rows, colours = [row for row, _, _ in seen], [colour_of(name) for _, name, _ in seen]
-            claimed = [_around(score.bias.value, score.claimed) for _, _, score in seen]
-            bars(axes, rows, claimed, colours, width=5.0, alpha=0.45)
-            bars(
-                axes,
-                rows,
-                [_around(score.bias.value, score.std.value) for _, _, score in seen],
-                colours,
-            )
-            means = [_around(score.bias.value, Z95 * score.bias.error) for _, _, score in seen]
-            bars(axes, rows, means, INK, cap=4.4)
-            for row, name, score in seen:
-                axes.plot(score.bias.value, row, marker_of(name), color=colour_of(name),
+            bias, error, std, claimed = np.array(
+                [(*s.bias, s.std.value, s.claimed) for s in own], dtype=float
+            ).T
+            beside = np.array(paper[index : index + 1], dtype=float).reshape(-1, 2)
+            reach = np.nan_to_num(np.fmax(std, claimed))
+            middles, reaches = np.append(bias, beside[:, 0]), np.append(reach, beside[:, 1])
+            ranges = np.stack([middles - reaches, middles + reaches], axis=1)
+            axes.set_xlim(*limits([(low, high) for low, high in ranges], bound))
+            rows = np.array([
+                row for row, value in enumerate(bias)
+                if not _is_outside(axes, row, value, colours[row])
+            ], dtype=int)  # fmt: skip
+            own_colours = [colours[row] for row in rows]
+            if not dots:
+                _draw_bars(axes, rows, bias[rows], claimed[rows], own_colours, 5.0, alpha=0.45)
+            _draw_bars(axes, rows, bias[rows], std[rows], own_colours)
+            _draw_bars(axes, rows, bias[rows], Z95 * error[rows], INK, cap=4.4)
+            for row in rows:
+                if dots:
+                    ends = cells[row].errors[:, index]
+                    axes.plot(ends, np.full(ends.size, row + 0.25), ".", color=colours[row],
+                              markersize=2.5, alpha=0.6)  # fmt: skip
+                axes.plot(bias[row], row, marker_of(cells[row].method), color=colours[row],
                           markersize=4.0, markeredgecolor="white", markeredgewidth=0.4)  # fmt: skip
-            if paper:
-                bars(axes, [len(cells)], [_around(*paper[index])], "black")
-                axes.plot(paper[index][0], len(cells), "x", color="black", markersize=4.5)
-                _outside(axes, len(cells), paper[index][0], "black")
-            axes.set_title(scores[index].parameter)
+            for value, spread in beside:
+                _draw_bars(axes, np.array([len(cells)]), value, spread, "black")
+                axes.plot(value, len(cells), "x", color="black", markersize=4.5)
+                _is_outside(axes, len(cells), value, "black")
             axes.locator_params(axis="x", nbins=5)
-            name_rows(axes, labels, cells, named=index % COLUMNS == 0)
-        figure.supxlabel("error [% of true value]", fontsize=8.0)
+            for row, cell in enumerate(cells):
+                if not cell.usable:
+                    axes.text(0.5, row, "no result", transform=axes.get_yaxis_transform(),
+                              ha="center", va="center", fontsize=7.0, color="#777777",
+                              style="italic")  # fmt: skip
+            axes.set_ylim(len(labels) - 0.4, -0.6)
+            axes.set_yticks(range(len(labels)), [""] * len(labels) if index % COLUMNS else labels)
+            axes.tick_params(axis="y", length=0)
+        grey = "#888888"
         handles = [
-            Line2D([], [], color=INK, marker="o", markersize=4, markerfacecolor="#888888",
+            Line2D([], [], color=INK, marker="o", markersize=4, markerfacecolor=grey,
                    markeredgecolor="white", linewidth=0, label="mean error"),
             Line2D([], [], color=INK, marker="|", markersize=5, linewidth=1,
                    label="its 95 % interval\n(Monte Carlo)"),
-            Line2D([], [], color="#888888", linewidth=1, label="± standard deviation"),
-            Line2D([], [], color="#888888", alpha=0.45, linewidth=5,
+            Line2D([], [], color=grey, linewidth=1, label="± standard deviation"),
+            Line2D([], [], color=grey, marker=".", markersize=3, linewidth=0, label="each fit")
+            if dots else
+            Line2D([], [], color=grey, alpha=0.45, linewidth=5,
                    label="± claimed standard\nerror (mean)"),
             Patch(color=BOUND, linewidth=0, label="± Cramér-Rao bound"),
         ]  # fmt: skip
         spare.legend(handles=handles, loc="center", frameon=False)
     return figure
+
+
+def _draw_bars(
+    axes: Axes,
+    rows: FloatArray,
+    middle: FloatArray | float,
+    reach: FloatArray | float,
+    colours: Sequence[str] | str,
+    width: float = 1.0,
+    *,
+    cap: float = 0.0,
+    alpha: float = 1.0,
+) -> None:
+    """Horizontal bars, all at once: an artist for each takes most of a report's time."""
+    ends = (middle - reach, middle + reach)
+    axes.hlines(rows, *ends, colors=colours, linewidth=width, alpha=alpha)
+    if cap:
+        axes.scatter(np.append(*ends), [*rows, *rows], s=cap**2, c=colours, marker="|",
+                     linewidths=width)  # fmt: skip
 
 
 def sweep(
@@ -225,8 +215,6 @@ def sweep(
     labels: tuple[str, str],
     *,
     log: bool = False,
-    line: Callable[[Score], float] | None = None,
-    line_label: str = "",
     tick: Callable[[str, float], str] = lambda _, x: f"{x:.3g}",
 ) -> Figure:
     """A score over what a family of scenarios varies: a panel a parameter, a line a method.
@@ -242,60 +230,43 @@ def sweep(
     labels
         Of abscissa and ordinate, with units.
     log
-        Whether both axes are logarithmic.
-    line, line_label
-        A reference to draw beside it, and its name.
+        Whether both axes are logarithmic, with the bound for reference.
     tick
         Label of a scenario on the abscissa.
     """
+    points = sorted(points, key=lambda point: point[1])
+    few = points if len(points) <= 5 else [points[i] for i in (0, len(points) // 2, -1)]
     keys = [p.parameter for p in study.entry(points[0][0]).parameters]
-    with journal_style():
-        figure, panels, spare = grid(len(keys), 1.75)
+    with panelled(keys, 1.75, labels) as (figure, panels, spare):
         for index, axes in enumerate(panels):
             if log:
                 axes.set_xscale("log")
                 axes.set_yscale("log")
+                bounds = [study.of(name)[0].percent[index].bound for name, _ in points]
+                axes.plot([x for _, x in points], bounds, color=INK, linestyle="--",
+                          linewidth=0.8, zorder=0)  # fmt: skip
             else:
                 axes.axhline(0.0, color=INK, linewidth=0.6)
-            curves = [_curve(study, points, m, index, value) for m in study.methods]
-            for number, (method, curve) in enumerate(zip(study.methods, curves, strict=True)):
-                _draw(axes, curve, method, number - 0.5 * (len(curves) - 1), log=log)
-            _frame(axes, _ticks(points, tick), curves, study.methods, log=log)
-            if line is not None:
-                _reference(axes, study, points, index, line)
-            axes.set_title(keys[index])
-        figure.supxlabel(labels[0], fontsize=8.0)
-        figure.supylabel(labels[1], fontsize=8.0)
-        _legend(spare, study.methods, line_label if line is not None else "")
+            curves = {}
+            for place, method in enumerate(study.methods):
+                found = [
+                    (x, *value(cell.percent[index]))
+                    for scenario, x in points
+                    if (cell := study.at(scenario, method)) is not None and cell.usable
+                ]
+                curve = curves[method] = np.array(found, dtype=float).reshape(-1, 3)
+                _draw_curve(axes, curve, method, place - 0.5 * (len(study.methods) - 1), log=log)
+            axes.set_xticks([x for _, x in few], [tick(*point) for point in few])
+            axes.minorticks_off()
+            if log:
+                log_ticks(axes, "y")
+            else:
+                _limit_curves(axes, curves)
+        _add_legend(spare, study.methods, "bound" if log else "")
     return figure
 
 
-def _ticks(
-    points: Sequence[tuple[str, float]], tick: Callable[[str, float], str]
-) -> dict[float, str]:
-    """Labels at all points of a few, at some of many."""
-    ordered = sorted(points, key=lambda p: p[1])
-    few = ordered if len(ordered) <= 5 else [ordered[i] for i in (0, len(ordered) // 2, -1)]
-    return {x: tick(name, x) for name, x in few}
-
-
-def _curve(
-    study: Comparison,
-    points: Sequence[tuple[str, float]],
-    method: str,
-    index: int,
-    value: Callable[[Score], Mean],
-) -> FloatArray:
-    """Abscissa, value and Monte Carlo standard error, shape (points, 3)."""
-    rows = []
-    for scenario, x in points:
-        cell = study.at(scenario, method)
-        if cell is not None and cell.usable:
-            rows.append((x, *value(cell.percent[index])))
-    return np.array(rows, dtype=float).reshape(-1, 3)
-
-
-def _draw(axes: Axes, curve: FloatArray, method: str, place: float, *, log: bool) -> None:
+def _draw_curve(axes: Axes, curve: FloatArray, method: str, place: float, *, log: bool) -> None:
     """A method's line; a little beside the others, so that its bars are seen."""
     x, y, error = curve.T
     x = x * 1.02**place if log else x + place * 0.004
@@ -305,46 +276,17 @@ def _draw(axes: Axes, curve: FloatArray, method: str, place: float, *, log: bool
                   linewidth=0.9, elinewidth=0.7)  # fmt: skip
 
 
-def _frame(
-    axes: Axes,
-    ticks: dict[float, str],
-    curves: Sequence[FloatArray],
-    methods: Sequence[str],
-    *,
-    log: bool,
-) -> None:
-    """Axes that show most methods; a triangle stands for a point outside."""
-    axes.set_xticks(list(ticks), list(ticks.values()))
-    axes.minorticks_off()
-    if log:
-        log_ticks(axes, "y")
-        return
-    ranges = []
-    for curve in curves:
-        reach = Z95 * np.nan_to_num(curve[:, 2])
-        if len(curve):
-            ends = np.min(curve[:, 1] - reach), np.max(curve[:, 1] + reach)
-            ranges.append((float(ends[0]), float(ends[1])))
-    axes.set_ylim(*limits(ranges, math.nan, 3.0))
+def _limit_curves(axes: Axes, curves: Mapping[str, FloatArray]) -> None:
+    """Limits that show most methods; a triangle stands for a point outside."""
+    ends = [curve[:, 1:2] + Z95 * np.nan_to_num(curve[:, 2:]) * (-1.0, 1.0)
+            for curve in curves.values() if len(curve)]  # fmt: skip
+    axes.set_ylim(*limits([(float(own.min()), float(own.max())) for own in ends], math.nan, 3.0))
     low, high = axes.get_ylim()
-    for curve, method in zip(curves, methods, strict=True):
+    for method, curve in curves.items():
         for x, y, _ in curve:
             if not low <= y <= high:
                 axes.plot(x, min(max(y, low), high), "^" if y > high else "v", markersize=4,
                           color=colour_of(method), clip_on=False)  # fmt: skip
-
-
-def _reference(
-    axes: Axes,
-    study: Comparison,
-    points: Sequence[tuple[str, float]],
-    index: int,
-    line: Callable[[Score], float],
-) -> None:
-    """The reference curve, from any method that has the scenario."""
-    found = [(x, line(study.of(name)[0].percent[index])) for name, x in points]
-    at, values = zip(*sorted(found), strict=True)
-    axes.plot(at, values, color=INK, linestyle="--", linewidth=0.8, zorder=0)
 
 
 def cost(cells: Sequence[Cell]) -> Figure:
@@ -377,19 +319,6 @@ def cost(cells: Sequence[Cell]) -> Figure:
     return figure
 
 
-#: Coverage [%] that is as good as it can be asked for.
-BAND = (93.5, 96.5)
-#: The axis of coverage [%] goes on to the left as far as this, if need be.
-LOWEST = 60.0
-#: Reach of the axes of standardised errors and of normal quantiles.
-REACH, QUANTILES = 4.0, 3.2
-
-#: An axis of trajectories shows this many times the span of the truth at the most.
-ROOM = 4.0
-ABREAST = 4  # methods side by side
-UNITS = {"tlead": "s", "tdvis": "s", "fnm": "rad/s"}
-
-
 def by_stratum(cells: Sequence[Cell]) -> Figure:
     """Coverage with its interval: a panel a fact, a row a value of it, a point a method."""
     panels: dict[str, list[str]] = {"all recordings": [""]}
@@ -397,104 +326,75 @@ def by_stratum(cells: Sequence[Cell]) -> Figure:
         for name, stratum in cell.strata.items():
             if len(stratum) > 1:
                 panels[name] = list(dict.fromkeys([*panels.get(name, []), *stratum]))
-    longest = max(len(panel) for panel in panels.values())
-    with journal_style():
-        height = 0.6 + longest * max(0.19, 0.06 + 0.035 * len(cells))
-        figure, every, spare = grid(len(panels), height, 3)
-        points = [_points(cell, panels) for cell in cells]
-        ends = [100.0 * score.coverage_interval[0] for own in points for score in own.values()]
-        low = max(LOWEST, min([*(end for end in ends if math.isfinite(end)), 90.0]) - 1.0)
-        for (name, panel), axes in zip(panels.items(), every, strict=True):
+    every = [{("all recordings", ""): cell.scores, **cell.parts} for cell in cells]
+    ends = [100.0 * scores[0].coverage_interval[0] for own in every for scores in own.values()]
+    low = max(LOWEST, min([*(end for end in ends if math.isfinite(end)), 90.0]) - 1.0)
+    longest = max(map(len, panels.values()))
+    height = 0.6 + longest * max(0.19, 0.06 + 0.035 * len(cells))
+    dodge = min(0.34, 0.1 * (len(cells) - 1))
+    label = "95 % intervals that hold the truth [%]"
+    with panelled(list(panels), height, (label, ""), 3) as (figure, drawn, spare):
+        for (name, values), axes in zip(panels.items(), drawn, strict=True):
             axes.axvspan(*BAND, color=BOUND, linewidth=0)
             axes.axvline(95.0, color=INK, linewidth=0.6)
-            for row in range(len(panel) - 1):
+            for row in range(len(values) - 1):
                 axes.axhline(row + 0.5, color=GRID, linewidth=0.5)
-            for place, (cell, own) in zip(_dodged(len(cells)), zip(cells, points, strict=True),
-                                          strict=True):  # fmt: skip
-                for row in range(len(panel)):
-                    if (name, row) in own:
-                        _point(axes, row + place, own[name, row], cell.method, low)
-            axes.set_title(name)
-            axes.set_yticks(range(len(panel)), list(panel))
-            axes.set_ylim(len(panel) - 0.45, -0.55)
+            for shift, cell, own in zip(
+                np.linspace(-dodge, dodge, len(cells)), cells, every, strict=True
+            ):
+                for row, value in enumerate(values):
+                    if (name, value) in own:
+                        _draw_coverage(axes, row + shift, own[name, value][0], cell.method, low)
+            axes.set_yticks(range(len(values)), values)
+            axes.set_ylim(len(values) - 0.45, -0.55)
             axes.set_xlim(low, 100.6)
             axes.tick_params(axis="y", length=0)
-        figure.supxlabel("95 % intervals that hold the truth [%]", fontsize=8.0)
-        _legend(spare, [cell.method for cell in cells])
+        _add_legend(spare, [cell.method for cell in cells])
     return figure
 
 
-def _points(cell: Cell, panels: Mapping[str, Sequence[str]]) -> dict[tuple[str, int], Score]:
-    """Scores of all parameters by panel and row."""
-    return {
-        (name, row): cell.parts[name, value][0] if value else cell.overall
-        for name, panel in panels.items()
-        for row, value in enumerate(panel)
-        if not value or (name, value) in cell.parts
-    }
-
-
-def _dodged(count: int) -> list[float]:
-    """Places of methods within a row."""
-    reach = min(0.34, 0.1 * (count - 1))
-    return [float(place) for place in np.linspace(-reach, reach, count)]
-
-
-def _point(axes: Axes, row: float, score: Score, method: str, low: float) -> None:
+def _draw_coverage(axes: Axes, row: float, score: Score, method: str, low: float) -> None:
     value, colour = 100.0 * score.coverage.value, colour_of(method)
-    if not math.isfinite(value):
-        return
     if value < low:
         # Hollow, since the marker of a method may be a triangle, too.
         axes.plot(low, row, "<", color=colour, markersize=3.5, markerfacecolor="white",
                   clip_on=False)  # fmt: skip
-        return
-    ends = [100.0 * end for end in score.coverage_interval]
-    axes.plot(ends, [row, row], color=colour, linewidth=0.8, solid_capstyle="butt")
-    axes.plot(value, row, marker_of(method), color=colour, markersize=3.2)
+    elif math.isfinite(value):
+        ends = [100.0 * end for end in score.coverage_interval]
+        axes.plot(ends, [row, row], color=colour, linewidth=0.8, solid_capstyle="butt")
+        axes.plot(value, row, marker_of(method), color=colour, markersize=3.2)
 
 
 def by_parameter(cells: Sequence[Cell]) -> Figure:
     """Standardised errors against normal quantiles: a panel a parameter, a line a method."""
+    from scipy.special import betaincinv, ndtri
+
+    def quantiles(count: int) -> FloatArray:
+        return np.asarray(ndtri((np.arange(count) + 0.5) / count))
+
     keys = list(dict.fromkeys(key for cell in cells for key in cell.keys))
-    with journal_style():
-        figure, every, spare = grid(len(keys), 1.75)
-        for key, axes in zip(keys, every, strict=True):
-            errors = [(cell.method, cell.errors_over_claim(key)) for cell in cells]
-            _band(axes, max((z.size for _, z in errors), default=0))
+    labels = ("quantile of a normal distribution", "error over claimed error")
+    with panelled(keys, 1.75, labels) as (figure, panels, spare):
+        for key, axes in zip(keys, panels, strict=True):
+            errors = {cell.method: cell.errors_over_claim(key) for cell in cells}
+            if count := max(z.size for z in errors.values()):
+                # Where each of so many ordered normal variables lies 95 % of the time.
+                place = np.arange(1, count + 1)
+                low, high = (ndtri(betaincinv(place, place[::-1], p)) for p in (0.025, 0.975))
+                axes.fill_between(quantiles(count), low, high, color=BOUND, linewidth=0)
             axes.plot([-REACH, REACH], [-REACH, REACH], color=INK, linewidth=0.6)
-            for method, z in errors:
-                axes.plot(_quantiles(z.size), z, color=colour_of(method), linewidth=0.9,
+            for method, z in errors.items():
+                axes.plot(quantiles(z.size), z, color=colour_of(method), linewidth=0.9,
                           marker=marker_of(method) if z.size <= 60 else "",
                           markersize=2.4)  # fmt: skip
             axes.set_xlim(-QUANTILES, QUANTILES)
             axes.set_ylim(-REACH, REACH)
             axes.set_xticks([-2.0, 0.0, 2.0])
-            axes.set_title(key)
-        figure.supxlabel("quantile of a normal distribution", fontsize=8.0)
-        figure.supylabel("error over claimed error", fontsize=8.0)
-        _legend(spare, [cell.method for cell in cells])
+        _add_legend(spare, [cell.method for cell in cells])
     return figure
 
 
-def _quantiles(count: int) -> FloatArray:
-    from scipy.special import ndtri
-
-    return np.asarray(ndtri((np.arange(count) + 0.5) / count)) if count else np.zeros(0)
-
-
-def _band(axes: Axes, count: int) -> None:
-    """Where each of so many ordered normal variables lies 95 % of the time."""
-    from scipy.special import betaincinv, ndtri
-
-    if not count:
-        return
-    place = np.arange(1, count + 1)
-    low, high = (ndtri(betaincinv(place, count + 1 - place, p)) for p in (0.025, 0.975))
-    axes.fill_between(_quantiles(count), low, high, color=BOUND, linewidth=0)
-
-
-def _legend(spare: Axes, methods: Sequence[str], reference: str = "") -> None:
+def _add_legend(spare: Axes, methods: Sequence[str], reference: str = "") -> None:
     """Names of methods, and of a dashed line of reference."""
     for name in methods:
         spare.plot([], [], color=colour_of(name), marker=marker_of(name), markersize=4, label=name)

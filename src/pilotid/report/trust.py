@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pilotid.document import Block, Bullets, Column, Section, Table, Text
+from pilotid.document import Block, Bullets, Section, Table, Text, table_of
 from pilotid.numbers import NONE, number, plus_minus, share
 from pilotid.study.trust import TRUST
 
@@ -22,33 +22,39 @@ def read_trust(folder: Path) -> dict[str, Any] | None:
     return told if isinstance(told, dict) and "parameters" in told else None
 
 
-def trust_table(told: Mapping[str, Any]) -> Table[Mapping[str, Any]]:
+def trust_table(told: Mapping[str, Any]) -> Table[Any]:
     """Claimed and corrected intervals, bias and coverage of each parameter."""
 
-    def known(held: float | None) -> float:
+    def known(held: Any) -> Any:
+        if isinstance(held, list):
+            return tuple(map(known, held))
         return math.nan if held is None else held
 
     def between(low: float, high: float) -> str:
         return f"{number(low)} to {number(high)}" if math.isfinite(low) else NONE
 
-    def pair(key: str) -> Callable[[Mapping[str, Any]], tuple[float, ...]]:
-        return lambda p: tuple(map(known, p[key]))
-
-    def coverage(p: Mapping[str, Any]) -> tuple[float, tuple[float, ...]]:
-        return known(p["coverage"]), pair("coverage_95")(p)
-
-    columns: list[Column[Mapping[str, Any]]] = [
-        Column("parameter", lambda p: f"{p['parameter']} {p['unit']}".strip()),
-        Column("value", lambda p: p["value"], number),
-        Column("claimed 95 %", pair("interval_95"), between, "as the method gives it"),
-        Column("corrected 95 %", pair("corrected_95"), between, "so that 95 % hold the truth here"),
-        Column("length times", lambda p: (known(p["factor"]), 2), number),
-        Column("bias", pair("bias"), plus_minus, "mean error on simulations, with its own error"),
-        Column("bias / claim", pair("bias_claimed"), plus_minus, "in claimed standard errors"),
-        Column("coverage %", coverage, share, "of the claimed intervals, with its 95 % interval"),
+    parameters = [
+        {name: known(value) for name, value in own.items()} for own in told["parameters"].values()
     ]
-    caption = f"`{told['method']}` on pilots like this one, {Path(told['recording']).name}"
-    return Table(caption, columns, list(told["parameters"].values()))
+    rows = [
+        (
+            *(f"{p['parameter']} {p['unit']}".strip(), p["value"]),
+            *(p["interval_95"], p["corrected_95"], (p["factor"], 2)),
+            *(p["bias"], p["bias_claimed"], (p["coverage"], p["coverage_95"])),
+        )
+        for p in parameters
+    ]
+    heads = [
+        *(("parameter",), ("value", number)),
+        ("claimed 95 %", between, "as the method gives it"),
+        ("corrected 95 %", between, "so that 95 % hold the truth here"),
+        ("length times", number),
+        ("bias", plus_minus, "mean error on simulations, with its own error"),
+        ("bias / claim", plus_minus, "in claimed standard errors"),
+        ("coverage %", share, "of the claimed intervals, with its 95 % interval"),
+    ]
+    return table_of(f"`{told['method']}` on pilots like this one, {Path(told['recording']).name}",
+                    heads, rows)  # fmt: skip
 
 
 def advice(told: Mapping[str, Any]) -> list[str]:
