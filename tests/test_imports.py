@@ -160,15 +160,6 @@ def test_public_names_exist() -> None:
         exec("from pilotid import nothing")
 
 
-def test_public_names_are_fetched_from_where_types_are_checked() -> None:
-    import pilotid
-
-    homes = {f"pilotid.{home}.{name}" for name, home in pilotid._HOME.items()}
-    own = {n for n in imported(SOURCE / "__init__.py") if n.startswith("pilotid.")}
-    assert homes | {"pilotid.show.plots"} == own
-    assert {*pilotid._HOME, "plot"} == set(pilotid.__all__)
-
-
 def test_the_front_door_is_open_at_once() -> None:
     check = (
         "import sys, pilotid\n"

@@ -96,11 +96,11 @@ def test_scores_over_fits_by_hand() -> None:
 
     (found,) = track_scores([[track(0.3, 1.0)], [track(0.4, 3.0)], [track(1.2, None)]])
     assert found.n == 3
-    assert np.isnan(found.rmse[0])
-    assert found.rmse[3] == pytest.approx(np.sqrt((0.09 + 0.16 + 1.44) / 3))
-    assert (found.median, found.lag) == pytest.approx((0.4, 2.0))
-    assert found.coverage == pytest.approx(0.95 / 3)
-    assert found.coverage_se == pytest.approx(np.std([0.15, 0.2, 0.6], ddof=1) / np.sqrt(3))
+    assert np.isnan(found.rmse[0].value)
+    assert found.rmse[3].value == pytest.approx(np.sqrt((0.09 + 0.16 + 1.44) / 3))
+    assert (found.median, found.lag.value) == pytest.approx((0.4, 2.0))
+    assert found.coverage.value == pytest.approx(0.95 / 3)
+    assert found.coverage.error == pytest.approx(np.std([0.15, 0.2, 0.6], ddof=1) / np.sqrt(3))
 
 
 def test_the_truth_over_time_is_that_of_pilots_who_change() -> None:

@@ -130,10 +130,11 @@ def followed(scenario: Scenario, found: list[Tried]) -> None:
     tracks = [tracks_of(trajectory, scenario) for trajectory in usable if trajectory is not None]
     print("trajectory  rmse % before  during  after  whole  +-  median  lag s  +-  in band %  +-")
     for s in track_scores(tracks):
-        periods = " ".join(f"{100.0 * value:7.1f}" for value in s.rmse)
+        periods = " ".join(f"{100.0 * mean.value:7.1f}" for mean in s.rmse)
         print(
-            f"{s.parameter:<9} {periods} {100.0 * s.rmse_se[3]:5.1f} {100.0 * s.median:7.1f} "
-            f"{s.lag:7.2f} {s.lag_se:5.2f} {100.0 * s.coverage:7.1f} {100.0 * s.coverage_se:5.1f}"
+            f"{s.parameter:<9} {periods} {100.0 * s.rmse[3].error:5.1f} {100.0 * s.median:7.1f} "
+            f"{s.lag.value:7.2f} {s.lag.error:5.2f} {100.0 * s.coverage.value:7.1f} "
+            f"{100.0 * s.coverage.error:5.1f}"
         )
 
 

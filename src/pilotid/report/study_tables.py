@@ -175,10 +175,11 @@ def _failed(cell: Cell) -> str:
 
 def _lags(cell: Cell) -> str | None:
     """Parameters that a method follows certainly too late, or runs ahead of."""
-    late = [s for s in cell.tracks if abs(s.lag) - 1.96 * s.lag_se > LATE]
-    words = (
-        f"{s.parameter} {number(abs(s.lag), 2)} s {'late' if s.lag > 0 else 'ahead'}" for s in late
-    )
+    words = [
+        f"{s.parameter} {number(abs(s.lag.value), 2)} s {'late' if s.lag.value > 0 else 'ahead'}"
+        for s in cell.tracks
+        if abs(s.lag.value) - 1.96 * s.lag.error > LATE
+    ]
     return ", ".join(words) or ("none" if cell.tracks else None)
 
 
@@ -415,16 +416,12 @@ def track_table(
         for key in keys
         for cell in cells
         for s in cell.tracks
-        if s.parameter == key and math.isfinite(s.lag) == moving
+        if s.parameter == key and math.isfinite(s.lag.value) == moving
     ]
 
     def error(period: int, name: str) -> Column[tuple[str, TrackScore]]:
-        return Column(
-            name,
-            lambda i: (i[1].rmse[period], i[1].rmse_se[period]),
-            percent,
-            hint="rms of relative errors with its Monte Carlo standard error",
-        )
+        hint = "rms of relative errors with its Monte Carlo standard error"
+        return Column(name, lambda i: i[1].rmse[period], percent, hint)
 
     columns: list[Column[tuple[str, TrackScore]]] = [
         Column("parameter", lambda i: i[1].parameter),
@@ -432,8 +429,8 @@ def track_table(
         Column("n", lambda i: i[1].n, str, "trajectories"),
         *(error(i, n) for i, n in enumerate(("before %", "during %", "after %", "whole %"))),
         Column("median %", lambda i: i[1].median, percent, "of root mean squares"),
-        Column("lag s", lambda i: (i[1].lag, i[1].lag_se), plus_minus, "median with its error"),
-        Column("in band %", lambda i: (i[1].coverage, i[1].coverage_se), percent, "of the time"),
+        Column("lag s", lambda i: i[1].lag, plus_minus, "median with its error"),
+        Column("in band %", lambda i: i[1].coverage, percent, "of the time"),
     ]
     return Table(caption, columns, items, heads=2, folded=not moving)
 

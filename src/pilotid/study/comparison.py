@@ -508,10 +508,9 @@ class Comparison:
         """Scenario, method and `TRACK_COLUMNS` of every trajectory's parameter."""
         for cell in self.cells:
             for t in cell.tracks:
-                pairs = zip(t.rmse, t.rmse_se, strict=True)
-                errors = [value for pair in pairs for value in pair]
-                rest = [t.median, t.lag, t.lag_se, t.coverage, t.coverage_se]
-                yield [cell.scenario.name, cell.method, t.parameter, t.n, *errors, *rest]
+                errors = [value for mean in t.rmse for value in mean]
+                head = [cell.scenario.name, cell.method, t.parameter, t.n]
+                yield [*head, *errors, t.median, *t.lag, *t.coverage]
 
     def estimate_rows(self) -> Iterator[list[object]]:
         """`ESTIMATE_COLUMNS` of every parameter in every fit.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from pilotid.estimates.parts import Trajectory, times_of
 from pilotid.pilot.model import frozen, frozen_over
 from pilotid.study import scores
 from pilotid.study.entries import Track, number
+from pilotid.study.scores import Mean
 from pilotid.types import BoolArray, FloatArray
 
 THINNED = 42  # times that a study keeps of a trajectory, for figures
@@ -26,34 +27,30 @@ FINE = 0.25  # seconds between lags that are tried
 PERIODS = ("before", "during", "after", "whole")
 
 
-@dataclass(frozen=True)
-class TrackScore:
+class TrackScore(NamedTuple):
     """One parameter's trajectories by one method in one scenario, over the fits that count.
 
     Attributes
     ----------
     parameter, n
         The parameter of the constant pilot, and the number of trajectories.
-    rmse, rmse_se
+    rmse
         Root mean square of relative errors before, during and after the change and over all of
         the window, each with its Monte Carlo standard error.
     median
         Median over the fits of the root mean square over all of the window.
-    lag, lag_se
+    lag
         Median of the lag [s], NaN for a parameter that does not change.
-    coverage, coverage_se
+    coverage
         Mean share of the time at which the band holds the true value.
     """
 
     parameter: str
     n: int
-    rmse: tuple[float, float, float, float]
-    rmse_se: tuple[float, float, float, float]
+    rmse: tuple[Mean, ...]
     median: float
-    lag: float
-    lag_se: float
-    coverage: float
-    coverage_se: float
+    lag: Mean
+    coverage: Mean
 
 
 def truth_over_time(scenario: Scenario) -> Trajectory | None:
@@ -175,32 +172,19 @@ def track_scores(fits: Sequence[Sequence[Track]]) -> tuple[TrackScore, ...]:
     fits
         The tracks of each fit that counts.
     """
-    keys = dict.fromkeys(track.parameter for tracks in fits for track in tracks)
-    return tuple(
-        _score(key, [track for tracks in fits for track in tracks if track.parameter == key])
-        for key in keys
-    )
-
-
-def _score(key: str, tracks: Sequence[Track]) -> TrackScore:
-    columns = np.array(
-        [[t.before, t.during, t.after, t.whole, t.lag, t.coverage] for t in tracks], dtype=float
-    ).T
-    *periods, lags, shares = (column[np.isfinite(column)] for column in columns)
-    rmse = [root_mean_square(own) for own in periods]
-    errors = [scores.rmse(own, 0.0).error for own in periods]
-    lag_error = math.nan
-    if lags.size > 1:  # of a median of values that are nearly normal
-        quarter, three = np.quantile(lags, (0.25, 0.75))
-        lag_error = 1.2533 * (three - quarter) / 1.349 / math.sqrt(lags.size)
-    return TrackScore(
-        key,
-        len(tracks),
-        (rmse[0], rmse[1], rmse[2], rmse[3]),
-        (errors[0], errors[1], errors[2], errors[3]),
-        float(np.median(periods[3])) if periods[3].size else math.nan,
-        float(np.median(lags)) if lags.size else math.nan,
-        float(lag_error),
-        scores.mean(shares),
-        scores.bias(shares, 0.0).error,
-    )
+    found = []
+    for key in dict.fromkeys(track.parameter for tracks in fits for track in tracks):
+        own = [track for tracks in fits for track in tracks if track.parameter == key]
+        columns = np.array(
+            [[t.before, t.during, t.after, t.whole, t.lag, t.coverage] for t in own], dtype=float
+        ).T
+        *periods, lags, shares = (column[np.isfinite(column)] for column in columns)
+        rmse = (Mean(root_mean_square(own), scores.rmse(own, 0.0).error) for own in periods)
+        lag_error = math.nan
+        if lags.size > 1:  # of a median of values that are nearly normal
+            quarter, three = np.quantile(lags, (0.25, 0.75))
+            lag_error = float(1.2533 * (three - quarter) / 1.349 / math.sqrt(lags.size))
+        middle, lag = (float(np.median(x)) if x.size else math.nan for x in (periods[3], lags))
+        coverage = Mean(scores.mean(shares), scores.bias(shares, 0.0).error)
+        found.append(TrackScore(key, len(own), tuple(rmse), middle, Mean(lag, lag_error), coverage))
+    return tuple(found)

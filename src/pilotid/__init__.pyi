@@ -1,0 +1,55 @@
+"""The public names, and the modules that hold them: `pilotid.__init__` reads this file."""
+
+from pilotid.api import (
+    compare as compare,
+)
+from pilotid.api import (
+    design as design,
+)
+from pilotid.api import (
+    identify as identify,
+)
+from pilotid.api import (
+    simulate as simulate,
+)
+from pilotid.api import (
+    trust as trust,
+)
+from pilotid.api import (
+    which_model as which_model,
+)
+from pilotid.datasets.population import POPULATIONS as POPULATIONS
+from pilotid.datasets.population import Population as Population
+from pilotid.datasets.scenarios import SCENARIOS as SCENARIOS
+from pilotid.datasets.scenarios import Scenario as Scenario
+from pilotid.estimates.estimate import Estimate as Estimate
+from pilotid.estimates.estimate import Outcome as Outcome
+from pilotid.estimates.method import Method as Method
+from pilotid.methods.arx import ARX as ARX
+from pilotid.methods.bayes import Bayes as Bayes
+from pilotid.methods.fourier import Fourier as Fourier
+from pilotid.methods.mle import MLE as MLE
+from pilotid.methods.mle_genetic import MLEGenetic as MLEGenetic
+from pilotid.methods.mle_reference import MLEReference as MLEReference
+from pilotid.methods.mle_white import MLEWhite as MLEWhite
+from pilotid.methods.mle_windowed import MLEWindowed as MLEWindowed
+from pilotid.methods.mmle3 import MMLE3 as MMLE3
+from pilotid.methods.rarx import RARX as RARX
+from pilotid.methods.sindy import SINDy as SINDy
+from pilotid.methods.ukf import UKF as UKF
+from pilotid.pilot.catalogue import MODELS as MODELS
+from pilotid.pilot.catalogue import model_named as model_named
+from pilotid.pilot.model import Channel as Channel
+from pilotid.pilot.model import PilotModel as PilotModel
+from pilotid.recordings.files import (
+    load_recording as load_recording,
+)
+from pilotid.recordings.files import (
+    save_recording as save_recording,
+)
+from pilotid.recordings.recording import Recording as Recording
+from pilotid.recordings.recording import joined as joined
+from pilotid.study.study import Study as Study
+from pilotid.types import InputError as InputError
+
+__version__: str
