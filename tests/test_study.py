@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pilotid.cli.running import with_progress
 from pilotid.datasets import scenario_named
 from pilotid.estimates.estimate import Outcome
 from pilotid.methods.arx import ARX
@@ -26,7 +27,7 @@ from pilotid.study.comparison import comparison_of
 from pilotid.study.entries import Result, Unit
 from pilotid.study.fits import Task, run_task, started
 from pilotid.study.store import STORE, Store
-from pilotid.study.study import Study, method_entry, remaining_seconds, scenario_entry
+from pilotid.study.study import Study, method_entry, scenario_entry
 from pilotid.types import InputError
 
 STUDY = Study(("single", "starts"), ("mle-white", "fourier"), 3, 5)
@@ -64,10 +65,16 @@ def test_a_finished_study_has_nothing_left_to_do(finished: Path) -> None:
     with Store(finished, create=True) as store:
         pending = STUDY.enter(store)
         assert (list(pending), pending.total) == ([], 0)
-        assert remaining_seconds(store, pending.counts, 2) == 0.0
-        one = remaining_seconds(store, {"fourier": 10, "arx": 3}, 1)
-        assert one > 0.0
-        assert remaining_seconds(store, {"fourier": 20}, 4) == pytest.approx(one / 2.0)
+
+
+def test_one_fit_by_each_method_tells_how_long_all_will_take(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    found = [Result(Unit("single", name, 0), "converged", seconds=60.0) for name in "abc"]
+    assert list(with_progress(found, {"a": 6, "b": 4, "c": 2}, 4)) == found
+    assert capsys.readouterr().err == "12 fits, about 3 min on 4 processes\n"
+    assert list(with_progress(found[:1], {"a": 1}, 1)) == found[:1]
+    assert capsys.readouterr().err == ""
 
 
 FOURIER = method_entry(Fourier())
@@ -297,7 +304,7 @@ def fits_in(folder: Path) -> int:
     try:
         base = sqlite3.connect(f"file:{folder / STORE}?mode=ro", uri=True)
         try:
-            return int(base.execute("SELECT count(*) FROM fits").fetchone()[0])
+            return int(base.execute("SELECT rows FROM counts WHERE kind = 'fits'").fetchone()[0])
         finally:
             base.close()
     except sqlite3.Error:

@@ -63,11 +63,13 @@ def heeding_interruptions() -> Iterator[None]:
             signal.signal(signal.SIGINT, usual)
 
 
-def with_progress(results: Iterable[Result], counts: Mapping[str, int]) -> Iterator[Result]:
+def with_progress(
+    results: Iterable[Result], counts: Mapping[str, int], workers: int | None = None
+) -> Iterator[Result]:
     """The results, with a bar for each method and the time left while they come.
 
     The bars go to standard error, and only if that is a terminal; `counts` says how many fits
-    there will be of each method.
+    there will be of each method.  One fit by each tells how long all will take.
     """
     from rich.progress import (
         BarColumn,
@@ -79,6 +81,7 @@ def with_progress(results: Iterable[Result], counts: Mapping[str, int]) -> Itera
 
     console = make_console(errors=True)
     total = sum(counts.values())
+    results = _with_forecast(results, counts, workers)
     if not console.is_terminal or total < 2:
         yield from results
         return
@@ -102,3 +105,22 @@ def with_progress(results: Iterable[Result], counts: Mapping[str, int]) -> Itera
             bars.update(tasks[method], advance=1, failed=words)
             bars.update(whole, advance=1)
             yield result
+
+
+def _with_forecast(
+    results: Iterable[Result], counts: Mapping[str, int], workers: int | None
+) -> Iterator[Result]:
+    """The results; after the first of them a line on about how long a long study will take."""
+    from pilotid.jobs import processors
+
+    processes = workers or processors()
+    took: dict[str, float] = {}
+    for number, result in enumerate(results, start=1):
+        yield result
+        took.setdefault(result.unit.method, result.seconds or 0.0)
+        if number == len(counts):
+            minutes = sum(took.get(name, 0.0) * n for name, n in counts.items()) / processes / 60.0
+            long = f"{minutes:.0f} min" if minutes < 2880.0 else f"{minutes / 1440.0:.0f} days"
+            words = f"{sum(counts.values())} fits, about {long} on {processes} processes"
+            if minutes > 1.0:
+                make_console(errors=True).print(words, soft_wrap=True)

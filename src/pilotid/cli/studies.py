@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from pilotid.datasets import Scenario
     from pilotid.publishing.changes import Change, Changes
     from pilotid.study.store import Store
-    from pilotid.study.study import Pending
 
 
 SalvageOption = Annotated[
@@ -111,25 +110,9 @@ def compare(
             make_console().print(words, soft_wrap=True)
         limits = Limits(time_limit or None, memory or None)
         results = study.run(store, pending, workers, scheduler, limits)
-        for number, _ in enumerate(with_progress(results, pending.counts), start=1):
-            if number == len(pending.counts):  # one fit by each tells how long all will take
-                _foretell(store, pending, workers)
+        for _ in with_progress(results, pending.counts, workers):
+            pass
         _finish(out, store)
-
-
-def _foretell(store: Store, pending: Pending, workers: int | None) -> None:
-    """Say about how long a long study will take."""
-    from pilotid.jobs import processors
-    from pilotid.study.study import remaining_seconds
-
-    processes = workers or processors()
-    minutes = remaining_seconds(store, pending.counts, processes) / 60.0
-    days = minutes / 1440.0
-    long = f"{minutes:.0f} min" if days < 2.0 else f"{days:.0f} days"
-    if minutes > 1.0:
-        make_console(errors=True).print(
-            f"{pending.total} fits, about {long} on {processes} processes", soft_wrap=True
-        )
 
 
 def report(

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 
 from pilotid.document import Block, Figure, Section, Text
 from pilotid.report.study_figures import errors, sweep
-from pilotid.report.study_tables import bias_table, starts_table
+from pilotid.report.study_tables import all_numbers, bias_table
 from pilotid.study.comparison import Comparison
 from pilotid.study.entries import ScenarioEntry
 
@@ -123,7 +123,8 @@ def _starts(study: Comparison, own: Sequence[ScenarioEntry]) -> list[Block]:
     if entry is None:
         return []
     cells = study.of(entry.name)
-    paper = [100.0 * e / p.truth for e, p in zip(FIGURE_5, entry.parameters, strict=True)]
+    pairs = zip(FIGURE_5, entry.parameters, strict=True)
+    paper = [(100.0 * error / p.truth, 0.0) for error, p in pairs]
     text = (
         "**Initial guesses (Fig. 5).** One recording, fitted from initial guesses drawn within "
         "40 % of the truth. The paper finds one end from all ten (spread 1e-17); its recording "
@@ -136,6 +137,6 @@ def _starts(study: Comparison, own: Sequence[ScenarioEntry]) -> list[Block]:
     )
     return [
         Text(text),
-        Figure("starts", errors(cells, [(end, 0.0) for end in paper], PAPER, dots=True), caption),
-        starts_table(cells, paper),
+        Figure("starts", errors(cells, paper, PAPER, dots=True), caption),
+        all_numbers(cells, paper),
     ]

@@ -312,12 +312,6 @@ def _rows(cells: Sequence[Cell]) -> list[Row]:
     ]
 
 
-FRONT: list[Column[Row]] = [
-    Column("parameter", lambda r: r.key),
-    Column("method", lambda r: r.cell.method),
-]
-
-
 def all_numbers(cells: Sequence[Cell], paper: Sequence[tuple[float, float]] = ()) -> Table[Row]:
     """All scores of a scenario: a row for each parameter and method."""
     entry = cells[0].scenario
@@ -330,8 +324,13 @@ def all_numbers(cells: Sequence[Cell], paper: Sequence[tuple[float, float]] = ()
         population = entry.population
         return Column(title, lambda r: getattr(r.score, name) if population else None, form, hint)
 
+    def common_end(row: Row) -> tuple[int, int] | None:
+        """How many fits of one recording end where most do."""
+        return (row.cell.agreeing, row.cell.tried) if entry.one_recording else None
+
     columns: list[Column[Row]] = [
-        *FRONT,
+        Column("parameter", lambda r: r.key),
+        Column("method", lambda r: r.cell.method),
         Column("n", lambda r: r.score.n, str, "values of fits that count"),
         Column("loss", lambda r: r.score.loss, with_interval, "with its 95 % interval"),
         Column("bias / claim", lambda r: r.score.z, plus_minus, "mean standardised error"),
@@ -342,6 +341,7 @@ def all_numbers(cells: Sequence[Cell], paper: Sequence[tuple[float, float]] = ()
         shape("beyond 3 %", "beyond", "share of errors beyond 3 claimed errors", percent),
         shape("median", "typical", "of error over bound", number),
         Column("wrong optima", lambda r: (r.score.wrong, r.score.optima), of, "where it is known"),
+        Column("common end", common_end, of, "starts within a tenth of the bound of the median"),
         Column("bias %", lambda r: r.score.bias, plus_minus, "of the true value"),
         Column("paper: bias %", of_paper(0), signed, paper=True),
         Column("std %", lambda r: r.score.std, unsigned, "standard deviation"),
@@ -380,30 +380,6 @@ def bias_table(
     ]
     items = [(name, i) for name in scenarios for i in range(len(study.entry(name).parameters))]
     return Table(caption, columns, items, heads=2)
-
-
-def _common_end(row: Row) -> str:
-    return f"{row.cell.agreeing} of {row.cell.tried}"
-
-
-def starts_table(cells: Sequence[Cell], paper: Sequence[float]) -> Table[Row]:
-    """Where fits of one recording end, by parameter and method."""
-
-    def middle(row: Row) -> float:
-        found = row.cell.errors[:, row.place]
-        return float(np.median(found)) if found.size else math.nan
-
-    columns: list[Column[Row]] = [
-        *FRONT,
-        Column("n", lambda r: r.score.n, str, "fits that count"),
-        Column("failed", lambda r: r.score.failures, str, "of those tried"),
-        Column("common end", _common_end, str, "starts within a tenth of the bound of the median"),
-        Column("error %", middle, number, "of the median end"),
-        Column("paper: error %", lambda r: paper[r.place] if paper else None, signed, paper=True),
-        Column("spread %", lambda r: r.score.std.value, number, "standard deviation over starts"),
-        Column("bound %", lambda r: r.score.bound, number, "of Cramér and Rao"),
-    ]
-    return Table(f"`{cells[0].scenario.name}`: ends of the search", columns, _rows(cells), heads=2)
 
 
 def track_table(

@@ -11,7 +11,6 @@ from functools import cached_property
 from importlib.metadata import version
 from itertools import count
 from pathlib import Path
-from statistics import median
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -354,16 +353,6 @@ class Pending:
     def total(self) -> int:
         """How many there are."""
         return sum(self.counts.values())
-
-
-def remaining_seconds(store: Store, counts: Mapping[str, int], workers: int) -> float:
-    """About how long fits by the counts of each method take, from those in the store so far."""
-    took: dict[str, list[float]] = {}
-    for result in store.results():
-        if result.seconds is not None:
-            took.setdefault(result.unit.method, []).append(result.seconds)
-    typical = {method: median(seconds) for method, seconds in took.items()}
-    return sum(typical.get(method, 0.0) * count for method, count in counts.items()) / workers
 
 
 def changes(scenario: AnyScenario) -> bool:
