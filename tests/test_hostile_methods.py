@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import sqlite3
 import subprocess
 import sys
 from pathlib import Path
@@ -16,6 +15,7 @@ from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import identify
 from pilotid.methods import method_named
 from pilotid.pilot.catalogue import SINGLE
+from pilotid.study.store import Store
 
 HERE = Path(__file__).parent
 RECORDING = simulate(scenario_named("single"), np.random.default_rng(1))
@@ -149,9 +149,8 @@ def test_a_study_of_hostile_methods_ends_with_its_report(tmp_path: Path) -> None
 
 def rows(folder: Path) -> dict[str, tuple[str, str]]:
     """Outcome and message by method; they are the same for all replications."""
-    base = sqlite3.connect(folder / "study.sqlite")
-    found = set(base.execute("SELECT method, outcome, message FROM fits"))
-    base.close()
+    with Store(folder) as store:
+        found = {(r.unit.method, r.outcome, r.message) for r in store.results()}
     assert len(found) == len({method for method, *_ in found})
     return {method: (outcome, message) for method, outcome, message in found}
 

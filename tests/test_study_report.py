@@ -258,7 +258,7 @@ def test_the_papers_numbers_stand_beside_ours(full: Made) -> None:
     text = full.markdown
     assert re.search(r"\| Kvest \| mmle3 \| 12 \|.*\| -12 \| [^|]+ \| 18 \|", text)
     assert re.search(r"\| disturbance-only \| tdvis \| \+407 \| [^|]+ \|", text)
-    assert re.search(r"\| Kvest \| mle \| 12 \| [^|]+ \| [^|]+ \| -24 \|", text)  # Fig. 5
+    assert re.search(r"\| Kvest \| mle \| 12 \|.*\| -24 \|", text)  # Fig. 5
     assert "paper: bias&nbsp;%" in full.html
     assert "**inferred**" in text
 
@@ -337,7 +337,7 @@ def test_starts_that_end_together_are_counted(tmp_path: Path) -> None:
 
     made = report(tmp_path, fill, ("mle",))
     assert cell_of(tmp_path, "starts", "mle").agreeing == 4
-    assert "| 4 of 6 | 10.0 |" in made.markdown
+    assert "| 4 of 6 |" in made.markdown
 
 
 # --------------------------------------------------------------------------------- the page

@@ -10,8 +10,7 @@ from __future__ import annotations
 import json
 import shutil
 import sqlite3
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 from hashlib import blake2b
 from pathlib import Path
@@ -46,6 +45,10 @@ def in_words(path: Path) -> Iterator[None]:
         code = _code(error)
         if code in DAMAGED or isinstance(error, UnicodeError):  # in what SQLite says of it
             raise damaged(path, error) from error
+        if code in (BUSY, LOCKED):
+            raise InputError(
+                f"{path}: is in use by another process ({error}); run the same command again"
+            ) from error
         if code == FULL:
             raise InputError(
                 f"{path}: cannot be written ({error}); make room, and run the same command again: "
@@ -59,20 +62,16 @@ def in_words(path: Path) -> Iterator[None]:
 
 def open_to_write(path: Path) -> sqlite3.Connection:
     """A file that can be written, and is made if there is none."""
-
-    def opened() -> sqlite3.Connection:
+    with in_words(path):
         base = _check(path, connect(path, "rwc"))
         base.execute("PRAGMA journal_mode=WAL")
         base.execute("PRAGMA synchronous=NORMAL")
         return base
 
-    return _retry(path, opened)
-
 
 def open_to_read(path: Path) -> sqlite3.Connection:
     """A file that is only read, and may lie where nothing can be written."""
-
-    def opened() -> sqlite3.Connection:
+    with in_words(path):
         try:
             return _check(path, connect(path, "rw"))
         except sqlite3.OperationalError as error:
@@ -88,20 +87,6 @@ def open_to_read(path: Path) -> sqlite3.Connection:
             with closing(_check(path, connect(copy, "rw"))) as base:
                 base.backup(memory)
         return memory
-
-    return _retry(path, opened)
-
-
-def close(base: sqlite3.Connection) -> None:
-    """Close a file that was written, which then holds everything.
-
-    SQLite merges the write-ahead log when the last connection closes.  Of two that close in one
-    moment each takes the other for the last, and the log would stay with rows in it.
-    """
-    with suppress(sqlite3.Error):  # nothing is lost: whoever opens the file next reads the log
-        base.execute("PRAGMA busy_timeout = 1000")
-        base.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-    base.close()
 
 
 def checksum(*content: object) -> int:
@@ -133,22 +118,6 @@ def _check(path: Path, base: sqlite3.Connection) -> sqlite3.Connection:
         base.close()
         raise
     return base
-
-
-def _retry(path: Path, opened: Callable[[], sqlite3.Connection]) -> sqlite3.Connection:
-    """Open a file that another process may be opening.
-
-    SQLite waits by itself, but not where two processes change the journal at once.
-    """
-    end = time.monotonic() + PATIENCE
-    with in_words(path):
-        while True:
-            try:
-                return opened()
-            except sqlite3.Error as error:
-                if _code(error) not in (BUSY, LOCKED) or time.monotonic() > end:
-                    raise
-            time.sleep(0.02)
 
 
 def _code(error: Exception) -> int:

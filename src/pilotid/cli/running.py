@@ -33,20 +33,9 @@ def heeding_interruptions() -> Iterator[None]:
     """
     usual = signal.getsignal(signal.SIGINT)
     ours = usual is signal.default_int_handler and current_thread() is main_thread()
-    told: list[str] = []
-
-    def tell(sentence: str) -> None:
-        if not told:
-            told.append(sentence)
-            sys.stderr.write(f"pilotid: {sentence}\n")
-            sys.stderr.flush()
-
-    def again(_: int, __: FrameType | None) -> None:
-        tell("stopped")
-        os._exit(STATUS)
 
     def first(_: int, __: FrameType | None) -> None:
-        signal.signal(signal.SIGINT, again)
+        signal.signal(signal.SIGINT, lambda *_: os._exit(STATUS))
         raise KeyboardInterrupt
 
     if ours:
@@ -54,7 +43,8 @@ def heeding_interruptions() -> Iterator[None]:
     try:
         yield
     except (KeyboardInterrupt, StoppedError) as stop:
-        tell(str(stop) or "stopped")
+        sys.stderr.write(f"pilotid: {str(stop) or 'stopped'}\n")
+        sys.stderr.flush()
         if ours:  # all that is left is to end
             signal.signal(signal.SIGINT, signal.SIG_IGN)
         raise SystemExit(STATUS) from None

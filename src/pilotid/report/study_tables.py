@@ -6,17 +6,18 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from pilotid.document import Column, LogAxis, Table
+from pilotid.document import Column, LogAxis, Table, table_of
 from pilotid.estimates.estimate import Outcome
 from pilotid.numbers import number, percent, plus_minus, share, signed, unsigned
 from pilotid.study.comparison import Cell, Comparison, Score, loss_ratio
+from pilotid.study.entries import Result
 from pilotid.study.judge import EFFICIENT, FEWEST, USABLE, judge
 from pilotid.study.scores import Interval, loss_text
-from pilotid.study.tracks import TrackScore
+from pilotid.study.tracks import PERIODS
 
 VIOLATION = "violation"  # family of the scenarios that violate an assumption
 RECORDER = "recorder"  # family of the scenarios whose recorder is faulty
@@ -141,9 +142,19 @@ def recorder_table(study: Comparison, names: Sequence[str]) -> Table[Cell]:
         Column("recorder", lambda c: c.scenario.name),
         Column("method", lambda c: c.method),
         Column("n", lambda c: c.tried),
-        Column("right %", lambda c: shares_told(c)[0], _percents, f"off by {OFF:g} errors at most"),
-        Column("wrong, said %", lambda c: shares_told(c)[1], _percents, "a remark or a failure"),
-        Column("wrong, silent %", lambda c: shares_told(c)[2], _percents),
+        Column(
+            "right %",
+            lambda c: 100.0 * shares_told(c)[0],
+            "{:.0f}".format,
+            f"off by {OFF:g} errors at most",
+        ),
+        Column(
+            "wrong, said %",
+            lambda c: 100.0 * shares_told(c)[1],
+            "{:.0f}".format,
+            "a remark or a failure",
+        ),
+        Column("wrong, silent %", lambda c: 100.0 * shares_told(c)[2], "{:.0f}".format),
     ]
     cells = [cell for name in names for cell in study.of(name) if cell.tried]
     return Table("What faulty recorders do to each method", columns, cells, 2)
@@ -159,10 +170,6 @@ def shares_told(cell: Cell) -> tuple[float, float, float]:
         float(np.mean(share[tried])) for share in (~wrong, wrong & said, wrong & ~said)
     )
     return right, named, silent
-
-
-def _percents(value: float) -> str:
-    return f"{100.0 * value:.0f}"
 
 
 def _failed(cell: Cell) -> str:
@@ -285,30 +292,22 @@ def _kind(remark: str) -> str:
 
 
 class Row(NamedTuple):
-    """A parameter by a method in a scenario."""
+    """A parameter by a method in a scenario, with its scores in % of the true value."""
 
     cell: Cell
     place: int
-
-    @property
-    def key(self) -> str:
-        """The parameter."""
-        return self.cell.keys[self.place]
-
-    @property
-    def score(self) -> Score:
-        """Its scores in % of the true value."""
-        return self.cell.scores[1 + self.place].percent
+    key: str
+    score: Score
 
 
 def _rows(cells: Sequence[Cell]) -> list[Row]:
     """All parameters, each by all methods."""
-    keys = dict.fromkeys(key for cell in cells for key in cell.keys)
     return [
-        Row(cell, cell.keys.index(key))
-        for key in keys
+        Row(cell, place, key, cell.scores[1 + place].percent)
+        for key in dict.fromkeys(key for cell in cells for key in cell.keys)
         for cell in cells
-        if key in cell.keys and cell.tried
+        for place, own in enumerate(cell.keys)
+        if own == key and cell.tried
     ]
 
 
@@ -317,7 +316,7 @@ def all_numbers(cells: Sequence[Cell], paper: Sequence[tuple[float, float]] = ()
     entry = cells[0].scenario
 
     def of_paper(which: int) -> Callable[[Row], float | None]:
-        return lambda r: paper[r.place][which] if paper else None
+        return lambda r: (paper[r.place][which] or None) if paper else None
 
     def shape(title: str, name: str, hint: str, form: Callable[..., str] = unsigned) -> Column[Row]:
         """A score of the distribution of errors, which only a population has."""
@@ -354,106 +353,68 @@ def all_numbers(cells: Sequence[Cell], paper: Sequence[tuple[float, float]] = ()
 
 
 def bias_table(
-    study: Comparison,
-    scenarios: Sequence[str],
-    paper: Mapping[str, Sequence[float]],
-    caption: str,
-) -> Table[tuple[str, int]]:
+    study: Comparison, scenarios: Sequence[str], paper: Mapping[str, Sequence[float]], caption: str
+) -> Table[Any]:
     """Bias [%] in some scenarios, a column for the paper, by scenario, and one for each method."""
-
-    def bias(method: str) -> Column[tuple[str, int]]:
-        def of(item: tuple[str, int]) -> tuple[float, float] | None:
-            cell = study.at(item[0], method)
-            return cell.percent[item[1]].bias if cell else None
-
-        return Column(method, of, plus_minus, "bias % with its Monte Carlo error")
-
-    def of_paper(item: tuple[str, int]) -> float | None:
-        name, place = item
-        return paper[name][place] if name in paper else None
-
-    columns: list[Column[tuple[str, int]]] = [
-        Column("scenario", lambda i: i[0]),
-        Column("parameter", lambda i: study.entry(i[0]).parameters[i[1]].parameter),
-        Column("paper: bias %", of_paper, signed, paper=True),
-        *map(bias, study.methods),
+    rows = []
+    for name in scenarios:
+        cells = [study.at(name, method) for method in study.methods]
+        for i, known in enumerate(study.entry(name).parameters):
+            own = (cell.percent[i].bias if cell else None for cell in cells)
+            rows.append((name, known.parameter, paper[name][i] if name in paper else None, *own))
+    hint = "bias % with its Monte Carlo error"
+    heads = [
+        *(("scenario",), ("parameter",), ("paper: bias %", signed, "", None, True)),
+        *((method, plus_minus, hint) for method in study.methods),
     ]
-    items = [(name, i) for name in scenarios for i in range(len(study.entry(name).parameters))]
-    return Table(caption, columns, items, heads=2)
+    return table_of(caption, heads, rows, 2)
 
 
-def track_table(
-    caption: str, cells: Sequence[Cell], *, moving: bool
-) -> Table[tuple[str, TrackScore]]:
+def track_table(caption: str, cells: Sequence[Cell], *, moving: bool) -> Table[Any]:
     """A row for each parameter and method, of parameters that vary or of those that stay."""
-    keys = dict.fromkeys(s.parameter for cell in cells for s in cell.tracks)
-    items = [
-        (cell.method, s)
-        for key in keys
+    rows = [
+        (key, cell.method, s.n, *s.rmse, s.median, s.lag, s.coverage)
+        for key in dict.fromkeys(s.parameter for cell in cells for s in cell.tracks)
         for cell in cells
         for s in cell.tracks
         if s.parameter == key and math.isfinite(s.lag.value) == moving
     ]
-
-    def error(period: int, name: str) -> Column[tuple[str, TrackScore]]:
-        hint = "rms of relative errors with its Monte Carlo standard error"
-        return Column(name, lambda i: i[1].rmse[period], percent, hint)
-
-    columns: list[Column[tuple[str, TrackScore]]] = [
-        Column("parameter", lambda i: i[1].parameter),
-        Column("method", lambda i: i[0]),
-        Column("n", lambda i: i[1].n, str, "trajectories"),
-        *(error(i, n) for i, n in enumerate(("before %", "during %", "after %", "whole %"))),
-        Column("median %", lambda i: i[1].median, percent, "of root mean squares"),
-        Column("lag s", lambda i: i[1].lag, plus_minus, "median with its error"),
-        Column("in band %", lambda i: i[1].coverage, percent, "of the time"),
+    hint = "rms of relative errors with its Monte Carlo standard error"
+    heads = [
+        *(("parameter",), ("method",), ("n", str, "trajectories")),
+        *((f"{period} %", percent, hint) for period in PERIODS),
+        ("median %", percent, "of root mean squares"),
+        ("lag s", plus_minus, "median with its error"),
+        ("in band %", percent, "of the time"),
     ]
-    return Table(caption, columns, items, heads=2, folded=not moving)
+    return table_of(caption, heads, rows, 2, folded=not moving)
 
 
-class Failure(NamedTuple):
-    """An outcome but plain convergence in a scenario by a method, and how often it came."""
-
-    cell: Cell
-    outcome: str
-    fits: int
-
-    @property
-    def treated(self) -> str:
-        """What it counts as."""
-        if any(r.usable for r in self.cell.results if r.outcome == self.outcome):
-            return "result"
-        return "no try" if self.outcome == Outcome.NOT_APPLICABLE.slug else "failure"
-
-    @property
-    def details(self) -> str:
-        """The commonest messages."""
-        own = (r.message for r in self.cell.results if r.outcome == self.outcome)
-        messages = Counter(" ".join(message.split()) for message in own)
-        messages.pop("", None)
-        common = sorted(messages.items(), key=lambda item: (-item[1], item[0]))
-        words = [f"{text} ({count})" if len(common) > 1 else text for text, count in common[:3]]
-        if len(common) > 3:
-            words.append(f"and {sum(count for _, count in common[3:])} more")
-        return "; ".join(words)
-
-
-def failure_table(study: Comparison) -> Table[Failure]:
+def failure_table(study: Comparison) -> Table[Any]:
     """Every outcome but plain convergence, with its details and how often it came."""
     sentences = {outcome.slug: outcome.value for outcome in Outcome}
-    columns: list[Column[Failure]] = [
-        Column("scenario", lambda f: f.cell.scenario.name),
-        Column("method", lambda f: f.cell.method),
-        Column("fits", lambda f: f.fits, str),
-        Column("of", lambda f: len(f.cell.results), str),
-        Column("counts as", lambda f: f.treated),
-        Column("outcome", lambda f: sentences.get(f.outcome, f.outcome)),
-        Column("details", lambda f: f.details),
+    rows = []
+    for cell in study.cells:
+        for outcome in sorted({r.outcome for r in cell.results} - {Outcome.CONVERGED.slug}):
+            own = [r for r in cell.results if r.outcome == outcome]
+            counts_as = "no try" if outcome == Outcome.NOT_APPLICABLE.slug else "failure"
+            if any(r.usable for r in own):
+                counts_as = "result"
+            front = (cell.scenario.name, cell.method, len(own), len(cell.results), counts_as)
+            rows.append((*front, sentences.get(outcome, outcome), _commonest(own)))
+    heads = [
+        *(("scenario",), ("method",), ("fits", str), ("of", str)),
+        *(("counts as",), ("outcome",), ("details",)),
     ]
-    items = [
-        Failure(cell, outcome, count)
-        for cell in study.cells
-        for outcome, count in sorted(Counter(r.outcome for r in cell.results).items())
-        if outcome != Outcome.CONVERGED.slug
-    ]
-    return Table("Fits that did not simply converge", columns, items, heads=2, folded=True)
+    return table_of("Fits that did not simply converge", heads, rows, 2, folded=True)
+
+
+def _commonest(results: Sequence[Result]) -> str:
+    """The commonest messages of fits."""
+    messages = Counter(" ".join(r.message.split()) for r in results)
+    messages.pop("", None)
+    common = sorted(messages.items(), key=lambda item: (-item[1], item[0]))
+    words = [f"{text} ({count})" if len(common) > 1 else text for text, count in common[:3]]
+    if len(common) > 3:
+        words.append(f"and {sum(count for _, count in common[3:])} more")
+    return "; ".join(words)

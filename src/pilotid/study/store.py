@@ -80,7 +80,6 @@ class Store:
 
     def __init__(self, folder: Path, *, create: bool = False, small: bool = False) -> None:
         self.path = folder / STORE
-        self._close = database.close if create else sqlite3.Connection.close
         try:
             missing = not create and not self.path.exists()
             kept = (folder / KEPT).exists()
@@ -118,7 +117,7 @@ class Store:
 
     def close(self) -> None:
         """Close the file, which then holds everything."""
-        self._close(self._base)
+        self._base.close()
 
     def __enter__(self) -> Store:
         return self
