@@ -13,13 +13,15 @@ import numpy as np
 import pytest
 from helpers import PILOTS, Run
 
-from pilotid.analysis.analyse import compared
+from pilotid.analysis.analyse import Analysis, Fit, Settings, compared
 from pilotid.analysis.board import read_board
-from pilotid.analysis.recordings import Pattern, parts_of
+from pilotid.analysis.recordings import Part, Pattern, parts_of
+from pilotid.analysis.report_tables import alarms
 from pilotid.analysis.rows import in_order
 from pilotid.datasets import simulate
 from pilotid.pilot.loops import margins
 from pilotid.recordings.files import save_recording
+from pilotid.remarks import CODES
 from pilotid.seeds import recording_rng
 from pilotid.types import InputError
 
@@ -196,6 +198,25 @@ def test_files_with_the_same_fields_are_refused() -> None:
     assert len(refused) == 2
     assert "s1_A.csv" in refused[0]
     assert "does not fit" in refused[1]
+
+
+def test_remarks_are_counted_and_the_worst_named() -> None:
+    kinds = [("halves-differ", 3), ("misspecified", 1), ("wide-interval", 9), ("at-bound", 2)]
+    kinds += [("drift", 1), ("held-control", 5)]
+    told = [[[code, f"about {code}", CODES[code][0]]] * count for code, count in kinds]
+    estimates = [{"method": "mle", "remarks": remarks} for remarks in told]
+    part = Part((Path("a.csv"),), (("subject", "1"),))
+    fits = [Fit(part, None, {"estimates": estimates}), Fit(part, 1, {"estimates": estimates})]
+    settings = Settings({}, auto=True, methods={})
+    count, *worst, stick = alarms(Analysis(settings, {part: {"remarks": []}}, {}, fits, []))
+    assert count == "Remarks: 1 wrong, 6 doubt, 9 note."
+    assert [line.split(":")[0] for line in worst] == [
+        "wrong, misspecified",
+        "doubt, halves-differ",
+        "doubt, at-bound",
+    ]
+    assert "and 2 more" in worst[1]
+    assert stick.startswith("held-control, of the stick")
 
 
 def test_names_are_ordered_as_people_do() -> None:

@@ -73,6 +73,22 @@ def test_fit_says_the_same(run: Run, tmp_path: Path) -> None:
     assert "recording: u has the wrong sign: x answers to fd - u" in printed.out
 
 
+def test_in_brief_a_file_is_a_line(run: Run, tmp_path: Path) -> None:
+    recording = NOMINAL
+    good = written(recording, tmp_path / "good.csv")
+    bad = written(replace(recording, u=-recording.u), tmp_path / "bad.csv")
+    answer = run("check", "--brief", good, bad)
+    assert answer.status == 0, answer.err
+    lines = " ".join(answer.out.split())
+    assert lines.count("81.92 s") == 2
+    first, rest = lines.split("bad.csv: ")
+    assert first.split("good.csv: ")[1].split("; ")[1].split()[0] == "ok"
+    assert "wrong: wrong-sign" in rest
+    assert "2 recordings, 1 without" in rest
+    assert "wrong-sign (wrong) 1" in rest
+    assert "recordings" not in run("check", "--brief", good).out
+
+
 def test_one_bad_file_does_not_cost_the_others(run: Run, tmp_path: Path) -> None:
     (tmp_path / "bad.csv").write_text("a,b\n1,2\n")
     printed = run("check", tmp_path / "bad.csv", written(NOMINAL, tmp_path / "F.csv"))

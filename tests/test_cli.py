@@ -21,6 +21,7 @@ from pilotid.methods import METHODS, methods
 from pilotid.pilot.catalogue import MODELS
 from pilotid.recordings.files import load_recording, save_recording
 from pilotid.recordings.recording import Recording
+from pilotid.remarks import CODES
 
 # The columns that others script against.
 ESTIMATES_HEAD = (
@@ -444,6 +445,7 @@ OWN = """
 from dataclasses import replace
 from pilotid.datasets import SCENARIOS
 from pilotid.methods.mle_white import MLEWhite
+from pilotid.remarks import CODES
 
 ONE = replace(SCENARIOS["single"], name="one", duration=30.0)
 TWO = [ONE, replace(ONE, name="two", runs=2)]
@@ -520,8 +522,13 @@ def test_remarks_are_printed_and_written(run: Run, simulated: Path) -> None:
     assert f"recording: {remark}" in lines
     result = strict(run("fit", simulated, *options, "--json", "-").out)
     assert result["recording"]["remarks"] == [remark]
-    told = [f"mle-white: {text}" for text in result["estimates"][0]["remarks"]]
-    assert [line for line in lines if line in told] == told
+    estimate = result["estimates"][0]
+    told = list(zip(estimate["codes"], estimate["remarks"], strict=True))
+    loud = [f"mle-white: {text}" for code, text in told if CODES[code][0] != "note"]
+    assert [line for line in lines if line in loud] == loud
+    notes = [code for code, _ in told if CODES[code][0] == "note"]
+    (line,) = [line for line in lines if line.startswith("notes")]
+    assert line.endswith(": " + ", ".join(dict.fromkeys(notes)))
     sound = strict(run("fit", simulated, "--method", "mle-white", "--json", "-").out)
     assert sound["recording"]["remarks"] == sound["estimates"][0]["remarks"] == []
 

@@ -79,6 +79,10 @@ CODES: dict[str, tuple[Grade, str]] = {
 }
 
 
+#: Codes of what a stick does, which is said once an experiment.
+OF_STICK = ("held-control",)
+
+
 class Remark(str):
     """A sentence that a user must know, with its code.
 
@@ -118,6 +122,12 @@ def codes_of(remarks: Iterable[str]) -> list[str]:
 def gravest_first(remarks: Iterable[Remark]) -> tuple[Remark, ...]:
     """Remarks by grade, those of one grade in the order they were in."""
     return tuple(sorted(remarks, key=lambda remark: GRADES.index(remark.grade)))
+
+
+def counted_grades(remarks: Iterable[Remark]) -> str:
+    """How many remarks there are of each grade, in words; empty for none."""
+    grades = [remark.grade for remark in remarks]
+    return ", ".join(f"{grades.count(grade)} {grade}" for grade in GRADES if grade in grades)
 
 
 def remark_of(sentence: str) -> Remark:

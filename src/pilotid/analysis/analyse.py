@@ -39,6 +39,7 @@ from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
+from pilotid.remarks import Remark, remark_of
 from pilotid.study.entries import number
 from pilotid.types import InputError, one_line
 
@@ -167,6 +168,21 @@ class Analysis:
             for fit in self.fits
         }
 
+    @property
+    def remarks(self) -> list[tuple[str, Remark]]:
+        """What is said of recordings and of fits of all runs together, and where."""
+        found = [
+            (part.words, Remark(*told))
+            for part, look in self.looks.items()
+            for told in look["remarks"]
+        ]
+        for fit in self.fits:
+            if fit.run is None:
+                for e in fit.content["estimates"]:
+                    place = f"{fit.part.words}, {e['method']}"
+                    found += [(place, Remark(*told)) for told in e["remarks"]]
+        return found
+
     def candidates(self, part: Part) -> list[Candidate]:
         """The models compared on a recording."""
         return candidates_of(self.looks[part])
@@ -255,7 +271,7 @@ def _look(task: Task) -> Content:
     candidates = compare_models(choice.named_in(recording), list(models.values()), task.seed)
     return {
         "recording": recording.to_dict(),
-        "remarks": [*remarks(recording), *choice.remarks],
+        "remarks": _graded([*remarks(recording), *choice.remarks]),
         "candidates": [asdict(candidate) for candidate in candidates],
         "performance": performance_content(recording),
     }
@@ -313,15 +329,20 @@ def content_of(fitted: Fitted) -> Content:
                 "usable": e.outcome.usable,
                 "verdict": e.verdict(timed=False),
                 "vaf": number(e.vaf),
-                "remarks": list(e.remarks),
+                "remarks": _graded(e.remarks),
                 "agrees": e.specification is None or e.specification.agrees,
                 "parameters": [[q.key, q.unit, *_numbers(q)] for q in e.quantities],
                 "loops": [[q.key, q.unit, *_numbers(q)] for q in own.quantities] if own else [],
-                "loop_remarks": [*own.remarks, *own.notes] if own else [],
+                "loop_remarks": _graded([*own.remarks, *own.notes]) if own else [],
             }
             for e, own in zip(fitted.estimates, loops, strict=True)
         ],
     }
+
+
+def _graded(remarks: Iterable[str]) -> list[tuple[str, str, str]]:
+    """Codes, sentences and grades of remarks, as JSON has them."""
+    return [(r.code, str(r), r.grade) for r in map(remark_of, remarks)]
 
 
 def _failed_content(task: Task, why: str) -> Content:

@@ -10,7 +10,9 @@ from pilotid.analysis.analyse import PAGES, Analysis, group_of
 from pilotid.analysis.board import group_words, left_out_blocks
 from pilotid.analysis.figures import estimates_figure, spread_figure
 from pilotid.analysis.report_tables import (
+    FEW,
     LEVEL,
+    alarms,
     contrast_tables,
     counted,
     estimate_groups,
@@ -130,18 +132,19 @@ def _summary(results: Results) -> Section:
     told_of = [s for s in map(spread_sentence, _by_condition(results)) if s]
     items += [f"{s[0].upper()}{s[1:]}." for s in told_of]
     items += _changing(analysis)
-    failed = [
-        f"{fit.part.words}: `{e['method']}` {e['verdict'].partition(': ')[2]}"
+    ends = [
+        (e["outcome"], f"{fit.part.words}, {e['method']}")
         for fit in analysis.fits
         if fit.run is None
         for e in fit.content["estimates"]
-        if e["outcome"] != "converged"
     ]
-    if failed:
-        items.append(f"Not converged, or at a bound: {'; '.join(failed)}.")
-    remarked = sum(bool(look["remarks"]) for look in analysis.looks.values())
-    if remarked:
-        items.append(f"{remarked} recordings have remarks: see [recordings](#recordings).")
+    for outcome in dict.fromkeys(how for how, _ in ends if how != "converged"):
+        where = [place for how, place in ends if how == outcome]
+        more = f", and {len(where) - FEW} more" if len(where) > FEW else ""
+        items.append(
+            f"{len(where)} of {len(ends)} fits: {outcome} ({'; '.join(where[:FEW])}{more})."
+        )
+    items += alarms(analysis)
     items += results.notes
     blocks: list[Block] = [Text(" ".join(told)), Bullets(items)]
     if analysis.refused:

@@ -26,6 +26,7 @@ from pilotid.analysis.rows import (
 from pilotid.document import Column, Table, table_latex
 from pilotid.model_choice import Candidate
 from pilotid.numbers import NONE, number, p_value, percent, to_error, unsigned
+from pilotid.remarks import GRADES, OF_STICK, Remark, counted_grades, gravest_first
 from pilotid.time_domain.constancy import LEVEL as CHANGES
 from pilotid.types import printable
 
@@ -157,6 +158,31 @@ def contrast_tables(results: Results) -> Iterator[Table[Contrast]]:
             caption = f"Differences with p < {LEVEL:g} after Holm's correction: {title}"
             yield Table(caption, columns, clear, heads=2)
         yield Table(f"All differences: {title}", columns, own, heads=2, folded=many)
+
+
+def alarms(analysis: Analysis, worst: int = 3) -> list[str]:
+    """How many remarks there are, and the worst of them; what a stick does once."""
+    every = analysis.remarks
+    stick = [(place, remark) for place, remark in every if remark.code in OF_STICK]
+    told = [(place, remark) for place, remark in every if remark.code not in OF_STICK]
+    found = []
+    if told:
+        found.append(f"Remarks: {counted_grades(remark for _, remark in told)}.")
+    codes: dict[str, list[tuple[str, Remark]]] = {}
+    for place, remark in told:
+        if remark.grade != "note":
+            codes.setdefault(remark.code, []).append((place, remark))
+    order = sorted(
+        codes, key=lambda code: (GRADES.index(codes[code][0][1].grade), -len(codes[code]))
+    )
+    for code in order[:worst]:
+        (place, first), *others = codes[code]
+        more = f", and {len(others)} more" if others else ""
+        found.append(f"{first.grade}, {code}: {place}{more}: {first}.")
+    for code in dict.fromkeys(remark.code for _, remark in stick):
+        own = [(place, remark) for place, remark in stick if remark.code == code]
+        found.append(f"{code}, of the stick: {own[0][1]} ({len(own)} fits).")
+    return found
 
 
 def contrast_overview(results: Results) -> Table[Contrast]:
@@ -345,8 +371,10 @@ def recording_table(analysis: Analysis) -> Table[Fit]:
         name = f"[{fit.part.words}]({page})" if page else fit.part.words
         own = next((c for c in analysis.candidates(fit.part) if c.model == model), None)
         for place, e in enumerate(fit.content["estimates"]):
-            told = [*(look["remarks"] if not place else ()), *e["remarks"]]
-            items.append(Fit(name, model, int(look["recording"]["runs"]), e, told, own))
+            told = [Remark(*r) for r in (*(look["remarks"] if not place else ()), *e["remarks"])]
+            told = [remark for remark in told if remark.code not in OF_STICK]
+            runs = int(look["recording"]["runs"])
+            items.append(Fit(name, model, runs, e, gravest_first(told), own))
     caption = "Every recording, all runs together; the names lead to pages with figures"
     return Table(caption, columns, items)
 

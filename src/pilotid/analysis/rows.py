@@ -12,6 +12,7 @@ import numpy as np
 from pilotid.analysis.combine import plain_mean
 from pilotid.chance import Z95
 from pilotid.estimates.estimate import Outcome
+from pilotid.remarks import Remark
 
 #: The field of a pattern that names who was recorded, and the one that names under what.
 SUBJECT, CONDITION = "subject", "condition"
@@ -108,7 +109,7 @@ def rows_of(
             upper=_number(upper),
             outcome=estimate["outcome"],
             usable=estimate["usable"],
-            remarks=tuple(estimate[told]),
+            remarks=tuple(Remark(*remark) for remark in estimate[told]),
             agrees=estimate["agrees"],
         )
         for estimate in content["estimates"]

@@ -84,7 +84,7 @@ def analyse(
     from pilotid.analysis.board import BOARD
     from pilotid.analysis.recordings import Pattern, Source, parts_of
     from pilotid.analysis.report import write_report
-    from pilotid.analysis.report_tables import contrast_overview
+    from pilotid.analysis.report_tables import alarms, contrast_overview
     from pilotid.analysis.results import results_of
     from pilotid.analysis.tables import write_tables
     from pilotid.analysis.trials import tried_conditions
@@ -138,7 +138,7 @@ def analyse(
     ]
     tables = [contrast_overview(results)] if results.contrasts else []
     told = [f"{own.words}: {words}" for own in results.tried for words in own.trust.sentences]
-    sentences = Bullets([*told, *results.notes, f"report: {path}"])
+    sentences = Bullets([*told, *alarms(analysis), *results.notes, f"report: {path}"])
     print_blocks(make_console(), Bullets(choices), *tables, sentences)
     options.raise_refused(analysis.refused)
 

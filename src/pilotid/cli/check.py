@@ -24,7 +24,7 @@ from pilotid.recordings.checks import remarks
 from pilotid.recordings.detectors import findings
 from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.recordings.understood import Forcing, Signal, Understood, understood
-from pilotid.remarks import codes_of, remarks_json
+from pilotid.remarks import GRADES, codes_of, gravest_first, remark_of, remarks_json
 from pilotid.seeds import DEFAULT_SEED, fit_rng
 from pilotid.terminal import make_console
 from pilotid.time_domain.constancy import LEVEL, constancy_of
@@ -51,6 +51,9 @@ def check(
         str | None,
         typer.Option(metavar="4/s^2", help="Controlled element, to compare with what is seen."),
     ] = None,
+    brief: Annotated[
+        bool, typer.Option("--brief", help="One line a file, and a summary of many.")
+    ] = False,
     json: options.JsonOption = None,
 ) -> None:
     """Summarise recordings and report problems."""
@@ -58,6 +61,10 @@ def check(
     models = [model_named(name) for name in split_list(model, names=True)]
     options.require_writable(files, json)
     recordings, refused = options.recordings_of(files, mapping, dt, detrend, lead_in, joint=joint)
+    if brief and json is None:
+        _print_brief(recordings, plant)
+        options.raise_refused(refused)
+        return
     known = options.methods_of(None, list(methods()))
     found = [_checked(recording, models, known, plant) for recording in recordings]
     entries = [entry for _, entry in found]
@@ -67,7 +74,39 @@ def check(
             if number:
                 console.print()
             print_blocks(console, *_blocks(recordings[number], facts, entry))
+        if len(found) > 1:
+            console.print()
+            print_blocks(console, Text(_summary([entry["remarks"] for entry in entries])))
     options.raise_refused(refused)
+
+
+def _print_brief(recordings: Sequence[Recording], element: ControlledElement | None) -> None:
+    """Print a line for each recording, with the codes of its remarks, and a summary."""
+    console, every = make_console(), []
+    for recording in recordings:
+        choice = chosen_element(recording, element)
+        told = gravest_first(map(remark_of, (*remarks(recording), *choice.remarks)))
+        every.append(told)
+        codes = {g: dict.fromkeys(r.code for r in told if r.grade == g) for g in GRADES}
+        flags = [f"{grade}: {', '.join(own)}" for grade, own in codes.items() if own] or ["ok"]
+        size = f"{recording.runs} x {recording.duration:.4g} s, {' '.join(recording.signals)}"
+        name = choice.element.name if choice.element else "element unknown"
+        line = f"{recording.source}: {size}, {name}; {'; '.join(flags)}"
+        print_blocks(console, Text(line, "warning" if codes["wrong"] or codes["doubt"] else ""))
+    if len(every) > 1:
+        print_blocks(console, Text(_summary(every)))
+
+
+def _summary(every: Sequence[Sequence[str]]) -> str:
+    """How many recordings are sound, and how many have which remark."""
+    told = [{remark.code: remark.grade for remark in map(remark_of, own)} for own in every]
+    bad = [own for own in told if set(own.values()) & {"wrong", "doubt"}]
+    words = f"{len(every)} recordings, {len(every) - len(bad)} without anything wrong or in doubt"
+    kinds = dict.fromkeys(
+        pair for grade in GRADES for own in told for pair in own.items() if pair[1] == grade
+    )
+    counts = [f"{code} ({grade}) {sum(code in own for own in told)}" for code, grade in kinds]
+    return f"{words}: {', '.join(counts)}" if counts else words
 
 
 def _checked(

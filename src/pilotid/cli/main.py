@@ -32,6 +32,7 @@ from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.files import save_recording
 from pilotid.recordings.recording import LEAD_IN, Recording
+from pilotid.remarks import OF_STICK
 from pilotid.seeds import DEFAULT_SEED, draw_rng, recording_rng
 from pilotid.terminal import make_console, with_bar
 from pilotid.types import InputError, one_line
@@ -205,10 +206,12 @@ def fit(
         write_file(report, page.encode("utf-8", "replace"))
     if not printed:
         console = make_console()
+        said: set[str] = set()
         for number, fitted in enumerate(fits):
             if number:
                 console.print()
-            fitted.print(console)
+            fitted.print(console, said)
+            said |= {remark.code for remark in fitted.graded} & set(OF_STICK)
     options.raise_refused(refused)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,7 @@ from pilotid.estimates.quantities import abreast, quantity_tables
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import Recording
-from pilotid.remarks import GRADES, Remark, remark_of, remarks_json
+from pilotid.remarks import Remark, gravest_first, remark_of, remarks_json
 from pilotid.seeds import fit_rng
 
 if TYPE_CHECKING:
@@ -88,14 +88,21 @@ class Fitted:
         return [{"loops": {**loops.to_dict(), "origin": given.origin}} for loops in self.loops]
 
     @property
-    def warnings(self) -> list[str]:
-        """All remarks, each with what it is about, those that say what is wrong first."""
-        found = [("recording", remark) for remark in self.remarks]
-        found += [(e.method, remark) for e in self.estimates for remark in e.remarks]
+    def graded(self) -> dict[Remark, str]:
+        """All remarks, each once with what it is about, those that say what is wrong first."""
+        found = [("recording", remark_of(remark)) for remark in self.remarks]
+        found += [(e.method, remark_of(remark)) for e in self.estimates for remark in e.remarks]
         pairs = zip(self.estimates, self.loops, strict=False)
-        found += [(e.method, remark) for e, loops in pairs for remark in loops.remarks]
-        found.sort(key=lambda pair: GRADES.index(remark_of(pair[1]).grade))
-        return [f"{about}: {remark}" for about, remark in found]
+        found += [(e.method, remark_of(remark)) for e, loops in pairs for remark in loops.remarks]
+        about: dict[Remark, str] = {}
+        for remark in gravest_first(remark for _, remark in found):
+            about[remark] = ", ".join(dict.fromkeys(who for who, own in found if own == remark))
+        return about
+
+    @property
+    def warnings(self) -> list[str]:
+        """All remarks in words, those that say what is wrong first."""
+        return [f"{about}: {remark}" for remark, about in self.graded.items()]
 
     def tables(self, abreast: int) -> list[Table[Any]]:
         """The quantities of all estimates that have values, so many side by side."""
@@ -129,9 +136,20 @@ class Fitted:
         tables = quantity_tables(shown, abreast, "loop")
         return [Text(self.loop_element.words), *tables, Bullets(notes)]
 
-    def print(self, console: Console) -> None:
-        """Print tables, a line for each method, and all remarks."""
+    def print(self, console: Console, said: Container[str] = ()) -> None:
+        """Print tables, a line for each method, and what is wrong or in doubt.
+
+        Parameters
+        ----------
+        console
+            Where to.
+        said
+            Codes of remarks that were printed already and are not printed again.
+        """
         side = abreast(console.width)
+        shown = {r: about for r, about in self.graded.items() if r.code not in said}
+        notes = dict.fromkeys(remark.code for remark in shown if remark.grade == "note")
+        loud = [f"{about}: {r}" for r, about in shown.items() if r.grade != "note"]
         verdicts = (
             Text(e.verdict(), "" if e.outcome.usable else "failure") for e in self.estimates
         )
@@ -143,7 +161,8 @@ class Fitted:
             *self.specifications,
             *self.loop_blocks(side),
             *verdicts,
-            *(Text(warning, "warning") for warning in self.warnings),
+            *(Text(warning, "warning") for warning in loud),
+            *[Text(f"notes, in full with --json or --report: {', '.join(notes)}")] * bool(notes),
         )
 
 
