@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import re
 import shutil
 import sqlite3
@@ -374,3 +375,17 @@ def test_own_models_and_methods_go_along(folder: Path, run: Run, tmp_path: Path)
     compared = {row["model"] for row in table(out / "models.csv")}
     assert {"lagged", "single"} <= compared
     assert {row["model"] for row in table(out / "estimates.csv")} == {"single"}
+
+
+def test_one_recording_as_two_subjects_is_named(folder: Path, run: Run, tmp_path: Path) -> None:
+    names = ("s1_A.csv", "s2_A.csv", "s4_A.csv")
+    for name, source in zip(names, ("s1_A.csv", "s2_A.csv", "s1_A.csv"), strict=True):
+        (tmp_path / name).write_bytes((folder / source).read_bytes())
+    files = [str(tmp_path / name) for name in names]
+    out = tmp_path / "out"
+    assert run("check", *files, "--json", str(tmp_path / "check.json")).status == 0
+    entries = json.loads((tmp_path / "check.json").read_text("utf-8"))
+    assert ["copied-run" in entry["codes"] for entry in entries] == [True, False, True]
+    options = ("--pattern", PATTERN, "--model", "single", "--out", str(out), *ALONE)
+    assert run("analyse", *files, *options).status == 0
+    assert "has the same remnant as run 1 of" in (out / "report.html").read_text("utf-8")

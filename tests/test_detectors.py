@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -14,8 +15,14 @@ from pilotid.datasets import SCENARIOS, scenario_named, simulate
 from pilotid.estimates.method import identify
 from pilotid.methods import method_named
 from pilotid.recordings.checks import remarks
-from pilotid.recordings.detectors import Finding, band_end, findings
-from pilotid.recordings.recording import Recording
+from pilotid.recordings.detectors import (
+    Finding,
+    band_end,
+    copies_among,
+    findings,
+    fingerprints,
+)
+from pilotid.recordings.recording import SIGNALS, Recording
 from pilotid.seeds import start_rng
 
 pytestmark = pytest.mark.numerical
@@ -152,3 +159,26 @@ def test_a_recording_without_remnant_is_no_low_passed_one(name: str) -> None:
     assert "low-pass" not in {
         f.code for f in findings(simulate(scenario, np.random.default_rng(1)))
     }
+
+
+def test_copies_are_found_among_recordings_and_nothing_else() -> None:
+    others = [recording_of("nominal", seed) for seed in range(8)]
+    rng = np.random.default_rng(5)
+    noise = 0.01 * np.std(others[2].u) * rng.standard_normal(others[2].u.shape)
+    copies = [
+        replace(others[2], u=-others[2].u - noise),
+        replace(others[4], **{n: np.roll(getattr(others[4], n), 40, axis=1) for n in SIGNALS}),
+    ]
+    every = [*others, *copies]
+    said = copies_among([str(i) for i in range(10)], [fingerprints(r) for r in every])
+    assert {i: [(r.code, r.grade) for r in told] for i, told in said.items()} == {
+        i: [("copied-run", "wrong")] for i in (2, 4, 8, 9)
+    }
+    assert "run 1 of 8" in said[2][0]
+    assert "run 1 of 4" in said[9][0]
+
+
+def test_recordings_too_short_to_be_told_apart_have_no_fingerprint() -> None:
+    short = simulate(replace(SCENARIOS["nominal"], duration=20.48), np.random.default_rng(1))
+    assert fingerprints(short).shape == (1, 0)
+    assert copies_among(["a", "b"], [fingerprints(short)] * 2) == {}

@@ -19,6 +19,7 @@ import numpy as np
 from scipy.signal import butter, lfilter, sosfilt, sosfilt_zi, sosfiltfilt
 
 from pilotid.datasets import scenario_named, simulate
+from pilotid.element.fit import chosen_element
 from pilotid.estimates.method import identify
 from pilotid.methods import method_named
 from pilotid.recordings.checks import remarks
@@ -533,7 +534,8 @@ def row_of(fault: str, scenario_name: str, seed: int, number: int, method: str) 
     except InputError:
         return Row({}, ("refused",), np.zeros(0), np.zeros(0), keys)
     codes = {f"{f.signal}:{f.code}": f.size for f in findings(recording)}
-    said = [r.code for r in remarks(recording) if r.grade != "note"]
+    told_of = (*remarks(recording), *map(remark_of, chosen_element(recording).remarks))
+    said = [r.code for r in told_of if r.grade != "note"]
     z, covered = np.zeros(0), np.zeros(0)
     if method:
         numbers = fit_rng(seed, method, scenario_name, number)

@@ -12,6 +12,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
+
 from pilotid.analysis.cross_validation import LeftOut, failed_rows, left_out_rows, predict_left_out
 from pilotid.analysis.performance import performance_content, performance_rows
 from pilotid.analysis.recordings import Part, Source
@@ -39,6 +41,7 @@ from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
+from pilotid.recordings.detectors import copies_among, fingerprints
 from pilotid.remarks import Remark, remark_of
 from pilotid.study.entries import number
 from pilotid.types import InputError, one_line
@@ -272,6 +275,7 @@ def _look(task: Task) -> Content:
     return {
         "recording": recording.to_dict(),
         "remarks": _graded([*remarks(recording), *choice.remarks]),
+        "fingerprints": fingerprints(recording).round(3).tolist(),
         "candidates": [asdict(candidate) for candidate in candidates],
         "performance": performance_content(recording),
     }
@@ -466,6 +470,12 @@ def analyse(
         looks = {source: work.task("look", source, compared_with) for source in work.digests}
         seen = work.contents(list(looks.values()), "looking at recordings")
         looked = {source: seen[t.key] for source, t in looks.items() if t.key in seen}
+        copies = copies_among(
+            [source.part.name for source in looked],
+            [np.array(look["fingerprints"]) for look in looked.values()],
+        )
+        for place, look in enumerate(looked.values()):
+            look["remarks"] = [*_graded(copies.get(place, ())), *look["remarks"]]
         groups: dict[Group, list[list[Candidate]]] = {}
         for source, look in looked.items():
             groups.setdefault(group_of(source.part), []).append(candidates_of(look))

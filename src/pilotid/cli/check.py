@@ -18,10 +18,10 @@ from pilotid.methods import methods
 from pilotid.model_choice import default_candidates, select
 from pilotid.naming.settings import split_list
 from pilotid.pilot.catalogue import model_named
-from pilotid.pilot.element import ControlledElement, element_named
+from pilotid.pilot.element import element_named
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
-from pilotid.recordings.detectors import findings
+from pilotid.recordings.detectors import copies_among, findings, fingerprints
 from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.recordings.understood import Forcing, Signal, Understood, understood
 from pilotid.remarks import GRADES, codes_of, gravest_first, remark_of, remarks_json
@@ -61,12 +61,21 @@ def check(
     models = [model_named(name) for name in split_list(model, names=True)]
     options.require_writable(files, json)
     recordings, refused = options.recordings_of(files, mapping, dt, detrend, lead_in, joint=joint)
+    choices = [chosen_element(recording, plant) for recording in recordings]
+    copies = copies_among([r.source for r in recordings], [fingerprints(r) for r in recordings])
+    told = [
+        [*copies.get(number, ()), *remarks(recording), *choice.remarks]
+        for number, (recording, choice) in enumerate(zip(recordings, choices, strict=True))
+    ]
     if brief and json is None:
-        _print_brief(recordings, plant)
+        _print_brief(recordings, choices, told)
         options.raise_refused(refused)
         return
     known = options.methods_of(None, list(methods()))
-    found = [_checked(recording, models, known, plant) for recording in recordings]
+    found = [
+        _checked(recording, models, known, choice, own)
+        for recording, choice, own in zip(recordings, choices, told, strict=True)
+    ]
     entries = [entry for _, entry in found]
     if not options.write_json(json, entries[0] if len(entries) == 1 else entries):
         console = make_console()
@@ -80,15 +89,17 @@ def check(
     options.raise_refused(refused)
 
 
-def _print_brief(recordings: Sequence[Recording], element: ControlledElement | None) -> None:
+def _print_brief(
+    recordings: Sequence[Recording],
+    choices: Sequence[ElementChoice],
+    every: Sequence[Sequence[str]],
+) -> None:
     """Print a line for each recording, with the codes of its remarks, and a summary."""
-    console, every = make_console(), []
-    for recording in recordings:
-        choice = chosen_element(recording, element)
-        told = gravest_first(map(remark_of, (*remarks(recording), *choice.remarks)))
-        every.append(told)
+    console = make_console()
+    for recording, choice, own in zip(recordings, choices, every, strict=True):
+        told = gravest_first(map(remark_of, own))
         codes = {g: dict.fromkeys(r.code for r in told if r.grade == g) for g in GRADES}
-        flags = [f"{grade}: {', '.join(own)}" for grade, own in codes.items() if own] or ["ok"]
+        flags = [f"{grade}: {', '.join(kind)}" for grade, kind in codes.items() if kind] or ["ok"]
         size = f"{recording.runs} x {recording.duration:.4g} s, {' '.join(recording.signals)}"
         name = choice.element.name if choice.element else "element unknown"
         line = f"{recording.source}: {size}, {name}; {'; '.join(flags)}"
@@ -113,12 +124,10 @@ def _checked(
     recording: Recording,
     models: Sequence[PilotModel],
     known: dict[str, Method],
-    element: ControlledElement | None,
+    choice: ElementChoice,
+    told: Sequence[str],
 ) -> tuple[Understood, Entry]:
     facts = understood(recording)
-    told: list[str] = list(remarks(recording))
-    choice = chosen_element(recording, element)
-    told += choice.remarks
     constancy = _constancy(recording)
     able = {
         m.name: {

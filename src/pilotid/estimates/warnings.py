@@ -127,12 +127,14 @@ def _short_delays(estimate: Estimate) -> Iterator[Remark]:
     for i in estimate.model.delays:
         value, end = float(estimate.values[i]), float(estimate.intervals[i, 1])
         if value < SHORTEST_DELAY:
-            reach = f", though its interval goes up to {end:.3g} s" if end > SHORTEST_DELAY else ""
+            possible = end > SHORTEST_DELAY
+            reach = f", though its interval goes up to {end:.3g} s" if possible else ""
             yield Remark(
                 "short-delay",
                 f"{estimate.model.keys[i]} is {value:.3g} s, but people's delays are not below "
                 f"{SHORTEST_DELAY:g} s{reach}: another parameter may have taken its part (a lag, a "
                 "slow neuromuscular system), or u was recorded early",
+                "note" if possible else "doubt",
             )
 
 

@@ -20,7 +20,7 @@ from pilotid.pilot.element import parsed_element
 from pilotid.recordings.recording import Recording, remembered
 from pilotid.recordings.spectra import floors_of
 from pilotid.recordings.timing import Relation, derivatives, regression
-from pilotid.remarks import GRADES, Grade
+from pilotid.remarks import GRADES, Grade, Remark
 from pilotid.types import ComplexArray, FloatArray
 
 
@@ -41,6 +41,7 @@ class Limits(NamedTuple):
     own: float = 3e-5  # rms of e - (ft - x) over that of e (1e-15); files of 5 decimals reach it
     unanswered: float = 0.5  # share of x there that is no smooth answer to u + fd
     flat_forcing: tuple[float, float] = (-6.0, 5e-6)  # of ft and fd, and level over rms (1e-12)
+    jittered: float = 0.05  # of its rms: fits are right at .03, wrong at .13
     outlier: tuple[float, float] = (60.0, 5e-3)  # over the usual error, and over rms (3e-6)
     identity: float = 0.02  # of a sample, by which e and ft or x are apart (0)
     apart: tuple[float, float] = (0.2, 0.005)  # of a sample, and s, of u against fd (.003 s)
@@ -52,6 +53,7 @@ class Limits(NamedTuple):
     left: tuple[float, float] = (0.03, 1e-3)  # share of u that may be unexplained beside fd, and x
     drift: tuple[float, float, float] = (150.0, 12e-6, 8.0)  # ppm (92), scatter, standard errors
     copy: float = 0.72  # correlation of remnants (.67 in some 2000 pairs)
+    print: float = 0.5  # correlation of fingerprints (.25 in 120,000 pairs; with noise of 5 % .74)
 
 
 LIMITS = Limits()
@@ -59,8 +61,10 @@ LIMITS = Limits()
 #: have no power above 30 rad/s, and a band of 26 rad/s tells as much as a wider one.
 ENOUGH = 5.0
 LOWEST, PER_OCTAVE = 0.3, 6  # Hz, and bands in an octave
+FEWEST = 10  # bins of all runs in a band, of which its level is told
 STEPS = 10.0  # of a converter, that are no jump
 HIGHEST = 5.0  # Hz, of the remnants that are held against one another
+SHORTEST = 30.0  # seconds of them
 
 
 @dataclass(frozen=True)
@@ -137,6 +141,7 @@ class _Look:
         self.samples = recording.samples
         self.bands = _bands(self.samples, self.dt)
         self.hertz = np.array([math.sqrt(a * b) for a, b in self.bands]) / recording.duration
+        self.bins = np.diff(self.bands, axis=1).ravel() * len(recording.u)
         self.spectra = {name: _transform(signal) for name, signal in signals.items()}
         self.power = {name: self._power(spectrum) for name, spectrum in self.spectra.items()}
         self.units = {name: recording.units.get(name, "") for name in signals}
@@ -159,10 +164,11 @@ class _Look:
                 continue
             level = 10.0 * np.log10(self.power[name])
             slope, at = level[3:] - level[:-3], self.hertz[:-3]
-            if not (at > 1.0).any():
+            known = (at > 1.0) & (self.bins[:-3] >= FEWEST)
+            if not known.any():
                 continue
-            steepest = first = int(np.argmin(np.where(at > 1.0, slope, 0.0)))
-            between = (self.hertz[:-6] > 1.0) & (self.hertz[:-6] < 9.0)
+            steepest = first = int(np.argmin(np.where(known, slope, 0.0)))
+            between = known[:-3] & (self.hertz[:-6] < 9.0)
             octave = float(np.min((level[6:] - level[:-6])[between], initial=0.0))
             half = LIMITS.half_octave[which]
             if slope[steepest] >= half and octave >= LIMITS.octave[which]:
@@ -242,7 +248,8 @@ class _Look:
                     f"{name} holds noise of {100.0 * size:.2g} % of its rms: the times of samples "
                     "jitter, or it was recorded through a converter; give it as it was commanded"
                 )
-                yield Finding("jitter", name, "note", size, "", words)
+                jittered: Grade = "doubt" if size > LIMITS.jittered else "note"
+                yield Finding("jitter", name, jittered, size, "", words)
 
     @property
     def _apart(self) -> float:
@@ -460,7 +467,7 @@ class _Look:
 
     def copies(self, found: Sequence[Finding]) -> Iterator[Finding]:
         """Runs with one remnant, which never comes twice."""
-        if self.recording.runs < 2 or self.recording.duration < 30.0:
+        if self.recording.runs < 2 or self.recording.duration < SHORTEST:
             return
         highest = min((f.usable for f in found if f.signal == "u"), default=HIGHEST)
         remnants, step = _remnants(self.recording, min(highest, HIGHEST))
@@ -580,6 +587,14 @@ def _remnants(
     recording: Recording, highest: float, memory: float = 5.0
 ) -> tuple[FloatArray, float]:
     """What is left of u beside its answers to ft and fd, whitened; and its interval [s]."""
+    spectra, samples, step = _remnant_spectra(recording, highest, memory)
+    return np.fft.irfft(spectra, n=samples), step
+
+
+def _remnant_spectra(
+    recording: Recording, highest: float, memory: float = 5.0
+) -> tuple[ComplexArray, int, float]:
+    """Transforms of that, (runs, bins); the number of its samples; and their interval [s]."""
     every = max(1, round(0.08 / recording.dt))
     step = every * recording.dt
     count = recording.u.shape[1] // every
@@ -605,7 +620,7 @@ def _remnants(
     smooth = np.ones(31) / 31
     size = np.array([np.sqrt(np.convolve(np.abs(s) ** 2, smooth, "same")) for s in spectra])
     inside = (hertz > 0.15) & (hertz < min(highest, 0.45 / step))
-    return np.fft.irfft(spectra / (size + 1e-300) * inside, n=samples), step
+    return spectra / (size + 1e-300) * inside, samples, step
 
 
 def _alike(one: FloatArray, other: FloatArray, step: float, seconds: float = 12.0) -> float:
@@ -624,3 +639,48 @@ def _alike(one: FloatArray, other: FloatArray, step: float, seconds: float = 12.
         products = products[: samples - length + 1]
         found.append(float(np.max(np.abs(products) / np.sqrt(energy * (piece @ piece) + 1e-300))))
     return sorted(found)[-2] if len(found) > 1 else 0.0
+
+
+def fingerprints(recording: Recording) -> FloatArray:
+    """What a copy of a run has in common with it, though late or noisy: shape (runs, bins).
+
+    Magnitudes of the remnant's spectrum, of mean 0 and norm 1.  No bins where the recording is
+    too short, or does not move.
+    """
+    if recording.duration < SHORTEST or "u" not in _moving(recording):
+        return np.zeros((recording.runs, 0))
+    with np.errstate(all="ignore"):
+        ends = [f.usable for f in _ends(recording) if f.signal == "u"]
+        spectra = _remnant_spectra(recording, min([*ends, HIGHEST]))[0]
+        size = np.abs(spectra[:, np.any(spectra, axis=0)])
+        size -= size.mean(axis=1, keepdims=True)
+        return np.asarray(size / np.linalg.norm(size, axis=1, keepdims=True))
+
+
+def copies_among(names: Sequence[str], prints: Sequence[FloatArray]) -> dict[int, list[Remark]]:
+    """What to say of recordings whose runs are copies of those of another recording.
+
+    Parameters
+    ----------
+    names
+        The recordings, for messages.
+    prints
+        Their `fingerprints`.
+    """
+    said: dict[int, list[Remark]] = {}
+    for bins in {p.shape[1] for p in prints} - {0}:
+        places = [(i, run) for i, p in enumerate(prints) for run in range(len(p))
+                  if p.shape[1] == bins]  # fmt: skip
+        stacked = np.array([prints[i][run] for i, run in places])
+        for a, b in np.argwhere(np.triu(stacked @ stacked.T > LIMITS.print, 1)):
+            one, other = places[a], places[b]
+            for (i, run), (j, same) in ((one, other), (other, one)):
+                if i != j and i not in said:
+                    said[i] = [
+                        Remark(
+                            "copied-run",
+                            f"run {run + 1} has the same remnant as run {same + 1} of {names[j]}: "
+                            "one is a copy of the other; leave it out",
+                        )
+                    ]
+    return said
