@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -20,17 +19,20 @@ PERIOD = 81.92  # measurement window of AIAA 2008-7109 [s]
 AT_ONCE = 256  # lines whose samples are held in memory together
 
 
-class Forcing(Protocol):
-    """A deterministic signal and its exact passage through a linear system."""
+class Forcing:
+    """A deterministic signal and its exact passage through a linear system.
 
-    @property
-    def lines(self) -> tuple[int, ...]:
-        """Lines excited, as multiples of 2 pi / period; empty if not a multisine."""
-        ...
+    Attributes
+    ----------
+    lines
+        Lines excited, as multiples of 2 pi / period; empty if it is no multisine.
+    """
+
+    lines: tuple[int, ...]
 
     def at(self, time: FloatArray) -> FloatArray:
         """The signal at `time` [s], both of shape (times,)."""
-        ...
+        return self.through(np.ones_like, time)
 
     def through(self, response: Response, time: FloatArray) -> FloatArray:
         """What stable systems with these frequency responses answer, at `time` [s].
@@ -42,15 +44,11 @@ class Forcing(Protocol):
         time
             Shape (times,); answers have the shape (..., times).
         """
-        ...
-
-    def scaled(self, gain: float) -> Forcing:
-        """The same signal times a gain."""
-        ...
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)
-class Multisine:
+class Multisine(Forcing):
     """Sum of sines sum_i A_i sin(k_i w0 t + phi_i), w0 = 2 pi / period.
 
     Attributes
@@ -77,10 +75,6 @@ class Multisine:
         """Frequencies of the lines [rad/s], shape (lines,)."""
         return 2.0 * np.pi * np.array(self.lines, dtype=float) / self.period
 
-    def at(self, time: FloatArray) -> FloatArray:
-        """The signal at `time` [s], both of shape (times,)."""
-        return self.through(np.ones_like, time)
-
     def through(self, response: Response, time: FloatArray) -> FloatArray:
         """What systems with these responses answer, see `Forcing.through`."""
         omega = self.omega
@@ -103,7 +97,7 @@ class Multisine:
 
 
 @dataclass(frozen=True)
-class Steps:
+class Steps(Forcing):
     """A piecewise constant signal, zero before its first jump.
 
     Signals are recorded behind an anti-aliasing filter, flat up to 60 % of half the
@@ -119,20 +113,12 @@ class Steps:
 
     times: tuple[float, ...]
     jumps: tuple[float, ...]
+    lines = ()
 
     # Response by Fourier series: the signal returns to zero after the last sample and rests
     # so long [s] that the system forgets it within one period.
     settle = 150.0
     flat = 0.6
-
-    @property
-    def lines(self) -> tuple[int, ...]:
-        """None: a step has no lines."""
-        return ()
-
-    def at(self, time: FloatArray) -> FloatArray:
-        """The signal at `time` [s], both of shape (times,)."""
-        return self.through(np.ones_like, time)
 
     def through(self, response: Response, time: FloatArray) -> FloatArray:
         """What systems with these responses answer, see `Forcing.through`."""

@@ -28,154 +28,108 @@ from pilotid.pilot.model import Channel, PilotModel, frozen
 from pilotid.pilot.timevarying import Changing, Spline
 from pilotid.types import FloatArray, InputError
 
-#: A gain on the error of a double integrator, with lead.
-VISUAL: tuple[Factor, ...] = (Gain("Kvis", 0.25), Lead("tlead"), Delay("tdvis"), Neuromuscular())
 
-#: What the semicircular canals tell a pilot of the acceleration of the output.
-ON_ACCELERATION = Channel(
+def _visual(*factors: Factor | Changing) -> Channel:
+    """A channel on the error."""
+    return Channel("visual", "error", 1, factors)
+
+
+def _motion(name: str, *factors: Factor) -> Channel:
+    """A channel on what motion tells a pilot of the output."""
+    return Channel(name, "output", -1, factors)
+
+
+#: Ends of most channels; its delay, and what moves the arm.
+SLOW = (Delay("tdvis"), Neuromuscular())
+
+#: A gain on the error of a double integrator, with lead.
+LED = _visual(Gain("Kvis", 0.25), Lead("tlead"), *SLOW)
+
+#: With lead and lag, for elements between position and acceleration control.
+LED_AND_LAGGED = _visual(Gain("Kvis", 0.5), Lead("tlead"), Lag("tlag", 0.25), *SLOW)
+
+#: The same with the lead squared, for elements that lag like two integrators and more.
+TWICE_LED = _visual(Gain("Kvis", 0.5), Lead("tlead"), Lead("tlead"), Lag("tlag", 0.25), *SLOW)
+
+#: A gain and a lead that vary in time.
+VARYING = (Gain("Kvis", 0.25), Lead("tlead", usual=(0.1, 5.0)))
+
+#: The semicircular canals on the acceleration of the output.
+CANALS = _motion(
     "vestibular",
-    "output",
-    -1,
-    (Differentiator(2), Canals(), Gain("Kvest", 1.0), Delay("tdvest", 0.2), Neuromuscular()),
+    *(Differentiator(2), Canals(), Gain("Kvest", 1.0), Delay("tdvest", 0.2), Neuromuscular()),
 )
 
+#: The rate of the output.
+RATE_FEEDBACK = _motion(
+    "motion", Differentiator(1), Gain("Km", 0.25), Delay("tdm", 0.2), Neuromuscular()
+)
+
+#: The rate of the target in view.
+FEEDFORWARD = Channel(
+    *("target", "target", 1),
+    (Differentiator(1), Gain("Kt", 0.25), Lag("tlagt", 0.25), Delay("tdt", 0.2), Neuromuscular()),
+)
 
 SINGLE = PilotModel(
     "single",
-    (Channel("visual", "error", 1, VISUAL),),
+    (LED,),
     "visual channel with lead, delay and neuromuscular dynamics (AIAA 2008-7109)",
 )
-
-
 MULTI = PilotModel(
     "multi",
-    (Channel("visual", "error", 1, VISUAL), ON_ACCELERATION),
+    (LED, CANALS),
     "visual channel and semicircular-canal channel on acceleration (AIAA 2008-7109)",
 )
-
-
 GAIN_ONLY = PilotModel(
     "gain",
-    (Channel("visual", "error", 1, (Gain("Kvis", 0.5), Delay("tdvis"), Neuromuscular())),),
+    (_visual(Gain("Kvis", 0.5), *SLOW),),
     "visual gain, delay and neuromuscular dynamics: rate control (McRuer & Jex 1967); position "
     "control takes a lag",
 )
-
-
-#: A gain on the error with lead and lag, for elements between position and acceleration control.
-EQUALISED: tuple[Factor, ...] = (
-    Gain("Kvis", 0.5),
-    Lead("tlead"),
-    Lag("tlag", 0.25),
-    Delay("tdvis"),
-    Neuromuscular(),
-)
-
-#: The same with the lead squared, for elements that lag like two integrators and more.
-TWICE_LED: tuple[Factor, ...] = (EQUALISED[0], Lead("tlead"), *EQUALISED[1:])
-
-#: What motion tells a pilot of the rate of the output.
-ON_RATE = Channel(
-    "motion",
-    "output",
-    -1,
-    (Differentiator(1), Gain("Km", 0.25), Delay("tdm", 0.2), Neuromuscular()),
-)
-
-
 LEAD_LAG = PilotModel(
     "lead-lag",
-    (Channel("visual", "error", 1, EQUALISED),),
+    (LED_AND_LAGGED,),
     "visual channel with lead-lag equalisation (1 + tlead s)/(1 + tlag s) (McRuer & Jex 1967)",
 )
-
-
 RATE = PilotModel(
     "rate",
-    (Channel("visual", "error", 1, VISUAL), ON_RATE),
+    (LED, RATE_FEEDBACK),
     "visual channel and rate feedback s Km e^{-tdm s} from motion",
 )
-
-
 LEAD_LAG_MOTION = PilotModel(
     "lead-lag-motion",
-    (Channel("visual", "error", 1, EQUALISED), ON_RATE),
+    (LED_AND_LAGGED, RATE_FEEDBACK),
     "lead-lag visual channel and rate feedback s Km e^{-tdm s} from motion",
 )
-
-
 LEAD2_LAG = PilotModel(
     "lead2-lag",
-    (Channel("visual", "error", 1, TWICE_LED),),
+    (TWICE_LED,),
     "visual channel with (1 + tlead s)^2/(1 + tlag s) (Pool, Harder & van Paassen 2016)",
 )
-
-
 LEAD2_LAG_MOTION = PilotModel(
     "lead2-lag-motion",
-    (Channel("visual", "error", 1, TWICE_LED), ON_ACCELERATION),
+    (TWICE_LED, CANALS),
     "visual channel with (1 + tlead s)^2/(1 + tlag s) and semicircular-canal channel on "
     "acceleration (Pool, Harder & van Paassen 2016)",
 ).with_start({"tdvest": 0.25})  # .2 is next to the truth of scenario `training`
-
-
 PURSUIT = PilotModel(
     "pursuit",
-    (
-        Channel("visual", "error", 1, VISUAL),
-        Channel(
-            "target",
-            "target",
-            1,
-            (
-                Differentiator(1),
-                Gain("Kt", 0.25),
-                Lag("tlagt", 0.25),
-                Delay("tdt", 0.2),
-                Neuromuscular(),
-            ),
-        ),
-    ),
+    (LED, FEEDFORWARD),
     "visual channel and feedforward s Kt e^{-tdt s}/(1 + tlagt s) of the target in view, an "
     "integrator inverted (Drop et al. 2013)",
 )
-
-
 #: Gain and lead pass from one value to another along one sigmoid, as where the element changes.
 ADAPTING = PilotModel(
     "adapting",
-    (
-        Channel(
-            "visual",
-            "error",
-            1,
-            (
-                Changing((Gain("Kvis", 0.25), Lead("tlead", usual=(0.1, 5.0)))),
-                Delay("tdvis"),
-                Neuromuscular(),
-            ),
-        ),
-    ),
+    (_visual(Changing(VARYING), *SLOW),),
     "visual channel whose gain and lead pass from Kvis1, tlead1 to Kvis2, tlead2 along a sigmoid "
     "in time (Zaal, JGCD 39(5) 2016)",
 )
-
-
 #: Gain and lead go over time as the recording says, each along a smooth curve of its own.
 ADAPTING_FREE = PilotModel(
     "adapting-free",
-    (
-        Channel(
-            "visual",
-            "error",
-            1,
-            (
-                Changing((Gain("Kvis", 0.25), Lead("tlead", usual=(0.1, 5.0))), Spline()),
-                Delay("tdvis"),
-                Neuromuscular(),
-            ),
-        ),
-    ),
+    (_visual(Changing(VARYING, Spline()), *SLOW),),
     "visual channel whose gain and lead go over time along smooth curves, by their values at 13 "
     "knots from the start of the window to its end",
 )
