@@ -92,7 +92,8 @@ def method_named(text: str) -> Method:
     if name not in methods():
         there = ", ".join(methods())
         raise InputError(f"unknown method '{name}': choose from {there}, or name file.py:CLASS")
-    return configured(methods()[name], settings, text)
+    method: Method = configured(methods()[name], settings, text)
+    return method
 
 
 def label_of(method: Method) -> str:

@@ -47,6 +47,7 @@ from pilotid.frequency.regression import (
     channel_response,
     lagged_rows,
     signals,
+    triangle_of,
 )
 from pilotid.frequency.second_step import against_recording, output_at_once, second_step
 from pilotid.pilot.model import PilotModel
@@ -145,13 +146,13 @@ class SINDy:
     def regress(self, library: Library, structure: Structure, rng: np.random.Generator) -> BlackBox:
         """The sparse model of one structure, with the covariance of its ensemble."""
         blocks = library.blocks(structure, self.block)
-        triangle = _triangle(np.concatenate(blocks))
+        triangle = triangle_of(np.concatenate(blocks))
         size = structure.parameters
         coefficients = prune(triangle, self.threshold)
         members = np.empty((self.members, size))
         for member in members:
             picked = rng.integers(len(blocks), size=len(blocks))
-            resampled = _triangle(np.concatenate([blocks[i] for i in picked]))
+            resampled = triangle_of(np.concatenate([blocks[i] for i in picked]))
             member[:] = prune(resampled, self.threshold)
         cost = float(np.sum((triangle[:, -1] - triangle[:, :-1] @ coefficients) ** 2))
         variance = cost / (library.count - size)
@@ -198,12 +199,7 @@ class Library:
         ]
         lags = [(1, self._reach)] * len(self.inputs)
         regression = Regression(self.control, self.inputs, self._poles, lags, self._first)
-        costs = regression.costs(structures)
-        sizes = np.array([s.parameters for s in structures])
-        # Without a remnant all fit equally well, apart from rounding.
-        floor = 1e-20 * float(np.sum(self.control**2))
-        criterion = self.count * np.log(np.maximum(costs, floor)) + sizes * math.log(self.count)
-        return structures[int(np.argmin(criterion))]
+        return regression.search(structures).best("bic")
 
     def blocks(self, structure: Structure, length: float) -> list[FloatArray]:
         """Triangular factors of blocks of rows, none of which spans two runs.
@@ -216,11 +212,7 @@ class Library:
         runs, samples, _ = rows.shape
         least = math.ceil(LEAST_BLOCKS / runs)
         parts = min(max(least, round(samples * self.dt / length)), samples)
-        return [_triangle(part) for run in rows for part in np.array_split(run, parts)]
-
-
-def _triangle(rows: FloatArray) -> FloatArray:
-    return np.asarray(np.linalg.qr(rows, mode="r"))
+        return [triangle_of(part) for run in rows for part in np.array_split(run, parts)]
 
 
 def prune(rows: FloatArray, threshold: float) -> FloatArray:

@@ -24,7 +24,6 @@ from pilotid.naming.code import code_digest, packed, taken, unpacked
 from pilotid.naming.settings import (
     configured,
     labelled,
-    made,
     plain,
     shown,
     split_call,
@@ -144,9 +143,9 @@ def test_what_has_no_settings_says_so() -> None:
 
 
 def test_a_class_is_made_and_what_it_refuses_is_a_sentence() -> None:
-    assert made(Inner, "depth=3", "Inner(depth=3)") == Inner(3)
+    assert configured(Inner, "depth=3", "Inner(depth=3)") == Inner(3)
     with pytest.raises(InputError, match="of order 0 to 3"):
-        made(Remnant, "order=9", "Remnant(order=9)")
+        configured(Remnant, "order=9", "Remnant(order=9)")
 
 
 @settings(deadline=None)

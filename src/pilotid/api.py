@@ -233,12 +233,12 @@ def design(
     from pilotid.designing.design import design as designed
     from pilotid.designing.limits import Limits
     from pilotid.designing.lines import chosen_lines, reference_lines
-    from pilotid.naming.settings import made
+    from pilotid.naming.settings import configured
 
     named = scenario_named(scenario) if isinstance(scenario, str) else scenario
     if not isinstance(named, Scenario):
         raise InputError(f"{named.name}: is a population; a design is for one scenario")
-    limits = made(Limits, limit, f"limit={limit}")
+    limits = configured(Limits, limit, f"limit={limit}")
     return designed(
         named,
         minimise,

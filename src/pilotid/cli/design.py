@@ -113,7 +113,7 @@ def design(
     from pilotid.designing.planning import plan, read_effect
     from pilotid.designing.report import print_design, write_report
     from pilotid.disk import make_folder
-    from pilotid.naming.settings import made as configured
+    from pilotid.naming.settings import configured
     from pilotid.pilot.catalogue import model_named
 
     positive = {"--at-most": at_most, "--period": period, "--seconds": seconds, "--rate": rate}

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,12 @@ NOTHING = np.zeros(0)
 SPACING = 0.25  # s between times of a trajectory
 MOST = 1000  # times of a trajectory
 DRAWS = 1000
+
+
+def _plain_fields(thing: Any) -> dict[str, object]:
+    """The fields of a dataclass, arrays as lists."""
+    values = ((f.name, getattr(thing, f.name)) for f in fields(thing))
+    return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in values}
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,15 +67,7 @@ class AnalysedBand:
 
     def to_dict(self) -> dict[str, object]:
         """Plain objects, as JSON has them."""
-        return {
-            "highest": self.highest,
-            "half_weight": self.half,
-            "likelihood": self.likelihood,
-            "omega": self.omega.tolist(),
-            "weights": self.weights.tolist(),
-            "floors": dict(self.floors),
-            "element": self.element,
-        }
+        return {**_plain_fields(self), "half_weight": self.half, "floors": dict(self.floors)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,13 +106,7 @@ class RemnantEstimate:
 
     def to_dict(self) -> dict[str, object]:
         """Plain objects, as JSON has them."""
-        return {
-            "model": self.model,
-            "parameters": self.parameters,
-            "power_ratio": self.power_ratio,
-            "omega": self.omega.tolist(),
-            "density": self.density.tolist(),
-        }
+        return _plain_fields(self)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -64,12 +64,7 @@ class Specification:
 
     def to_dict(self) -> dict[str, object]:
         """Plain objects."""
-        return {
-            "statistic": self.statistic,
-            "p_value": self.p_value,
-            "against": self.against,
-            "agrees": self.agrees,
-        }
+        return {**asdict(self), "agrees": self.agrees}
 
 
 def score_test(score: FloatArray, shares: FloatArray, against: str) -> Specification | None:

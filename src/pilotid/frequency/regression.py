@@ -147,7 +147,7 @@ class Regression:
         table = rows.reshape(runs * count, -1)
         scale = np.linalg.norm(table, axis=0)
         self._scale = np.where(scale > 0.0, scale, 1.0)
-        self._triangle = _triangle(table / self._scale)
+        self._triangle = triangle_of(table / self._scale)
 
     def columns(self, structure: Structure) -> IntArray:
         """Indices of a structure's columns; a ValueError if not all of them are there."""
@@ -208,7 +208,7 @@ class Regression:
         rows = self._triangle.T
         ends = []
         for block in np.split(chosen, range(BLOCK, len(chosen), BLOCK)):
-            target = _triangle(rows[block].swapaxes(1, 2))[:, :, -1] * self._scale[-1]
+            target = triangle_of(rows[block].swapaxes(1, 2))[:, :, -1] * self._scale[-1]
             left = np.cumsum(target[:, ::-1] ** 2, axis=1)[:, ::-1]
             ends.append(np.pad(left, ((0, 0), (0, 1))))
         return np.concatenate(ends)
@@ -231,7 +231,7 @@ class Regression:
         )
 
 
-def _triangle(matrices: FloatArray) -> FloatArray:
+def triangle_of(matrices: FloatArray) -> FloatArray:
     """Triangular factors R of matrices (..., m, n), shape (..., min(m, n), n)."""
     return np.asarray(np.linalg.qr(matrices, mode="r"))
 

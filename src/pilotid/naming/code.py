@@ -25,7 +25,7 @@ from types import FunctionType, ModuleType
 from typing import Any, ClassVar
 from zlib import crc32
 
-from pilotid.naming.settings import configured, made, split_call
+from pilotid.naming.settings import configured, split_call
 from pilotid.types import InputError
 
 #: ``file.py:NAME`` or ``package.module:NAME``; a drive letter is no such thing.
@@ -66,11 +66,7 @@ def taken(text: str) -> Any:
         if not hasattr(thing, name):
             raise InputError(f"{place}: holds no '{name}'; {_what_there_is(module)}")
         thing = getattr(thing, name)
-    return (
-        made(thing, settings, text)
-        if isinstance(thing, type)
-        else configured(thing, settings, text)
-    )
+    return configured(thing, settings, text)
 
 
 def place_of(thing: type) -> str:

@@ -19,13 +19,12 @@ import types
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from functools import partial
-from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
 from pilotid.types import InputError
 
-T = TypeVar("T")
 NOTHING = dataclasses.MISSING
 NESTING = 50  # brackets within brackets: more are nonsense, and would end Python's recursion
 CONSTANTS = {"none": None, "true": True, "false": False}
@@ -107,13 +106,14 @@ def _outside_brackets(text: str, names: bool) -> Iterator[tuple[int, str]]:
 # ------------------------------------------------------------------------------- from text
 
 
-def configured(thing: T, text: str | None, given: str) -> T:
-    """A thing with the settings of a text; the others stay.
+def configured(thing: Any, text: str | None, given: str) -> Any:
+    """A thing with the settings of a text; the others stay, or are the usual ones of a class.
 
     Parameters
     ----------
     thing
-        A dataclass, or anything if there are no settings to set.
+        An object of a dataclass, or a class, of which one is made; anything if there are no
+        settings to set.
     text
         Such as ``memory=none, poles=3``; None for no settings.
     given
@@ -124,28 +124,16 @@ def configured(thing: T, text: str | None, given: str) -> T:
     InputError
         If there is no such setting, or if it cannot have that value.
     """
-    if not split_list(text or ""):
-        return thing
-    usual = {name: getattr(thing, name) for name in _settings(type(thing))}
-    return _make(
-        lambda: dataclasses.replace(thing, **_values(type(thing), text or "")),  # type: ignore[type-var]
-        given,
-        usual,
-    )
-
-
-def made(kind: type[T], text: str | None, given: str) -> T:
-    """A class's object with the settings of a text; see `configured`."""
-    usual = {name: _usual(field) for name, field in _settings(kind).items()}
-    return _make(lambda: kind(**_values(kind, text or "")), given, usual)
-
-
-def _make(make: Callable[[], T], given: str, usual: Mapping[str, object]) -> T:
-    """What is made; whatever goes wrong is a sentence that lists the settings there are."""
+    kind = type(thing) if not isinstance(thing, type) else thing
     try:
-        return make()
+        values = _values(kind, text or "")
+        if isinstance(thing, type):
+            return thing(**values)
+        return dataclasses.replace(thing, **values) if values else thing
     except Exception as error:
-        shown = [_with_value(name, value) for name, value in usual.items()]
+        fields = _settings(kind).items()
+        usual = ((n, _usual(f) if kind is thing else getattr(thing, n)) for n, f in fields)
+        shown = [_with_value(name, value) for name, value in usual]
         there = f"its settings are {', '.join(shown)}" if shown else "it has no settings"
         why = str(error) or type(error).__name__
         raise InputError(f"{given}: {why.rstrip('.')}; {there}") from error

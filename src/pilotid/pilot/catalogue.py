@@ -183,7 +183,7 @@ def model_named(text: str) -> PilotModel:
         raise InputError(
             f"unknown model '{name}': choose from {', '.join(MODELS)}, or name file.py:NAME"
         )
-    model = configured(MODELS[name], settings, text)
+    model: PilotModel = configured(MODELS[name], settings, text)
     if model != MODELS[name] and model.name == name:
         # Its name goes into files and links.
         signs = re.sub(r"[^\w.]+", "-", f"{name}({settings})", flags=re.ASCII).strip("-")

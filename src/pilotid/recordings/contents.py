@@ -227,6 +227,37 @@ def time_base(t: FloatArray, source: str, where: Callable[[int], str]) -> TimeBa
     return TimeBase(dt, int(np.count_nonzero(t < -UNEVENNESS * dt)))
 
 
+def common_time(times: Mapping[str, FloatArray], source: str) -> FloatArray:
+    """The time of all runs.
+
+    Parameters
+    ----------
+    times
+        Of each run, by what it is called in messages.
+    source
+        The file, for messages.
+
+    Raises
+    ------
+    InputError
+        If runs differ in length or time.
+    """
+    (name, first), *others = times.items()
+    step = abs(float(first[-1] - first[0])) / max(1, first.size - 1)
+    for other, time in others:
+        if time.size != first.size:
+            raise InputError(
+                f"{source}: {other} has {time.size} samples but {name} has {first.size}; cut all "
+                "runs to the same length"
+            )
+        if np.abs(time - first).max() > UNEVENNESS * step:
+            raise InputError(
+                f"{source}: the time of {other} differs from that of {name}; give every run the "
+                "same times"
+            )
+    return first
+
+
 def shown(text: object) -> str:
     """A text from a file, quoted for a message: one line, not too long."""
     words = " ".join(str(text).split())

@@ -25,6 +25,7 @@ from pilotid.recordings.contents import (
     Notes,
     Place,
     common_run,
+    common_time,
     lacking,
     listed,
     matching,
@@ -376,19 +377,8 @@ def _common_time(times: Sequence[FloatArray], names: Sequence[str], source: str)
         raise InputError(
             f"{source}: variable {names[0]} (time) is {_size(first)}; give one row or one column"
         )
-    for other, name in zip(times[1:], names[1:], strict=True):
-        step = abs(float(first[-1] - first[0])) / max(1, first.size - 1)
-        if other.size != first.size:
-            raise InputError(
-                f"{source}: variable {name} (time) has {other.size} samples but {names[0]} has "
-                f"{first.size}; cut all runs to the same length"
-            )
-        if np.abs(other.ravel() - first).max() > UNEVENNESS * step:
-            raise InputError(
-                f"{source}: variable {name} (time) differs from {names[0]}; give every run the "
-                "same times"
-            )
-    return first
+    every = [first, *(other.ravel() for other in times[1:])]
+    return common_time(dict(zip((f"variable {n}" for n in names), every, strict=True)), source)
 
 
 def _as_runs(

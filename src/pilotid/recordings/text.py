@@ -8,7 +8,7 @@ import json
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, islice
 from pathlib import Path
@@ -18,19 +18,18 @@ import numpy as np
 from pilotid.disk import path_shown, require_file
 from pilotid.recordings.contents import (
     MOST_VALUES,
-    UNEVENNESS,
     Contents,
     Notes,
     Place,
     bare,
     common_run,
+    common_time,
     lacking,
     listed,
     matching,
     required,
     seconds_in,
     shown,
-    time_base,
 )
 from pilotid.recordings.recording import Recording, is_unit
 from pilotid.types import FloatArray, InputError
@@ -365,32 +364,19 @@ def _split_runs(
             f"{table.source}: line {line}, column {RUN}: the cell is empty; write the number of "
             "the run"
         )
-    name, first = next(iter(runs.items()))
-    for label, own in runs.items():
-        if len(own) != len(first):
-            raise InputError(
-                f"{table.source}: run {shown(label)}, which starts on line {table.lines[own[0]]}, "
-                f"has {len(own)} rows but run {shown(name)} has {len(first)}; cut all runs to the "
-                "same length"
-            )
-        if t is None:
-            continue
-        base = time_base(t[own], table.source, _places_of(table, own))
-        apart = np.abs(t[own] - t[first]) > UNEVENNESS * base.dt
-        if apart.any():
-            line = table.lines[own[int(np.argmax(apart))]]
-            raise InputError(
-                f"{table.source}: the time on line {line} differs from that of run {shown(name)}; "
-                "give every run the same times"
-            )
+    first = next(iter(runs.values()))
+    times = {
+        f"run {shown(label)} from line {table.lines[own[0]]} on": (
+            np.arange(float(len(own))) if t is None else t[own]
+        )
+        for label, own in runs.items()
+    }
+    time = common_time(times, table.source)
     index = np.array(list(runs.values()))
     split = {signal: values[0][index] for signal, values in signals.items()}
-    return Contents(None if t is None else t[first], split, _places_of(table, first), notes, origin)
-
-
-def _places_of(table: _Table, rows: Sequence[int]) -> Callable[[int], str]:
-    """What puts the place of the i-th of some rows into words."""
-    return lambda i: table.where(rows[i])
+    return Contents(
+        None if t is None else time, split, lambda i: table.where(first[i]), notes, origin
+    )
 
 
 def _read_sidecar(path: Path) -> Notes:

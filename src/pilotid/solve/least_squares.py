@@ -365,7 +365,14 @@ def resume(
         What `minimise` found.
     """
     best = end.only(np.arange(1))
-    return _within(lambda values, _: gram(values), best.values, space, tolerance, iterations, best)
+    return minimise_each(
+        lambda values, _: gram(values),
+        best.values,
+        space,
+        tolerance=tolerance,
+        iterations=iterations,
+        known=best,
+    )
 
 
 def minimise_each(
@@ -375,6 +382,7 @@ def minimise_each(
     *,
     tolerance: float = 1e-9,
     iterations: int = 60,
+    known: Minima | None = None,
 ) -> Minima:
     """Minimise several sums of squares at once, each from its own start; see `minimise`.
 
@@ -386,24 +394,14 @@ def minimise_each(
         A start of each problem, shape (problems, parameters).
     space, tolerance, iterations
         See `minimise`.
+    known
+        What a search knew that ended at the starts.
 
     Returns
     -------
     Minima
         In the order of the problems.
     """
-    return _within(gram, starts, space, tolerance, iterations, None)
-
-
-def _within(
-    gram: GramOf,
-    starts: FloatArray,
-    space: Bounds,
-    tolerance: float,
-    iterations: int,
-    known: Minima | None,
-) -> Minima:
-    """Minimise on the inner scale; `known` is what a search knew that ended at the starts."""
     scale = LogTransform(space.positive)
     clipped = np.clip(starts, space.lower, space.upper)
 
