@@ -28,7 +28,7 @@ from pilotid.estimates.estimate import Estimate
 from pilotid.pilot.catalogue import ADAPTING, LEAD2_LAG_MOTION, MULTI, SINGLE
 from pilotid.pilot.element import ControlledElement, double_integrator
 from pilotid.pilot.loops import pilot_on, unstable_poles
-from pilotid.pilot.model import PilotModel, before_and_after, frozen
+from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import SIGNALS, Recording
 from pilotid.time_domain.band_likelihood import closing_element
 from pilotid.types import FloatArray, InputError
@@ -204,8 +204,8 @@ class Scenario:
         middle = 0.5 * self.duration if self.change is None else self.change.middle
         share = float(np.clip(middle / self.duration, 0.0, 1.0))
         element = self.element if self.change is None else self.change.after
-        before, after = before_and_after(self.model, self.values)
-        plain = replace(self, model=frozen(self.model), change=None)
+        before, after = (self.values[i] for i in self.model.ends)
+        plain = replace(self, model=self.model.constant, change=None)
         return (
             (replace(plain, truth=tuple(before.tolist())), share),
             (replace(plain, truth=tuple(after.tolist()), element=element), 1.0 - share),

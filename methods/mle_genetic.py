@@ -25,7 +25,7 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate
-from pilotid.pilot.model import PilotModel, searched
+from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.search import evolve
 from pilotid.time_domain.output_error import OutputErrors, ResidualSpectra, WhiteLikelihood
@@ -70,7 +70,7 @@ class MLEGenetic(WhiteLikelihood):
         rng
             Draws the generations.
         """
-        sought = searched(model)
+        sought = model.searched
         coarse = OutputErrors(predict(recording, sought, self.search_band))
         fast = None if sought.changes else ResidualSpectra(coarse.prediction).linear_gram
         found = evolve(

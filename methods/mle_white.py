@@ -18,7 +18,7 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate
-from pilotid.pilot.model import PilotModel, searched
+from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.search import search
 from pilotid.time_domain.output_error import OutputErrors, WhiteLikelihood, record
@@ -57,7 +57,7 @@ class MLEWhite(WhiteLikelihood, SearchSettings):
         rng
             Draws the other starts.
         """
-        sought = searched(model)
+        sought = model.searched
         coarse = OutputErrors(predict(recording, sought, self.search_band))
         found = search(coarse.gram, sought, rng, candidates=self.candidates, refined=self.refined)
         estimate = self.polished(self.name, recording, model, found)

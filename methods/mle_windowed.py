@@ -24,7 +24,7 @@ import numpy as np
 
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.parts import Trajectory, times_of
-from pilotid.pilot.model import PilotModel, frozen
+from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import LogTransform, Minima, minimise_each
 from pilotid.solve.search import search
@@ -85,7 +85,7 @@ class MLEWindowed:
         rng
             Draws starts of the search over all of the recording.
         """
-        plain = frozen(model)
+        plain = model.constant
         prediction = weighted(predict(recording, plain, self.band), recording)
         begin = float((prepared := prepare(recording, plain, self.band)).time[prepared.first])
         time = begin + np.arange(prediction.scored) * prediction.dt

@@ -30,7 +30,7 @@ import numpy as np
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.parts import Trajectory, times_of
 from pilotid.frequency.regression import Regression, Structure, arx_response, lagged_rows
-from pilotid.pilot.model import PilotModel, frozen
+from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import LogTransform, minimise_each
 from pilotid.solve.search import draw_starts
@@ -96,7 +96,7 @@ class RARX:
         rng
             Draws starts of the fit to the response.
         """
-        plain = frozen(model)
+        plain = model.constant
         prepared = prepare(recording, plain, self.band, unscored=0.0)
         longest = max(1, math.floor(self.delays[1] / prepared.dt + 1e-9))
         first = max(self.poles, longest + self.zeros - 1)

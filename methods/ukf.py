@@ -34,7 +34,7 @@ import numpy as np
 from pilotid.chance import SELDOM, Z95, chi_squared_limit
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.parts import Trajectory, times_of
-from pilotid.pilot.model import PilotModel, frozen
+from pilotid.pilot.model import PilotModel
 from pilotid.pilot.timevarying import Sigmoid
 from pilotid.recordings.recording import Recording
 from pilotid.remarks import Remark
@@ -116,7 +116,7 @@ class UKF:
         rng
             Draws starts of the constant pilot, and noise levels.
         """
-        plain = frozen(model)
+        plain = model.constant
         constant, remnant = _constant(recording, plain, rng)
         start = constant if self.start == "fit" else plain.start
         orders = ORDERS[self.remnant]

@@ -26,7 +26,10 @@ from pilotid.methods.mle_white import MLEWhite
 from pilotid.pilot.catalogue import ADAPTING, SINGLE, fault_of
 from pilotid.pilot.element import double_integrator
 from pilotid.pilot.factors import Delay, Differentiator, Gain, Lag, Lead, Neuromuscular
-from pilotid.pilot.model import Channel, PilotModel, before_and_after, frozen, frozen_over
+from pilotid.pilot.model import (
+    Channel,
+    PilotModel,
+)
 from pilotid.pilot.timevarying import Changing
 from pilotid.report.fit import html_report
 from pilotid.solve.intervals import FixedParameter
@@ -90,13 +93,13 @@ def test_what_has_a_memory_cannot_change_and_one_channel_changes_once() -> None:
 
 
 def test_frozen_it_is_the_constant_pilot_of_each_time() -> None:
-    assert frozen(ADAPTING).keys == SINGLE.keys
-    assert frozen(SINGLE) is SINGLE
-    before, after = before_and_after(ADAPTING, SLOW.values)
+    assert ADAPTING.constant.keys == SINGLE.keys
+    assert SINGLE.constant is SINGLE
+    before, after = (SLOW.values[i] for i in ADAPTING.ends)
     np.testing.assert_allclose(before, [0.09, 0.4, 0.28, 11.25, 0.35])
     np.testing.assert_allclose(after, [0.07, 1.2, 0.28, 11.25, 0.35])
     times = np.array([41.92, 41.92 - 4.0, 41.92 + 4.0])
-    halfway, early, late = frozen_over(ADAPTING, SLOW.values, times).T
+    halfway, early, late = ADAPTING.over_time(SLOW.values, times).T
     np.testing.assert_allclose(halfway, 0.5 * (before + after), rtol=1e-12)
     for values, share in ((early, 1.0 / (1.0 + np.exp(2.0))), (late, 0.880797)):
         np.testing.assert_allclose(values, before + share * (after - before), rtol=1e-6)

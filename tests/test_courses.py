@@ -24,11 +24,6 @@ from pilotid.pilot.factors import Delay, Gain, Lag, Lead, Neuromuscular, Paramet
 from pilotid.pilot.model import (
     Channel,
     PilotModel,
-    before_and_after,
-    frozen,
-    frozen_over,
-    searched,
-    unfrozen,
 )
 from pilotid.pilot.timevarying import Changing, Curve, Fading, Sigmoid, Spline
 from pilotid.posterior.priors import LogUniform, priors_of
@@ -84,20 +79,20 @@ def test_a_free_parameter_is_its_values_at_the_knots() -> None:
     assert ADAPTING_FREE.keys[-3:] == ("tdvis", "fnm", "dnm")
     assert ADAPTING_FREE.linear == ()
     assert fault_of(ADAPTING_FREE) == ""
-    assert searched(ADAPTING_FREE).keys == SINGLE.keys
-    assert searched(ADAPTING) is ADAPTING
+    assert ADAPTING_FREE.searched.keys == SINGLE.keys
+    assert ADAPTING.searched is ADAPTING
     model, values = ADAPTING_FREE.over(60.0), varied(ADAPTING_FREE)
     assert model.over(60.0) == model
-    at_knots = frozen_over(model, values, 5.0 * np.arange(13))
+    at_knots = model.over_time(values, 5.0 * np.arange(13))
     for knot in (0, 5, 12):
         np.testing.assert_allclose(at_knots[:, 0, knot], values[:, knot], rtol=1e-12)
         np.testing.assert_allclose(at_knots[:, 1, knot], values[:, 13 + knot], rtol=1e-12)
-    first, last = before_and_after(ADAPTING_FREE, values)
-    beyond = frozen_over(model, values, np.array([-4.0, 64.0]))
+    first, last = (values[..., i] for i in ADAPTING_FREE.ends)
+    beyond = model.over_time(values, np.array([-4.0, 64.0]))
     np.testing.assert_allclose(beyond[..., 0], first, rtol=1e-12)
     np.testing.assert_allclose(beyond[..., 1], last, rtol=1e-12)
     with pytest.raises(ValueError, match="once the model is `over` some seconds"):
-        frozen_over(ADAPTING_FREE, values, np.array([1.0]))
+        ADAPTING_FREE.over_time(values, np.array([1.0]))
 
 
 def test_roughness_is_the_integral_of_the_squared_second_derivative() -> None:
@@ -123,7 +118,7 @@ def test_what_a_course_refuses() -> None:
 @pytest.mark.parametrize("model", [ADAPTING, ADAPTING_FREE, OTHER], ids=lambda m: m.name)
 def test_a_constant_pilot_is_one_of_each_model(model: PilotModel) -> None:
     recording = recording_of(SLOW)
-    found = predict(recording, model, 50.0).residual(unfrozen(model, frozen(model).start))
+    found = predict(recording, model, 50.0).residual(model.of_constant(model.constant.start))
     expected = predict(recording, SINGLE, 50.0)
     left = expected.residual(SINGLE.start)
     assert np.std(found - left) < 1e-3 * np.std(expected.control - left)
@@ -232,7 +227,7 @@ def test_without_remnant_the_course_comes_back(intervals: int, off: tuple[float,
     found = identify(MLEWhite(), recording, model, np.random.default_rng(2))
     assert found.outcome.usable
     assert found.trajectory is not None
-    truth = frozen_over(ADAPTING, SLOW.values, found.trajectory.time)
+    truth = ADAPTING.over_time(SLOW.values, found.trajectory.time)
     error = np.sqrt(np.mean((found.trajectory.values / truth - 1.0) ** 2, axis=1))
     assert tuple(error[:2] < off) == (True, True)
     np.testing.assert_allclose(error[2:], 0.0, atol=2e-3)
@@ -246,7 +241,7 @@ def fit() -> Estimate:
 def test_mle_finds_a_course_that_resembles_the_sigmoid(fit: Estimate) -> None:
     assert fit.outcome.usable
     assert fit.trajectory is not None
-    truth = frozen_over(ADAPTING, SLOW.values, fit.trajectory.time)
+    truth = ADAPTING.over_time(SLOW.values, fit.trajectory.time)
     error = np.sqrt(np.mean(np.log(fit.trajectory.values / truth) ** 2, axis=1))
     assert np.all(error < 0.35)
     lead = fit.trajectory.values[1]
@@ -382,7 +377,7 @@ def test_fading_is_near_a_pilot_all_of_whose_parameters_change(
 def test_a_pilot_who_becomes_another_is_frozen_whole() -> None:
     assert OTHER.keys[:5] == ("Kvis1", "tlead1", "tmid", "rate", "tdvis1")
     assert fault_of(OTHER) == ""
-    first, last = before_and_after(OTHER, OTHER.start)
+    first, last = (OTHER.start[i] for i in OTHER.ends)
     np.testing.assert_array_equal(first, last)
-    assert "tmid" not in frozen(OTHER).keys
+    assert "tmid" not in OTHER.constant.keys
     assert Sigmoid().over(3.0) == Sigmoid()

@@ -16,7 +16,6 @@ from pilotid.frequency.regression import Structure, arx_response
 from pilotid.methods.mle_windowed import MLEWindowed
 from pilotid.methods.rarx import RARX, forgetting
 from pilotid.pilot.catalogue import ADAPTING, MULTI, SINGLE
-from pilotid.pilot.model import frozen_over
 from pilotid.solve.least_squares import minimise_each
 from pilotid.time_domain.over_time import TrajectoryFit, estimated_over_time
 from pilotid.types import FloatArray, IntArray
@@ -140,7 +139,7 @@ def _made(values: FloatArray, noise: float, memory: float, seed: int) -> Traject
     error[:, 0] = rng.standard_normal(5)
     for i in range(1, time.size):
         error[:, i] = factor * error[:, i - 1] + np.sqrt(1 - factor**2) * rng.standard_normal(5)
-    truth = frozen_over(ADAPTING, values, time)
+    truth = ADAPTING.over_time(values, time)
     middle = truth * np.exp(noise * error)
     return Trajectory(
         SINGLE.keys, time, middle, middle * np.exp(-1.96 * noise), middle * np.exp(1.96 * noise)

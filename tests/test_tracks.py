@@ -12,7 +12,6 @@ import pytest
 
 from pilotid.datasets import SCENARIOS, experiments
 from pilotid.estimates.parts import Trajectory, times_of
-from pilotid.pilot.model import frozen, frozen_over
 from pilotid.study.comparison import TRAJECTORIES, comparison_of
 from pilotid.study.entries import Track
 from pilotid.study.store import Store
@@ -35,8 +34,8 @@ TIME = times_of(81.92)
 def late(scenario_name: str, seconds: float, factor: float = 1.0) -> Trajectory:
     """A trajectory that is the truth some seconds later, times a factor, with a band of 10 %."""
     scenario = SCENARIOS[scenario_name]
-    values = factor * frozen_over(scenario.model, scenario.values, TIME - seconds)
-    return Trajectory(frozen(scenario.model).keys, TIME, values, 0.9 * values, 1.1 * values)
+    values = factor * scenario.model.over_time(scenario.values, TIME - seconds)
+    return Trajectory(scenario.model.constant.keys, TIME, values, 0.9 * values, 1.1 * values)
 
 
 def test_root_mean_square_leaves_out_what_is_not_known() -> None:
@@ -51,7 +50,7 @@ def test_the_share_of_the_time_in_the_band_counts_known_times() -> None:
 
 def test_a_change_lasts_from_a_twentieth_to_the_last_and_ten_seconds_at_least() -> None:
     for scenario, reach in ((SLOW, np.log(19.0) / 0.5), (FAST, 5.0)):
-        truth = frozen_over(scenario.model, scenario.values, TIME)
+        truth = scenario.model.over_time(scenario.values, TIME)
         before, during, after, whole = periods_of(TIME, truth)
         assert TIME[during][[0, -1]] == pytest.approx([41.92 - reach, 41.92 + reach], abs=0.5)
         assert (before ^ during ^ after).all()

@@ -15,7 +15,7 @@ from pilotid.estimates.method import identify
 from pilotid.methods.ukf import UKF
 from pilotid.pilot.catalogue import ADAPTING, LEAD_LAG, SINGLE
 from pilotid.pilot.factors import Delay, Gain, Lead, Neuromuscular
-from pilotid.pilot.model import Channel, PilotModel, frozen_over
+from pilotid.pilot.model import Channel, PilotModel
 from pilotid.pilot.timevarying import Fading
 from pilotid.recordings.recording import Recording
 from pilotid.time_domain.random_walk import Walks, muscle_step, walking_pilot
@@ -161,7 +161,7 @@ def test_the_true_pilot_leaves_nothing_of_a_control_without_remnant() -> None:
     # Over a step the filter takes parameters for constant.
     recording = simulate(without_remnant(SLOW), np.random.default_rng(1))
     pilot = walking_pilot(recording, ADAPTING, 50.0, white=False)
-    assert pilot.left(frozen_over(ADAPTING, SLOW.values, pilot.time).T) < 1e-4
+    assert pilot.left(ADAPTING.over_time(SLOW.values, pilot.time).T) < 1e-4
 
 
 def test_a_constant_pilot_without_remnant_is_found() -> None:
@@ -185,7 +185,7 @@ def test_a_slow_change_without_remnant_is_followed() -> None:
     assert estimate.outcome.usable, estimate.sentence
     course = estimate.trajectory
     assert course is not None
-    true = frozen_over(ADAPTING, SLOW.values, course.time)
+    true = ADAPTING.over_time(SLOW.values, course.time)
     known = np.isfinite(course.values).all(axis=0)
     off = np.sqrt(np.mean((course.values / true - 1.0)[:, known] ** 2, axis=1))
     assert off == pytest.approx(0.0, abs=0.08)

@@ -13,7 +13,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import pilotid
-from pilotid.pilot.model import frozen_over
 from pilotid.show.style import journal_style
 
 scenario = pilotid.SCENARIOS["adapting-slow"]
@@ -31,7 +30,7 @@ FITS = {
 
 for name, estimate in FITS.items():
     course = estimate.trajectory
-    true = frozen_over(scenario.model, scenario.values, course.time)
+    true = scenario.model.over_time(scenario.values, course.time)
     for key in ("Kvis", "tlead"):
         row = course.keys.index(key)
         known = np.isfinite(course.values[row])
@@ -53,7 +52,7 @@ with journal_style():
     )
     for (name, estimate), column, colour in zip(FITS.items(), axes.T, COLOURS, strict=True):
         course = estimate.trajectory
-        true = frozen_over(scenario.model, scenario.values, course.time)
+        true = scenario.model.over_time(scenario.values, course.time)
         for key, panel in zip(("Kvis", "tlead"), column, strict=True):
             row = course.keys.index(key)
             panel.fill_between(

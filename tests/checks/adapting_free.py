@@ -22,7 +22,6 @@ from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.method import identify
 from pilotid.methods import method_named
 from pilotid.pilot.catalogue import ADAPTING, ADAPTING_FREE, SINGLE
-from pilotid.pilot.model import frozen_over
 from pilotid.recordings.files import load_recording
 from pilotid.seeds import fit_rng
 from pilotid.types import FloatArray
@@ -50,7 +49,7 @@ def shown(scenario: Scenario, model: str, fits: list[Estimate]) -> None:
     if model == SINGLE.name or not paths:
         rows = []
     else:
-        truth = frozen_over(scenario.model, scenario.values, paths[0].time)
+        truth = scenario.model.over_time(scenario.values, paths[0].time)
         rows = [*enumerate(paths[0].keys[:2])]
         print("curve      bias   rmse +- %    claimed  coverage +-")
     for i, key in rows:

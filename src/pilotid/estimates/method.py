@@ -28,7 +28,7 @@ from pilotid.estimates.parts import (
 )
 from pilotid.estimates.warnings import all_remarks
 from pilotid.naming.code import reason
-from pilotid.pilot.model import PilotModel, frozen
+from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.types import FloatArray, InputError, one_line
 
@@ -252,7 +252,7 @@ def fault_of(estimate: object, model: PilotModel) -> str:
     if not 0 <= estimate.iterations < 2**63:  # what a study can store
         return f"{estimate.iterations} iterations cannot be"
     trajectory = estimate.trajectory
-    if trajectory is not None and trajectory.keys != frozen(model).keys:
+    if trajectory is not None and trajectory.keys != model.constant.keys:
         return "its trajectory is not of the model's parameters"
     return _senseless(estimate) if estimate.outcome.usable else ""
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pilotid.chance import Z95
-from pilotid.pilot.model import PilotModel, frozen, frozen_over
+from pilotid.pilot.model import PilotModel
 from pilotid.types import ComplexArray, FloatArray
 
 NOTHING = np.zeros(0)
@@ -200,7 +200,7 @@ def circular(covariance: ComplexArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Parameters of a constant pilot, that of `pilotid.pilot.model.frozen`, over time.
+    """Parameters of a constant pilot, that of `PilotModel.constant`, over time.
 
     Attributes
     ----------
@@ -283,11 +283,11 @@ def trajectory_of(
     """
     if draws is None:
         draws = drawn(model, values, covariance, intervals, rng)
-    over = frozen_over(model, draws, time)
+    over = model.over_time(draws, time)
     lower, upper = np.quantile(over, (0.025, 0.975), axis=0)
-    own = frozen_over(model, values, time)
+    own = model.over_time(values, time)
     place = {key: i for i, key in enumerate(model.keys)}
-    keys = frozen(model).keys
+    keys = model.constant.keys
     for i, key in enumerate(keys):
         if key in place:  # it does not vary, so that its interval is known
             lower[i], upper[i] = intervals[place[key]]

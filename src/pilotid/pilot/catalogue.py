@@ -24,7 +24,7 @@ from pilotid.pilot.factors import (
     Lead,
     Neuromuscular,
 )
-from pilotid.pilot.model import Channel, PilotModel, frozen
+from pilotid.pilot.model import Channel, PilotModel
 from pilotid.pilot.timevarying import Changing, Spline
 from pilotid.types import FloatArray, InputError
 
@@ -231,7 +231,7 @@ def fault_of(model: PilotModel) -> str:
     """What is wrong with the numbers that a model's factors give, empty if they are sound."""
     if not model.parameters:
         return f"model {model.name} has no parameter to estimate"
-    model = frozen(model)  # what varies in time is put together of constant factors
+    model = model.constant  # what varies in time is put together of constant factors
     try:
         response, jacobian = model.response_and_jacobian(TRIED, model.start)
         differences = [_difference(model, i) for i in range(len(model.parameters))]

@@ -540,6 +540,75 @@ class PilotModel:
         )
         return replace(self, overrides=changed)
 
+    @cached_property
+    def constant(self) -> PilotModel:
+        """The model with what varies in time taken for constant; a constant one as it is."""
+        if not self.changes:
+            return self
+        channels = tuple(_constant(channel) for channel in self.channels)
+        plain = PilotModel(self.name, channels, self.description)
+        kept = tuple(p for p in self.overrides if p.key in plain.index)
+        return replace(plain, overrides=kept)
+
+    @property
+    def searched(self) -> PilotModel:
+        """What an optimum is searched with: the constant model where parameters vary freely."""
+        return self.constant if self.curves else self
+
+    def over_time(self, values: FloatArray, time: FloatArray) -> FloatArray:
+        """Parameters of the constant model at several times.
+
+        Parameters
+        ----------
+        values
+            Parameters in model order, shape (..., parameters).
+        time
+            Times from the start of the window [s], shape (n,).
+
+        Returns
+        -------
+        FloatArray
+            Shape (..., parameters of the constant model, n).
+        """
+        still = (*values.shape[:-1], time.size)
+        found = {k: np.broadcast_to(values[..., i, None], still) for k, i in self.index.items()}
+        for changing, indices in self.varying:
+            over = np.moveaxis(changing.at(time, values[..., indices]), -2, 0)
+            found.update(zip((p.key for p in changing.changed), over, strict=True))
+        return np.stack([found[key] for key in self.constant.keys], axis=-2)
+
+    def of_constant(self, values: FloatArray) -> FloatArray:
+        """Parameters with which the model is a constant pilot all the time.
+
+        Parameters
+        ----------
+        values
+            Those of the constant model, shape (..., parameters of the constant model).
+
+        Returns
+        -------
+        FloatArray
+            Shape (..., parameters).
+        """
+        plain = self.constant.index
+        found = {key: values[..., i] for key, i in plain.items()}
+        for changing, _ in self.varying:
+            own = values[..., [plain[p.key] for p in changing.changed]]
+            spread = np.moveaxis(changing.constant(own), -1, 0)
+            found.update(zip((p.key for p in changing.parameters), spread, strict=True))
+        return np.stack([found[key] for key in self.keys], axis=-1)
+
+    @property
+    def ends(self) -> tuple[IntArray, IntArray]:
+        """Indices of the parameters at the beginning and at the end, shape (constant model's,)."""
+        before, after = dict(self.index), dict(self.index)
+        for changing, _ in self.varying:
+            for p in changing.changed:
+                first, last = changing.ends(p.key)
+                before[p.key], after[p.key] = self.index[first], self.index[last]
+        keys = self.constant.keys
+        return np.array([before[key] for key in keys]), np.array([after[key] for key in keys])
+
 
 def _multiplied(first: Sequence[float], second: Sequence[float]) -> list[float]:
     """The product of two short polynomials: numpy takes longer to be called."""
@@ -548,89 +617,6 @@ def _multiplied(first: Sequence[float], second: Sequence[float]) -> list[float]:
         for j, b in enumerate(second):
             product[i + j] += a * b
     return product
-
-
-def frozen(model: PilotModel) -> PilotModel:
-    """The model with its changing parameters taken for constant; a constant one as it is."""
-    if not model.changes:
-        return model
-    channels = tuple(_constant(channel) for channel in model.channels)
-    plain = PilotModel(model.name, channels, model.description)
-    kept = tuple(p for p in model.overrides if p.key in plain.keys)
-    return replace(plain, overrides=kept)
-
-
-def frozen_over(model: PilotModel, values: FloatArray, time: FloatArray) -> FloatArray:
-    """Parameters of the frozen model at several times from the start of the window [s].
-
-    Parameters
-    ----------
-    model
-        The model that changes, or a constant one.
-    values
-        Its parameters, shape (..., parameters).
-    time
-        The times, shape (n,).
-
-    Returns
-    -------
-    FloatArray
-        Shape (..., parameters of the frozen model, n).
-    """
-    still = (*values.shape[:-1], time.size)
-    found = {key: np.broadcast_to(values[..., i, None], still) for key, i in model.index.items()}
-    for changing, indices in model.varying:
-        over = np.moveaxis(changing.at(time, values[..., indices]), -2, 0)
-        found.update(zip((p.key for p in changing.changed), over, strict=True))
-    return np.stack([found[key] for key in frozen(model).keys], axis=-2)
-
-
-def ends(model: PilotModel) -> tuple[IntArray, IntArray]:
-    """Indices of a model's parameters that are those of the frozen one before and after.
-
-    For a constant model these are all its parameters, twice.
-    """
-    before, after = dict(model.index), dict(model.index)
-    for changing, _ in model.varying:
-        for p in changing.changed:
-            first, last = changing.ends(p.key)
-            before[p.key], after[p.key] = model.index[first], model.index[last]
-    keys = frozen(model).keys
-    return np.array([before[key] for key in keys]), np.array([after[key] for key in keys])
-
-
-def before_and_after(model: PilotModel, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Parameters (..., parameters) of the frozen model before and after the change."""
-    before, after = ends(model)
-    return values[..., before], values[..., after]
-
-
-def searched(model: PilotModel) -> PilotModel:
-    """The model that an optimum is searched with: the constant one where parameters vary freely."""
-    return frozen(model) if model.curves else model
-
-
-def unfrozen(model: PilotModel, constant: FloatArray) -> FloatArray:
-    """Parameters with which a model that changes is a constant pilot all the time.
-
-    Parameters
-    ----------
-    model
-        The model that changes.
-    constant
-        Parameters of the frozen model, shape (..., parameters of the frozen model).
-
-    Returns
-    -------
-    Array of shape (..., parameters).
-    """
-    plain = frozen(model).index
-    found = {key: constant[..., i] for key, i in plain.items()}
-    for changing, _ in model.varying:
-        own = constant[..., [plain[p.key] for p in changing.changed]]
-        spread = np.moveaxis(changing.constant(own), -1, 0)
-        found.update(zip((p.key for p in changing.parameters), spread, strict=True))
-    return np.stack([found[key] for key in model.keys], axis=-1)
 
 
 def _constant(channel: Channel) -> Channel:

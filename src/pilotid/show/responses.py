@@ -14,7 +14,7 @@ from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.parts import FrequencyResponse
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.loops import Margin, loop_slopes, margins, open_loops
-from pilotid.pilot.model import PilotModel, ends, frozen
+from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import INPUTS
 from pilotid.show.style import (
     INK,
@@ -117,7 +117,7 @@ def describing_function(
         bode.points(points.omega, value, std, first, INK, "o", "Fourier coefficients")
     if truth is not None:
         for number, end in enumerate(_ends(model)):
-            response = frozen(model).response(bode.omega, truth[end])[index]
+            response = model.constant.response(bode.omega, truth[end])[index]
             bode.line(response, "black", "" if number else "truth", "--")
     bode.frame()
     drawn = model.channels[index]
@@ -239,7 +239,7 @@ def _channel(estimate: Estimate, name: str | None) -> int:
 
 def _ends(model: PilotModel) -> tuple[IntArray, ...]:
     """The parameters of the constant pilots that a model is: one, or those before and after."""
-    return ends(model) if model.changes else ends(model)[:1]
+    return model.ends if model.changes else model.ends[:1]
 
 
 def _fitted(
@@ -247,7 +247,7 @@ def _fitted(
 ) -> tuple[ComplexArray, FloatArray]:
     """A channel's response, shape (n,), and errors of its log-magnitude and phase, (2, n)."""
     values, covariance = estimate.values[end], estimate.covariance[np.ix_(end, end)]
-    responses, jacobians = frozen(estimate.model).response_and_jacobian(omega, values)
+    responses, jacobians = estimate.model.constant.response_and_jacobian(omega, values)
     return responses[channel], _errors(jacobians[channel] / responses[channel], covariance)
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from pilotid.chance import Z95
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.parts import Trajectory
-from pilotid.pilot.model import frozen, frozen_over
 from pilotid.recordings.recording import Recording
 from pilotid.show.style import INK, Named, leading, legend, named, new_axes, with_unit
 from pilotid.time_domain.output_error import OutputErrors
@@ -194,14 +193,14 @@ def trajectory(
         reach += np.quantile(known, (0.02, 0.98)).tolist() if known.size else []
     if found and truth is not None:
         model, time = found[0][0].model, found[0][1].time
-        true = frozen_over(model.over(float(time[-1])), truth, time)[frozen(model).keys.index(key)]
+        true = model.over(float(time[-1])).over_time(truth, time)[model.constant.keys.index(key)]
         axes.plot(time, true, color=INK, linewidth=0.9, linestyle=(0, (3, 2)), label="truth")
         reach += [float(true.min()), float(true.max())]
     if reach and np.ptp(reach) > 0.0:
         room = 0.06 * np.ptp(reach)
         axes.set_ylim(min(reach) - room, max(reach) + room)
     if found:
-        unit = next(p.unit for p in frozen(found[0][0].model).parameters if p.key == key)
+        unit = next(p.unit for p in found[0][0].model.constant.parameters if p.key == key)
         axes.set_ylabel(with_unit(key, unit or "-"))
         axes.set_xlim(float(found[0][1].time[0]), float(found[0][1].time[-1]))
     axes.set_xlabel("time [s]")

@@ -14,7 +14,6 @@ import numpy as np
 
 from pilotid.datasets import Scenario
 from pilotid.estimates.parts import Trajectory, times_of
-from pilotid.pilot.model import frozen, frozen_over
 from pilotid.study import scores
 from pilotid.study.entries import Track, number
 from pilotid.study.scores import Mean
@@ -58,8 +57,8 @@ def truth_over_time(scenario: Scenario) -> Trajectory | None:
     if not scenario.model.changes:
         return None
     time = np.linspace(0.0, scenario.duration, THINNED)
-    values = frozen_over(scenario.model.over(scenario.duration), scenario.values, time)
-    return Trajectory(frozen(scenario.model).keys, time, values, values, values)
+    values = scenario.model.over(scenario.duration).over_time(scenario.values, time)
+    return Trajectory(scenario.model.constant.keys, time, values, values, values)
 
 
 def tracks_of(trajectory: Trajectory, scenario: Scenario) -> tuple[Track, ...]:
@@ -75,8 +74,8 @@ def tracks_of(trajectory: Trajectory, scenario: Scenario) -> tuple[Track, ...]:
     fine = times_of(scenario.duration)
     beyond = np.arange(-FARTHEST, scenario.duration + FARTHEST + FINE, FINE)
     model = scenario.model.over(scenario.duration)
-    truth = frozen_over(model, scenario.values, fine)
-    around = frozen_over(model, scenario.values, beyond)
+    truth = model.over_time(scenario.values, fine)
+    around = model.over_time(scenario.values, beyond)
     found = trajectory.at(fine)
     thinned = trajectory.at(np.linspace(0.0, scenario.duration, THINNED)).values
     periods = periods_of(fine, truth)

@@ -18,7 +18,7 @@ from pilotid.estimates.applicability import lines_objection
 from pilotid.estimates.estimate import Starts, is_at_bound
 from pilotid.estimates.parts import AnalysedBand, RemnantEstimate
 from pilotid.lines.fit import fit_lines
-from pilotid.pilot.model import PilotModel, frozen, unfrozen
+from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import floors_of
 from pilotid.solve.covariance import covariance_of
@@ -330,10 +330,10 @@ class _Fit:
         """
         prediction = self.predicted(rate)
         if self.model.curves:
-            plain = replace(self, model=frozen(self.model))
+            plain = replace(self, model=self.model.constant)
             first = plain.searched(rng, rate, plain.lines_pilot(rng))
             free = replace(prediction, terms=first.joint.prediction.terms)
-            found = self.maximum(free, first.joint.band, unfrozen(free.model, first.pilot))
+            found = self.maximum(free, first.joint.band, free.model.of_constant(first.pilot))
             return replace(_elsewhere(found), starts=first.starts)
         band = analysis_band(self.recording.dt, rate)
         explored = explore(prediction, band, rng, self.settings, known, beside)

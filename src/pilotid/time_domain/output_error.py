@@ -18,7 +18,7 @@ from pilotid.estimates.estimate import (
     outcome_of,
     symmetric_intervals,
 )
-from pilotid.pilot.model import PilotModel, unfrozen
+from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_of, sandwich
 from pilotid.solve.least_squares import Minima, Penalty, Problem, minimise
@@ -285,7 +285,7 @@ class WhiteLikelihood:
             The search in a narrower band, of the model that `searched` says.
         """
         prediction = predict(recording, model, self.band)
-        start = unfrozen(model, found.values[0]) if model.curves else found.values[0]
+        start = model.of_constant(found.values[0]) if model.curves else found.values[0]
         terms = OutputErrors(prediction).noticeable_terms(start)
         problem = OutputErrors(replace(prediction, terms=terms))
         if model.curves:

@@ -14,7 +14,7 @@ import numpy as np
 from pilotid.chance import Z95
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.parts import Trajectory
-from pilotid.pilot.model import PilotModel, ends, frozen, frozen_over
+from pilotid.pilot.model import PilotModel
 from pilotid.pilot.timevarying import Fading, Sigmoid
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import sandwich_of
@@ -43,7 +43,7 @@ class TrajectoryFit(Problem):
     model
         The model whose parameters are fitted.
     trajectory
-        Its frozen model's parameters over time.
+        Its constant model's parameters over time.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class TrajectoryFit(Problem):
 
     def __init__(self, model: PilotModel, trajectory: Trajectory) -> None:
         self.model, self.trajectory = model, trajectory
-        plain = frozen(model)
+        plain = model.constant
         self._logs = np.array([p.positive for p in plain.parameters])[:, None]
         lower, upper = np.array([(p.lower, p.upper) for p in plain.parameters]).T[..., None]
         with np.errstate(invalid="ignore"):
@@ -93,7 +93,7 @@ class TrajectoryFit(Problem):
         return np.asarray(np.concatenate([jacobian, residual], axis=1) / self.error)
 
     def _predicted(self, values: FloatArray) -> FloatArray:
-        return self._scaled(frozen_over(self.model, values, self.trajectory.time))
+        return self._scaled(self.model.over_time(values, self.trajectory.time))
 
     def _scaled(self, values: FloatArray) -> FloatArray:
         logs = np.log(np.where(self._logs, np.maximum(values, 1e-12), 1.0))
@@ -109,7 +109,7 @@ class TrajectoryFit(Problem):
         whole = self._means(every)
         if not model.changes:
             return whole[None]
-        before, after = ends(model)
+        before, after = model.ends
         found = []
         for middle, rate in product(np.linspace(time[0], time[-1], MIDDLES + 2)[1:-1], RATES):
             start = model.start.copy()

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from pilotid.pilot.factors import Delay, Factor, Neuromuscular, Polynomial
-from pilotid.pilot.model import PilotModel, frozen
+from pilotid.pilot.model import PilotModel
 from pilotid.pilot.timevarying import product_of
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import LogTransform
@@ -66,7 +66,7 @@ SHORTEST = 5.0  # seconds that must be left to filter
 
 def unsuited(model: PilotModel) -> str | None:
     """Why the parameters of a model cannot walk here, or None."""
-    plain = frozen(model)
+    plain = model.constant
     if len(plain.channels) > 1 or plain.channels[0].input != "error":
         return (
             f"model {model.name} is more than one channel on the error, and the filter is of that "
@@ -90,14 +90,14 @@ def _of_kind(factors: tuple[Factor, ...], kind: type[F]) -> list[F]:
 class WalkingPilot:
     """The system: parameters in an order of its own, and states of each run.
 
-    The parameters are those of the frozen model: neuromuscular frequency and damping, delay, then
+    The parameters are those of the constant model: neuromuscular frequency and damping, delay, then
     gains and leads; positive ones as logarithms.  States are the control over its standard
     deviation, its rate, and those of a remnant that is not white.
 
     Attributes
     ----------
     model
-        The frozen model.
+        The constant model.
     order
         Indices of its parameters in the order of the filter, shape (parameters,).
     dt
@@ -251,7 +251,7 @@ def walking_pilot(
     """
     from scipy.interpolate import CubicSpline
 
-    plain = frozen(model)
+    plain = model.constant
     channel = plain.channels[0]
     factors = channel.dynamics
     kinds: tuple[type[Factor], ...] = (Neuromuscular, Delay, Polynomial)
