@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,8 @@ import pytest
 from scipy.stats import ttest_rel
 from tidy_rows import row, table
 
-from pilotid.analysis.repeated import Repeated, random_intercept, repeated, sphericity
+from pilotid.analysis.factors import contrasts_of, variance_of
+from pilotid.analysis.repeated import Repeated, random_intercept, repeated
 from pilotid.analysis.results import REPEATED_COLUMNS, table_of
 from pilotid.types import FloatArray
 
@@ -59,9 +59,9 @@ def test_sphericity_at_its_ends() -> None:
     # Contrasts of three conditions that scatter alike, and all in one direction.
     alike = np.array([[1, -1, 0], [-1, 1, 0], [1, 1, -2], [-1, -1, 2.0]]) * [1, 1, 1]
     alike[:2] *= math.sqrt(3.0)
-    assert sphericity(alike) == pytest.approx(1.0)
+    assert variance_of(alike, contrasts_of(3)).epsilon == pytest.approx(1.0)
     one_way = np.outer([1.0, 2.0, 4.0], [1.0, 0.0, -1.0])
-    assert sphericity(one_way) == pytest.approx(0.5)
+    assert variance_of(one_way, contrasts_of(3)).epsilon == pytest.approx(0.5)
 
 
 def test_who_is_left_out_of_which_analysis() -> None:
@@ -143,19 +143,6 @@ def test_units_change_nothing_but_standard_deviations() -> None:
     scaled = only(repeated(table(small)))
     assert scaled.likelihood_ratio == pytest.approx(plain.likelihood_ratio)
     assert scaled.residual == pytest.approx(1e-3 * plain.residual)
-
-
-def test_what_statsmodels_warns_of_becomes_a_note(monkeypatch: pytest.MonkeyPatch) -> None:
-    from statsmodels.stats.anova import AnovaRM
-
-    true_fit = AnovaRM.fit
-
-    def fit(self: Any) -> Any:
-        warnings.warn("something\nis odd", RuntimeWarning, stacklevel=1)
-        return true_fit(self)
-
-    monkeypatch.setattr(AnovaRM, "fit", fit)
-    assert only(repeated(table(SCORES))).notes == ("statsmodels: something is odd",)
 
 
 def test_its_table() -> None:

@@ -16,7 +16,7 @@ import numpy as np
 
 from pilotid.analysis.cross_validation import LeftOut, failed_rows, left_out_rows, predict_left_out
 from pilotid.analysis.performance import performance_content, performance_rows
-from pilotid.analysis.recordings import Part, Source
+from pilotid.analysis.recordings import Excluded, Part, Source
 from pilotid.analysis.rows import CONDITION, SUBJECT, Row, in_order, rows_of
 from pilotid.database import DamagedError, checksum, in_words, open_to_write
 from pilotid.disk import make_folder, write_file
@@ -80,6 +80,10 @@ class Settings:
         What the user contrasts; every condition with every other if nothing.
     alone
         Whether a model is chosen for each condition alone, also of those that are contrasted.
+    factors
+        Level of each factor by condition, by factor; see `pilotid.analysis.factors`.
+    excluded
+        Recordings that the user leaves out.
     """
 
     models: Mapping[str, PilotModel]
@@ -91,6 +95,8 @@ class Settings:
     seed: int = 0
     pairs: Sequence[tuple[str, str]] = ()
     alone: bool = False
+    factors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    excluded: Sequence[Excluded] = ()
 
     @property
     def known(self) -> dict[str, PilotModel]:

@@ -154,6 +154,20 @@ def holm(chances: Sequence[float]) -> list[float]:
     return [float(p) for p in corrected]
 
 
+def signed_ranks(values: FloatArray) -> tuple[float, float]:
+    """The Hodges-Lehmann mean, which one value in four cannot move far, and Wilcoxon's p.
+
+    NaN of fewer than two values, and p where all are zero.
+    """
+    if len(values) < 2:
+        return NAN, NAN
+    from scipy.stats import wilcoxon
+
+    first, second = np.triu_indices(len(values))
+    robust = float(np.median(0.5 * (values[first] + values[second])))
+    return robust, float(wilcoxon(values).pvalue) if np.any(values) else NAN
+
+
 def effect_size(mean: float, deviation: float, count: int) -> float:
     """Cohen's d_z with Hedges' (1981) correction for small numbers; NaN of fewer than three.
 

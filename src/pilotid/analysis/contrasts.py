@@ -16,11 +16,21 @@ from itertools import combinations
 
 import numpy as np
 
-from pilotid.analysis.combine import NAN, effect_size, holm, plain_mean, random_effects
+from pilotid.analysis.combine import (
+    NAN,
+    effect_size,
+    holm,
+    plain_mean,
+    random_effects,
+    signed_ranks,
+)
 from pilotid.analysis.rows import CONDITION, Chosen, Layout, Row, Stratum, in_order, layouts, who
 from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.model import PilotModel
 from pilotid.types import InputError
+
+#: p-values below this are called significant.
+LEVEL = 0.05
 
 
 @dataclass(frozen=True)
@@ -85,6 +95,10 @@ weighted_upper
     across
         Whether the parameter stands in another channel in one model than in the other, so that the
         two numbers need not mean the same.
+    robust_difference, wilcoxon_p
+        The Hodges-Lehmann mean of b - a, and p of the signed-rank test.
+    lower_holm, upper_holm
+        The interval that goes with p_holm: it holds zero where that is above 0.05.
     misspecified
         The estimates that the lines of the forcing functions contradict, by subject and condition.
     """
@@ -123,6 +137,10 @@ weighted_upper
     left_out: tuple[str, ...] = ()
     across: bool = False
     misspecified: tuple[str, ...] = ()
+    robust_difference: float = NAN
+    wilcoxon_p: float = NAN
+    lower_holm: float = NAN
+    upper_holm: float = NAN
 
     @property
     def within(self) -> bool:
@@ -179,7 +197,7 @@ def contrasts(
         made = [_contrast(layout, a, layout, b, models) for a, b in wanted]
         plain, weighted = holm([c.p for c in made]), holm([c.weighted_p for c in made])
         result += [
-            replace(contrast, p_holm=p, weighted_p_holm=q)
+            replace(_corrected(contrast, p), weighted_p_holm=q)
             for contrast, p, q in zip(made, plain, weighted, strict=True)
         ]
     return result
@@ -272,6 +290,7 @@ def plain(contrast: Contrast) -> Contrast:
     a, b = (np.array([getattr(pair, side) for pair in contrast.pairs]) for side in "ab")
     mean = plain_mean(b - a, float(np.abs([a, b]).max()))
     deviation = mean.std_error * math.sqrt(len(a))
+    robust, ranks = signed_ranks(b - a)
     notes = contrast.notes
     if mean.std_error == 0.0:
         notes += ("all subjects have the same difference: no test",)
@@ -287,8 +306,22 @@ def plain(contrast: Contrast) -> Contrast:
         lower=mean.lower,
         upper=mean.upper,
         effect_size=effect_size(mean.value, deviation, len(a)),
+        robust_difference=robust,
+        wilcoxon_p=ranks,
         notes=notes,
     )
+
+
+def _corrected(contrast: Contrast, p_holm: float) -> Contrast:
+    """The contrast with Holm's p, and the interval of the same level."""
+    from scipy.special import stdtrit
+
+    if not (contrast.p > 0.0 and contrast.std_error > 0.0):
+        return replace(contrast, p_holm=p_holm)
+    level = LEVEL * contrast.p / p_holm
+    reach = float(stdtrit(contrast.freedom, 1.0 - 0.5 * level)) * contrast.std_error
+    low, high = contrast.difference - reach, contrast.difference + reach
+    return replace(contrast, p_holm=p_holm, lower_holm=low, upper_holm=high)
 
 
 def _weighted(contrast: Contrast) -> Contrast:
@@ -377,5 +410,5 @@ def within_fits(
                 continue
             made = [_contrast(own[a], c, own[b], c, {}) for c in own[a].conditions]
             corrected = holm([c.p for c in made])
-            result += [replace(c, p_holm=p) for c, p in zip(made, corrected, strict=True)]
+            result += [_corrected(c, p) for c, p in zip(made, corrected, strict=True)]
     return result

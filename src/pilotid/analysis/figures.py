@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pilotid.analysis.contrasts import Contrast
 from pilotid.analysis.rows import Cell, Layout, in_order
 from pilotid.analysis.spread import ConditionSpread
 from pilotid.show.style import INK, draw_grid, journal_figure, log_ticks
@@ -112,6 +113,32 @@ def _scale(axes: Axes, values: Sequence[float]) -> None:
     room = FAR * (high - low) or 0.5 * abs(high) or 1.0
     bottom, top = axes.get_ylim()
     axes.set_ylim(max(bottom, low - room), min(top, high + room))
+
+
+def standardised(found: Sequence[Contrast]) -> list[float]:
+    """Paired differences less their means, over their standard deviations, of three or more."""
+    result: list[float] = []
+    for contrast in found:
+        own = np.array([pair.difference for pair in contrast.pairs])
+        if len(own) > 2 and contrast.std_error > 0.0 and not contrast.within:
+            result += ((own - own.mean()) / own.std(ddof=1)).tolist()
+    return result
+
+
+def normal_figure(values: Sequence[float]) -> Figure:
+    """Numbers in order against normal quantiles."""
+    from scipy.special import ndtri
+
+    ordered = np.sort(values)
+    quantiles = ndtri((np.arange(len(ordered)) + 0.5) / len(ordered))
+    with journal_figure(2.8) as figure:
+        axes = figure.subplots()
+        axes.plot(quantiles, quantiles, color=INK, linewidth=0.8)
+        axes.plot(quantiles, ordered, "o", color=COLOURS[0], markersize=2.5)
+        axes.set_xlabel("normal quantile")
+        axes.set_ylabel("standardised difference")
+        draw_grid(axes)
+    return figure
 
 
 def spread_figure(spreads: Sequence[ConditionSpread]) -> Figure:

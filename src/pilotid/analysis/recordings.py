@@ -5,12 +5,13 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from pilotid.analysis.rows import in_order
 from pilotid.recordings.files import Reading
 from pilotid.recordings.recording import Recording
+from pilotid.recordings.selection import of_runs
 from pilotid.recordings.text import sidecar_path
 from pilotid.types import InputError
 
@@ -205,22 +206,68 @@ class Source:
 
 def alone(recording: Recording, run: int) -> Recording:
     """One run of a recording, counted from 1."""
-    return _of_runs(recording, [run - 1], f"run {run}")
+    return of_runs(recording, [run], f"run {run}")
 
 
 def without(recording: Recording, run: int) -> Recording:
     """All runs of a recording but one, counted from 1."""
-    rows = [place for place in range(recording.runs) if place != run - 1]
-    return _of_runs(recording, rows, f"without run {run}")
+    others = [other for other in range(1, recording.runs + 1) if other != run]
+    return of_runs(recording, others, f"without run {run}")
 
 
-def _of_runs(recording: Recording, rows: list[int], words: str) -> Recording:
-    return replace(
-        recording,
-        e=recording.e[rows],
-        u=recording.u[rows],
-        x=recording.x[rows],
-        ft=None if recording.ft is None else recording.ft[rows],
-        fd=None if recording.fd is None else recording.fd[rows],
-        source=f"{recording.source}, {words}",
-    )
+@dataclass(frozen=True)
+class Excluded:
+    """A recording that the user leaves out.
+
+    Attributes
+    ----------
+    part
+        The recording.
+    why
+        The reason; empty if none was given.
+    """
+
+    part: Part
+    why: str
+
+    @property
+    def words(self) -> str:
+        """The recording and the reason."""
+        return f"{self.part.words}: excluded" + (f" ({self.why})" if self.why else "")
+
+
+def excluded_of(
+    parts: Sequence[Part], texts: Sequence[str], because: str
+) -> tuple[list[Part], list[Excluded]]:
+    """The recordings that stay, and those that texts such as ``subject=6,condition=C4`` exclude.
+
+    Raises
+    ------
+    InputError
+        If a text is no such thing, or excludes nothing, or all.
+    """
+    left, excluded = list(parts), []
+    for text in texts:
+        wanted = {}
+        for pair in text.split(","):
+            name, equals, value = (piece.strip() for piece in pair.partition("="))
+            known = in_order([value for part in parts for f, value in part.fields if f == name])
+            if not (equals and known):
+                fields = ", ".join(dict.fromkeys(f for part in parts for f, _ in part.fields))
+                raise InputError(
+                    f"--exclude {text}: '{pair}' must be FIELD=VALUE with a field of the pattern "
+                    f"({fields or 'there is none'})"
+                )
+            if value not in known:
+                raise InputError(
+                    f"--exclude {text}: no file has {name} {value}; there are {', '.join(known)}"
+                )
+            wanted[name] = value
+        out = [part for part in left if wanted.items() <= dict(part.fields).items()]
+        if not out:
+            raise InputError(f"--exclude {text}: no recording has all of these; nothing to exclude")
+        left = [part for part in left if part not in out]
+        excluded += [Excluded(part, because) for part in out]
+    if not left:
+        raise InputError("--exclude: nothing is left to analyse; exclude less")
+    return left, excluded

@@ -1,22 +1,22 @@
 """All conditions at once: repeated-measures analysis of variance, and a linear mixed model.
 
-The analysis of variance, by statsmodels, takes the subjects with a usable
-estimate in every condition; p is corrected for unequal variances of the differences by Greenhouse
-and Geisser (1959).  The mixed model takes all usable estimates.  Its likelihood-ratio test trusts
-large numbers: with few subjects its p is too small, and the corrected p is the one to report.
+The analysis of variance takes the subjects with a usable estimate in every condition, see
+`pilotid.analysis.factors`.  The mixed model takes all usable estimates.  Its likelihood-ratio
+test trusts large numbers: with few subjects its p is too small, and the corrected p is the one to
+report.
 """
 
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pilotid.analysis.combine import NAN, ROUNDING
+from pilotid.analysis.factors import contrasts_of, variance_of
 from pilotid.analysis.rows import Chosen, Layout, Row, Stratum, layouts
 from pilotid.types import FloatArray
 
@@ -37,6 +37,8 @@ class Repeated:
         F of the analysis of variance, its degrees of freedom, and its p.
     epsilon, p_corrected
         Greenhouse and Geisser's epsilon, and p with both degrees of freedom times that.
+    eta_squared
+        Partial eta squared, the effect's size.
     estimates
         Number of estimates in the mixed model.
     likelihood_ratio, mixed_p
@@ -44,7 +46,7 @@ class Repeated:
     between_subjects, residual
         Standard deviations of the mixed model: of subjects, and within them (REML).
     notes
-        Who is left out and why, and what statsmodels had to say.
+        Who is left out and why.
     """
 
     stratum: Stratum
@@ -60,6 +62,7 @@ class Repeated:
     p: float = NAN
     epsilon: float = NAN
     p_corrected: float = NAN
+    eta_squared: float = NAN
     estimates: int = 0
     likelihood_ratio: float = NAN
     mixed_p: float = NAN
@@ -125,45 +128,11 @@ def _variance(table: FloatArray, notes: list[str]) -> dict[str, float]:
     if len(table) < 2:
         notes.append("no analysis of variance: fewer than two subjects are complete")
         return {}
-    residual = table - table.mean(axis=1, keepdims=True) - table.mean(axis=0) + table.mean()
-    if np.abs(residual).max() <= ROUNDING * np.abs(table).max():
+    found = asdict(variance_of(table, contrasts_of(table.shape[1])))
+    if math.isnan(found["f"]):
         notes.append("no analysis of variance: all subjects differ alike between the conditions")
         return {}
-    from pandas import DataFrame
-    from scipy.special import fdtrc
-    from statsmodels.stats.anova import AnovaRM
-
-    count, conditions = table.shape
-    frame = DataFrame(
-        {
-            # statsmodels takes numbers: names of conditions may hold anything
-            "value": table.ravel(),
-            "subject": np.repeat(np.arange(count), conditions),
-            "condition": np.tile(np.arange(conditions), count),
-        }
-    )
-    with warnings.catch_warnings(record=True) as heard:
-        warnings.simplefilter("always")
-        found = AnovaRM(frame, "value", "subject", within=["condition"]).fit().anova_table
-    texts = dict.fromkeys(" ".join(str(warning.message).split()) for warning in heard)
-    notes += [f"statsmodels: {text}" for text in texts]
-    f, df1, df2, p = (
-        float(found.loc["condition", name]) for name in ("F Value", "Num DF", "Den DF", "Pr > F")
-    )
-    epsilon = sphericity(table)
-    corrected = float(fdtrc(epsilon * df1, epsilon * df2, f))
-    return {"f": f, "df1": df1, "df2": df2, "p": p, "epsilon": epsilon, "p_corrected": corrected}
-
-
-def sphericity(table: FloatArray) -> float:
-    """Greenhouse and Geisser's epsilon of a table, shape (subjects, conditions).
-
-    1 if all differences between conditions scatter alike, 1/(conditions - 1) at the worst.
-    """
-    within = table - table.mean(axis=1, keepdims=True)  # the contrasts of the conditions
-    covariance = np.cov(within, rowvar=False)
-    worst = 1.0 / (table.shape[1] - 1)
-    return float(worst * np.trace(covariance) ** 2 / np.sum(covariance**2))
+    return found
 
 
 def _mixed(

@@ -8,14 +8,20 @@ from pathlib import Path
 
 from pilotid.analysis.analyse import PAGES, Analysis, group_of
 from pilotid.analysis.board import group_words, left_out_blocks
-from pilotid.analysis.figures import estimates_figure, spread_figure
+from pilotid.analysis.contrasts import LEVEL
+from pilotid.analysis.figures import (
+    estimates_figure,
+    normal_figure,
+    spread_figure,
+    standardised,
+)
 from pilotid.analysis.report_tables import (
     FEW,
-    LEVEL,
     alarms,
     contrast_tables,
     counted,
     estimate_groups,
+    factor_table,
     is_significant,
     means_table,
     model_table,
@@ -147,6 +153,8 @@ def _summary(results: Results) -> Section:
     items += alarms(analysis)
     items += results.notes
     blocks: list[Block] = [Text(" ".join(told)), Bullets(items)]
+    if excluded := analysis.settings.excluded:
+        blocks += [Text("**Excluded:**"), Bullets([own.words for own in excluded])]
     if analysis.refused:
         blocks += [Text("**Left out:**"), Bullets(list(analysis.refused))]
     return Section("summary", "Summary", blocks)
@@ -245,6 +253,15 @@ def _conditions(results: Results) -> Section:
     blocks: list[Block] = [Text(PAIRED), *contrast_tables(results)]
     if any(c.across for c in results.contrasts):
         blocks.append(Text(OTHER_MODELS))
+    if results.effects:
+        blocks.append(factor_table(results.effects))
+    if residuals := standardised(results.contrasts):
+        caption = (
+            "Differences between conditions, each less its mean over the subjects and over their "
+            "standard deviation, all together, against normal quantiles. Points off the line at "
+            "the ends are subjects unlike the others: there, go by the robust mean and the ranks."
+        )
+        blocks.append(Figure("normal", normal_figure(residuals), caption))
     if results.repeated:
         blocks.append(repeated_table(results.repeated))
     return Section("conditions", "Conditions compared", blocks)

@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 
 from pilotid.analysis.analyse import Analysis, group_of
 from pilotid.analysis.board import group_words
-from pilotid.analysis.contrasts import Contrast
+from pilotid.analysis.contrasts import LEVEL, Contrast
+from pilotid.analysis.factors import Effect
 from pilotid.analysis.repeated import Repeated
 from pilotid.analysis.results import Results
 from pilotid.analysis.rows import (
@@ -30,8 +31,6 @@ from pilotid.remarks import GRADES, OF_STICK, Remark, counted_grades, gravest_fi
 from pilotid.time_domain.constancy import LEVEL as CHANGES
 from pilotid.types import printable
 
-#: p-values below this are called significant.
-LEVEL = 0.05
 #: Pairs of conditions of which all differences are shown at once.
 FEW = 3
 
@@ -129,11 +128,20 @@ FRONT: list[Column[Contrast]] = [
 ]
 TEST: list[Column[Contrast]] = [
     Column("difference", lambda c: (c.difference, _error(c)), to_error),
-    Column("95 % interval", lambda c: (c.lower, c.upper, _error(c)), _ends),
+    Column(
+        "95 % interval",
+        lambda c: (c.lower_holm, c.upper_holm, _error(c)),
+        _ends,
+        "holds zero where p Holm is above 0.05",
+    ),
     Column("t (df)", lambda c: f"{c.t:.2f} ({c.freedom:.0f})" if math.isfinite(c.t) else None, str),
     Column("p", lambda c: c.p, p_value),
     Column("p Holm", lambda c: c.p_holm, p_value, "for all comparisons", _significant),
     Column("d_z", lambda c: (c.effect_size, 2), number, "Cohen's, with Hedges' correction"),
+]
+ROBUST: list[Column[Contrast]] = [
+    Column("robust", lambda c: (c.robust_difference, _error(c)), to_error, "Hodges and Lehmann"),
+    Column("p ranks", lambda c: c.wilcoxon_p, p_value, "Wilcoxon's signed ranks"),
 ]
 WEIGHTED: list[Column[Contrast]] = [
     Column("weighted", lambda c: (c.weighted_difference, _error(c)), to_error),
@@ -149,7 +157,7 @@ def contrast_tables(results: Results) -> Iterator[Table[Contrast]]:
     for c in without_repeats(results.contrasts):
         same = c.model_a if c.model_a == c.model_b and results.chosen is None else ""
         groups.setdefault(table_title(c.stratum, c.method, same), []).append(c)
-    columns = [*FRONT, *TEST, *WEIGHTED, *_doubts(results.contrasts)]
+    columns = [*FRONT, *TEST, *ROBUST, *WEIGHTED, *_doubts(results.contrasts)]
     for title, own in groups.items():
         many = len(_pairs(own)) > FEW
         if many:
@@ -254,10 +262,38 @@ def repeated_table(found: Sequence[Repeated]) -> Table[Repeated]:
         Column("df", lambda r: f"{r.df1:.0f}, {r.df2:.0f}" if math.isfinite(r.df2) else None, str),
         Column("p", lambda r: r.p, p_value),
         Column("p corrected", lambda r: r.p_corrected, p_value, "Greenhouse and Geisser"),
+        Column("partial eta²", lambda r: r.eta_squared, number, "the effect's size"),
         Column("p mixed", lambda r: r.mixed_p, p_value, "mixed model with a random intercept"),
     ]
     caption = "All conditions together: repeated-measures analysis of variance and mixed model"
     return Table(caption, columns, found, heads=3, folded=True)
+
+
+def factor_table(found: Sequence[Effect]) -> Table[Effect]:
+    """The effects of factors on each quantity."""
+
+    def df(e: Effect) -> str | None:
+        own = e.variance
+        return f"{own.df1:.0f}, {own.df2:.0f}" if math.isfinite(own.df2) else None
+
+    def mark(e: Effect) -> str:
+        return "good" if e.variance.p_corrected < LEVEL else ""
+
+    columns: list[Column[Effect]] = [
+        Column("stratum", lambda e: group_words(e.stratum) or NONE),
+        Column("method", lambda e: e.method),
+        Column("parameter", lambda e: e.parameter),
+        Column("effect", lambda e: e.effect.replace(":", " x ")),
+        Column("subjects", lambda e: len(e.subjects), str),
+        Column("F", lambda e: e.variance.f, number),
+        Column("df", df, str),
+        Column("p", lambda e: e.variance.p, p_value),
+        Column("epsilon", lambda e: e.variance.epsilon, number, "Greenhouse and Geisser"),
+        Column("p corrected", lambda e: e.variance.p_corrected, p_value, "by epsilon", mark),
+        Column("partial eta²", lambda e: e.variance.eta_squared, number, "the effect's size"),
+        Column("notes", lambda e: "; ".join(e.notes) or NONE),
+    ]
+    return Table("Effects of the factors: analysis of variance", columns, found, heads=3)
 
 
 # ------------------------------------------------------------------- models and recordings

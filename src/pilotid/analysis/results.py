@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import attrgetter
 
 from pilotid.analysis.analyse import Analysis
 from pilotid.analysis.board import Board
 from pilotid.analysis.contrasts import Contrast, contrasts, split_pairs, within_fits
+from pilotid.analysis.factors import Effect, effects
+from pilotid.analysis.recordings import Excluded
 from pilotid.analysis.repeated import Repeated, repeated
-from pilotid.analysis.rows import CONDITION, SUBJECT, Chosen, Row
+from pilotid.analysis.rows import CONDITION, SUBJECT, Chosen, Row, who
 from pilotid.analysis.spread import (
     ConditionSpread,
     RunSpread,
@@ -28,13 +30,18 @@ CONTRAST_COLUMNS = (
     *("lower_95", "upper_95", "effect_size", "weighted_difference", "weighted_std_error"),
     *("weighted_p", "weighted_p_holm", "weighted_lower_95", "weighted_upper_95"),
     *("between_subjects", "between_lower_95", "between_upper_95", "claimed_error", "notes"),
-    "misspecified",
+    *("misspecified", "robust_difference", "wilcoxon_p", "lower_holm_95", "upper_holm_95"),
 )
 #: Columns of the table of analyses of all conditions.
 REPEATED_COLUMNS = (
     *("conditions", "models", "method", "parameter", "unit", "subjects", "F", "df1", "df2", "p"),
     *("epsilon", "p_corrected", "estimates", "likelihood_ratio", "mixed_p", "between_subjects"),
-    *("residual", "notes"),
+    *("residual", "notes", "eta_squared"),
+)
+#: Columns of the table of factors.
+FACTOR_COLUMNS = (
+    *("method", "parameter", "unit", "effect", "subjects", "F", "df1", "df2", "p", "epsilon"),
+    *("p_corrected", "eta_squared", "notes"),
 )
 #: Columns of the table of spreads from run to run.
 SPREAD_COLUMNS = (
@@ -53,7 +60,7 @@ PLACES = {
 
 
 def table_of(
-    lines: Sequence[Contrast | Repeated | RunSpread], columns: Sequence[str]
+    lines: Sequence[Contrast | Repeated | RunSpread | Effect], columns: Sequence[str]
 ) -> tuple[list[str], list[list[object]]]:
     """A table for a CSV file, behind the fields of the strata; several notes are one text."""
     fields = list(dict.fromkeys(name for line in lines for name, _ in line.stratum))
@@ -68,6 +75,8 @@ def table_of(
 
 
 def _cell(line: object, column: str) -> object:
+    if isinstance(line, Effect) and hasattr(line.variance, PLACES.get(column, column)):
+        line = line.variance
     value = attrgetter(PLACES.get(column, column.removesuffix("_95")))(line)
     if column == "notes":
         return " | ".join(value)
@@ -94,6 +103,8 @@ class Results:
         empty where runs were not fitted one by one.
     contrasts, repeated
         Conditions compared, in pairs and all together.
+    effects
+        Effects of the factors that conditions are combinations of.
     spreads, by_condition
         Runs compared, of each recording and over subjects.
     notes
@@ -109,6 +120,7 @@ class Results:
     wider: Sequence[Row]
     contrasts: Sequence[Contrast]
     repeated: Sequence[Repeated]
+    effects: Sequence[Effect]
     spreads: Sequence[RunSpread]
     by_condition: Sequence[ConditionSpread]
     notes: Sequence[str]
@@ -153,6 +165,7 @@ def results_of(
     notes: list[str] = list(untried)
     differences: list[Contrast] = []
     together: list[Repeated] = []
+    crossed: list[Effect] = []
     chosen = _chosen(analysis) if analysis.settings.auto else None
     fields = dict(analysis.parts[0].fields) if analysis.parts else {}
     missing = [name for name in (SUBJECT, CONDITION) if name not in fields]
@@ -170,7 +183,9 @@ def results_of(
         if between or not within:
             differences = contrasts(both, between, chosen, analysis.settings.known)
         differences += within_fits(both, within, chosen)
+        differences = [excluding(c, analysis.settings.excluded) for c in differences]
         together = repeated(both, chosen)
+        crossed = effects(both, analysis.settings.factors, chosen, analysis.settings.known)
     return Results(
         analysis=analysis,
         chosen=chosen,
@@ -179,11 +194,29 @@ def results_of(
         wider=with_variation([r for r in both if r.run is None], spreads) if spreads else [],
         contrasts=differences,
         repeated=together,
+        effects=crossed,
         spreads=spreads,
         by_condition=condition_spreads(spreads),
         notes=notes,
         tried=tried,
     )
+
+
+def excluding(contrast: Contrast, excluded: Sequence[Excluded]) -> Contrast:
+    """The contrast with the recordings that the user left out among those it does without."""
+    told = []
+    for own in excluded:
+        fields = dict(own.part.fields)
+        here = all(fields.get(name) == value for name, value in contrast.stratum)
+        if here and fields.get(CONDITION) in (contrast.condition_a, contrast.condition_b):
+            told.append((fields.get(SUBJECT, ""), own.words))
+    if not told:
+        return contrast
+    names = {f"{who(subject)} (no recording" for subject, _ in told}
+    rest = [text for text in contrast.left_out if text.split(" in ")[0] not in names]
+    left_out = (*rest, *(words for _, words in told))
+    notes = [note for note in contrast.notes if not note.startswith("left out: ")]
+    return replace(contrast, left_out=left_out, notes=(f"left out: {'; '.join(left_out)}", *notes))
 
 
 def _chosen(analysis: Analysis) -> Chosen:

@@ -12,6 +12,7 @@ from pilotid.analysis.recordings import Part
 from pilotid.analysis.report_tables import tables_tex
 from pilotid.analysis.results import (
     CONTRAST_COLUMNS,
+    FACTOR_COLUMNS,
     REPEATED_COLUMNS,
     SPREAD_COLUMNS,
     Results,
@@ -22,7 +23,7 @@ from pilotid.disk import table_bytes, write_file
 
 ESTIMATES, MODELS, LOOPS, CONTRASTS = "estimates.csv", "models.csv", "loops.csv", "contrasts.csv"
 CONDITIONS, RUNS, TEX = "conditions.csv", "runs.csv", "tables.tex"
-LEFT_OUT = "left_out.csv"
+LEFT_OUT, FACTORS = "left_out.csv", "factors.csv"
 
 QUANTITY_COLUMNS = ("unit", "value", "std_error", "lower_95", "upper_95", "outcome", "remarks")
 
@@ -62,6 +63,8 @@ def write_tables(folder: Path, results: Results, command: str) -> None:
     write_file(folder / CONTRASTS, table_bytes(*table_of(results.contrasts, CONTRAST_COLUMNS)))
     if results.repeated:
         write_file(folder / CONDITIONS, table_bytes(*table_of(results.repeated, REPEATED_COLUMNS)))
+    if results.effects:
+        write_file(folder / FACTORS, table_bytes(*table_of(results.effects, FACTOR_COLUMNS)))
     if results.spreads:
         write_file(folder / RUNS, table_bytes(*table_of(results.spreads, SPREAD_COLUMNS)))
     if analysis.left_out:

@@ -73,6 +73,22 @@ def analyse(
     dt: options.IntervalOption = None,
     detrend: options.DetrendOption = False,
     lead_in: options.LeadInOption = LEAD_IN,
+    runs: options.RunsOption = None,
+    span: options.SpanOption = None,
+    exclude: Annotated[
+        list[str] | None,
+        typer.Option(metavar="subject=6,condition=C4", help="Recordings to leave out; repeat."),
+    ] = None,
+    because: Annotated[
+        str, typer.Option(metavar="WHY", help="Why these are excluded, for the report.")
+    ] = "",
+    factors: Annotated[
+        str | None,
+        typer.Option(
+            metavar="'motion=C1,C2:off;C3,C4:on;...'|F.csv",
+            help="Factors that conditions are combinations of, for an analysis of variance.",
+        ),
+    ] = None,
     element: options.ElementOption = None,
     seed: options.SeedOption = DEFAULT_SEED,
     workers: options.WorkersOption = None,
@@ -82,10 +98,12 @@ def analyse(
     from pilotid.analysis.analyse import Settings
     from pilotid.analysis.analyse import analyse as analysed
     from pilotid.analysis.board import BOARD
-    from pilotid.analysis.recordings import Pattern, Source, parts_of
+    from pilotid.analysis.factors import factors_of
+    from pilotid.analysis.recordings import Pattern, Source, excluded_of, parts_of
     from pilotid.analysis.report import write_report
     from pilotid.analysis.report_tables import alarms, contrast_overview
     from pilotid.analysis.results import results_of
+    from pilotid.analysis.rows import CONDITION, in_order
     from pilotid.analysis.tables import write_tables
     from pilotid.analysis.trials import tried_conditions
     from pilotid.cli.running import with_progress
@@ -94,6 +112,7 @@ def analyse(
     from pilotid.document import Bullets, print_blocks
     from pilotid.pilot.catalogue import AUTO, model_named
     from pilotid.pilot.element import element_named
+    from pilotid.recordings.selection import span_of
     from pilotid.study.study import about_this
 
     names = options.names_of(model, [AUTO], [AUTO])
@@ -101,11 +120,28 @@ def analyse(
     plant = element_named(element) if element else None
     chosen = options.methods_of(method, [options.default_method()])
     pairs = _pairs(contrast)
-    settings = Settings(
-        models, AUTO in names, chosen, per_run, left_out, plant, seed, pairs, model_per_condition
-    )
-    reading = Reading(tuple(mapping or ()), dt, detrend, lead_in)
+    reading = Reading(tuple(mapping or ()), dt, detrend, lead_in, runs or "", span or "")
+    if span:
+        span_of(span)
     parts, refused = parts_of(files, Pattern(pattern) if pattern else None)
+    parts, excluded = excluded_of(parts, exclude or (), because) if parts else (parts, [])
+    if because and not exclude:
+        raise InputError("--because: says why something is excluded; name it with --exclude")
+    conditions = in_order([dict(part.fields).get(CONDITION, "") for part in parts])
+    crossed = factors_of(factors, conditions) if factors else {}
+    settings = Settings(
+        models,
+        AUTO in names,
+        chosen,
+        per_run,
+        left_out,
+        plant,
+        seed,
+        pairs,
+        model_per_condition,
+        crossed,
+        excluded,
+    )
     if not parts:
         options.raise_refused(refused)
     make_folder(out)

@@ -47,6 +47,8 @@ def check(
     joint: options.JointOption = False,
     detrend: options.DetrendOption = False,
     lead_in: options.LeadInOption = LEAD_IN,
+    runs: options.RunsOption = None,
+    span: options.SpanOption = None,
     element: Annotated[
         str | None,
         typer.Option(metavar="4/s^2", help="Controlled element, to compare with what is seen."),
@@ -60,7 +62,9 @@ def check(
     plant = element_named(element) if element else None
     models = [model_named(name) for name in split_list(model, names=True)]
     options.require_writable(files, json)
-    recordings, refused = options.recordings_of(files, mapping, dt, detrend, lead_in, joint=joint)
+    recordings, refused = options.recordings_of(
+        files, mapping, dt, detrend, lead_in, runs, span, joint=joint
+    )
     choices = [chosen_element(recording, plant) for recording in recordings]
     copies = copies_among([r.source for r in recordings], [fingerprints(r) for r in recordings])
     told = [

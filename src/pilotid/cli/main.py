@@ -169,6 +169,8 @@ def fit(
     joint: options.JointOption = False,
     detrend: options.DetrendOption = False,
     lead_in: options.LeadInOption = LEAD_IN,
+    runs: options.RunsOption = None,
+    span: options.SpanOption = None,
     element: options.ElementOption = None,
     start: Annotated[
         str | None, typer.Option(metavar="Kvis=0.2,tlead=1.5", help="Initial guesses.")
@@ -189,7 +191,9 @@ def fit(
     true = options.read_truth(truth, named) if truth is not None and named is not None else None
     methods = options.methods_of(method, [options.default_method()])
     options.require_writable(files, json, report)
-    recordings, refused = options.recordings_of(files, mapping, dt, detrend, lead_in, joint=joint)
+    recordings, refused = options.recordings_of(
+        files, mapping, dt, detrend, lead_in, runs, span, joint=joint
+    )
     todo = with_bar(recordings, "fitting", len(recordings))
     fits = [_fitted(recording, named, start, methods, seed, plant) for recording in todo]
     if truth is not None and named is None:

@@ -103,6 +103,14 @@ LeadInOption = Annotated[
     ),
 ]
 
+RunsOption = Annotated[
+    str | None, typer.Option("--runs", metavar="2-5", help="The runs to use, as in 2-5 or 1,3.")
+]
+SpanOption = Annotated[
+    str | None,
+    typer.Option("--span", metavar="0:41", help="The seconds of the window to use, START:END."),
+]
+
 LARGEST_TRUTH = 2**22  # bytes of a file that names true parameters
 
 
@@ -195,11 +203,14 @@ def recordings_of(
     dt: float | None,
     detrend: bool,
     lead_in: float = LEAD_IN,
+    runs: str | None = None,
+    span: str | None = None,
     *,
     joint: bool,
 ) -> tuple[list[Recording], list[str]]:
     """The recordings in files, and a sentence for each file that cannot be used."""
-    return Reading(tuple(mapping or ()), dt, detrend, lead_in).all(files, joint=joint)
+    reading = Reading(tuple(mapping or ()), dt, detrend, lead_in, runs or "", span or "")
+    return reading.all(files, joint=joint)
 
 
 def raise_refused(refused: Sequence[str]) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from pilotid.disk import path_shown, write_file
 from pilotid.recordings.contents import assembled, shown, signal_places
 from pilotid.recordings.recording import LEAD_IN, Recording, joined
+from pilotid.recordings.selection import chosen_runs, cut, span_of
 from pilotid.recordings.text import csv_bytes, read_text, sidecar_path
 from pilotid.types import InputError
 
@@ -136,12 +137,16 @@ class Reading:
         Whether a straight line is taken out of the control.
     lead_in
         See `Recording.lead_in`.
+    runs, span
+        Texts such as ``2-5`` and ``0:41``, empty for all of a recording.
     """
 
     mapping: tuple[str, ...] = ()
     dt: float | None = None
     detrend: bool = False
     lead_in: float = LEAD_IN
+    runs: str = ""
+    span: str = ""
 
     def one(self, file: Path) -> Recording:
         """The recording in a file."""
@@ -149,6 +154,8 @@ class Reading:
         if self.dt is not None and not 0.0 < self.dt < 1.0:
             raise InputError(f"--dt {self.dt:g}: give seconds between samples, as in --dt 0.01")
         recording = replace(load_recording(file, names, self.dt), lead_in=self.lead_in)
+        if self.span:
+            recording = cut(recording, *span_of(self.span))
         return detrended(recording) if self.detrend else recording
 
     def all(self, files: Sequence[Path], *, joint: bool) -> tuple[list[Recording], list[str]]:
@@ -158,16 +165,23 @@ class Reading:
         one recording, there is nothing to go on with.
         """
         recordings, refused = [], []
+        together = joint and len(files) > 1
         for file in files:
             try:
-                recordings.append(self.one(file))
+                recording = self.one(file)
+                if self.runs and not together:
+                    recording = chosen_runs(recording, self.runs)
+                recordings.append(recording)
             except InputError as error:
                 if joint or len(files) == 1:
                     raise
                 refused.append(str(error))
         if not recordings:
             raise InputError("; ".join(refused))
-        return ([joined(recordings)] if joint and len(files) > 1 else recordings), refused
+        if together:
+            whole = joined(recordings)
+            recordings = [chosen_runs(whole, self.runs) if self.runs else whole]
+        return recordings, refused
 
 
 def detrended(recording: Recording) -> Recording:

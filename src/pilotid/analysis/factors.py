@@ -1,0 +1,257 @@
+"""Factors that conditions are combinations of: repeated-measures analysis of variance.
+
+Each main effect and interaction is a set of orthonormal contrasts of the conditions.  Its F is the
+mean square of their means over the subjects by that of their scatter; p is corrected for contrasts
+that scatter differently after Greenhouse and Geisser (1959); the effect size is partial eta
+squared.  Subjects with a usable estimate in every condition count.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations, product
+from pathlib import Path
+
+import numpy as np
+
+from pilotid.analysis.combine import NAN, ROUNDING
+from pilotid.analysis.contrasts import is_across
+from pilotid.analysis.rows import Chosen, Layout, Row, Stratum, in_order, layouts
+from pilotid.disk import require_file
+from pilotid.pilot.catalogue import MODELS
+from pilotid.pilot.model import PilotModel
+from pilotid.types import FloatArray, InputError
+
+#: Level of each condition, by factor.
+Factors = Mapping[str, Mapping[str, str]]
+LARGEST = 2**20  # bytes of a file of factors
+FEWEST_LEVELS = 2
+
+
+@dataclass(frozen=True)
+class Variance:
+    """The test of one effect in a table of subjects; NaN for what cannot be worked out.
+
+    Attributes
+    ----------
+    f, df1, df2, p
+        F, its degrees of freedom and its p.
+    epsilon, p_corrected
+        Greenhouse and Geisser's epsilon, and p with both degrees of freedom times that.
+    eta_squared
+        Partial eta squared.
+    """
+
+    f: float = NAN
+    df1: float = NAN
+    df2: float = NAN
+    p: float = NAN
+    epsilon: float = NAN
+    p_corrected: float = NAN
+    eta_squared: float = NAN
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A main effect, or an interaction, on one quantity: a line of factors.csv.
+
+    Attributes
+    ----------
+    stratum, method, parameter, unit
+        What was estimated, and how.
+    effect
+        The factors, joined by colons.
+    subjects
+        Those with a usable estimate in every condition.
+    variance
+        The test.
+    notes
+        Who is left out and why, and what could not be worked out.
+    """
+
+    stratum: Stratum
+    method: str
+    parameter: str
+    unit: str
+    effect: str
+    subjects: tuple[str, ...]
+    variance: Variance
+    notes: tuple[str, ...] = ()
+
+
+def factors_of(text: str, conditions: Sequence[str]) -> dict[str, dict[str, str]]:
+    """The factors in a text such as ``motion=C1,C2:off;C3,C4:on``, or in a CSV file.
+
+    The file has a column ``condition``, and one for each factor.
+
+    Raises
+    ------
+    InputError
+        If it is neither, a level has no condition, or the conditions are no full crossing.
+    """
+    is_file = text.lower().endswith(".csv")
+    found = _in_file(Path(text)) if is_file else _in_text(text)
+    for factor, levels in found.items():
+        for condition, level in levels.items():
+            if condition not in conditions:
+                there = ", ".join(name for name in conditions if name) or "none"
+                raise InputError(
+                    f"--factors: the level {level} of {factor} names the condition {condition}, "
+                    f"which no file has; the conditions are {there}"
+                )
+        if len(set(levels.values())) < FEWEST_LEVELS:
+            raise InputError(f"--factors: {factor} has one level only; give it two or more")
+    named = in_order([condition for levels in found.values() for condition in levels])
+    cells: dict[tuple[str, ...], str] = {}
+    for condition in named:
+        for factor, levels in found.items():
+            if condition not in levels:
+                raise InputError(f"--factors: the condition {condition} has no level of {factor}")
+        cell = tuple(levels[condition] for levels in found.values())
+        if cell in cells:
+            raise InputError(
+                f"--factors: {cells[cell]} and {condition} have the same levels "
+                f"({', '.join(cell)}); name a factor that tells them apart"
+            )
+        cells[cell] = condition
+    for cell in product(*(dict.fromkeys(levels.values()) for levels in found.values())):
+        if cell not in cells:
+            raise InputError(f"--factors: no condition has the levels {', '.join(cell)}")
+    return found
+
+
+def _in_text(text: str) -> dict[str, dict[str, str]]:
+    found: dict[str, dict[str, str]] = {}
+    factor = ""
+    for part in (part.strip() for part in text.split(";") if part.strip()):
+        name, equals, rest = part.partition("=")
+        factor = name.strip() if equals else factor
+        members, colon, level = (rest if equals else part).rpartition(":")
+        names = [name.strip() for name in members.split(",") if name.strip()]
+        if not (factor and colon and level.strip() and names):
+            raise InputError(
+                f"--factors: '{part}' must be FACTOR=CONDITIONS:LEVEL, as in motion=C1,C2:off;"
+                "C3,C4:on"
+            )
+        for condition in names:
+            if condition in found.setdefault(factor, {}):
+                raise InputError(f"--factors: {condition} has two levels of {factor}; give one")
+            found[factor][condition] = level.strip()
+    if not found:
+        raise InputError("--factors: names no factor; write for example motion=C1,C2:off;C3,C4:on")
+    return found
+
+
+def _in_file(path: Path) -> dict[str, dict[str, str]]:
+    require_file(path, LARGEST)
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            rows = list(csv.DictReader(file, strict=True))
+    except (OSError, ValueError, csv.Error) as error:
+        raise InputError(f"{path}: cannot be read as a table of factors ({error})") from None
+    names = [name for name in (rows[0] if rows else ()) if name and name != "condition"]
+    if not names or any(not row.get(name) for row in rows for name in ("condition", *names)):
+        raise InputError(
+            f"{path}: must have a column condition, one for each factor, and a level in every cell"
+        )
+    return {name: {row["condition"]: row[name] for row in rows} for name in names}
+
+
+def effects(
+    rows: Sequence[Row],
+    factors: Factors,
+    chosen: Chosen | None = None,
+    models: Mapping[str, PilotModel] = MODELS,
+) -> list[Effect]:
+    """Every main effect and interaction, for each stratum, method, model and quantity.
+
+    Parameters
+    ----------
+    rows
+        Rows of estimates.csv and loops.csv; only fits of all runs together are used.
+    factors
+        What `factors_of` gave.
+    chosen, models
+        As for `pilotid.analysis.contrasts.contrasts`.
+    """
+    if not factors:
+        return []
+    own = [layout for layout in layouts(rows, chosen) if "," not in layout.unit]
+    return [effect for layout in own for effect in _effects(layout, factors, models)]
+
+
+def _effects(
+    layout: Layout, factors: Factors, models: Mapping[str, PilotModel]
+) -> Iterator[Effect]:
+    levels = [list(dict.fromkeys(own.values())) for own in factors.values()]
+    by_cell = {tuple(own[c] for own in factors.values()): c for c in next(iter(factors.values()))}
+    conditions = [by_cell[cell] for cell in product(*levels)]
+    if not set(conditions) <= set(layout.conditions):
+        return  # a parameter that some models do not have
+    subjects, out = layout.split(conditions)
+    table = np.array([[layout.cells[c][s].value for c in conditions] for s in subjects])
+    notes = [f"left out: {'; '.join(out)}"] if out else []
+    known = dict.fromkeys(layout.models[c] for c in conditions)
+    if is_across(layout.parameter, [models[name] for name in known if name in models]):
+        notes.append("across models")
+    names = list(factors)
+    for size in range(1, len(names) + 1):
+        for some in combinations(range(len(names)), size):
+            contrasts = np.ones((1, 1))
+            for place, own in enumerate(levels):
+                level = np.full((1, len(own)), len(own) ** -0.5)
+                contrasts = np.kron(contrasts, contrasts_of(len(own)) if place in some else level)
+            tested = variance_of(table, contrasts)
+            yield Effect(
+                layout.stratum,
+                layout.method,
+                layout.parameter,
+                layout.unit,
+                ":".join(names[place] for place in some),
+                tuple(subjects),
+                tested,
+                tuple(notes if np.isfinite(tested.f) else [*notes, "no test: nothing scatters"]),
+            )
+
+
+def contrasts_of(levels: int) -> FloatArray:
+    """Orthonormal contrasts of the levels of a factor, shape (levels - 1, levels)."""
+    centred = np.eye(levels) - 1.0 / levels
+    return np.asarray(np.linalg.svd(centred)[2][: levels - 1])
+
+
+def variance_of(table: FloatArray, contrasts: FloatArray) -> Variance:
+    """The test of an effect.
+
+    Parameters
+    ----------
+    table
+        Shape (subjects, conditions).
+    contrasts
+        Orthonormal contrasts of the conditions, shape (degrees of freedom, conditions).
+    """
+    from scipy.special import fdtrc
+
+    count, size = len(table), len(contrasts)
+    if count < FEWEST_LEVELS:
+        return Variance()
+    own = table @ contrasts.T
+    rest = own - own.mean(axis=0)
+    between, within = count * float(np.sum(own.mean(axis=0) ** 2)), float(np.sum(rest**2))
+    if np.abs(rest).max() <= ROUNDING * np.abs(table).max():
+        return Variance()
+    df1, df2 = float(size), float(size * (count - 1))
+    f = between / df1 / (within / df2)
+    covariance = rest.T @ rest
+    epsilon = float(np.trace(covariance) ** 2 / (size * np.sum(covariance**2)))
+    return Variance(
+        f,
+        df1,
+        df2,
+        float(fdtrc(df1, df2, f)),
+        epsilon,
+        float(fdtrc(epsilon * df1, epsilon * df2, f)),
+        between / (between + within),
+    )
