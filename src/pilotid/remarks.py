@@ -68,6 +68,7 @@ CODES: dict[str, tuple[Grade, str]] = {
     "inverse-plant": ("wrong", "the best fit is the inverse of the controlled element"),
     "held-control": ("doubt", "u often keeps its value from one sample to the next"),
     "gains-change": ("doubt", "gains or leads change during the recording"),
+    "overdispersed": ("note", "segments differ more than errors say: intervals are widened"),
     "halves-differ": ("doubt", "the halves ask for different pilots"),
     "residual-variance-changes": ("doubt", "the prediction errors grow or shrink"),
     "residual-drift": ("doubt", "u drifts by more than the model explains"),

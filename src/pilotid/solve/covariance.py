@@ -172,3 +172,38 @@ def score_products(rows: FloatArray, reach: int) -> FloatArray:
     smoothing = np.fft.fft(circle).real
     products = np.einsum("prn,qrn,n->pq", spectra, spectra.conj(), smoothing, optimize=True)
     return np.asarray(products.real / length)
+
+
+def score_dispersion(rows: FloatArray, estimated: int, length: int) -> tuple[float, int]:
+    """How much the scores of segments scatter: chi-squared if errors are as large as claimed.
+
+    Parameters
+    ----------
+    rows
+        Jacobian and, last, residual at the estimate, shape (parameters + 1, runs, samples).
+    estimated
+        Parameters that count, the first ones.
+    length
+        Samples of a segment, about; runs are cut into equal ones.
+
+    Returns
+    -------
+    The statistic and its degrees of freedom; 0, 0 for fewer than two segments.
+    """
+    _, runs, samples = rows.shape
+    pieces = max(1, round(samples / length))
+    if runs * pieces < 2:
+        return 0.0, 0
+    whole = rows[..., : samples // pieces * pieces].reshape(len(rows), runs * pieces, -1)
+    jacobian, errors = whole[:estimated].transpose(1, 0, 2), whole[-1]
+    size = np.sqrt(np.mean(jacobian**2, axis=(0, 2), keepdims=True))
+    known = size[0, :, 0] > 0.0
+    jacobian = jacobian[:, known] / size[:, known]
+    scores = np.einsum("kps,ks->kp", jacobian, errors)
+    scores -= scores.mean(axis=0)
+    information, directions = np.linalg.eigh(jacobian @ jacobian.transpose(0, 2, 1))
+    along = np.einsum("kpq,kp->kq", directions, scores)
+    told = information > SINGULAR * information[:, -1:]
+    variance = float(np.mean(errors**2))
+    statistic = float(np.sum(along[told] ** 2 / information[told])) / (variance or 1.0)
+    return statistic, int(np.count_nonzero(told)) - int(np.count_nonzero(known))

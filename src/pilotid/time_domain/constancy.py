@@ -182,7 +182,7 @@ def constancy(found: Maximum, recording: Recording, rng: np.random.Generator) ->
     Constancy or None
         None for a model that varies or has no gain, and where nothing can be told.
     """
-    scores = scores_of(found, found.joint.tested_rows(found.end.values[0]))
+    scores = scores_of(found, found.tested_rows)
     if scores is None:
         return None
     prediction = found.joint.prediction

@@ -14,6 +14,7 @@ from typing import Self
 
 import numpy as np
 
+from pilotid.chance import chi_squared_limit
 from pilotid.estimates.applicability import lines_objection
 from pilotid.estimates.estimate import Starts, is_at_bound
 from pilotid.estimates.parts import AnalysedBand, RemnantEstimate
@@ -21,7 +22,7 @@ from pilotid.lines.fit import fit_lines
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import floors_of
-from pilotid.solve.covariance import covariance_of
+from pilotid.solve.covariance import covariance_of, score_dispersion
 from pilotid.solve.least_squares import minimise
 from pilotid.solve.smoothing import criterion_and_degrees, fit_smooth
 from pilotid.time_domain.output_error import OutputErrors
@@ -64,7 +65,9 @@ COMPETING_MARGIN, SAME_CRITERION = 5.0, 0.01
 #: share what little there is: by this many seconds over the scored time (Bartlett's correction,
 #: with the constant measured on populations of pilots; docs/remnant.md).
 BARTLETT_SECONDS = 5.0
-
+#: Length of the segments whose scores are compared [s], and how seldom a constant pilot's scores
+#: may be taken for dispersed.
+SEGMENT, DISPERSED = 8.0, 0.01
 
 #: What is told of a search from one start.
 ONE_START = Starts(cost=np.ones(1), agreeing=1)
@@ -110,11 +113,29 @@ class Maximum(JointFit):
         # Of a recording without a remnant rounding errors are left, of any sign.
         return max(float(self.end.cost[0]), 1e-300) / freedom
 
+    @cached_property
+    def tested_rows(self) -> FloatArray:
+        """Whitened Jacobian and, last, prediction errors, (parameters + 1, runs, samples)."""
+        return self.joint.tested_rows(self.end.values[0])
+
+    @cached_property
+    def dispersion(self) -> float:
+        """Variance of the scores of segments over what it would be of a constant pilot.
+
+        It is 1 unless that is certain; larger where the pilot wanders, or the model lacks something
+        (quasi-likelihood: McCullagh and Nelder, Generalized Linear Models, 2nd ed., sec. 4.5).
+        """
+        length = max(1, round(SEGMENT / self.joint.prediction.dt))
+        statistic, freedom = score_dispersion(self.tested_rows, self.joint.pilot, length)
+        certain = freedom > 0 and statistic > chi_squared_limit(freedom, DISPERSED)
+        return statistic / freedom if certain else 1.0
+
     @property
     def widened(self) -> float:
         """Factor on variances, and on the deviance that an interval goes to."""
         prediction = self.joint.prediction
-        return 1.0 + BARTLETT_SECONDS / (prediction.runs * prediction.scored * prediction.dt)
+        seconds = prediction.runs * prediction.scored * prediction.dt
+        return (1.0 + BARTLETT_SECONDS / seconds) * self.dispersion
 
     @cached_property
     def by_element(self) -> FloatArray:

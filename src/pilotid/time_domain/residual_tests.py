@@ -29,7 +29,7 @@ from pilotid.time_domain.constancy import (
     relative_steps,
     scores_of,
 )
-from pilotid.time_domain.maximum_likelihood import Maximum
+from pilotid.time_domain.maximum_likelihood import SEGMENT, Maximum
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
@@ -203,8 +203,9 @@ FLAT_RESPONSE = 0.15
 
 def residual_remarks(found: Maximum, recording: Recording) -> tuple[Remark, ...]:
     """What speaks against the fit of pilot and remnant, a sentence each; empty for nothing."""
-    rows = found.joint.tested_rows(found.end.values[0])
+    rows = found.tested_rows
     remarks = [
+        _dispersed(found.dispersion),
         _held(recording),
         _changed(rows, found.joint) or _varying(found, rows),
         _uneven(rows[-1]),
@@ -215,6 +216,17 @@ def residual_remarks(found: Maximum, recording: Recording) -> tuple[Remark, ...]
     return tuple(remark for remark in remarks if remark)
 
 
+def _dispersed(dispersion: float) -> Remark | None:
+    if dispersion <= 1.0:
+        return None
+    return Remark(
+        "overdispersed",
+        f"segments of {SEGMENT:g} s ask for pilots that differ by {dispersion**0.5:.2g} times "
+        "their errors, since the pilot wanders or the model lacks something: standard errors and "
+        "intervals are longer by that factor",
+    )
+
+
 def _held(recording: Recording) -> Remark | None:
     control = recording.window(recording.u)
     share = held_share(control)
@@ -223,8 +235,8 @@ def _held(recording: Recording) -> Remark | None:
     return Remark(
         "held-control",
         f"u keeps its value from one sample to the next in {100.0 * share:.2g} % of the recording: "
-        "a stick with a threshold, levels or stops, or lost samples; the fit takes that for "
-        "remnant and knows no bias from it",
+        "a stick with a threshold (breakout), levels or stops, or lost samples; the gains are "
+        "those of pilot and stick together, and the rest is remnant",
     )
 
 
