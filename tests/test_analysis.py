@@ -340,7 +340,9 @@ def test_every_recording_has_a_page(analysed: Path) -> None:
         own = (analysed / link).read_text(encoding="utf-8")
         assert "<svg" in own
     assert {path.name for path in (analysed / "figures").iterdir()} == {
-        f"{name}.{kind}" for name in ("estimates-1", "runs-1") for kind in ("svg", "pdf")
+        f"{name}.{kind}"
+        for name in ("estimates-1", "runs-1", "variances-1", "responses-1", "responses-2")
+        for kind in ("svg", "pdf")
     }
 
 

@@ -55,10 +55,10 @@ def test_means_over_subjects_and_contrasts() -> None:
     means, differences = made(table({"C1": A, "C2": B}))
     assert means == [
         ["parameter", "unit", "C1 (n = 5)", "C2 (n = 5)"],
-        ["tlead", "s", "$1.36$ ($0.42$)", "$1.85$ ($0.33$)"],
+        ["$T_L$", "s", "$1.36$ ($0.42$)", "$1.85$ ($0.33$)"],
     ]
     assert differences[0][4:6] == ["difference", r"95 \% interval"]
-    assert differences[1][:6] == ["C1:C2", "tlead", "s", "$5$", "$0.49$", "[$0.01$, $0.98$]"]
+    assert differences[1][:6] == ["C1:C2", "$T_L$", "s", "$5$", "$0.49$", "[$0.01$, $0.98$]"]
     assert re.fullmatch(r"\$2\.\d\d\$ \(\$4\$\)", differences[1][6])
 
 
@@ -76,8 +76,8 @@ def test_files_where_there_are_no_subjects_to_average() -> None:
     values = checked(tables_tex(rows))[0]
     assert values == [
         ["parameter", "unit", "C1", "C2"],
-        ["tlead", "s", r"$1.234$ $\pm$ $0.057$", "--"],
-        ["fnm", "rad/s", r"$12.30$ $\pm$ $0.10$", r"$12.30$ $\pm$ $0.10$"],
+        ["$T_L$", "s", r"$1.234$ $\pm$ $0.057$", "--"],
+        [r"$\omega_{nm}$", "rad/s", r"$12.30$ $\pm$ $0.10$", r"$12.30$ $\pm$ $0.10$"],
     ]
 
 
@@ -88,7 +88,7 @@ def test_each_condition_with_its_own_model_is_one_table() -> None:
     chosen = {((), "C3"): "single", ((), "C6"): "multi"}
     text = tables_tex(rows, chosen=chosen)
     (means,) = checked(text)
-    assert [line[0] for line in means] == ["parameter", "tlead", "Kvest"]
+    assert [line[0] for line in means] == ["parameter", "$T_L$", "$K_{vs}$"]
     assert means[2][2] == "--"
     assert "models: C3 `single`, C6 `multi`" in text
 

@@ -455,14 +455,23 @@ def escaped_latex(text: str) -> str:
     return "".join(LATEX.get(letter, letter) for letter in printable(text))
 
 
-def table_latex(table: Table[Any]) -> str:
-    """A table as a booktabs tabular without its caption."""
+def table_latex(table: Table[Any], symbols: Callable[[str], str] = str) -> str:
+    """A table as a booktabs tabular without its caption.
+
+    Parameters
+    ----------
+    table
+        The table.
+    symbols
+        What sets a whole cell of text in mathematics, or gives it back as it is.
+    """
 
     def cell(column: Column[Any], text: str) -> str:
         if text == NONE:
             return "--"
         if column.form is None:
-            return escaped_latex(text)
+            own = symbols(text)
+            return own if own != text else escaped_latex(text)
         number = r"(?:(?<!\d)-)?\d*\.?\d+(?:e[-+]\d+)?"
         return re.sub(number, r"$\g<0>$", escaped_latex(text))
 

@@ -17,6 +17,7 @@ import numpy as np
 from pilotid.analysis.cross_validation import LeftOut, failed_rows, left_out_rows, predict_left_out
 from pilotid.analysis.performance import performance_content, performance_rows
 from pilotid.analysis.recordings import Excluded, Part, Source
+from pilotid.analysis.responses import responses_of
 from pilotid.analysis.rows import CONDITION, SUBJECT, Row, in_order, rows_of
 from pilotid.database import DamagedError, checksum, in_words, open_to_write
 from pilotid.disk import make_folder, write_file
@@ -24,6 +25,7 @@ from pilotid.element.fit import chosen_element
 from pilotid.estimates.estimate import Outcome, failed
 from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.method import Method
+from pilotid.estimates.parts import FrequencyResponse
 from pilotid.estimates.quantities import Quantity
 from pilotid.jobs import Loss, run_tasks
 from pilotid.methods.fourier import first_step_of
@@ -302,7 +304,9 @@ def _fit(task: Task) -> Content:
     fitted = fit_all(recording, model, methods, task.seed, chosen_element(recording, element))
     content = content_of(fitted)
     if task.folder is not None:
-        content["page"] = _write_page(task, task.folder, fitted)
+        points = first_step_of(recording, model)
+        content["responses"] = responses_of(fitted, points)
+        content["page"] = _write_page(task, task.folder, fitted, points)
     return content
 
 
@@ -313,11 +317,11 @@ def _leave_out(task: Task) -> Content:
     return {"model": model.name, "left_out": fits}
 
 
-def _write_page(task: Task, folder: Path, fitted: Fitted) -> str:
+def _write_page(task: Task, folder: Path, fitted: Fitted, points: FrequencyResponse | None) -> str:
     """Write a recording's page, with its figures, and give its place beside the report."""
     from pilotid.report.fit import html_report
 
-    text = html_report([fitted], points=[first_step_of(fitted.recording, fitted.model)])
+    text = html_report([fitted], points=[points])
     words = re.sub(r"[^\w.+-]+", "_", f"{task.source.part.words}_{fitted.model.name}")
     name = f"{PAGES}/{words}_{task.key[:6]}.html"
     make_folder(folder / PAGES)

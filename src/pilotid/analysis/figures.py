@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pilotid.analysis.contrasts import Contrast
+from pilotid.analysis.responses import LINES, Response, over_subjects
 from pilotid.analysis.rows import Cell, Layout, in_order
 from pilotid.analysis.spread import ConditionSpread
-from pilotid.show.style import INK, draw_grid, journal_figure, log_ticks
+from pilotid.show.style import INK, draw_grid, journal_figure, log_ticks, with_unit
+from pilotid.show.symbols import symbol, unit_words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,13 +23,8 @@ ACROSS = 4  # panels in a row
 #: Of subjects in their order, told apart with a colour vision deficiency, too (Tol, 2021).
 COLOURS = ("#4477AA", "#EE6677", "#228833", "#CCBB44", "#66CCEE", "#AA3377", "#BBBBBB")
 MARKERS = "osD^vP"
-#: Loops' quantities as axes have them.
-SHORT = {
-    "target_crossover": "ωc target",
-    "target_phase_margin": "φm target",
-    "disturbance_crossover": "ωc disturb.",
-    "disturbance_phase_margin": "φm disturb.",
-}
+#: What variances are made of.
+PARTS = ("target", "disturbance", "remnant")
 #: Positive values that span more than this ratio are shown on a logarithmic axis.
 WIDE = 8.0
 #: An interval that reaches further than so many times the range of the values is cut.
@@ -84,12 +81,13 @@ def _panel(axes: Axes, layout: Layout, conditions: Sequence[str], subjects: Sequ
                 [place - 0.36, place + 0.36], [np.mean(values)] * 2, color=INK, linewidth=1.2,
                 label="mean over subjects" if place == len(conditions) - 1 else None,
             )  # fmt: skip
-    unit = f" [{layout.unit}]" if layout.unit else ""
-    axes.set_title(f"{SHORT.get(layout.parameter, layout.parameter)}{unit}", loc="left")
     axes.set_xticks(range(len(conditions)), list(conditions))
     axes.set_xlim(-0.6, len(conditions) - 0.4)
     draw_grid(axes, "y")
     _scale(axes, shown)
+    logarithmic = ", log. axis" if axes.get_yscale() == "log" else ""
+    title = with_unit(symbol(layout.parameter), unit_words(layout.unit))
+    axes.set_title(f"{title}{logarithmic}", loc="left")
 
 
 def _reach(cell: Cell) -> tuple[float, float]:
@@ -113,6 +111,88 @@ def _scale(axes: Axes, values: Sequence[float]) -> None:
     room = FAR * (high - low) or 0.5 * abs(high) or 1.0
     bottom, top = axes.get_ylim()
     axes.set_ylim(max(bottom, low - room), min(top, high + room))
+
+
+def parts_figure(layouts: Sequence[Layout]) -> Figure | None:
+    """Variances of e, u and x over conditions, as stacked bars; None without forcing lines.
+
+    Parameters
+    ----------
+    layouts
+        Quantities of one stratum that are measured.
+    """
+    by_key = {layout.parameter: layout for layout in layouts}
+    signals = [name for name in ("e", "u", "x") if f"var_{name}_remnant" in by_key]
+    if not signals:
+        return None
+    with journal_figure(2.4) as figure:
+        panels = figure.subplots(1, len(signals), squeeze=False)[0]
+        for axes, name in zip(panels, signals, strict=True):
+            conditions = by_key[f"var_{name}"].conditions
+            top = np.zeros(len(conditions))
+            for part, colour in zip(PARTS, COLOURS, strict=False):
+                layout = by_key.get(f"var_{name}_{part}")
+                if layout is None:
+                    continue
+                cells = [layout.cells.get(c, {}).values() for c in conditions]
+                height = np.array(
+                    [np.mean([x.value for x in own]) if own else 0.0 for own in cells]
+                )
+                axes.bar(conditions, height, 0.7, bottom=top, color=colour, label=part)
+                top = top + height
+            unit = unit_words(by_key[f"var_{name}"].unit)
+            axes.set_title(with_unit(symbol(f"var_{name}"), unit), loc="left")
+            draw_grid(axes, "y")
+        handles, labels = panels[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
+    return figure
+
+
+def responses_figure(subjects: Sequence[Sequence[Response]]) -> Figure:
+    """Describing functions and open loops of one condition, a column for each.
+
+    Parameters
+    ----------
+    subjects
+        The responses of each subject's fit by one method, and of the coefficients at the lines.
+    """
+    names = list(dict.fromkeys(own.what for some in subjects for own in some))
+    with journal_figure(3.6) as figure:
+        panels = figure.subplots(2, len(names), squeeze=False, sharex="col")
+        for (above, below), name in zip(panels.T, names, strict=True):
+            every = [own for some in subjects for own in some if own.what == name]
+            fits = [own for own in every if own.method != LINES]
+            for own in fits:
+                above.plot(own.omega, own.magnitude, color=COLOURS[-1], linewidth=0.5)
+                below.plot(own.omega, own.phase, color=COLOURS[-1], linewidth=0.5)
+            if fits:
+                mean, spread = over_subjects(fits)
+                low, high = mean - spread, mean + spread
+                omega = fits[0].omega
+                above.plot(omega, np.exp(mean[0]), color=COLOURS[0], label="mean of fits")
+                below.plot(omega, mean[1], color=COLOURS[0])
+                above.fill_between(omega, *np.exp([low[0], high[0]]), color=COLOURS[0], alpha=0.2)
+                below.fill_between(omega, low[1], high[1], color=COLOURS[0], alpha=0.2)
+            points = [own for own in every if own.method == LINES]
+            if points and len({tuple(own.omega) for own in points}) == 1:
+                mean, _ = over_subjects(points)
+                omega = points[0].omega
+                style = {"color": INK, "markersize": 3.0, "fillstyle": "none"}
+                above.plot(omega, np.exp(mean[0]), "o", label="mean at lines", **style)
+                below.plot(omega, mean[1], "o", **style)
+            above.set_title(name, loc="left")
+            above.set_xscale("log")
+            above.set_yscale("log")
+            below.set_xlabel("ω [rad/s], log. axis")
+            for axes in (above, below):
+                draw_grid(axes)
+            log_ticks(above, "x")
+            log_ticks(above, "y")
+        panels[0, 0].set_ylabel("magnitude, log. axis")
+        panels[1, 0].set_ylabel("phase [deg]")
+        handles, labels = panels[0, 0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False)
+    return figure
 
 
 def standardised(found: Sequence[Contrast]) -> list[float]:
@@ -169,10 +249,10 @@ def spread_figure(spreads: Sequence[ConditionSpread]) -> Figure:
         axes.set_yscale("log")
         axes.set_yticks([0.5, 1.0, 2.0, 3.0, 5.0], ["0.5", "1", "2", "3", "5"])
         axes.minorticks_off()
-        axes.set_xticks(range(len(keys)), [SHORT.get(key, key) for key in keys])
+        axes.set_xticks(range(len(keys)), [symbol(key) for key in keys])
         if len(keys) > 8:
             axes.tick_params("x", rotation=30)
-        axes.set_ylabel("scatter of runs / claimed error")
+        axes.set_ylabel("scatter of runs / claimed error (log. axis)")
         draw_grid(axes, "y")
         figure.legend(*axes.get_legend_handles_labels(), loc="outside upper right", ncols=6,
                       frameon=False)  # fmt: skip

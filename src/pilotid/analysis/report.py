@@ -12,6 +12,8 @@ from pilotid.analysis.contrasts import LEVEL
 from pilotid.analysis.figures import (
     estimates_figure,
     normal_figure,
+    parts_figure,
+    responses_figure,
     spread_figure,
     standardised,
 )
@@ -29,6 +31,7 @@ from pilotid.analysis.report_tables import (
     repeated_table,
     table_title,
 )
+from pilotid.analysis.responses import LINES, Response
 from pilotid.analysis.results import Results
 from pilotid.analysis.rows import MEASURED, SUBJECT
 from pilotid.analysis.spread import ConditionSpread, spread_sentence
@@ -99,6 +102,8 @@ def report_sections(
     yield _models(results.analysis)
     if estimates := _estimates(results):
         yield Section("estimates", "Estimates", [Text(MEANS), *estimates])
+    if responses := list(_responses(results.analysis)):
+        yield Section("responses", "Frequency responses", responses)
     if results.contrasts:
         yield _conditions(results)
     if results.by_condition:
@@ -234,10 +239,15 @@ def _estimates(results: Results) -> list[Block]:
     """Estimates over conditions, in tables and figures."""
     blocks: list[Block] = []
     wider = ", with the variation from run to run" if results.wider else ""
-    place = 0
+    place = measured = 0
     for title, group in estimate_groups(results.shown, results.chosen):
         blocks.append(means_table(group, title))
         if group[0].method == MEASURED:
+            bars = parts_figure(group)
+            if bars is not None:
+                caption = f"What variances are made of, {title}: means over subjects."
+                measured += 1
+                blocks.append(Figure(f"variances-{measured}", bars, caption))
             continue
         place += 1
         caption = (
@@ -246,6 +256,24 @@ def _estimates(results: Results) -> list[Block]:
         )
         blocks.append(Figure(f"estimates-{place}", estimates_figure(group), caption))
     return blocks
+
+
+def _responses(analysis: Analysis) -> Iterator[Block]:
+    """Describing functions and open loops of each condition, by the first method."""
+    groups: dict[str, list[list[Response]]] = {}
+    for fit in analysis.fits:
+        held = [Response(*own) for own in fit.content.get("responses", ())]
+        if not held:
+            continue
+        where = group_words(group_of(fit.part)) or "all recordings"
+        own = [r for r in held if r.method in (LINES, held[0].method)]
+        groups.setdefault(f"{where}, model `{fit.content['model']}`", []).append(own)
+    for place, (title, subjects) in enumerate(groups.items(), start=1):
+        caption = (
+            f"Describing functions and open loops, {title}. Line and band: mean over subjects and "
+            "standard deviation; thin: subjects; circles: mean of the coefficients at the lines."
+        )
+        yield Figure(f"responses-{place}", responses_figure(subjects), caption)
 
 
 def _conditions(results: Results) -> Section:

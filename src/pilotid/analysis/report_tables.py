@@ -28,6 +28,7 @@ from pilotid.document import Column, Table, table_latex
 from pilotid.model_choice import Candidate
 from pilotid.numbers import NONE, number, p_value, percent, to_error, unsigned
 from pilotid.remarks import GRADES, OF_STICK, Remark, counted_grades, gravest_first
+from pilotid.show.symbols import symbol
 from pilotid.time_domain.constancy import LEVEL as CHANGES
 from pilotid.types import printable
 
@@ -451,7 +452,7 @@ def tables_tex(
         parts += [
             f"% {printable(table.caption)}: means over subjects, standard deviations in "
             "parentheses; or values ± standard errors",
-            table_latex(table),
+            table_latex(table, symbol),
         ]
     groups: dict[str, list[Contrast]] = {}
     for c in contrasts:
@@ -461,6 +462,6 @@ def tables_tex(
         parts += [
             f"% Paired differences between conditions, b less a, over subjects, {printable(title)}",
             "% paired t-test, p after Holm's correction, Cohen's d_z with Hedges' correction",
-            table_latex(Table("", [*FRONT, *TEST, *_doubts(some)], some, heads=2)),
+            table_latex(Table("", [*FRONT, *TEST, *_doubts(some)], some, heads=2), symbol),
         ]
     return "\n".join(parts) + "\n"

@@ -10,6 +10,8 @@ from pilotid.analysis.analyse import Analysis, group_of
 from pilotid.analysis.cross_validation import COLUMNS as LEFT_OUT_COLUMNS
 from pilotid.analysis.recordings import Part
 from pilotid.analysis.report_tables import tables_tex
+from pilotid.analysis.responses import COLUMNS as RESPONSE_COLUMNS
+from pilotid.analysis.responses import response_cells
 from pilotid.analysis.results import (
     CONTRAST_COLUMNS,
     FACTOR_COLUMNS,
@@ -23,7 +25,7 @@ from pilotid.disk import table_bytes, write_file
 
 ESTIMATES, MODELS, LOOPS, CONTRASTS = "estimates.csv", "models.csv", "loops.csv", "contrasts.csv"
 CONDITIONS, RUNS, TEX = "conditions.csv", "runs.csv", "tables.tex"
-LEFT_OUT, FACTORS = "left_out.csv", "factors.csv"
+LEFT_OUT, FACTORS, FRF = "left_out.csv", "factors.csv", "frf.csv"
 
 QUANTITY_COLUMNS = ("unit", "value", "std_error", "lower_95", "upper_95", "outcome", "remarks")
 
@@ -63,6 +65,13 @@ def write_tables(folder: Path, results: Results, command: str) -> None:
     write_file(folder / CONTRASTS, table_bytes(*table_of(results.contrasts, CONTRAST_COLUMNS)))
     if results.repeated:
         write_file(folder / CONDITIONS, table_bytes(*table_of(results.repeated, REPEATED_COLUMNS)))
+    responses = [
+        [fit.part.name, *dict(fit.part.fields).values(), *cells]
+        for fit in analysis.fits
+        for cells in response_cells(fit.content)
+    ]
+    if responses:
+        write_file(folder / FRF, table_bytes(["file", *names, *RESPONSE_COLUMNS], responses))
     if results.effects:
         write_file(folder / FACTORS, table_bytes(*table_of(results.effects, FACTOR_COLUMNS)))
     if results.spreads:

@@ -1,0 +1,153 @@
+"""Frequency responses of an analysis, its figures of them, and symbols of quantities."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import NOMINAL
+
+from pilotid.analysis.figures import parts_figure, responses_figure
+from pilotid.analysis.performance import performance_content, performance_rows
+from pilotid.analysis.responses import (
+    COLUMNS,
+    LINES,
+    OMEGA,
+    Response,
+    over_subjects,
+    response_cells,
+    responses_of,
+)
+from pilotid.analysis.rows import layouts
+from pilotid.datasets import simulate
+from pilotid.estimates.estimate import Outcome, failed
+from pilotid.estimates.fitted import Fitted
+from pilotid.estimates.loops import LoopElement
+from pilotid.methods.fourier import first_step_of
+from pilotid.pilot.catalogue import MODELS
+from pilotid.pilot.loops import open_loops
+from pilotid.recordings.recording import Recording
+from pilotid.seeds import recording_rng
+from pilotid.show.symbols import symbol
+
+pytestmark = pytest.mark.numerical
+RECORDING: Recording = simulate(replace(NOMINAL, runs=3), recording_rng(1, "responses"))
+
+
+def fitted(recording: Recording = RECORDING) -> Fitted:
+    scale = np.diag((0.05 * NOMINAL.values) ** 2)
+    estimate = replace(
+        failed("mle", NOMINAL.model, Outcome.CONVERGED), values=NOMINAL.values, covariance=scale
+    )
+    element = LoopElement(NOMINAL.element, "given")
+    return Fitted(recording, NOMINAL.model, (estimate,), loop_element=element)
+
+
+def test_responses_are_the_models_and_have_its_errors() -> None:
+    own = fitted()
+    found = {r.what: r for r in responses_of(own, None)}
+    assert list(found) == ["visual", "vestibular", "target loop", "disturbance loop"]
+    values = own.model.response(OMEGA, NOMINAL.values)
+    for name, value in zip(("visual", "vestibular"), values, strict=True):
+        assert found[name].magnitude == pytest.approx(np.abs(value))
+    rng = np.random.default_rng(0)
+    draws = NOMINAL.values * (1.0 + 0.05 * rng.normal(size=(4000, len(NOMINAL.values))))
+    visual = np.array([own.model.response(OMEGA, draw)[0] for draw in draws[:, :]])
+    # To first order only; the resonance is left out.
+    low = OMEGA < 5.0
+    scatter = np.std(np.log(np.abs(visual)), axis=0)[low]
+    claimed = (np.array(found["visual"].magnitude_error) / found["visual"].magnitude)[low]
+    np.testing.assert_allclose(claimed, scatter, rtol=0.1)
+    loops = open_loops(own.model, NOMINAL.values, NOMINAL.element, OMEGA)
+    assert found["target loop"].magnitude == pytest.approx(np.abs(loops[0]))
+    turn = np.exp(1j * np.radians(found["disturbance loop"].phase))
+    np.testing.assert_allclose(turn, loops[1] / np.abs(loops[1]), atol=1e-9)
+
+
+def test_coefficients_at_the_lines_lie_about_the_truth_on_its_turn() -> None:
+    points = first_step_of(RECORDING, NOMINAL.model)
+    assert points is not None
+    found = responses_of(fitted(), points)
+    own = next(r for r in found if (r.what, r.method) == ("visual", LINES))
+    true = NOMINAL.model.response(np.array(own.omega), NOMINAL.values)[0]
+    middle = (np.array(own.omega) > 1.0) & (np.array(own.omega) < 10.0)
+    off = np.log(np.array(own.magnitude) / np.abs(true))[middle]
+    assert np.median(np.abs(off)) < 0.2
+    fit = next(r for r in found if (r.what, r.method) == ("visual", "mle"))
+    away = np.array(own.phase) - np.interp(own.omega, fit.omega, fit.phase)
+    assert np.abs(away).max() <= 180.0 + 1e-9
+
+
+def test_what_is_not_excited_or_changes_has_none() -> None:
+    alone = replace(RECORDING, fd=None, lines={})
+    assert "disturbance loop" not in {r.what for r in responses_of(fitted(alone), None)}
+    own = replace(fitted(), model=MODELS["adapting"])
+    assert responses_of(own, None) == []
+    failing = replace(fitted(), estimates=(failed("mle", NOMINAL.model, Outcome.DIED),))
+    assert responses_of(failing, None) == []
+
+
+def test_lines_of_the_table() -> None:
+    found = responses_of(fitted(), None)
+    lines = list(response_cells({"model": "multi", "responses": found}))
+    assert len(lines) == 4 * OMEGA.size
+    assert {len(line) for line in lines} == {len(COLUMNS)}
+    assert lines[0][:4] == ["multi", "mle", "visual", OMEGA[0]]
+
+
+def test_the_mean_over_subjects_is_of_logarithms_on_one_turn() -> None:
+    made = [
+        Response("visual", "mle", [1.0, 2.0], [size, size], [phase, phase], [None] * 2, [None] * 2)
+        for size, phase in ((1.0, 10.0), (4.0, 370.0 + 20.0))
+    ]
+    mean, deviation = over_subjects(made)
+    np.testing.assert_allclose(np.exp(mean[0]), 2.0)
+    np.testing.assert_allclose(mean[1], 20.0)
+    np.testing.assert_allclose(deviation[0], np.log(4.0) / np.sqrt(2.0))
+    assert over_subjects(made[:1])[1].tolist() == [[0.0, 0.0], [0.0, 0.0]]
+
+
+def test_figures_have_a_column_for_each_response_and_a_bar_for_each_part() -> None:
+    subjects = [responses_of(fitted(), first_step_of(RECORDING, NOMINAL.model))] * 2
+    figure = responses_figure(subjects)
+    titles = [axes.get_title(loc="left") for axes in figure.axes]
+    assert titles[:4] == ["visual", "vestibular", "target loop", "disturbance loop"]
+    assert all("log" in axes.get_xscale() for axes in figure.axes)
+    look = {"performance": performance_content(RECORDING)}
+    rows = performance_rows("a", (("subject", "1"), ("condition", "C1")), look, per_run=False)
+    found = layouts(list(rows))
+    bars = parts_figure(found)
+    assert bars is not None
+    heights = [sum(patch.get_height() for patch in axes.patches) for axes in bars.axes[:3]]
+    totals = [
+        next(lay for lay in found if lay.parameter == f"var_{name}").cells["C1"]["1"].value
+        for name in "eux"
+    ]
+    assert heights == pytest.approx(totals)
+    assert parts_figure([lay for lay in found if "_remnant" not in lay.parameter]) is None
+
+
+@pytest.mark.parametrize(
+    ("key", "shown"),
+    [
+        ("Kvis", "$K_v$"),
+        ("tlead2", "$T_{L,2}$"),
+        ("Kvis*tlead", r"$K_v\,T_L$"),
+        ("tlead2 - tlead1", "$T_{L,2} - T_{L,1}$"),
+        ("fnm", r"$\omega_{nm}$"),
+        ("var_e_target", r"$\sigma^2_{e,t}$"),
+        ("rad/s", "rad/s"),
+        ("C1:C2", "C1:C2"),
+        ("own_gain", "own_gain"),
+        ("", ""),
+        ("12", "12"),
+    ],
+)
+def test_symbols(key: str, shown: str) -> None:
+    assert symbol(key) == shown
+
+
+def test_every_parameter_of_the_catalogue_has_a_symbol() -> None:
+    keys = {key for model in MODELS.values() if not model.changes for key in model.keys}
+    assert {key for key in keys if not symbol(key).startswith("$")} == set()
