@@ -315,7 +315,7 @@ def test_the_summary_names_failures_disagreement_and_remarks() -> None:
     assert "bayes converged with a parameter at its bound (dnm at 0.05)." in text
     assert "sindy failed: the first-step model is unusable (it runs away)." in text
     assert f"do not overlap those of mle: arx ({', '.join(MULTI.keys)})." in text
-    assert "2 remarks below say" in text
+    assert "One remark below says" in text  # of two methods
 
 
 def test_the_summary_says_which_numbers_mean_nothing() -> None:
