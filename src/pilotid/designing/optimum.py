@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -351,15 +351,6 @@ class _Program:
         ).solve()
 
 
-def _weights(minimise: str, keys: Sequence[str]) -> FloatArray:
-    """Weights of the variances."""
-    if minimise in ("A", "D", "E"):
-        return np.full(len(keys), 1.0 / len(keys))
-    named = [key.strip() for key in minimise.split(",")]
-    _require_keys(named, keys)
-    return np.array([named.count(key) / len(named) for key in keys])
-
-
 def _require_keys(named: Sequence[str], keys: Sequence[str]) -> None:
     unknown = [key for key in named if key not in keys]
     if unknown:
@@ -369,34 +360,27 @@ def _require_keys(named: Sequence[str], keys: Sequence[str]) -> None:
         )
 
 
-def _criterion(
-    loop: Loop, unit: FloatArray, weights: FloatArray, kind: Kind = "A", scale: float = 1.0
-) -> Criterion:
-    information = loop.information
-    return Criterion(
-        kind,
-        information.runs * information.base,
-        math.sqrt(information.runs) * information.factors * np.sqrt(unit)[:, None, None],
-        weights,
-        scale,
-    )
-
-
 def _criteria(
-    minimise: str,
-    loops: Sequence[Loop],
-    references: Sequence[Loop],
-    usual: FloatArray,
-    unit: FloatArray,
+    minimise: str, wanted: Mapping[str, float], loop: Loop, unit: FloatArray
 ) -> list[Criterion]:
-    """The criterion of each pilot, in units of its value with the reference."""
-    weights = _weights(minimise, loops[0].scenario.model.keys)
-    kind: Kind = "D" if minimise == "D" else "E" if minimise == "E" else "A"
-    found = []
-    for loop, reference in zip(loops, references, strict=True):
-        before = _criterion(reference, np.ones(usual.size), weights, kind, float(kind != "D"))
-        found.append(_criterion(loop, unit, weights, kind, before.value(usual)))
-    return found
+    """What counts of one pilot: one criterion, or variance over that wished for by parameter."""
+    keys = loop.scenario.model.keys
+    kind: Kind = "A"
+    if wanted:
+        _require_keys(list(wanted), keys)
+        rows = np.eye(len(keys))
+        asked = [(rows[keys.index(key)], share**2) for key, share in wanted.items()]
+    elif minimise in ("A", "D", "E"):
+        kind = "D" if minimise == "D" else "E" if minimise == "E" else "A"
+        asked = [(np.full(len(keys), 1.0 / len(keys)), 0.0 if kind == "D" else 1.0)]
+    else:
+        named = [key.strip() for key in minimise.split(",")]
+        _require_keys(named, keys)
+        asked = [(np.array([named.count(key) / len(named) for key in keys]), 1.0)]
+    information = loop.information
+    factors = math.sqrt(information.runs) * information.factors * np.sqrt(unit)[:, None, None]
+    base = information.runs * information.base
+    return [Criterion(kind, base, factors, weights, scale) for weights, scale in asked]
 
 
 def goal_of(
@@ -408,7 +392,7 @@ def goal_of(
     unit: FloatArray,
     over: Over,
 ) -> Goal:
-    """The goal of a design.
+    """The goal of a design: wishes, or each pilot's criterion in units of the reference's.
 
     Parameters
     ----------
@@ -421,22 +405,14 @@ def goal_of(
     unit
         Power of each line that counts as 1, shape (lines,).
     """
-    if wanted:
-        return Goal(_wishes(wanted, loops, unit), "worst")
-    return Goal(_criteria(minimise, loops, references, usual, unit), over)
-
-
-def _wishes(
-    wanted: Mapping[str, float], loops: Sequence[Loop], unit: FloatArray
-) -> list[Criterion]:
-    """Variance over that wished for, of each parameter and pilot."""
-    keys = loops[0].scenario.model.keys
-    _require_keys(list(wanted), keys)
-    return [
-        _criterion(loop, unit, np.eye(len(keys))[keys.index(key)], scale=share**2)
-        for loop in loops
-        for key, share in wanted.items()
-    ]
+    found = []
+    for loop, reference in zip(loops, references, strict=True):
+        own = _criteria(minimise, wanted, loop, unit)
+        if not wanted:
+            (before,) = _criteria(minimise, wanted, reference, np.ones(usual.size))
+            own = [replace(own[0], scale=before.value(usual))]
+        found += own
+    return Goal(found, "worst" if wanted else over)
 
 
 def gains_of(
@@ -448,17 +424,13 @@ def gains_of(
     powers: FloatArray,
 ) -> tuple[float, ...]:
     """Each pilot's objective over that with the reference, in terms of errors."""
-    if wanted:
-        one, ones = np.ones(powers.size), np.ones(usual.size)
-        count = len(wanted)
-        told = [loop.told(powers) for loop in loops for _ in wanted]
-        after = [c.value(t) for c, t in zip(_wishes(wanted, loops, one), told, strict=True)]
-        before = [c.value(usual) for c in _wishes(wanted, references, ones)]
-        pairs = [
-            (max(after[i : i + count]), max(before[i : i + count]))
-            for i in range(0, len(after), count)
-        ]
-        return tuple(math.sqrt(a / b) for a, b in pairs)
-    criteria = _criteria(minimise, loops, references, usual, np.ones(powers.size))
-    values = [c.value(loop.told(powers)) for c, loop in zip(criteria, loops, strict=True)]
-    return tuple(math.exp(0.5 * v) if minimise == "D" else math.sqrt(v) for v in values)
+    found = []
+    for loop, reference in zip(loops, references, strict=True):
+        after, before = (
+            max(c.value(at) for c in _criteria(minimise, wanted, own, np.ones(at.size)))
+            for own, at in ((loop, loop.told(powers)), (reference, usual))
+        )
+        is_logarithm = minimise == "D" and not wanted
+        ratio = math.exp(0.5 * (after - before)) if is_logarithm else math.sqrt(after / before)
+        found.append(ratio)
+    return tuple(found)

@@ -14,7 +14,7 @@ from pilotid.estimates.fitted import Fitted
 from pilotid.estimates.parts import FrequencyResponse
 from pilotid.estimates.quantities import Quantity
 from pilotid.pilot.element import ControlledElement, parsed_element
-from pilotid.recordings.recording import INPUTS, Recording
+from pilotid.recordings.recording import INPUTS
 from pilotid.show.panels import (
     band_figure,
     correlation_figure,
@@ -248,18 +248,30 @@ def _figures(
     first_steps = [e for e in fit.estimates if e.frequency_response is not None]
     chosen = leading(shown)
     if chosen is not None:
-        yield Figure("time", time_figure(recording, shown, chosen), _time_words(recording, chosen))
+        which = "The run" if recording.runs == 1 else f"Run 1 of {recording.runs}"
+        caption = (
+            f"{which}, its first seconds: the control and the response of the model "
+            f"({chosen.method}) to the recorded inputs with 95 % of its remnant about it; below, "
+            "what each method leaves."
+        )
+        yield Figure("time", time_figure(recording, shown, chosen), caption)
     if shown or first_steps:
-        drawn = [e for e in fit.estimates if e in shown or e in first_steps]
+        either = [e for e in fit.estimates if e in shown or e in first_steps]
         behind = None if first_steps else points
-        figure = response_figure(drawn, truth, points=behind, units=recording.units)
-        yield Figure("describing-function", figure, _response_words(drawn, first_steps, behind))
+        figure = response_figure(either, truth, points=behind, units=recording.units)
+        yield Figure("describing-function", figure, _response_words(either, first_steps, behind))
     followed = [e for e in shown if e.trajectory is not None]
     if followed:
-        yield Figure("trajectories", trajectory_figure(followed, truth), _track_words(followed))
+        caption = (
+            "Parameters of the pilot over time, from the start of the measurement window, with the "
+            f"95 % band of {(leading(followed) or followed[0]).method}."
+        )
+        yield Figure("trajectories", trajectory_figure(followed, truth), caption)
     if chosen is None:
         return
-    plant = element or _element_of(fit)
+    drawn = fit.loop_element
+    plant = drawn.element if drawn is not None else parsed_element(recording.controlled_element)
+    plant = element or plant
     if plant is not None and not chosen.model.changes:
         caption = (
             f"Open loops of the pilot ({chosen.method}) with the controlled element "
@@ -270,8 +282,26 @@ def _figures(
     modelled = [e for e in shown if e.remnant is not None] or [chosen]
     yield Figure("remnant", remnant_figure(recording, modelled), _remnant_words(modelled))
     if chosen.band is not None:
-        yield Figure("band", band_figure(recording, chosen), _band_words(chosen))
-    yield Figure("residual-tests", whiteness_figure(recording, chosen), _test_words(chosen))
+        caption = (
+            "Spectra of what the pilot acts on and of the control (running medians over the "
+            "variance; thin lines: the recorder's floors), and the weight of each frequency in the "
+            f"fit of {chosen.method}; marks: lines of the forcing functions."
+        )
+        if chosen.band.element:
+            caption += f" The loop of the likelihood is closed by {chosen.band.element}."
+        yield Figure("band", band_figure(recording, chosen), caption)
+    by = (
+        "its own model of the remnant"
+        if chosen.remnant
+        else "a model of the remnant fitted to them"
+    )
+    inputs = " and ".join(dict.fromkeys(INPUTS[c.input] for c in chosen.model.channels))
+    caption = (
+        f"Prediction errors of {chosen.method}, whitened by {by}: their autocorrelation, their "
+        f"correlation with {inputs} some time before (shaded: after, which the loop explains), and "
+        "their distribution against a normal one. Dashed: 95 % of white errors lie within."
+    )
+    yield Figure("residual-tests", whiteness_figure(recording, chosen), caption)
     known = [e for e in shown if np.isfinite(e.covariance).all() and len(e.values) > 1]
     for begin in range(0, len(known), MATRICES):
         some = known[begin : begin + MATRICES]
@@ -279,20 +309,6 @@ def _figures(
         names = listed([e.method for e in some])
         caption = f"Correlations of errors, claimed by {names}: the darker, the stronger."
         yield Figure(f"correlations{number}", correlation_figure(some), caption)
-
-
-def _element_of(fit: Fitted) -> ControlledElement | None:
-    if fit.loop_element is not None:
-        return fit.loop_element.element
-    return parsed_element(fit.recording.controlled_element)
-
-
-def _time_words(recording: Recording, chosen: Estimate) -> str:
-    which = "The run" if recording.runs == 1 else f"Run 1 of {recording.runs}"
-    return (
-        f"{which}, its first seconds: the control and the response of the model ({chosen.method}) "
-        "to the recorded inputs with 95 % of its remnant about it; below, what each method leaves."
-    )
 
 
 def _response_words(
@@ -314,50 +330,11 @@ def _response_words(
     return f"{caption}."
 
 
-def _track_words(drawn: Sequence[Estimate]) -> str:
-    chosen = leading(drawn) or drawn[0]
-    return (
-        "Parameters of the pilot over time, from the start of the measurement window, with the "
-        f"95 % band of {chosen.method}."
-    )
-
-
 def _remnant_words(drawn: Sequence[Estimate]) -> str:
-    modelled = drawn[0].remnant is not None
-    if len(drawn) > RESIDUALS and (chosen := leading(drawn)) is not None:
-        whose = f"the model of the pilot by {chosen.method} leaves"
-    else:
-        whose = (
-            "the models of the pilot leave" if len(drawn) > 1 else "the model of the pilot leaves"
-        )
-    if not modelled:
-        return f"Power density of what {whose} of the control (smoothed periodogram)."
+    chosen = leading(drawn) if len(drawn) > RESIDUALS else None
+    whose = f" by {chosen.method}" if chosen else "s" if len(drawn) > 1 else ""
+    modelled = " of the remnant as modelled (lines), and" if drawn[0].remnant is not None else ""
     return (
-        f"Power density of the remnant as modelled (lines), and of what {whose} of the control "
-        "(points; smoothed periodogram)."
-    )
-
-
-def _band_words(chosen: Estimate) -> str:
-    caption = (
-        "Spectra of what the pilot acts on and of the control (running medians over the variance; "
-        "thin lines: the recorder's floors), and the weight of each frequency in the fit of "
-        f"{chosen.method}; marks: lines of the forcing functions."
-    )
-    if chosen.band is None or not chosen.band.element:
-        return caption
-    return f"{caption} The loop of the likelihood is closed by {chosen.band.element}."
-
-
-def _test_words(chosen: Estimate) -> str:
-    by = (
-        "its own model of the remnant"
-        if chosen.remnant is not None
-        else "a model of the remnant that was fitted to what it leaves"
-    )
-    inputs = " and ".join(dict.fromkeys(INPUTS[c.input] for c in chosen.model.channels))
-    return (
-        f"Prediction errors of {chosen.method}, whitened by {by}: their autocorrelation, their "
-        f"correlation with {inputs} some time before (shaded: after, which the loop explains), and "
-        "their distribution against a normal one. Dashed: 95 % of white errors lie within."
+        f"Power density{modelled} of what remains of the control beside the model{whose} of the "
+        "pilot (points; smoothed periodogram)."
     )
