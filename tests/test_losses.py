@@ -151,7 +151,7 @@ def test_intervals_of_a_ratio_cover_and_are_narrower_for_the_same_recordings() -
         z = [common + 0.3 * rng.normal(size=common.shape) for _ in range(2)]
         reach = scores.Z95 * math.hypot(1.0, 0.3)
         losses = [scores.interval_score(own - reach, own + reach, 0.0 * own) for own in z]
-        found = scores.loss_ratios(losses[0], losses[1], str(study))[0]
+        found = scores.mean_losses(losses[0], str(study), losses[1])[0]
         held += found.lower <= 1.0 <= found.upper
     assert 0.90 <= held / 300 <= 0.995
     alone = scores.mean_losses(losses[0], "one")[0]

@@ -274,7 +274,7 @@ def test_importing_the_plots_does_not_import_matplotlib() -> None:
 
 def test_every_method_has_a_colour_and_a_marker_of_its_own() -> None:
     assert set(methods()) <= set(STYLES)
-    colours, markers = zip(*STYLES.values(), strict=True)
+    colours, markers, _ = zip(*STYLES.values(), strict=True)
     assert len(set(colours)) == len(set(markers)) == len(STYLES)
 
 
@@ -342,7 +342,7 @@ def test_every_method_is_seen_on_white_and_has_a_look_of_its_own() -> None:
 
     looks = [*STYLES.values(), *OTHERS]
     assert (
-        len({colour for colour, _ in looks}) == len({marker for _, marker in looks}) == len(looks)
+        len({look.colour for look in looks}) == len({look.marker for look in looks}) == len(looks)
     )
-    for colour, _ in looks:
+    for colour, *_ in looks:
         assert 1.05 / (luminance(colour) + 0.05) >= 3.0, colour

@@ -332,9 +332,7 @@ def _response_words(
 
 def _remnant_words(drawn: Sequence[Estimate]) -> str:
     chosen = leading(drawn) if len(drawn) > RESIDUALS else None
-    whose = f" by {chosen.method}" if chosen else "s" if len(drawn) > 1 else ""
+    who = f"the model of the pilot by {chosen.method} leaves" if chosen else None
+    who = who or ("the models of the pilot leave" if drawn[1:] else "the model of the pilot leaves")
     modelled = " of the remnant as modelled (lines), and" if drawn[0].remnant is not None else ""
-    return (
-        f"Power density{modelled} of what remains of the control beside the model{whose} of the "
-        "pilot (points; smoothed periodogram)."
-    )
+    return f"Power density{modelled} of what {who} of the control (points; smoothed periodogram)."

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -21,67 +21,55 @@ if TYPE_CHECKING:
 #: What matplotlib takes for the stroke of a line.
 Dash = Literal["-", "--"] | tuple[float, tuple[float, ...]]
 
+
+class Style(NamedTuple):
+    """Colour, marker and stroke of a method."""
+
+    colour: str
+    marker: str
+    dash: Dash = "-"
+
+
 # Colours that people with a colour vision deficiency tell apart (after Okabe and Ito, 2008, and
 # Tol, 2021; darker where they had no contrast of 3 to 1 with white, as WCAG 2.2 asks), and
-# markers, so that methods differ without colour, too: the same in every figure.
-STYLES: dict[str, tuple[str, str]] = {
-    "mmle3": ("#929292", "o"),
-    "mle-white": ("#D55E00", "s"),
-    "mle-genetic": ("#3D9AD1", "P"),
-    "mle": ("#0072B2", "^"),
-    "mle-reference": ("#6A5F00", "h"),
-    "fourier": ("#009E73", "D"),
-    "arx": ("#CC8400", "v"),
-    "sindy": ("#CC79A7", "X"),
-    "bayes": ("#332288", "<"),
-    "bayes-white": ("#882255", ">"),
-    "mle-windowed": ("#6394CA", "d"),
-    "rarx": ("#AA4466", "H"),
-    "ukf": ("#117744", "8"),
-}
-#: Strokes, so that lines differ in grey, too.
-DASHES: dict[str, Dash] = {
-    "mle": "-",
-    "mle-reference": (0, (9.0, 1.5, 3.0, 1.5)),
-    "fourier": (0, (5.0, 1.5)),
-    "arx": (0, (4.0, 1.2, 1.0, 1.2)),
-    "bayes": (0, (1.2, 1.0)),
-    "mle-white": (0, (7.0, 2.0)),
-    "sindy": (0, (3.0, 1.0, 1.0, 1.0, 1.0, 1.0)),
-    "mle-genetic": (0, (2.5, 2.5)),
-    "bayes-white": (0, (1.0, 2.5)),
-    "mmle3": (0, (8.0, 1.5, 1.5, 1.5)),
-    "mle-windowed": (0, (6.0, 1.0, 1.0, 1.0, 1.0, 1.0)),
-    "rarx": (0, (2.0, 1.0, 2.0, 3.0)),
-    "ukf": (0, (5.0, 1.0, 2.0, 1.0)),
+# markers and strokes, so that methods differ without colour, too: the same in every figure.
+STYLES = {
+    "mle": Style("#0072B2", "^", "-"),
+    "mle-reference": Style("#6A5F00", "h", (0, (9.0, 1.5, 3.0, 1.5))),
+    "fourier": Style("#009E73", "D", (0, (5.0, 1.5))),
+    "arx": Style("#CC8400", "v", (0, (4.0, 1.2, 1.0, 1.2))),
+    "bayes": Style("#332288", "<", (0, (1.2, 1.0))),
+    "mle-white": Style("#D55E00", "s", (0, (7.0, 2.0))),
+    "sindy": Style("#CC79A7", "X", (0, (3.0, 1.0, 1.0, 1.0, 1.0, 1.0))),
+    "mle-genetic": Style("#3D9AD1", "P", (0, (2.5, 2.5))),
+    "bayes-white": Style("#882255", ">", (0, (1.0, 2.5))),
+    "mmle3": Style("#929292", "o", (0, (8.0, 1.5, 1.5, 1.5))),
+    "mle-windowed": Style("#6394CA", "d", (0, (6.0, 1.0, 1.0, 1.0, 1.0, 1.0))),
+    "rarx": Style("#AA4466", "H", (0, (2.0, 1.0, 2.0, 3.0))),
+    "ukf": Style("#117744", "8", (0, (5.0, 1.0, 2.0, 1.0))),
 }
 #: Of methods from other packages.
-OTHERS = (("#117733", "*"), ("#AA4499", "p"), ("#3FA294", "1"))
+OTHERS = (Style("#117733", "*"), Style("#AA4499", "p"), Style("#3FA294", "1"))
 WIDTH = 7.6  # inches, two columns of a journal
 SMALLEST = 7.5  # points, the smallest type of a figure: above 7 once an A4 page holds it
 INK = "#333333"
 GRID = "#dddddd"
 
 
-def style_of(method: str) -> tuple[str, str]:
-    """Colour and marker of a method; a study's name may stand behind it after a comma."""
+def style_of(method: str) -> Style:
+    """The style of a method; a study's name may stand behind it after a comma."""
     name = method.partition(", ")[0]
     return STYLES.get(name, OTHERS[sum(map(ord, method)) % len(OTHERS)])
 
 
 def colour_of(method: str) -> str:
     """The colour of a method."""
-    return style_of(method)[0]
+    return style_of(method).colour
 
 
 def marker_of(method: str) -> str:
     """The marker of a method."""
-    return style_of(method)[1]
-
-
-def dash_of(method: str) -> Dash:
-    """The stroke of a method's lines."""
-    return DASHES.get(method, "-")
+    return style_of(method).marker
 
 
 def journal_style() -> AbstractContextManager[None]:
@@ -172,16 +160,17 @@ def named(estimates: Sequence[Estimate]) -> list[Named]:
     pairs = list(zip(methods, models, strict=True))
     found = []
     for number, (estimate, (method, model)) in enumerate(zip(estimates, pairs, strict=True)):
-        style, dash = style_of(method), dash_of(method)
+        colour, marker, dash = style_of(method)
         if len(estimates) == 1:
             dash = "-"
         if alike:
-            style = list(STYLES.values())[-number % len(STYLES)]
-            dash = list(DASHES.values())[number % len(DASHES)]
+            looks = list(STYLES.values())
+            colour, marker, _ = looks[-number % len(looks)]
+            dash = looks[number % len(looks)].dash
         label = f"{method}, {model}" if len(set(models)) > 1 else method
         if pairs.count((method, model)) > 1:
             label += f" {pairs[: number + 1].count((method, model))}"
-        found.append(Named(estimate, label, *style, dash))
+        found.append(Named(estimate, label, colour, marker, dash))
     return found
 
 

@@ -407,7 +407,7 @@ def loss_ratio(first: Cell, second: Cell) -> Interval:
     ]
     if not both or not keys:
         return scores.NOTHING
-    return scores.loss_ratios(sides[0], sides[1], first.scenario.name)[0]
+    return scores.mean_losses(sides[0], first.scenario.name, sides[1])[0]
 
 
 @dataclass(frozen=True, eq=False)

@@ -250,39 +250,12 @@ def strata_of(draws: Mapping[int, Draw]) -> dict[str, Stratum]:
     draws
         What was drawn, by replication.
     """
-    found = {name: _steps(draws, label) for name, label in LABELS.items()}
-    found["length"] = _thirds(draws, "duration", lambda low, high: f"{low:.0f} to {high:.0f} s")
-    found["level"] = _thirds(
-        draws, "remnant_level", lambda low, high: f"{100 * low:.0f} to {100 * high:.0f} %"
-    )
-    return {name: found[name] for name in NAMES}
-
-
-def _runs(draw: Draw) -> str:
-    count = int(_number(draw, "runs"))
-    return "1 run" if count == 1 else f"{count} runs"
+    return {name: stratify(draws) for name, stratify in STRATA.items()}
 
 
 def _number(draw: Draw, name: str) -> float:
     value = draw.facts.get(name)
     return float(value) if isinstance(value, int | float) else math.nan
-
-
-#: What a stratum is called, for facts that vary in steps.
-LABELS: dict[str, Callable[[Draw], str]] = {
-    "model": lambda draw: draw.model,
-    "element": lambda draw: str(draw.facts.get("element", "?")),
-    "remnant": lambda draw: str(draw.facts.get("remnant", "?")),
-    "forcing": lambda draw: str(draw.facts.get("forcing", "?")),
-    "rate": lambda draw: f"{1.0 / _number(draw, 'dt'):.0f} Hz",
-    "run-in": lambda draw: f"{_number(draw, 'run_in'):.0f} s",
-    "runs": _runs,
-}
-#: Names of the strata, in the order of tables and figures.
-NAMES = (
-    *("model", "element", "remnant", "level", "rate", "length", "run-in", "runs"),
-    "forcing",
-)
 
 
 def _steps(draws: Mapping[int, Draw], label: Callable[[Draw], str]) -> Stratum:
@@ -299,7 +272,7 @@ def _in_order(label: str) -> tuple[float, str]:
     return (float(first), label) if first.replace(".", "").isdigit() else (math.inf, label)
 
 
-def _thirds(draws: Mapping[int, Draw], name: str, label: Callable[[float, float], str]) -> Stratum:
+def _thirds(draws: Mapping[int, Draw], name: str, scale: float, unit: str) -> Stratum:
     """Thirds of the recordings by a number, fewer where many have the same."""
     every = {replication: round(_number(draw, name), 6) for replication, draw in draws.items()}
     numbers = {replication: x for replication, x in every.items() if math.isfinite(x)}
@@ -309,6 +282,28 @@ def _thirds(draws: Mapping[int, Draw], name: str, label: Callable[[float, float]
     found: Stratum = {}
     for replication, x in numbers.items():
         place = min(bisect_right(edges[1:3], x), 2)
-        value = label(edges[place], edges[place + 1])
+        value = f"{scale * edges[place]:.0f} to {scale * edges[place + 1]:.0f} {unit}"
         found[value] = found.get(value, frozenset()) | {replication}
     return dict(sorted(found.items(), key=lambda item: _in_order(item[0])))
+
+
+def _fact(name: str) -> Callable[[Mapping[int, Draw]], Stratum]:
+    return lambda draws: _steps(draws, lambda draw: str(draw.facts.get(name, "?")))
+
+
+def _numbered(name: str, label: Callable[[float], str]) -> Callable[[Mapping[int, Draw]], Stratum]:
+    return lambda draws: _steps(draws, lambda draw: label(_number(draw, name)))
+
+
+#: How recordings are divided, by the name of the fact and in the order of tables and figures.
+STRATA: dict[str, Callable[[Mapping[int, Draw]], Stratum]] = {
+    "model": lambda draws: _steps(draws, lambda draw: draw.model),
+    "element": _fact("element"),
+    "remnant": _fact("remnant"),
+    "level": lambda draws: _thirds(draws, "remnant_level", 100.0, "%"),
+    "rate": _numbered("dt", lambda dt: f"{1.0 / dt:.0f} Hz"),
+    "length": lambda draws: _thirds(draws, "duration", 1.0, "s"),
+    "run-in": _numbered("run_in", lambda seconds: f"{seconds:.0f} s"),
+    "runs": _numbered("runs", lambda runs: "1 run" if runs == 1 else f"{runs:.0f} runs"),
+    "forcing": _fact("forcing"),
+}

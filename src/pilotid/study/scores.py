@@ -101,7 +101,7 @@ def _resamples(name: str, count: int) -> FloatArray:
     return np.vstack([np.ones(count), drawn]) / count
 
 
-def mean_losses(losses: FloatArray, name: str) -> list[Interval]:
+def mean_losses(losses: FloatArray, name: str, others: FloatArray | None = None) -> list[Interval]:
     """Mean of each parameter's losses and, first, the geometric mean over the parameters.
 
     The intervals are bootstrap-t on logarithms, with recordings as what is resampled.  Misses
@@ -116,24 +116,9 @@ def mean_losses(losses: FloatArray, name: str) -> list[Interval]:
         Shape (recordings, parameters), NaN where a pilot lacks a parameter.
     name
         Of the scenario, which seeds the resampling.
+    others
+        Those of another method on the same recordings: ratios to its means are given then.
     """
-    return _geometric(losses, None, name)
-
-
-def loss_ratios(losses: FloatArray, others: FloatArray, name: str) -> list[Interval]:
-    """Ratios of the mean losses of two methods on the same recordings, as `mean_losses` has them.
-
-    Parameters
-    ----------
-    losses, others
-        Of both methods, shape (recordings, parameters).
-    name
-        Of the scenario.
-    """
-    return _geometric(losses, others, name)
-
-
-def _geometric(losses: FloatArray, others: FloatArray | None, name: str) -> list[Interval]:
     known = np.isfinite(losses)
     if others is not None:
         known &= np.isfinite(others)

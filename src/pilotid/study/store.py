@@ -9,6 +9,7 @@ lost unnoticed.
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping
@@ -80,11 +81,8 @@ class Store:
 
     def __init__(self, folder: Path, *, create: bool = False, small: bool = False) -> None:
         self.path = folder / STORE
-        try:
-            missing = not create and not self.path.exists()
-            kept = (folder / KEPT).exists()
-        except OSError:  # a folder that may not be looked into, which opening tells
-            missing = kept = False
+        missing = not create and not os.path.exists(self.path)
+        kept = os.path.exists(folder / KEPT)
         if missing and not kept:
             raise InputError(
                 f"{self.path}: there is no such file; name a folder that `pilotid compare` wrote"
