@@ -14,7 +14,7 @@ import pytest
 from stores import KEYS, drawn, finish
 
 from pilotid.study import scores
-from pilotid.study.comparison import Cell, Comparison, comparison_of, loss_ratio
+from pilotid.study.comparison import Comparison, MethodResults, comparison_of, loss_ratio
 from pilotid.study.entries import ParameterTruth, Result, ScenarioEntry, Unit
 from pilotid.study.judge import judge
 from pilotid.study.store import Store
@@ -33,7 +33,7 @@ def rows_of(path: Path) -> list[dict[str, str]]:
 
 def cell_of(
     errors: FloatArray, claims: float = 1.0, *, failed: Sequence[int] = (), method: str = "m"
-) -> Cell:
+) -> MethodResults:
     """A method whose errors are given in bounds, shape (fits, parameters), as its claim is."""
     results = []
     for replication, row in enumerate(errors):
@@ -47,7 +47,7 @@ def cell_of(
         outcome = "converged" if good else "diverged"
         unit = Unit("one", method, replication)
         results.append(Result(unit, outcome, "", good, estimates=parts, seconds=0.1))
-    return Cell(ENTRY, method, tuple(results))
+    return MethodResults(ENTRY, method, tuple(results))
 
 
 def normal(count: int, seed: int = 1, scale: float = 1.0) -> FloatArray:
@@ -239,7 +239,7 @@ def test_other_methods_and_scenarios_leave_a_row_as_it_is(
 def test_a_pilot_that_nobody_could_name_is_charged_by_its_draw() -> None:
     lost = Result(Unit("any", "m", 0), "died", draw=drawn(0))
     entry = ScenarioEntry("any", 0, "words", "single", {}, ())
-    cell = Cell(entry, "m", (lost,))
+    cell = MethodResults(entry, "m", (lost,))
     truth = drawn(0).parameters[0].truth
     expected = 2.0 * truth / (scores.EFFICIENT * 0.1)
     assert cell.scores[1].loss.value == pytest.approx(expected)

@@ -21,7 +21,7 @@ from pilotid.methods.mle_white import MLEWhite
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import draw_rng, fit_rng, recording_rng
-from pilotid.study.comparison import Cell, Comparison, Score, comparison_of
+from pilotid.study.comparison import Comparison, MethodResults, Score, comparison_of
 from pilotid.study.entries import Draw, Result, strata_of
 from pilotid.study.fits import Task, element_kind, facts_of, scenario_of
 from pilotid.study.store import Store
@@ -120,7 +120,7 @@ def held(folder: Path) -> Comparison:
         return comparison_of(store)
 
 
-def score_of(cell: Cell, key: str) -> Score:
+def score_of(cell: MethodResults, key: str) -> Score:
     return next(score for score in cell.scores if score.parameter == key)
 
 

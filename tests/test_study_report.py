@@ -18,7 +18,7 @@ from helpers import written
 from pilotid.document import inline_html, table_rich
 from pilotid.numbers import decimals, number, plus_minus, share, signed
 from pilotid.report.study import overview
-from pilotid.study.comparison import Cell, comparison_of
+from pilotid.study.comparison import MethodResults, comparison_of
 from pilotid.study.entries import MethodEntry, ParameterTruth, Result, ScenarioEntry, Unit
 from pilotid.study.store import Store
 from pilotid.terminal import make_console
@@ -147,7 +147,7 @@ def scenarios(
     return fill
 
 
-def cell_of(folder: Path, scenario: str, method: str) -> Cell:
+def cell_of(folder: Path, scenario: str, method: str) -> MethodResults:
     with Store(folder) as store:
         cell = comparison_of(store).at(scenario, method)
     assert cell is not None

@@ -30,11 +30,11 @@ from planned_fits import planned_fits
 from pilotid.datasets import Scenario, scenario_named, simulate
 from pilotid.datasets.forcing import Multisine
 from pilotid.designing.design import Design, crest_factor, design, low_crest
-from pilotid.designing.figures import spectra_figure
 from pilotid.designing.limits import Limits
 from pilotid.designing.lines import chosen_lines, reference_lines
 from pilotid.designing.pilots import drawn_pilots
 from pilotid.designing.planning import plan
+from pilotid.designing.report import spectra_figure
 from pilotid.document import svg
 from pilotid.estimates.method import identify
 from pilotid.methods.mle import MLE

@@ -122,18 +122,14 @@ def infer(
     seconds = time.perf_counter() - begin
     estimate = replace(estimate, seconds=seconds, remarks=all_remarks(estimate, recording))
     fit = Fitted(recording, model, (estimate,), told)
-    draws = estimate.draws
-    if draws is None:
+    if estimate.draws is None:
         print_posterior(fit)
         return
-    fit = replace(fit, remarks=(*fit.remarks, *choice.remarks))
-    plant = choice.element
-    spreads = parameter_spreads(draws, model)
-    spreads += derived_spreads(draws, model, recording, plant)
+    draws, plant = estimate.draws, choice.element
+    spreads = parameter_spreads(draws, model) + derived_spreads(draws, model, recording, plant)
     predictive = predictive_band(draws, likelihood, rng)
-    notes = [choice.words]
-    if plant is not None:
-        notes += loop_notes(draws, model, plant)
+    notes = [choice.words, *(loop_notes(draws, model, plant) if plant is not None else [])]
+    fit = replace(fit, remarks=(*fit.remarks, *choice.remarks))
     if folder is not None:
         written = write_posterior(folder, fit, spreads, predictive, plant, notes)
         notes += [str(path) for path in written]

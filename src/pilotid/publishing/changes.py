@@ -16,8 +16,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from pilotid.study.comparison import ALL, Cell, Comparison, Numbers, comparison_of
-from pilotid.study.entries import MethodEntry, Result, ScenarioEntry
+from pilotid.study.comparison import ALL, Comparison, MethodResults, Numbers, comparison_of
+from pilotid.study.entries import MethodEntry, ScenarioEntry
 from pilotid.study.judge import LEVEL, judge
 from pilotid.study.scores import mean_difference
 from pilotid.study.store import Store
@@ -161,16 +161,20 @@ def find_changes(first: StudyData, second: StudyData) -> Changes:
         found += _changes(ours, theirs, places, paired=paired)
         if paired:
             fits += len(places[0])
-            same += sum(
-                _same_fit(ours.results[a], theirs.results[b]) for a, b in zip(*places, strict=True)
-            )
-    moved = [ours.scenario.name for ours, theirs in common if _bounds_moved(ours, theirs)]
+            same += _count_same(ours, theirs, places)
+    moved = [
+        ours.scenario.name
+        for ours, theirs in common
+        if not np.allclose(_bounds(ours), _bounds(theirs), rtol=SAME, equal_nan=True)
+    ]
     if moved:
         notes.append(f"Bounds differ in {_listed(moved)}: those of the first study count.")
     return Changes(first, second, found, same, fits, list(dict.fromkeys(notes)))
 
 
-def _places(ours: Cell, theirs: Cell, *, paired: bool) -> tuple[list[int], list[int]]:
+def _places(
+    ours: MethodResults, theirs: MethodResults, *, paired: bool
+) -> tuple[list[int], list[int]]:
     """Fits of recordings that the method can treat; if paired, of those that both have."""
     places = [
         {r.unit.replication: i for i, r in enumerate(cell.results) if cell.applicable[i]}
@@ -182,7 +186,7 @@ def _places(ours: Cell, theirs: Cell, *, paired: bool) -> tuple[list[int], list[
 
 
 def _changes(
-    ours: Cell, theirs: Cell, places: tuple[list[int], list[int]], *, paired: bool
+    ours: MethodResults, theirs: MethodResults, places: tuple[list[int], list[int]], *, paired: bool
 ) -> Iterator[Change]:
     """All comparisons of one method in one scenario."""
     keys = [key for key in ours.keys if key in theirs.keys]
@@ -215,7 +219,7 @@ def _changes(
 
 
 def _by_recording(
-    cell: Cell, places: Sequence[int], keys: Sequence[str]
+    cell: MethodResults, places: Sequence[int], keys: Sequence[str]
 ) -> dict[tuple[str, str], FloatArray]:
     """What is compared, a number for each recording, by parameter and score."""
     counted = cell.counted[places]
@@ -240,7 +244,7 @@ def _by_recording(
     return found
 
 
-def _with_bounds_of(ours: Cell, theirs: Cell) -> Cell:
+def _with_bounds_of(ours: MethodResults, theirs: MethodResults) -> MethodResults:
     """The second study's fits with the bounds that the first noted."""
     known = {r.unit.replication: r.draw for r in ours.results}
     results = tuple(
@@ -263,7 +267,9 @@ def _together(losses: FloatArray) -> FloatArray:
     return np.asarray(np.exp(np.mean(np.log(means))) * np.mean(relative, axis=1))
 
 
-def _common(first: StudyData, second: StudyData) -> tuple[list[tuple[Cell, Cell]], list[str]]:
+def _common(
+    first: StudyData, second: StudyData
+) -> tuple[list[tuple[MethodResults, MethodResults]], list[str]]:
     """What both studies tried on the same scenarios, and what is left out."""
     ours, theirs = (
         {(c.scenario.name, c.method): c for c in d.study.cells} for d in (first, second)
@@ -299,12 +305,11 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(dict.fromkeys(names))
 
 
-def _bounds_moved(ours: Cell, theirs: Cell) -> bool:
-    pairs = zip(ours.scenario.parameters, theirs.scenario.parameters, strict=True)
-    return not all(_close(a.bound, b.bound) for a, b in pairs)
+def _bounds(cell: MethodResults) -> list[float]:
+    return [p.bound or math.nan for p in cell.scenario.parameters]
 
 
-def _same_pilots(first: Cell, second: Cell) -> bool:
+def _same_pilots(first: MethodResults, second: MethodResults) -> bool:
     """Whether both studies drew the same pilots of a population."""
     held = {r.unit.replication: r.draw for r in second.results if r.draw is not None}
     return all(
@@ -314,17 +319,19 @@ def _same_pilots(first: Cell, second: Cell) -> bool:
     )
 
 
-def _same_fit(first: Result, second: Result) -> bool:
-    """Whether two fits are the same but for times and what is said of them."""
-    if (first.outcome, len(first.estimates)) != (second.outcome, len(second.estimates)):
-        return False
-    pairs = zip(first.estimates, second.estimates, strict=True)
-    return all(a[0] == b[0] and all(map(_close, a[1:], b[1:])) for a, b in pairs)
-
-
-def _close(a: float | None, b: float | None) -> bool:
-    """Whether two numbers of stores are the same to the digits that are kept."""
-    return a is b if a is None or b is None else math.isclose(a, b, rel_tol=SAME)
+def _count_same(
+    ours: MethodResults, theirs: MethodResults, places: tuple[list[int], list[int]]
+) -> int:
+    """How many fits are the same, to the digits that stores keep, but for times and remarks."""
+    if ours.keys != theirs.keys:
+        return 0
+    sides = zip((ours, theirs), places, strict=True)
+    first, second = (np.stack(cell.numbers[:4], axis=-1)[own] for cell, own in sides)
+    apart = ~np.isclose(first, second, rtol=SAME, atol=0.0, equal_nan=True)
+    return sum(
+        ours.results[a].outcome == theirs.results[b].outcome and not apart[place].any()
+        for place, (a, b) in enumerate(zip(*places, strict=True))
+    )
 
 
 @dataclass(frozen=True, eq=False)

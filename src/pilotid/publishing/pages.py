@@ -26,7 +26,7 @@ from pilotid.publishing.changes import StudyData, difference, free_name, names_f
 from pilotid.report.study import COLUMNS, LOSS, command, details, mixed, write_report
 from pilotid.report.study_tables import key_of, ranked, ranking, ranking_columns
 from pilotid.study.archive import KEPT
-from pilotid.study.comparison import ESTIMATES, SUMMARY, SUMMARY_COLUMNS, Cell
+from pilotid.study.comparison import ESTIMATES, SUMMARY, SUMMARY_COLUMNS, MethodResults
 from pilotid.study.entries import ScenarioEntry
 from pilotid.study.judge import RULES, sentence
 from pilotid.study.store import Store
@@ -64,14 +64,14 @@ class SharedScenario:
         return f"[{self.entry.name}]({FOLDER}/{self.key}.html)"
 
     @property
-    def cells(self) -> list[tuple[StudyData, Cell]]:
+    def cells(self) -> list[tuple[StudyData, MethodResults]]:
         """What methods did: in the order of the catalogue, one method's studies together."""
         found = [(data, cell) for data in self.studies for cell in data.study.of(self.entry.name)]
         places = {m.label: m.position for data in self.studies for m in data.methods.values()}
         return sorted(found, key=lambda pair: (places[pair[1].method], pair[1].method))
 
     @property
-    def labelled(self) -> list[Cell]:
+    def labelled(self) -> list[MethodResults]:
         """The same, methods called by the study as well where there are several."""
         several = len(self.studies) > 1
         return [

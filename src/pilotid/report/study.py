@@ -43,7 +43,7 @@ from pilotid.report.study_tables import (
     track_table,
 )
 from pilotid.report.trust import read_trust, trust_section
-from pilotid.study.comparison import Cell, Comparison, loss_ratio
+from pilotid.study.comparison import Comparison, MethodResults, loss_ratio
 from pilotid.study.entries import TRAJECTORY
 from pilotid.study.judge import RULES, USABLE, judge, sentence
 from pilotid.study.scores import EFFICIENT, loss_text
@@ -160,7 +160,7 @@ def _reference(names: Sequence[str]) -> str:
     return REFERENCE if REFERENCE in names else names[0]
 
 
-def answer(cells: Sequence[Cell]) -> str:
+def answer(cells: Sequence[MethodResults]) -> str:
     """Which method to take in a scenario, how much better it is than the next, which to avoid."""
     name = cells[0].scenario.name
     order = [cell for cell in ranked(cells) if math.isfinite(cell.overall.loss.value)]
@@ -260,7 +260,7 @@ def _scenario(study: Comparison, about: Mapping[str, str], name: str) -> Section
     return Section(key_of(name), f"Scenario {name}", blocks, folded=True)
 
 
-def details(cells: Sequence[Cell], key: str, *, linked: bool = True) -> list[Block]:
+def details(cells: Sequence[MethodResults], key: str, *, linked: bool = True) -> list[Block]:
     """Figures, which `key` names, and all numbers of a scenario or a population.
 
     `linked` says whether the tables that figures are drawn from lie beside the page.
@@ -276,7 +276,7 @@ def details(cells: Sequence[Cell], key: str, *, linked: bool = True) -> list[Blo
     return [*blocks, all_numbers(cells, paper_of(entry))]
 
 
-def _errors(key: str, cells: Sequence[Cell], source: str) -> Figure:
+def _errors(key: str, cells: Sequence[MethodResults], source: str) -> Figure:
     name, paper = cells[0].scenario.name, paper_of(cells[0].scenario)
     beside = f"; the crosses are {PAPER}, Fig. 3 (10 runs, ± standard deviation)" if paper else ""
     return Figure(
@@ -289,7 +289,7 @@ def _errors(key: str, cells: Sequence[Cell], source: str) -> Figure:
     )
 
 
-def _population(key: str, cells: Sequence[Cell], source: str) -> list[Block]:
+def _population(key: str, cells: Sequence[MethodResults], source: str) -> list[Block]:
     """Where in a population methods are weak, and how their errors are distributed."""
     if not cells:
         return []
@@ -320,7 +320,7 @@ def _population(key: str, cells: Sequence[Cell], source: str) -> list[Block]:
     ]
 
 
-def _weakest(cell: Cell) -> str:
+def _weakest(cell: MethodResults) -> str:
     """The part of a population where a method loses most, in words."""
     found = [
         (scores[0].loss.value, f"{name} {value}", scores[0])
@@ -339,7 +339,9 @@ def _weakest(cell: Cell) -> str:
     )
 
 
-def _varying(name: str, every: Sequence[Cell], truth: Mapping[str, Sequence[float]]) -> list[Block]:
+def _varying(
+    name: str, every: Sequence[MethodResults], truth: Mapping[str, Sequence[float]]
+) -> list[Block]:
     """How well methods follow a pilot whose parameters vary in time."""
     cells = [cell for cell in every if cell.tracks]
     if not cells:

@@ -20,7 +20,7 @@ from pilotid.show.style import (
     log_ticks,
     marker_of,
 )
-from pilotid.study.comparison import Cell, Comparison, Score
+from pilotid.study.comparison import Comparison, MethodResults, Score
 from pilotid.study.scores import Mean
 from pilotid.types import FloatArray
 
@@ -100,7 +100,7 @@ def _is_outside(axes: Axes, row: float, value: float, colour: str) -> bool:
 
 
 def errors(
-    cells: Sequence[Cell],
+    cells: Sequence[MethodResults],
     paper: Sequence[tuple[float, float]] = (),
     label: str = "",
     *,
@@ -289,11 +289,11 @@ def _limit_curves(axes: Axes, curves: Mapping[str, FloatArray]) -> None:
                           color=colour_of(method), clip_on=False)  # fmt: skip
 
 
-def cost(cells: Sequence[Cell]) -> Figure:
+def cost(cells: Sequence[MethodResults]) -> Figure:
     """Loss with its interval over the median time of a fit; a line joins what nothing beats."""
     known = [c for c in cells if math.isfinite(c.overall.loss.value) and c.seconds > 0.0]
     known.sort(key=lambda cell: cell.seconds)
-    frontier: list[Cell] = []
+    frontier: list[MethodResults] = []
     for cell in known:
         if not frontier or cell.overall.loss.value < frontier[-1].overall.loss.value:
             frontier.append(cell)
@@ -319,7 +319,7 @@ def cost(cells: Sequence[Cell]) -> Figure:
     return figure
 
 
-def by_stratum(cells: Sequence[Cell]) -> Figure:
+def by_stratum(cells: Sequence[MethodResults]) -> Figure:
     """Coverage with its interval: a panel a fact, a row a value of it, a point a method."""
     panels: dict[str, list[str]] = {"all recordings": [""]}
     for cell in cells:  # studies side by side may have drawn other pilots
@@ -365,7 +365,7 @@ def _draw_coverage(axes: Axes, row: float, score: Score, method: str, low: float
         axes.plot(value, row, marker_of(method), color=colour, markersize=3.2)
 
 
-def by_parameter(cells: Sequence[Cell]) -> Figure:
+def by_parameter(cells: Sequence[MethodResults]) -> Figure:
     """Standardised errors against normal quantiles: a panel a parameter, a line a method."""
     from scipy.special import betaincinv, ndtri
 
@@ -404,7 +404,7 @@ def _add_legend(spare: Axes, methods: Sequence[str], reference: str = "") -> Non
     spare.legend(loc="center", frameon=False, ncols=columns, columnspacing=0.8)
 
 
-def paths(cells: Sequence[Cell], truth: Mapping[str, Sequence[float]]) -> Figure:
+def paths(cells: Sequence[MethodResults], truth: Mapping[str, Sequence[float]]) -> Figure:
     """Median and 5 to 95 % range of trajectories: a row a parameter, a column a method.
 
     Parameters
@@ -439,7 +439,7 @@ def paths(cells: Sequence[Cell], truth: Mapping[str, Sequence[float]]) -> Figure
     return figure
 
 
-def _panel(axes: Axes, time: FloatArray, truth: FloatArray, cell: Cell, key: str) -> None:
+def _panel(axes: Axes, time: FloatArray, truth: FloatArray, cell: MethodResults, key: str) -> None:
     own = cell.paths(key)
     known = np.isfinite(own).any(axis=0) if own.size else np.zeros(time.size, dtype=bool)
     if known.any():

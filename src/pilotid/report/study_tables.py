@@ -13,7 +13,7 @@ import numpy as np
 from pilotid.document import Column, LogAxis, Table, table_of
 from pilotid.estimates.estimate import Outcome
 from pilotid.numbers import number, percent, plus_minus, share, signed, unsigned
-from pilotid.study.comparison import Cell, Comparison, Score, loss_ratio
+from pilotid.study.comparison import Comparison, MethodResults, Score, loss_ratio
 from pilotid.study.entries import Result
 from pilotid.study.judge import EFFICIENT, FEWEST, USABLE, judge
 from pilotid.study.scores import Interval, loss_text
@@ -41,10 +41,10 @@ def with_interval(value: float, lower: float, upper: float) -> str:
     return str(Interval(value, lower, upper))
 
 
-def ranked(cells: Sequence[Cell]) -> list[Cell]:
+def ranked(cells: Sequence[MethodResults]) -> list[MethodResults]:
     """Methods by their loss, behind them those without intervals, and those not applicable."""
 
-    def place(cell: Cell) -> tuple[int, float]:
+    def place(cell: MethodResults) -> tuple[int, float]:
         loss, ratio = cell.overall.loss.value, cell.overall.ratio.value
         known = math.isfinite(loss)
         rest = ratio if math.isfinite(ratio) else math.inf
@@ -53,7 +53,7 @@ def ranked(cells: Sequence[Cell]) -> list[Cell]:
     return sorted(cells, key=place)
 
 
-def ranking(cells: Sequence[Cell]) -> Table[Cell]:
+def ranking(cells: Sequence[MethodResults]) -> Table[MethodResults]:
     """The methods of a scenario in the order of their loss."""
     order, entry = ranked(cells), cells[0].scenario
     count = max(len(cell.results) for cell in cells)
@@ -65,10 +65,12 @@ def ranking(cells: Sequence[Cell]) -> Table[Cell]:
     return Table(caption, ranking_columns(dict.fromkeys(order, order[0]), axis), order)
 
 
-def ranking_columns(best: Mapping[Cell, Cell], axis: LogAxis) -> list[Column[Cell]]:
+def ranking_columns(
+    best: Mapping[MethodResults, MethodResults], axis: LogAxis
+) -> list[Column[MethodResults]]:
     """The columns of a ranking; `best` has the best method of each one's scenario."""
 
-    def times_best(cell: Cell) -> str | None:
+    def times_best(cell: MethodResults) -> str | None:
         if not math.isfinite(cell.overall.loss.value):
             return None
         return "best" if cell is best[cell] else str(loss_ratio(cell, best[cell]))
@@ -95,13 +97,13 @@ def ranking_columns(best: Mapping[Cell, Cell], axis: LogAxis) -> list[Column[Cel
     ]
 
 
-def _loss(cell: Cell) -> str:
+def _loss(cell: MethodResults) -> str:
     if math.isfinite(cell.overall.loss.value):
         return str(cell.overall.loss)
     return f"rmse {number(cell.overall.ratio.value)} x bound" if cell.tried else "not applicable"
 
 
-def _largest_bias(cell: Cell) -> str | None:
+def _largest_bias(cell: MethodResults) -> str | None:
     known = [s for s in cell.scores[1:] if s.n >= FEWEST and s.z.error > 0.0]
     worst = max(known, key=lambda s: abs(s.z.value), default=None)
     return f"{worst.parameter} {plus_minus(*worst.z)}" if worst else None
@@ -117,28 +119,28 @@ def covered(score: Score) -> tuple[float, tuple[float, float]]:
     return score.coverage.value, score.coverage_interval
 
 
-def _grade(cell: Cell) -> str:
+def _grade(cell: MethodResults) -> str:
     return GRADES.get(judge(cell.scores).grade, "none")
 
 
-def _objections(cell: Cell) -> tuple[int, int]:
+def _objections(cell: MethodResults) -> tuple[int, int]:
     count = cell.overall.objections
     return count, count + cell.overall.tried
 
 
-def _warned(cell: Cell) -> str:
+def _warned(cell: MethodResults) -> str:
     """Recordings that the method can treat of which a user is told something."""
     return of(sum(bool(r.remarks) or not r.usable for r in cell.attempts), cell.tried)
 
 
-def _warned_of_violation(cell: Cell) -> str | None:
+def _warned_of_violation(cell: MethodResults) -> str | None:
     """Warnings where an assumption is violated, or the recorder is faulty."""
     return _warned(cell) if cell.scenario.family in (VIOLATION, RECORDER) else None
 
 
-def recorder_table(study: Comparison, names: Sequence[str]) -> Table[Cell]:
+def recorder_table(study: Comparison, names: Sequence[str]) -> Table[MethodResults]:
     """What each method makes of faulty recorders."""
-    columns: list[Column[Cell]] = [
+    columns: list[Column[MethodResults]] = [
         Column("recorder", lambda c: c.scenario.name),
         Column("method", lambda c: c.method),
         Column("n", lambda c: c.tried),
@@ -160,7 +162,7 @@ def recorder_table(study: Comparison, names: Sequence[str]) -> Table[Cell]:
     return Table("What faulty recorders do to each method", columns, cells, 2)
 
 
-def shares_told(cell: Cell) -> tuple[float, float, float]:
+def shares_told(cell: MethodResults) -> tuple[float, float, float]:
     """Shares of fits that are right, wrong with a word of it, and wrong in silence."""
     known, tried = cell.numbers, cell.applicable
     off = np.abs(known.value - known.truth) > OFF * known.std_error
@@ -172,7 +174,7 @@ def shares_told(cell: Cell) -> tuple[float, float, float]:
     return right, named, silent
 
 
-def _failed(cell: Cell) -> str:
+def _failed(cell: MethodResults) -> str:
     """Fits that failed, and the loss of the others."""
     own = cell.overall
     return of(own.failures, own.tried) + (
@@ -180,7 +182,7 @@ def _failed(cell: Cell) -> str:
     )
 
 
-def _lags(cell: Cell) -> str | None:
+def _lags(cell: MethodResults) -> str | None:
     """Parameters that a method follows certainly too late, or runs ahead of."""
     words = [
         f"{s.parameter} {number(abs(s.lag.value), 2)} s {'late' if s.lag.value > 0 else 'ahead'}"
@@ -260,7 +262,7 @@ def key_of(name: str) -> str:
     return re.sub(r"[^\w-]+", "-", name)
 
 
-def remark_table(cells: Sequence[Cell]) -> Table[Cell]:
+def remark_table(cells: Sequence[MethodResults]) -> Table[MethodResults]:
     """What users of each method are told most often."""
     columns = [
         Column("method", lambda c: c.method),
@@ -271,7 +273,7 @@ def remark_table(cells: Sequence[Cell]) -> Table[Cell]:
     return Table("What users are told", columns, tried, folded=True)
 
 
-def _remarks(cell: Cell) -> str | None:
+def _remarks(cell: MethodResults) -> str | None:
     """The first words of the two commonest remarks, and how often they came."""
     every = [remark for r in cell.attempts for remark in r.remarks.split(" | ") if remark]
     kinds = Counter(map(_kind, every))
@@ -294,13 +296,13 @@ def _kind(remark: str) -> str:
 class Row(NamedTuple):
     """A parameter by a method in a scenario, with its scores in % of the true value."""
 
-    cell: Cell
+    cell: MethodResults
     place: int
     key: str
     score: Score
 
 
-def _rows(cells: Sequence[Cell]) -> list[Row]:
+def _rows(cells: Sequence[MethodResults]) -> list[Row]:
     """All parameters, each by all methods."""
     return [
         Row(cell, place, key, cell.scores[1 + place].percent)
@@ -311,7 +313,9 @@ def _rows(cells: Sequence[Cell]) -> list[Row]:
     ]
 
 
-def all_numbers(cells: Sequence[Cell], paper: Sequence[tuple[float, float]] = ()) -> Table[Row]:
+def all_numbers(
+    cells: Sequence[MethodResults], paper: Sequence[tuple[float, float]] = ()
+) -> Table[Row]:
     """All scores of a scenario: a row for each parameter and method."""
     entry = cells[0].scenario
 
@@ -370,7 +374,7 @@ def bias_table(
     return table_of(caption, heads, rows, 2)
 
 
-def track_table(caption: str, cells: Sequence[Cell], *, moving: bool) -> Table[Any]:
+def track_table(caption: str, cells: Sequence[MethodResults], *, moving: bool) -> Table[Any]:
     """A row for each parameter and method, of parameters that vary or of those that stay."""
     rows = [
         (key, cell.method, s.n, *s.rmse, s.median, s.lag, s.coverage)

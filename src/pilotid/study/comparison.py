@@ -149,7 +149,7 @@ class Numbers(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Cell:
+class MethodResults:
     """All fits of one scenario, or of one population, by one method.
 
     Attributes
@@ -390,7 +390,7 @@ class Cell:
         return np.array(rows, dtype=float)
 
 
-def loss_ratio(first: Cell, second: Cell) -> Interval:
+def loss_ratio(first: MethodResults, second: MethodResults) -> Interval:
     """Ratio of the first method's loss to the second's on the recordings that both accept.
 
     Parameters
@@ -424,7 +424,7 @@ class Comparison:
         tables and figures.
     """
 
-    cells: tuple[Cell, ...]
+    cells: tuple[MethodResults, ...]
     typed: Mapping[str, str]
 
     @property
@@ -433,7 +433,7 @@ class Comparison:
         return tuple(self.typed)
 
     @cached_property
-    def _by_name(self) -> dict[tuple[str, str], Cell]:
+    def _by_name(self) -> dict[tuple[str, str], MethodResults]:
         return {(c.scenario.name, c.method): c for c in self.cells}
 
     @cached_property
@@ -447,11 +447,11 @@ class Comparison:
         return [entry.name for entry in self.scenarios]
 
     @property
-    def populations(self) -> list[Cell]:
+    def populations(self) -> list[MethodResults]:
         """What each method did on each population."""
         return [cell for cell in self.cells if cell.scenario.population]
 
-    def at(self, scenario: str, method: str) -> Cell | None:
+    def at(self, scenario: str, method: str) -> MethodResults | None:
         """What a method did in a scenario, None if it was not tried there.
 
         Parameters
@@ -461,7 +461,7 @@ class Comparison:
         """
         return self._by_name.get((scenario, method))
 
-    def of(self, scenario: str) -> list[Cell]:
+    def of(self, scenario: str) -> list[MethodResults]:
         """The cells of a scenario, in the order of the methods."""
         found = [self.at(scenario, method) for method in self.methods]
         return [cell for cell in found if cell is not None]
@@ -550,13 +550,15 @@ class Comparison:
         there are any.
         """
         head = ("scenario", "method")
-        write_file(folder / SUMMARY, table_bytes([*head, *SUMMARY_COLUMNS], self.summary_rows()))
-        if self.populations:
-            columns = [*head, *POPULATION_COLUMNS]
-            write_file(folder / POPULATION, table_bytes(columns, self.population_rows()))
-        if tracks := list(self.track_rows()):
-            write_file(folder / TRAJECTORIES, table_bytes([*head, *TRACK_COLUMNS], tracks))
-        write_file(folder / ESTIMATES, table_bytes(ESTIMATE_COLUMNS, self.estimate_rows()))
+        for name, columns, rows in (
+            (SUMMARY, (*head, *SUMMARY_COLUMNS), self.summary_rows()),
+            (POPULATION, (*head, *POPULATION_COLUMNS), self.population_rows()),
+            (TRAJECTORIES, (*head, *TRACK_COLUMNS), self.track_rows()),
+            (ESTIMATES, ESTIMATE_COLUMNS, self.estimate_rows()),
+        ):
+            held = list(rows)
+            if held or name in (SUMMARY, ESTIMATES):
+                write_file(folder / name, table_bytes(columns, held))
 
 
 def _float(value: float | None) -> float:
@@ -576,7 +578,7 @@ def comparison_of(store: Store) -> Comparison:
     strata = {name: strata_of(draws) for name, draws in drawn.items()}
     return Comparison(
         tuple(
-            Cell(entries[name], method, tuple(own), strata.get(name, {}))
+            MethodResults(entries[name], method, tuple(own), strata.get(name, {}))
             for (name, method), own in found.items()
         ),
         {label: m.typed or label for label, m in store.methods().items() if label in present},

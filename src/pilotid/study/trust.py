@@ -24,7 +24,7 @@ from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import DEFAULT_SEED, fit_rng
-from pilotid.study.comparison import Cell, Comparison
+from pilotid.study.comparison import Comparison, MethodResults
 from pilotid.study.judge import judge
 from pilotid.study.scores import Mean
 from pilotid.study.study import Bar, Study
@@ -207,7 +207,7 @@ class Trust:
     comparison: Comparison
 
     @property
-    def cells(self) -> list[Cell]:
+    def cells(self) -> list[MethodResults]:
         """What each method did on the simulations."""
         return self.comparison.of(self.trial.scenario.name)
 
