@@ -73,7 +73,7 @@ class Score:
     n, tried, failures, objections
         Values that count, fits of recordings that the method can treat, those of them that
         failed, and recordings that the method objects to.
-    bias, std, rmse, skew
+    bias, std, rmse
         Of the values that count, in the parameter's unit, where the truth is one.
     claimed, posterior
         Mean standard error that the fits claim, and that of posteriors.
@@ -102,7 +102,6 @@ class Score:
     bias: Mean
     std: Mean
     rmse: Mean
-    skew: float
     claimed: float
     posterior: float
     coverage: Mean
@@ -333,7 +332,6 @@ class MethodResults:
             bias=scores.bias(values, truth),
             std=scores.spread(values),
             rmse=scores.rmse(values, truth),
-            skew=scores.skewness(values),
             claimed=claimed,
             posterior=claimed if posterior else math.nan,
             coverage=share,
