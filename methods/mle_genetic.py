@@ -28,7 +28,7 @@ from pilotid.estimates.estimate import Estimate
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.search import evolve
-from pilotid.time_domain.output_error import OutputErrors, ResidualSpectra, WhiteLikelihood
+from pilotid.time_domain.output_error import OutputErrors, WhiteLikelihood
 from pilotid.time_domain.prediction import predict
 
 
@@ -72,13 +72,7 @@ class MLEGenetic(WhiteLikelihood):
         """
         sought = model.searched
         coarse = OutputErrors(predict(recording, sought, self.search_band))
-        fast = None if sought.changes else ResidualSpectra(coarse.prediction).linear_gram
         found = evolve(
-            coarse.gram,
-            sought,
-            rng,
-            population=self.population,
-            generations=self.generations,
-            linear_gram=fast,
+            coarse.gram, sought, rng, population=self.population, generations=self.generations
         )
         return self.polished(self.name, recording, model, found)

@@ -18,12 +18,11 @@ from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.pilot.catalogue import MULTI, SINGLE
-from pilotid.pilot.model import PilotModel
 from pilotid.posterior.ensembles import Run
 from pilotid.posterior.likelihood import Likelihood
 from pilotid.posterior.priors import HalfCauchy, LogNormal, Normal, default_prior, priors_of
 from pilotid.seeds import fit_rng, recording_rng, start_rng
-from pilotid.time_domain.output_error import OutputErrors, ResidualSpectra
+from pilotid.time_domain.output_error import ResidualSpectra
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.prepare import analysis_band, prediction_error_filters
@@ -70,19 +69,6 @@ def test_a_widened_likelihood_knows_less_by_the_factor(noise: NoiseModel) -> Non
     values = sets_of(LowPass(2), 5)[:, : plain.count]
     widened = Likelihood(plain.joint, 1.25)
     np.testing.assert_allclose(1.25 * widened.log(values), plain.log(values), rtol=1e-12)
-
-
-@pytest.mark.parametrize("model", [MULTI, SINGLE], ids=lambda m: m.name)
-def test_gram_matrices_of_gains_are_parts_of_the_whole_ones(model: PilotModel) -> None:
-    recording = simulate(replace(NOMINAL, runs=2), np.random.default_rng(1))
-    prediction = predict(recording, model, 26.0)
-    values = model.start * np.exp(
-        0.3 * np.random.default_rng(2).standard_normal((13, len(model.keys)))
-    )
-    wanted = [*model.linear, len(model.keys)]
-    expected = OutputErrors(prediction).gram(values)[:, wanted][:, :, wanted]
-    found = ResidualSpectra(prediction).linear_gram(values)
-    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * expected[:, -1, -1].min())
 
 
 @pytest.mark.parametrize("terms", [(), (0.0, -1.0 / 6.0)], ids=["plain", "nuisance"])

@@ -99,7 +99,6 @@ def evolve(
     population: int,
     generations: int,
     tolerance: float = 1e-3,
-    linear_gram: Gram | None = None,
 ) -> Minima:
     """Minimise from the best point that differential evolution finds.
 
@@ -121,18 +120,9 @@ def evolve(
         Largest number of generations.
     tolerance
         Passed to `minimise`.
-    linear_gram
-        Gram matrices of the residual and its derivatives by the linear parameters alone, which
-        evolution needs no more than; None to take them from `gram`.
     """
     scale = LogTransform(space.positive)
     low, high = (scale.enter(ends) for ends in _widened(space))
-    linear = list(space.linear)
-    wanted = [*linear, -1]
-
-    def own_gram(values: FloatArray) -> FloatArray:
-        return linear_gram(values) if linear_gram else gram(values)[:, wanted][:, :, wanted]
-
     free = [i for i in range(len(low)) if i not in space.linear]
     # Where a gain would have to be negative, a tenth of this is taken for it.
     base = np.where(space.positive, 10.0 * space.lower, 0.0)
@@ -143,13 +133,10 @@ def evolve(
         inner = np.tile(low, (len(points), 1))
         inner[:, free] = points
         values[:, free] = scale.leave(inner)[:, free]
-        if not linear:
-            return values, own_gram(values)[:, -1, -1]
-        gains, costs = solve_linear(
-            own_gram(values), values[:, linear], tuple(range(len(linear))), space.lower[linear]
-        )
-        values[:, linear] = gains
-        return values, costs
+        grams = gram(values)
+        if not space.linear:
+            return values, grams[:, -1, -1]
+        return solve_linear(grams, values, space.linear, space.lower)
 
     def cost(points: FloatArray, /) -> Any:  # one for each column: scipy's types do not know
         costs = solved(points.T)[1]

@@ -131,9 +131,6 @@ def simulated_vaf(
     return max(0.0, 100.0 * (1.0 - left / spread))
 
 
-CACHED = 6000  # bins evaluated at once: about what the processor's cache holds
-
-
 class ResidualSpectra:
     """Transforms of the residual u - u_hat, before whitening, for many parameter sets.
 
@@ -161,43 +158,6 @@ class ResidualSpectra:
         """Transforms of the residuals of parameter sets, shape (sets, runs, bins)."""
         total = reduce(np.add, self.answers(values))
         return np.subtract(self.prediction.control_spectrum, total, out=total)
-
-    def linear_gram(self, values: FloatArray) -> FloatArray:
-        """Inner products of the derivatives by linear parameters, and of the residual.
-
-        All that it takes to solve for gains; nuisance terms are projected out.  Of models that
-        do not vary in time.
-
-        Parameters
-        ----------
-        values
-            Parameter sets, shape (sets, parameters).
-
-        Returns
-        -------
-        Array of shape (sets, linear + 1, linear + 1), the residual last.
-        """
-        prediction, model = self.prediction, self.prediction.model
-        control = prediction.without_nuisance(prediction.control).ravel()
-        channels = len(model.channels)
-        # Of each channel's answer and of the control.
-        products = np.empty((len(values), channels + 1, channels + 1))
-        products[:, -1, -1] = control @ control
-        block = max(1, CACHED // prediction.control_spectrum.size)
-        for begin in range(0, len(values), block):
-            some = slice(begin, begin + block)
-            rows = np.stack(list(self.answers(values[some])), axis=1)
-            answers = prediction.without_nuisance(prediction.samples_of(rows))
-            flat = answers.reshape(*answers.shape[:2], -1)
-            products[some, :-1, :-1] = flat @ flat.transpose(0, 2, 1)
-            products[some, -1, :-1] = products[some, :-1, -1] = flat @ control
-        combined = np.zeros((len(values), len(model.linear) + 1, channels + 1))
-        combined[:, -1, :-1], combined[:, -1, -1] = -1.0, 1.0
-        for channel, layout in enumerate(model.layout):
-            for place, index in enumerate(model.linear):
-                if any(index in indices for _, indices in layout):
-                    combined[:, place, channel] = 1.0 / values[:, index]
-        return np.asarray(combined @ products @ combined.transpose(0, 2, 1))
 
 
 def record(minima: Minima, same: float = 3e-3) -> Starts:
