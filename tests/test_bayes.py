@@ -22,7 +22,7 @@ from pilotid.posterior.ensembles import Run
 from pilotid.posterior.likelihood import Likelihood
 from pilotid.posterior.priors import HalfCauchy, LogNormal, Normal, default_prior, priors_of
 from pilotid.seeds import fit_rng, recording_rng, start_rng
-from pilotid.time_domain.output_error import ResidualSpectra
+from pilotid.time_domain.output_error import residual_spectra
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.prepare import analysis_band, prediction_error_filters
@@ -59,7 +59,7 @@ def test_residuals_are_those_of_the_prediction() -> None:
     values = sets_of(LowPass(0), 9)
     prediction = predict(RECORDING, MULTI, 50.0)
     expected = prediction.row_spectra(values)[:, -1]
-    found = ResidualSpectra(prediction).spectra(values)
+    found = residual_spectra(prediction, values)
     np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
 
 

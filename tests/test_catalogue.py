@@ -25,7 +25,7 @@ from pilotid.recordings.files import save_recording
 from pilotid.recordings.recording import Recording
 from pilotid.testing import check_estimate
 from pilotid.theory.bounds import bounds
-from pilotid.time_domain.output_error import ResidualSpectra
+from pilotid.time_domain.output_error import residual_spectra
 from pilotid.time_domain.prediction import predict
 from pilotid.types import InputError
 
@@ -98,7 +98,7 @@ def test_factors_that_channels_share_unequally_often_are_applied_as_often() -> N
     sets = np.array([model.start, 1.3 * model.start])
     expected = prediction.row_spectra(sets)[:, -1]
     np.testing.assert_allclose(
-        ResidualSpectra(prediction).spectra(sets),
+        residual_spectra(prediction, sets),
         expected,
         rtol=1e-9,
         atol=1e-9 * np.abs(expected).max(),

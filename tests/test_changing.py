@@ -37,7 +37,7 @@ from pilotid.solve.least_squares import minimise
 from pilotid.study.fits import truths_of
 from pilotid.time_domain.competing_optima import over_changes
 from pilotid.time_domain.maximum_likelihood import maximise_likelihood
-from pilotid.time_domain.output_error import ResidualSpectra
+from pilotid.time_domain.output_error import residual_spectra
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prediction_errors import reduced
 from pilotid.types import FloatArray, InputError
@@ -145,7 +145,7 @@ def test_a_model_of_ones_own_has_its_jacobian_too() -> None:
 def test_all_ways_to_the_residual_agree() -> None:
     prediction = predict(simulate(replace(SLOW, runs=2), np.random.default_rng(1)), ADAPTING, 50.0)
     spectra = prediction.row_spectra(SETS)[:, -1]
-    np.testing.assert_allclose(ResidualSpectra(prediction).spectra(SETS), spectra, atol=1e-9)
+    np.testing.assert_allclose(residual_spectra(prediction, SETS), spectra, atol=1e-9)
     for values, own in zip(SETS, spectra, strict=True):
         np.testing.assert_allclose(
             prediction.residual(values), prediction.samples_of(own), atol=1e-12

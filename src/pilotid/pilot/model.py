@@ -494,11 +494,11 @@ class PilotModel:
         self.require_constant()
         result: list[Rational] = []
         for layout in self.layout:
-            top, bottom = [1.0], [1.0]
+            top, bottom = np.ones(1), np.ones(1)
             for factor, indices in layout:
                 above, below = factor.rational([float(values[i]) for i in indices], pade_order)
-                top, bottom = _multiplied(top, above), _multiplied(bottom, below)
-            result.append((top, bottom))
+                top, bottom = np.convolve(top, above), np.convolve(bottom, below)
+            result.append((top.tolist(), bottom.tolist()))
         return result
 
     def rational(self, values: FloatArray, pade_order: int = 5) -> list[control.TransferFunction]:
@@ -608,15 +608,6 @@ class PilotModel:
                 before[p.key], after[p.key] = self.index[first], self.index[last]
         keys = self.constant.keys
         return np.array([before[key] for key in keys]), np.array([after[key] for key in keys])
-
-
-def _multiplied(first: Sequence[float], second: Sequence[float]) -> list[float]:
-    """The product of two short polynomials: numpy takes longer to be called."""
-    product = [0.0] * (len(first) + len(second) - 1)
-    for i, a in enumerate(first):
-        for j, b in enumerate(second):
-            product[i + j] += a * b
-    return product
 
 
 def _constant(channel: Channel) -> Channel:

@@ -28,7 +28,7 @@ from pilotid.posterior.priors import Prior
 from pilotid.solve.least_squares import LogTransform
 from pilotid.time_domain.band_likelihood import BandTerms, most_likely_regression
 from pilotid.time_domain.maximum_likelihood import Maximum
-from pilotid.time_domain.output_error import ResidualSpectra
+from pilotid.time_domain.output_error import residual_spectra
 from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.prepare import shifted_products
 from pilotid.types import BoolArray, FloatArray
@@ -51,9 +51,7 @@ class Likelihood:
 
     def __init__(self, joint: PredictionErrors, widened: float = 1.0) -> None:
         self.joint, self.widened = joint, widened
-        self.residuals = ResidualSpectra(joint.prediction)
         self._terms = joint.prediction.band_terms
-        self._loop = None if self._terms is None else ResidualSpectra(joint.prediction.loop)
         #: Number of the remnant's parameters that are integrated out.
         self.integrated = len(joint.noise.keys) if joint.noise.regressive else 0
         #: Number of parameters that stay.
@@ -94,8 +92,9 @@ class Likelihood:
             penalty = self.joint.penalty
             rough = penalty.of(values) if penalty else np.zeros(len(values))
             closed = np.zeros(len(values))
-            if self._terms is not None and self._loop is not None:
-                spectra = self._loop.spectra(values[:, : self.joint.pilot])
+            if self._terms is not None:
+                loop = self.joint.prediction.loop
+                spectra = residual_spectra(loop, values[:, : self.joint.pilot])
                 closed = 2.0 * self._terms.of_loop(spectra[:, 0])
             if not self.integrated:
                 deviance = samples * np.log(self.sums_of_squares(values) + rough)
@@ -124,7 +123,7 @@ class Likelihood:
         taps, prediction = self._taps(values), self.joint.prediction
         sums = np.empty(len(values))
         for block in _blocks(len(values)):
-            spectra = self.residuals.spectra(values[block, : self.joint.pilot])
+            spectra = residual_spectra(prediction, values[block, : self.joint.pilot])
             if taps.shape[1] > 1:
                 spectra *= prediction.filter_response(taps[block])[:, None, :]
             errors = prediction.without_nuisance(prediction.samples_of(spectra))
@@ -182,13 +181,13 @@ class Likelihood:
         return np.asarray(inside + terms.outside[: order + 1, : order + 1])
 
     def _long_residual(self, values: FloatArray) -> FloatArray:
-        """ResidualSpectra from `order` samples before the first scored one, (sets, runs, samples).
+        """Residuals from `order` samples before the first scored one, (sets, runs, samples).
 
         Nuisance terms are fitted to the scored samples and taken out of all: what is left of
         them at other lags is then small beside the residual, whatever the offset was.
         """
         prediction, order = self.joint.prediction, len(self.joint.noise.keys)
-        spectra = self.residuals.spectra(values[:, : self.joint.pilot])
+        spectra = residual_spectra(prediction, values[:, : self.joint.pilot])
         signal = np.fft.irfft(spectra, n=prediction.length)
         signal = signal[..., prediction.first - order : prediction.first + prediction.scored]
         if not prediction.terms:

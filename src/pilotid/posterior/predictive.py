@@ -14,7 +14,7 @@ from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
 from pilotid.posterior.likelihood import Likelihood
 from pilotid.recordings.recording import Recording
-from pilotid.time_domain.output_error import ResidualSpectra
+from pilotid.time_domain.output_error import residual_spectra
 from pilotid.time_domain.prediction import predict
 from pilotid.types import FloatArray
 
@@ -79,7 +79,7 @@ def predictive_band(
     shape = (len(values), *control.shape)
     answers, remnants = np.empty(shape), np.empty(shape)
     for i, own in enumerate(values):
-        spectra = likelihood.residuals.spectra(own[None, :pilot])
+        spectra = residual_spectra(prediction, own[None, :pilot])
         residual = prediction.without_nuisance(prediction.samples_of(spectra))[0]
         answers[i] = control - residual
         noise = deviations[i] * rng.standard_normal((len(control), SETTLE + control.shape[1]))
@@ -130,12 +130,11 @@ def derived_spreads(
 def vafs(recording: Recording, model: PilotModel, values: FloatArray) -> FloatArray:
     """Variance accounted for [%] by each parameter set, see `simulated_vaf`, shape (sets,)."""
     prediction = predict(recording, model)
-    residuals = ResidualSpectra(prediction)
     spread = np.mean(np.var(prediction.control, axis=1))
     left = np.empty(len(values))
     for begin in range(0, len(values), BLOCK):
         block = slice(begin, begin + BLOCK)
-        samples = prediction.samples_of(residuals.spectra(values[block]))
+        samples = prediction.samples_of(residual_spectra(prediction, values[block]))
         left[block] = np.mean(np.var(prediction.without_nuisance(samples), axis=2), axis=1)
     return np.asarray(np.maximum(0.0, 100.0 * (1.0 - left / spread)))
 

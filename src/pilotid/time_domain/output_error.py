@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Literal, Self
@@ -131,8 +130,8 @@ def simulated_vaf(
     return max(0.0, 100.0 * (1.0 - left / spread))
 
 
-class ResidualSpectra:
-    """Transforms of the residual u - u_hat, before whitening, for many parameter sets.
+def residual_spectra(prediction: Prediction, values: FloatArray) -> ComplexArray:
+    """Transforms of the residual u - u_hat, before whitening, shape (sets, runs, bins).
 
     The same numbers as those of `Prediction.row_spectra`, without derivatives.
 
@@ -140,24 +139,17 @@ class ResidualSpectra:
     ----------
     prediction
         The prepared prediction.
+    values
+        Parameter sets, shape (sets, parameters).
     """
-
-    def __init__(self, prediction: Prediction) -> None:
-        self.prediction = prediction
-
-    def answers(self, values: FloatArray) -> Iterator[ComplexArray]:
-        """What each channel makes of its input, shape (sets, runs, bins) each."""
-        prediction = self.prediction
-        responses = prediction.model.moving_responses(prediction.s, values, prediction.delayed)
-        given = zip(responses, prediction.inputs, prediction.varying(values), strict=True)
-        for response, spectrum, varying in given:
-            answer = response[:, None, :] * spectrum
-            yield np.asarray(answer if varying is None else answer * varying, dtype=complex)
-
-    def spectra(self, values: FloatArray) -> ComplexArray:
-        """Transforms of the residuals of parameter sets, shape (sets, runs, bins)."""
-        total = reduce(np.add, self.answers(values))
-        return np.subtract(self.prediction.control_spectrum, total, out=total)
+    responses = prediction.model.moving_responses(prediction.s, values, prediction.delayed)
+    answers = [
+        response[:, None, :] * spectrum * (1.0 if varying is None else varying)
+        for response, spectrum, varying in zip(
+            responses, prediction.inputs, prediction.varying(values), strict=True
+        )
+    ]
+    return np.asarray(prediction.control_spectrum - reduce(np.add, answers))
 
 
 def record(minima: Minima, same: float = 3e-3) -> Starts:
