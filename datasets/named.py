@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -12,11 +11,11 @@ from pilotid.datasets.forcing import Multisine
 from pilotid.datasets.population import POPULATIONS, Population
 from pilotid.datasets.recorder import Recorder
 from pilotid.datasets.remnant import Remnant, TabulatedRemnant
-from pilotid.datasets.scenarios import DEGREES, SCENARIOS, Scenario, checked, require_name
+from pilotid.datasets.scenarios import DEGREES, SCENARIOS, Scenario, checked
 from pilotid.datasets.simulation import remnant_ratio
 from pilotid.disk import require_file
 from pilotid.naming.code import is_place, taken
-from pilotid.naming.settings import configured, plain, split_call
+from pilotid.naming.settings import from_catalogue, name_of, plain, require_name
 from pilotid.pilot.catalogue import MODELS, model_named
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.loops import margins
@@ -68,19 +67,12 @@ def scenario_named(text: str) -> AnyScenario:
 
 
 def _from_catalogue(text: str) -> AnyScenario:
-    name, settings = split_call(text)
-    if name not in CATALOGUE:
-        there = ", ".join(CATALOGUE)
-        raise InputError(f"unknown scenario '{name}': choose from {there}, or name file.py:NAME")
-    scenario = CATALOGUE[name]
-    changed = configured(scenario, settings, text)
-    if changed == scenario or changed.name != name:
+    name, changed = from_catalogue(text, CATALOGUE, "scenario", "NAME")
+    if changed == CATALOGUE[name] or changed.name != name:
         return sound(changed)
-    # Its name goes into files and links.
-    signs = re.sub(r"[^\w.]+", "-", f"{name}({settings})", flags=re.ASCII).strip("-")
     if isinstance(changed, Scenario):
         changed = replace(changed, family="", varied="")
-    return sound(replace(changed, name=signs))
+    return sound(replace(changed, name=name_of(text)))
 
 
 def sound(thing: object) -> AnyScenario:
@@ -92,7 +84,7 @@ def sound(thing: object) -> AnyScenario:
         If the name belongs to another one, or cannot be that of a file; see `checked`, too.
     """
     known = thing if isinstance(thing, Population) else checked(thing)
-    require_name(known.name)
+    require_name(known.name, "scenario")
     if CATALOGUE.get(known.name, known) != known:
         raise InputError(
             f"a scenario has the name '{known.name}' of another one; give it a name of its own"

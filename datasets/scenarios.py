@@ -5,7 +5,6 @@ A new scenario is one entry in `SCENARIOS`; `pilotid.datasets.named` finds it by
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,7 @@ from pilotid.datasets.recorder import Recorder, recorded_forcing, recorded_noise
 from pilotid.datasets.remnant import Remnant, white
 from pilotid.datasets.violations import ElementChange, Kind, Violation
 from pilotid.estimates.estimate import Estimate
+from pilotid.naming.settings import name_of
 from pilotid.pilot.catalogue import ADAPTING, LEAD2_LAG_MOTION, MULTI, SINGLE
 from pilotid.pilot.element import ControlledElement, double_integrator
 from pilotid.pilot.loops import pilot_on, unstable_poles
@@ -161,7 +161,7 @@ class Scenario:
 
         target, _ = recorded_forcing(recording, "ft")
         disturbance, alternating = recorded_forcing(recording, "fd")
-        stem = re.sub(r"[^\w.]+", "-", Path(source).stem, flags=re.ASCII).strip("-.")
+        stem = name_of(Path(source).stem).strip(".")
         return checked(
             cls(
                 f"like-{stem or 'recording'}"[:100],
@@ -393,14 +393,6 @@ SCENARIOS: dict[str, Scenario] = {
         *_changing(),
     )
 }
-
-
-def require_name(name: object) -> None:
-    """Refuse a name that cannot be that of a file and of a link."""
-    if not isinstance(name, str) or not re.fullmatch(r"\w[\w.+-]{0,100}", name, re.ASCII):
-        raise InputError(
-            f"a scenario has the name {name!r}; it must be of letters, digits and the signs . + -"
-        )
 
 
 def checked(scenario: object) -> Scenario:

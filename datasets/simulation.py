@@ -89,7 +89,8 @@ def remnant_shaping(scenario: Scenario, omega: FloatArray) -> ComplexArray:
     shaping = scenario.remnant.filter(omega)
     match scenario.remnant.enters:
         case "error":
-            return shaping * pilot_on_each(scenario.model, omega, scenario.values)["error"]
+            responses = scenario.model.response(omega, scenario.values)
+            return shaping * pilot_on_each(scenario.model, responses)["error"]
         case "neuromuscular":
             return shaping * _neuromuscular(scenario, omega)
     return shaping

@@ -25,7 +25,7 @@ from pilotid.methods.rarx import RARX
 from pilotid.methods.sindy import SINDy
 from pilotid.methods.ukf import UKF
 from pilotid.naming.code import PluginWarning, is_place, reason, taken
-from pilotid.naming.settings import configured, labelled, split_call
+from pilotid.naming.settings import from_catalogue, labelled
 from pilotid.types import InputError
 
 #: The methods of this package, in the order of tables and figures.
@@ -88,12 +88,7 @@ def method_named(text: str) -> Method:
     """
     if is_place(text):
         return _checked(taken(text), text)
-    name, settings = split_call(text)
-    if name not in methods():
-        there = ", ".join(methods())
-        raise InputError(f"unknown method '{name}': choose from {there}, or name file.py:CLASS")
-    method: Method = configured(methods()[name], settings, text)
-    return method
+    return from_catalogue(text, methods(), "method", "CLASS")[1]
 
 
 def label_of(method: Method) -> str:

@@ -140,7 +140,7 @@ def test_a_channel_on_the_target_is_one_on_error_and_output() -> None:
     on_error, on_output = pilot_on(PURSUIT, omega, FOLLOWING.values)
     np.testing.assert_allclose(on_error, visual + target, rtol=1e-12)
     np.testing.assert_allclose(on_output, -target, rtol=1e-12)
-    each = pilot_on_each(PURSUIT, omega, FOLLOWING.values)
+    each = pilot_on_each(PURSUIT, PURSUIT.response(omega, FOLLOWING.values))
     np.testing.assert_allclose(each["error"], visual, rtol=1e-12)
     assert not each["output"].any()
 
@@ -234,7 +234,7 @@ def test_remnant_at_the_error_does_not_pass_the_target_s_channel() -> None:
     quiet_one = recording_of(without_remnant(FOLLOWING))
     # u = Hpe (e + v) + Hpt ft: what is left of u is what the visual channel makes of v alone.
     omega = 2.0 * np.pi * np.arange(1, 40) / recording.duration
-    shaped = pilot_on_each(PURSUIT, omega, FOLLOWING.values)["error"]
+    shaped = pilot_on_each(PURSUIT, PURSUIT.response(omega, FOLLOWING.values))["error"]
     expected = at_error.remnant.filter(omega) * shaped
     np.testing.assert_allclose(remnant_shaping(at_error, omega), expected, rtol=1e-12)
     assert np.std(recording.u - quiet_one.u) > 0.0

@@ -9,7 +9,7 @@ notice, or else the one of the smallest Bayesian information criterion.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import groupby
 
@@ -79,9 +79,9 @@ class IdentifiedElement:
         there is nothing to tell it from.
     form
         Its form, for example ``K/(s(s+a))``.
-    keys, units, values, covariance
-        Its numbers before rounding.  A delay below zero, of a sample or so, is that between the
-        recorder's channels; the element then has none.
+    parameters
+        Its numbers before rounding, with standard errors and 95 % intervals.  A delay below zero,
+        of a sample or so, is that between the recorder's channels; the element then has none.
     explained
         Share of the power of x [%] that it explains, up to 25 rad/s.
     response_error
@@ -94,10 +94,7 @@ class IdentifiedElement:
 
     element: ControlledElement | None
     form: str = ""
-    keys: tuple[str, ...] = ()
-    units: tuple[str, ...] = ()
-    values: FloatArray | None = None
-    covariance: FloatArray | None = None
+    parameters: tuple[Quantity, ...] = ()
     explained: float = float("nan")
     response_error: float = float("nan")
     candidates: tuple[Candidate, ...] = ()
@@ -107,19 +104,6 @@ class IdentifiedElement:
     def sound(self) -> bool:
         """Whether it can be relied on without being asked for."""
         return self.element is not None and not self.remark
-
-    @property
-    def parameters(self) -> list[Quantity]:
-        """The numbers before rounding with standard errors and 95 % intervals."""
-        if self.values is None or self.covariance is None:
-            return []
-        errors = np.sqrt(np.diag(self.covariance))
-        return [
-            Quantity(k, unit, v, e, v - Z95 * e, v + Z95 * e)
-            for k, unit, v, e in zip(
-                self.keys, self.units, self.values.tolist(), errors.tolist(), strict=True
-            )
-        ]
 
     def to_dict(self) -> dict[str, object]:
         """Plain objects, as JSON has them."""
@@ -176,15 +160,19 @@ def _identified(
     return IdentifiedElement(
         element,
         str(chosen.form),
-        chosen.form.keys,
-        chosen.form.units,
-        chosen.values,
-        chosen.covariance,
+        tuple(_quantities(chosen)),
         explained,
         error,
         tuple(Candidate(str(f.form), f.criterion - least, share) for f, share in ranked),
         _remark(element, explained, error),
     )
+
+
+def _quantities(fit: FormFit) -> Iterator[Quantity]:
+    errors = np.sqrt(np.diag(fit.covariance)).tolist()
+    form = fit.form
+    for k, unit, v, e in zip(form.keys, form.units, fit.values.tolist(), errors, strict=True):
+        yield Quantity(k, unit, v, e, v - Z95 * e, v + Z95 * e)
 
 
 def _fitted(spectra: Spectra, bands: Bands, dt: float, later: tuple[float, ...]) -> list[FormFit]:

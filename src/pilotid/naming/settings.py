@@ -19,12 +19,13 @@ import types
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from functools import partial
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
 from pilotid.types import InputError
 
+T = TypeVar("T")
 NOTHING = dataclasses.MISSING
 NESTING = 50  # brackets within brackets: more are nonsense, and would end Python's recursion
 CONSTANTS = {"none": None, "true": True, "false": False}
@@ -137,6 +138,44 @@ def configured(thing: Any, text: str | None, given: str) -> Any:
         there = f"its settings are {', '.join(shown)}" if shown else "it has no settings"
         why = str(error) or type(error).__name__
         raise InputError(f"{given}: {why.rstrip('.')}; {there}") from error
+
+
+def from_catalogue(text: str, known: Mapping[str, T], kind: str, place: str) -> tuple[str, T]:
+    """A name, and the thing of that name with the settings behind it.
+
+    Parameters
+    ----------
+    text
+        A name, with or without settings.
+    known
+        Things by name.
+    kind, place
+        What they are, and how one is named in code, for messages.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name, or if it refuses the settings.
+    """
+    name, settings = split_call(text)
+    if name not in known:
+        raise InputError(
+            f"unknown {kind} '{name}': choose from {', '.join(known)}, or name file.py:{place}"
+        )
+    return name, configured(known[name], settings, text)
+
+
+def name_of(text: str) -> str:
+    """A text as a name that files and links may have."""
+    return re.sub(r"[^\w.]+", "-", text, flags=re.ASCII).strip("-")[:100]
+
+
+def require_name(name: object, kind: str) -> None:
+    """Refuse a name that tables, links and files cannot have."""
+    if not isinstance(name, str) or not re.fullmatch(r"\w[\w.+-]{0,100}", name, re.ASCII):
+        raise InputError(
+            f"a {kind} has the name {name!r}; it must be of letters, digits and the signs . + -"
+        )
 
 
 def _with_value(name: str, value: object) -> str:

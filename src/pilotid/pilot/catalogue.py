@@ -7,13 +7,12 @@ a method which returns where it starts is seen to have found nothing.
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 
 import numpy as np
 
 from pilotid.naming.code import is_place, reason, taken
-from pilotid.naming.settings import configured, split_call
+from pilotid.naming.settings import from_catalogue, name_of, require_name
 from pilotid.pilot.factors import (
     Canals,
     Delay,
@@ -178,17 +177,10 @@ def model_named(text: str) -> PilotModel:
                 f"{text}: has the name '{own.name}' of another model; give it a name of its own"
             )
         return own
-    name, settings = split_call(text)
-    if name not in MODELS:
-        raise InputError(
-            f"unknown model '{name}': choose from {', '.join(MODELS)}, or name file.py:NAME"
-        )
-    model: PilotModel = configured(MODELS[name], settings, text)
+    name, model = from_catalogue(text, MODELS, "model", "NAME")
     if model != MODELS[name] and model.name == name:
-        # Its name goes into files and links.
-        signs = re.sub(r"[^\w.]+", "-", f"{name}({settings})", flags=re.ASCII).strip("-")
-        model = replace(model, name=signs[:100])
-    require_name(model.name)
+        model = replace(model, name=name_of(text))
+    require_name(model.name, "model")
     return model
 
 
@@ -212,19 +204,11 @@ def own_model(text: str) -> PilotModel:
         raise InputError(
             f"{text}: is no PilotModel; write NAME = PilotModel('name', (Channel(...), ...)) there"
         )
-    require_name(thing.name)
+    require_name(thing.name, "model")
     fault = fault_of(thing)
     if fault:
         raise InputError(f"{text}: {fault}")
     return thing
-
-
-def require_name(name: object) -> None:
-    """Refuse a name that cannot stand in files and links."""
-    if not isinstance(name, str) or not re.fullmatch(r"\w[\w.+-]{0,100}", name, re.ASCII):
-        raise InputError(
-            f"a model has the name {name!r}; it must be of letters, digits and the signs . + -"
-        )
 
 
 def fault_of(model: PilotModel) -> str:

@@ -47,18 +47,14 @@ def pilot_on(
     model: PilotModel, omega: FloatArray, values: FloatArray
 ) -> tuple[ComplexArray, ComplexArray]:
     """Hpe and Hpx in u = Hpe e - Hpx x, each of shape (n,)."""
-    on = pilot_on_each(model, omega, values)
+    on = pilot_on_each(model, model.response(omega, values))
     return on["error"] + on["target"], -on["output"] - on["target"]
 
 
-def pilot_on_each(
-    model: PilotModel, omega: FloatArray, values: FloatArray
-) -> dict[Input, ComplexArray]:
-    """What the pilot makes of each signal by itself, with its sign, each of shape (n,)."""
-    on: dict[Input, ComplexArray] = {
-        name: np.zeros(omega.shape, dtype=complex) for name in get_args(Input)
-    }
-    for channel, response in zip(model.channels, model.response(omega, values), strict=True):
+def pilot_on_each(model: PilotModel, responses: ComplexArray) -> dict[Input, ComplexArray]:
+    """Responses of channels, or their derivatives, summed with their signs by their inputs."""
+    on: dict[Input, ComplexArray] = {n: np.zeros_like(responses[0]) for n in get_args(Input)}
+    for channel, response in zip(model.channels, responses, strict=True):
         on[channel.input] += channel.sign * response
     return on
 
@@ -68,10 +64,7 @@ def loop_slopes(
 ) -> tuple[ComplexArray, ComplexArray]:
     """Derivatives of the logarithms of both open loops by each parameter, (parameters, n)."""
     on_error, on_output = pilot_on(model, omega, values)
-    jacobian = model.response_and_jacobian(omega, values)[1]
-    on: dict[Input, ComplexArray] = {name: np.zeros_like(jacobian[0]) for name in get_args(Input)}
-    for channel, slopes in zip(model.channels, jacobian, strict=True):
-        on[channel.input] += channel.sign * slopes
+    on = pilot_on_each(model, model.response_and_jacobian(omega, values)[1])
     of_error, of_output = on["error"] + on["target"], -on["output"] - on["target"]
     plant = element.response(omega)
     target = of_error / on_error - of_output * plant / (1.0 + on_output * plant)
