@@ -160,7 +160,7 @@ def test_an_element_that_is_not_the_one_seen_is_named(run: Run, tmp_path: Path) 
         in run("check", file, "--element", "15/s^2").out
     )
     facts = strict(run("check", file, "--json", "-").out)["understood"]
-    assert facts["element"].endswith("(from u, fd and x)")
+    assert facts["element"].endswith("(from the signals)")
 
 
 def test_runs_with_other_units_are_not_of_one_condition() -> None:

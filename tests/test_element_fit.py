@@ -1,4 +1,4 @@
-"""The controlled element identified from u, fd and x, and held against the one given."""
+"""The controlled element identified from the signals, and held against the one given."""
 
 from __future__ import annotations
 
@@ -187,7 +187,7 @@ def test_missing_disturbance_wrong_sign_and_wrong_signal_are_said() -> None:
         found = identified_element(wrong)
         assert not found.sound
         assert found.explained < 90.0
-        assert "u, fd and x follow no one controlled element" in found.remark
+        assert "control and output follow no one controlled element" in found.remark
         assert chosen_element(replace(wrong, controlled_element="")).element is None
     still = identified_element(replace(recording, x=np.zeros_like(recording.x)))
     assert still.element is None
@@ -280,10 +280,7 @@ def test_elements_that_differ_are_said_to() -> None:
     assert differs(double_integrator(15.0), late) is None  # a sample
     sentence = differs(double_integrator(4.0), double_integrator(15.0))
     assert sentence is not None
-    assert (
-        "the controlled element given is 4/s^2, but u, fd and x of the recording follow 15/s^2"
-        in sentence
-    )
+    assert "given is 4/s^2, but control and output of the recording follow 15/s^2" in sentence
     assert "at 2 rad/s their gains are as 0.267 to 1 and their phases 0 deg apart" in sentence
 
 

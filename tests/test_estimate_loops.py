@@ -208,7 +208,7 @@ def test_words_for_the_element() -> None:
         LoopElement(element, "given").words == "loops with the controlled element 4/s^2, as given"
     )
     assert LoopElement(element, "recording").words.endswith("4/s^2, named by the recording")
-    assert LoopElement(element, "identified").words.endswith("4/s^2, identified from u, fd, x")
+    assert LoopElement(element, "identified").words.endswith("4/s^2, identified from the signals")
     assert LoopElement(why="no loops: none").words == "no loops: none"
 
 
@@ -268,9 +268,9 @@ def test_fit_writes_loops(
 def test_fit_says_why_there_are_no_loops(run: Run, files: dict[str, Path]) -> None:
     (estimate,) = fitted(run, files["poor"])["estimates"]
     assert estimate["loops"]["element"] is None
-    assert "u, fd and x follow no one controlled element" in estimate["loops"]["remarks"][0]
+    assert "control and output follow no one controlled element" in estimate["loops"]["remarks"][0]
     printed = run("fit", files["poor"], "--method", "mle-white").out
-    assert "no loops: u, fd and x follow no one controlled element" in printed
+    assert "no loops: control and output follow no one controlled element" in printed
     assert "--element 4/s^2" in printed
 
 
@@ -280,8 +280,8 @@ def test_fit_says_that_the_element_given_is_not_the_recording_s(
     printed = run("fit", files["named"], "--method", "mle-white", "--element", "1/s^2").out
     assert "loops with the controlled element 1/s^2, as given" in printed
     assert "target_crossover" in printed
-    sentence = "recording: the controlled element given is 1/s^2, but u, fd and x of the recording"
-    assert f"{sentence} follow 4/s^2" in printed
+    sentence = "recording: the controlled element given is 1/s^2, but control and output of the"
+    assert f"{sentence} recording follow 4/s^2" in " ".join(printed.split())
 
 
 def test_an_element_that_cannot_be_read_is_refused_before_anything_is_fitted(

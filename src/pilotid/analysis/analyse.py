@@ -39,7 +39,7 @@ from pilotid.model_choice import (
 )
 from pilotid.naming.code import code_digest, own_digest, packed, reason, unpacked
 from pilotid.naming.settings import plain
-from pilotid.pilot.catalogue import MODELS
+from pilotid.pilot.catalogue import MODELS, with_held
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
@@ -86,6 +86,8 @@ class Settings:
         Level of each factor by condition, by factor; see `pilotid.analysis.factors`.
     excluded
         Recordings that the user leaves out.
+    fix
+        Parameters that are held or bounded, see `pilotid.pilot.catalogue.with_held`.
     """
 
     models: Mapping[str, PilotModel]
@@ -99,11 +101,13 @@ class Settings:
     alone: bool = False
     factors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     excluded: Sequence[Excluded] = ()
+    fix: str | None = None
 
     @property
     def known(self) -> dict[str, PilotModel]:
         """All models that may be fitted, by name."""
-        return {**MODELS, **self.models}
+        every = {**MODELS, **self.models}
+        return {m.name: m for m in with_held(every.values(), self.fix)} if self.fix else every
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,18 +277,17 @@ def _lost(task: Task, why: str) -> Answer:
 
 
 def _look(task: Task) -> Content:
-    named, auto, element = unpacked(task.code)
+    named, auto, element, fix = unpacked(task.code)
     recording = task.source.recording()
     choice = chosen_element(recording, element)
-    models = {
-        model.name: model for model in (*(default_candidates(recording) if auto else ()), *named)
-    }
-    candidates = compare_models(choice.named_in(recording), list(models.values()), task.seed)
+    candidates = default_candidates(recording) if auto else ()
+    models = {m.name: m for m in with_held((*candidates, *named), fix)}
+    compared = compare_models(choice.named_in(recording), list(models.values()), task.seed)
     return {
         "recording": recording.to_dict(),
         "remarks": _graded([*remarks(recording), *choice.remarks]),
         "fingerprints": fingerprints(recording).round(3).tolist(),
-        "candidates": [asdict(candidate) for candidate in candidates],
+        "candidates": [asdict(candidate) for candidate in compared],
         "performance": performance_content(recording),
     }
 
@@ -476,7 +479,7 @@ def analyse(
                 work.digests[source] = source.digest() + code
             except InputError as error:
                 work.refused[str(error)] = None
-        compared_with = (tuple(settings.models.values()), settings.auto, element)
+        compared_with = (tuple(settings.models.values()), settings.auto, element, settings.fix)
         looks = {source: work.task("look", source, compared_with) for source in work.digests}
         seen = work.contents(list(looks.values()), "looking at recordings")
         looked = {source: seen[t.key] for source, t in looks.items() if t.key in seen}
@@ -494,7 +497,7 @@ def analyse(
         for source, look in looked.items():
             count = int(look["recording"]["runs"])
             runs = range(1, count + 1) if count > 1 else ()
-            models = list(settings.models.values())
+            models = [settings.known[name] for name in settings.models]
             if settings.auto:
                 models = [settings.known[choices[group_of(source.part)].model]]
             for model in models:

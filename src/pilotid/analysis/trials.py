@@ -11,7 +11,6 @@ import numpy as np
 
 from pilotid.analysis.analyse import Analysis, Fit, Group, group_of
 from pilotid.analysis.recordings import Source
-from pilotid.pilot.catalogue import MODELS
 from pilotid.report.study import write_report
 from pilotid.study.store import Store
 from pilotid.study.study import Bar
@@ -100,7 +99,7 @@ def tried_conditions(
         if settings.element is not None:
             recording = replace(recording, controlled_element=settings.element.name)
         own = re.sub(r"[^\w.]+", "-", f"{words}-{model}", flags=re.ASCII)
-        place, named = folder / FOLDER / own, {**MODELS, **settings.models}[model]
+        place, named = folder / FOLDER / own, settings.known[model]
         try:
             trial = trial_of(recording, named, list(settings.methods.values()), settings.seed)
             trust = trial.run(

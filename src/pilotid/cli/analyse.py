@@ -90,6 +90,7 @@ def analyse(
         ),
     ] = None,
     element: options.ElementOption = None,
+    fix: options.FixOption = None,
     seed: options.SeedOption = DEFAULT_SEED,
     workers: options.WorkersOption = None,
 ) -> None:
@@ -110,13 +111,15 @@ def analyse(
     from pilotid.datasets.named import model_place
     from pilotid.disk import make_folder, strict_json, write_file
     from pilotid.document import Bullets, print_blocks
-    from pilotid.pilot.catalogue import AUTO, model_named
+    from pilotid.pilot.catalogue import AUTO, MODELS, model_named, with_held
     from pilotid.pilot.element import element_named
     from pilotid.recordings.selection import span_of
     from pilotid.study.study import about_this
 
     names = options.names_of(model, [AUTO], [AUTO])
     models = {m.name: m for m in (model_named(name) for name in names if name != AUTO)}
+    auto = AUTO in names
+    with_held([*models.values(), *(MODELS.values() if auto else ())], fix)  # refused at once
     plant = element_named(element) if element else None
     chosen = options.methods_of(method, [options.default_method()])
     pairs = _pairs(contrast)
@@ -131,7 +134,7 @@ def analyse(
     crossed = factors_of(factors, conditions) if factors else {}
     settings = Settings(
         models,
-        AUTO in names,
+        auto,
         chosen,
         per_run,
         left_out,
@@ -141,6 +144,7 @@ def analyse(
         model_per_condition,
         crossed,
         excluded,
+        fix,
     )
     if not parts:
         options.raise_refused(refused)

@@ -193,7 +193,7 @@ def _element(choice: ElementChoice) -> str:
     """The controlled element and how it is known; why not, if it is not."""
     if choice.element is None:
         return choice.why
-    how = {"given": "given", "recording": "the file says", "identified": "from u, fd and x"}
+    how = {"given": "given", "recording": "the file says", "identified": "from the signals"}
     return f"{choice.element.name} ({how.get(choice.origin, choice.origin)})"
 
 

@@ -27,7 +27,7 @@ from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.method import Method
 from pilotid.naming.code import PluginWarning
 from pilotid.naming.settings import labelled
-from pilotid.pilot.catalogue import AUTO, MODELS, model_named
+from pilotid.pilot.catalogue import AUTO, MODELS, model_named, with_held
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.files import save_recording
@@ -172,6 +172,7 @@ def fit(
     runs: options.RunsOption = None,
     span: options.SpanOption = None,
     element: options.ElementOption = None,
+    fix: options.FixOption = None,
     start: Annotated[
         str | None, typer.Option(metavar="Kvis=0.2,tlead=1.5", help="Initial guesses.")
     ] = None,
@@ -187,7 +188,10 @@ def fit(
 ) -> None:
     """Identify a pilot model from recordings."""
     plant = element_named(element) if element else None
-    named = None if model == AUTO else options.with_start(model_named(model), start)
+    named = None
+    if model != AUTO:
+        (named,) = with_held([model_named(model)], fix)
+        named = options.with_start(named, start)
     true = options.read_truth(truth, named) if truth is not None and named is not None else None
     methods = options.methods_of(method, [options.default_method()])
     options.require_writable(files, json, report)
@@ -195,7 +199,7 @@ def fit(
         files, mapping, dt, detrend, lead_in, runs, span, joint=joint
     )
     todo = with_bar(recordings, "fitting", len(recordings))
-    fits = [_fitted(recording, named, start, methods, seed, plant) for recording in todo]
+    fits = [_fitted(recording, named, fix, start, methods, seed, plant) for recording in todo]
     if truth is not None and named is None:
         true = options.read_truth(truth, fits[0].model)
     entries = [f.to_dict() for f in fits]
@@ -222,6 +226,7 @@ def fit(
 def _fitted(
     recording: Recording,
     named: PilotModel | None,
+    fix: str | None,
     start: str | None,
     methods: Mapping[str, Method],
     seed: int,
@@ -233,9 +238,9 @@ def _fitted(
     choice = chosen_element(recording, plant)
     if named is not None:
         return fit_all(recording, named, methods, seed, choice)
-    from pilotid.model_choice import select
+    from pilotid.model_choice import default_candidates, select
 
-    found = select(choice.named_in(recording), seed=seed)
+    found = select(choice.named_in(recording), with_held(default_candidates(recording), fix), seed)
     fits = fit_all(recording, options.with_start(found.model, start), methods, seed, choice)
     return replace(fits, choice=found.reason, compared=tuple(c.to_dict() for c in found.candidates))
 

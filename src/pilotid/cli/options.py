@@ -103,6 +103,14 @@ LeadInOption = Annotated[
     ),
 ]
 
+FixOption = Annotated[
+    str | None,
+    typer.Option(
+        "--fix",
+        metavar="fnm=12,dnm=.1..0.5",
+        help="Parameters held at a value, or searched between others.",
+    ),
+]
 RunsOption = Annotated[
     str | None, typer.Option("--runs", metavar="2-5", help="The runs to use, as in 2-5 or 1,3.")
 ]

@@ -35,7 +35,7 @@ OMEGA = np.geomspace(0.5, 6.0, 40)
 #: Share of x [%] that each half of the window must explain by itself to say that the element
 #: changes.
 HALVES = 95.0
-POOR = "u, fd and x follow no one controlled element"
+POOR = "control and output follow no one controlled element"
 ADVICE = (
     "it may change within a run, a disturbance may be missing, or a name or a sign may be wrong"
 )
@@ -149,7 +149,7 @@ def _identified(
     bands = Bands(spectra)
     fits = [fit.scaled(gain) for fit in _fitted(spectra, bands, recording.dt, later)]
     if not fits:
-        return IdentifiedElement(None, remark="no form of element suits u, fd and x")
+        return IdentifiedElement(None, remark="no form of element suits control and output")
     chosen = simplest(fits)
     shares = [_explained(fit, bands) for fit in fits]
     ranked = sorted(zip(fits, shares, strict=True), key=lambda pair: pair[0].criterion)
@@ -264,14 +264,14 @@ def _remark(element: ControlledElement, explained: float, error: float) -> str:
         return f"{POOR}: the best of low order explains {explained:.0f} % of x; {ADVICE}"
     if error > KNOWN:
         return (
-            f"u, fd and x tell the controlled element, {element.name}, to within "
+            f"control and output tell the controlled element, {element.name}, to within "
             f"{100.0 * error:.0f} % only where loops cross over"
         )
     top, bottom = (np.trim_zeros(np.array(p)) for p in (element.numerator, element.denominator))
     if top[0] * bottom[0] < 0.0 and top[-1] * bottom[-1] < 0.0:
         return (
-            f"u, fd and x follow {element.name}, whose gain is negative: u or x seems to have the "
-            "wrong sign"
+            f"control and output follow {element.name}, whose gain is negative: u or x "
+            "seems to have the wrong sign"
         )
     return ""
 
@@ -335,7 +335,7 @@ def differs(
     found: ControlledElement,
     omega: FloatArray = OMEGA,
     what: str = "given",
-    by: str = "u, fd and x of the recording follow",
+    by: str = "control and output of the recording follow",
 ) -> Remark | None:
     """Say that two controlled elements are different ones; None if they are not.
 

@@ -247,7 +247,7 @@ class Estimate:
             (table,) = quantity_tables([(self.method, self.quantities)], 1)
             lines += [table_text(table), ""]
         tested = [self.specification.sentence] if self.specification else []
-        return "\n".join([*lines, *tested, self.verdict(), *self.remarks])
+        return "\n".join([*lines, *self.model.held_words, *tested, self.verdict(), *self.remarks])
 
     def summary(self) -> None:
         """Print all quantities, the verdict and the remarks."""
@@ -269,6 +269,7 @@ class Estimate:
             "message": self.sentence,
             "parameters": {q.key: q.to_dict() for q in self.parameters},
             "derived": {q.key: q.to_dict() for q in self.derived},
+            "held": dict(self.model.held),
             "correlation": self.correlation.tolist(),
             "inseparable": [pair.to_dict() for pair in self.inseparable],
             "vaf": self.vaf,

@@ -158,6 +158,7 @@ class Fitted:
             Text(self.heading, "heading"),
             *[Text(self.choice)] * bool(self.choice),
             *self.tables(side),
+            *map(Text, self.model.held_words),
             *self.specifications,
             *self.loop_blocks(side),
             *verdicts,

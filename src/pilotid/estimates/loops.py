@@ -234,7 +234,10 @@ class LoopElement:
         """The element and where it comes from."""
         if self.element is None:
             return self.why
-        origins = {"recording": "named by the recording", "identified": "identified from u, fd, x"}
+        origins = {
+            "recording": "named by the recording",
+            "identified": "identified from the signals",
+        }
         name = self.element.name or "user-defined"
         return f"loops with the controlled element {name}, {origins.get(self.origin, 'as given')}"
 

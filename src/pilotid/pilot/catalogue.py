@@ -7,6 +7,7 @@ a method which returns where it starts is seen to have found nothing.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -241,3 +242,41 @@ def _difference(model: PilotModel, index: int) -> FloatArray:
     ends[:, index] += np.array([-1.0, 1.0]) * min(STEP * max(abs(start), 1e-3), 0.5 * room)
     behind, ahead = (model.response(TRIED, end) for end in ends)
     return np.asarray((ahead - behind) / (ends[1, index] - ends[0, index]))
+
+
+def with_held(models: Iterable[PilotModel], text: str | None) -> list[PilotModel]:
+    """Models with the parameters held, or bounded, that a text such as ``fnm=12,dnm=.1..0.5`` says.
+
+    Raises
+    ------
+    InputError
+        If the text cannot be read, or says something of a parameter that none of the models has.
+    """
+    found, seen = list(models), set()
+    for pair in (text or "").split(",") if text is not None else ():
+        key, _, value = (part.strip() for part in pair.partition("="))
+        try:
+            numbers = [float(part) for part in value.split("..", 1)]
+        except ValueError:
+            raise InputError(
+                f"--fix {text}: '{pair}' is not PARAMETER=NUMBER or PARAMETER=LOWER..UPPER; write "
+                "for example fnm=12,dnm=0.1..0.5"
+            ) from None
+        if key in seen:
+            raise InputError(f"--fix {text}: {key} stands there twice; name it once")
+        seen.add(key)
+        having = [m for m in found if key in m.index]
+        if not having:
+            known = ", ".join(dict.fromkeys(k for m in found for k in m.keys))
+            raise InputError(
+                f"--fix {text}: no model here has a parameter {key}; choose from {known}"
+            )
+        found = [
+            m
+            if m not in having
+            else m.with_fixed(**{key: numbers[0]})
+            if len(numbers) == 1
+            else m.with_bounds(**{key: (numbers[0], numbers[1])})
+            for m in found
+        ]
+    return found

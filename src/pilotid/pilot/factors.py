@@ -14,6 +14,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import factorial
+from typing import Any
 
 import numpy as np
 
@@ -198,6 +199,52 @@ class Factor:
             One array for each parameter, which broadcasts against `s`.
         """
         return self.response(s, values), self.log_derivative(s, values)
+
+
+@dataclass(frozen=True)
+class Held(Factor):
+    """A factor some of whose parameters have fixed values, see `PilotModel.with_fixed`.
+
+    Attributes
+    ----------
+    factor
+        The factor.
+    held
+        Keys and values of the parameters that are not free.
+    """
+
+    factor: Factor
+    held: tuple[tuple[str, float], ...]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return tuple(p for p in self.factor.parameters if p.key not in dict(self.held))
+
+    @property
+    def fixed_poles(self) -> tuple[float, ...]:
+        return self.factor.fixed_poles
+
+    @property
+    def derivative(self) -> int:
+        return self.factor.derivative
+
+    def _all(self, values: Sequence[Any]) -> list[Any]:
+        """The values of all parameters."""
+        known, free = dict(self.held), iter(values)
+        keys = (p.key for p in self.factor.parameters)
+        return [np.asarray(known[key]) if key in known else next(free) for key in keys]
+
+    def response(self, s: ComplexArray, values: Values) -> Response:
+        return self.factor.response(s, self._all(values))
+
+    def response_and_slopes(self, s: ComplexArray, values: Values) -> Evaluated:
+        response, slopes = self.factor.response_and_slopes(s, self._all(values))
+        keys, known = (p.key for p in self.factor.parameters), dict(self.held)
+        pairs = zip(keys, slopes, strict=True)
+        return response, tuple(slope for key, slope in pairs if key not in known)
+
+    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
+        return self.factor.rational([float(v) for v in self._all(values)], pade_order)
 
 
 class Polynomial(Factor):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from typing import TYPE_CHECKING, Literal, get_args
@@ -14,6 +14,7 @@ from pilotid.pilot.factors import (
     Delayed,
     Evaluated,
     Factor,
+    Held,
     Parameter,
     Rational,
     Response,
@@ -520,14 +521,85 @@ class PilotModel:
             )
         ]
 
-    def with_start(self, values: Mapping[str, float]) -> PilotModel:
-        """The same model with other initial guesses for the parameters named."""
-        unknown = [key for key in values if key not in self.keys]
-        if unknown:
+    @cached_property
+    def held(self) -> dict[str, float]:
+        """Values of the parameters that are fixed, by their keys."""
+        own = (f.held for c in self.channels for f in c.factors if isinstance(f, Held))
+        return dict(pair for pairs in own for pair in pairs)
+
+    @property
+    def held_words(self) -> list[str]:
+        """These in words, as tables say them: a line, or none."""
+        own = (f for c in self.channels for f in c.factors if isinstance(f, Held))
+        units = {p.key: p.unit for f in own for p in f.factor.parameters}
+        words = (f"{key} = {value:g} {units[key]}".rstrip() for key, value in self.held.items())
+        return [f"held, not estimated: {', '.join(words)}"] if self.held else []
+
+    def with_fixed(self, **values: float) -> PilotModel:
+        """The same model with parameters held at values, by any method, without an interval.
+
+        Raises
+        ------
+        InputError
+            For a parameter that the model lacks, one that varies in time, or a value that it
+            cannot have.
+        """
+        self._require(values)
+        for key, value in values.items():
+            known = self.parameters[self.index[key]]
+            least = 0.0 if known.positive or known.delay else -np.inf
+            if not np.isfinite(value) or value < least or (known.positive and value <= 0.0):
+                raise InputError(f"{key} cannot be held at {value:g}; give a number above 0")
+            if any(key in (p.key for p in c.parameters) for c, _ in self.varying):
+                raise InputError(f"{key} of model {self.name} varies in time and cannot be held")
+
+        def fixed(factor: Factor | Changing) -> Factor | Changing:
+            own = tuple((p.key, float(values[p.key])) for p in factor.parameters
+                        if p.key in values)  # fmt: skip
+            if not own or isinstance(factor, Changing):
+                return factor
+            if isinstance(factor, Held):
+                return Held(factor.factor, factor.held + own)
+            return Held(factor, own)
+
+        channels = tuple(
+            replace(c, factors=tuple(fixed(f) for f in c.factors)) for c in self.channels
+        )
+        kept = tuple(p for p in self.overrides if p.key not in values)
+        return replace(self, channels=channels, overrides=kept)
+
+    def with_bounds(self, **bounds: tuple[float, float]) -> PilotModel:
+        """The same model with other bounds of the search, by key.
+
+        Raises
+        ------
+        InputError
+            For a parameter that the model lacks, or bounds that are none.
+        """
+        self._require(bounds)
+        changed = {p.key: p for p in self.overrides}
+        for key, (lower, upper) in bounds.items():
+            known = self.parameters[self.index[key]]
+            if not (0.0 if known.positive or known.delay else -np.inf) <= lower < upper < np.inf:
+                raise InputError(f"{key}: {lower:g} .. {upper:g} are no bounds; give LOWER..UPPER")
+            lower = max(lower, 1e-6 * upper) if known.positive else lower
+            inside = np.clip(known.usual, lower, upper)
+            usual = tuple(inside) if inside[0] < inside[1] else (lower, upper)
+            middle = (lower * upper) ** 0.5 if lower > 0.0 else 0.5 * (lower + upper)
+            start = known.start if lower < known.start < upper else middle
+            changed[key] = replace(known, lower=lower, upper=upper, start=start, usual=usual)
+        return replace(self, overrides=tuple(changed.values()))
+
+    def _require(self, keys: Iterable[str]) -> None:
+        if unknown := [key for key in keys if key not in self.index]:
             raise InputError(
                 f"model {self.name} has no parameter {', '.join(unknown)}: "
                 f"choose from {', '.join(self.keys)}"
             )
+
+    def with_start(self, values: Mapping[str, float]) -> PilotModel:
+        """The same model with other initial guesses for the parameters named."""
+        self._require(values)
         for p in self.parameters:
             if p.key in values and not p.lower < values[p.key] < p.upper:
                 raise InputError(

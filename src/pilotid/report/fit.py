@@ -79,6 +79,7 @@ def fit_section(fit: Fitted, key: str, figures: Sequence[Figure]) -> Section:
     tables = fit.tables(ABREAST)
     if tables:
         blocks += [Text("Parameters", "heading"), Text(READING), *tables]
+        blocks += map(Text, fit.model.held_words)
     loops = fit.loop_blocks(ABREAST)
     if loops:
         blocks += [Text("Loops", "heading"), *loops]
