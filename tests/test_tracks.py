@@ -133,4 +133,4 @@ def test_a_study_keeps_tracks_and_writes_them(
     with (tmp_path / TRAJECTORIES).open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 10
-    assert float(rows[-1]["rmse_whole"]) == pytest.approx(cell.tracks[-1].rmse[3])
+    assert float(rows[-1]["rmse_whole"]) == pytest.approx(cell.tracks[-1].rmse[3].value)
