@@ -182,3 +182,13 @@ def test_recordings_too_short_to_be_told_apart_have_no_fingerprint() -> None:
     short = simulate(replace(SCENARIOS["nominal"], duration=20.48), np.random.default_rng(1))
     assert fingerprints(short).shape == (1, 0)
     assert copies_among(["a", "b"], [fingerprints(short)] * 2) == {}
+
+
+def test_gains_and_units_that_differ_are_mended_by_what_is_said() -> None:
+    sound = recording_of("nominal", 3)
+    wrong = replace(sound, fd=-sound.fd / 3.49, origin={"fd": "d"})
+    found = of(wrong, "u", "gain-differs")
+    assert found.size == pytest.approx(-3.49, rel=0.02)
+    assert f"--map fd={found.size:.3g}*d" in found.sentence
+    (remark,) = (r for r in remarks(replace(sound, x=sound.x / 57.2958)) if r.code == "wrong-unit")
+    assert "--map x=57.2958*x" in remark

@@ -965,3 +965,19 @@ def test_measured_recording_survives_saving(measured: Path, tmp_path: Path, suff
     recording = load_recording(measured / "yaw" / "ae2224I_measurement_data_subj1_C3.mat")
     save_recording(recording, tmp_path / f"F{suffix}")
     assert_equal(load_recording(tmp_path / f"F{suffix}"), recording)
+
+
+def test_a_signal_is_multiplied_by_the_factor_before_its_name(tmp_path: Path) -> None:
+    file = tmp_path / "run.csv"
+    rows = [f"{0.01 * i},{i % 7},{i % 5},{i % 3},{i % 4}" for i in range(1200)]
+    file.write_text("\n".join(["t,e,u,x,d", *rows]), encoding="utf-8")
+    plain = load_recording(file, mapping={"fd": "d"})
+    scaled = load_recording(file, mapping={"fd": "-3.49*d", "u": "2e-1 * u"})
+    assert plain.fd is not None
+    assert scaled.fd is not None
+    np.testing.assert_allclose(scaled.fd, -3.49 * plain.fd)
+    np.testing.assert_allclose(scaled.u, 0.2 * plain.u)
+    assert scaled.scaled("fd", -1.0) == "fd=3.49*d"
+    assert scaled.flipped("e", "u") == "e=-e,u=-0.2*u"
+    with pytest.raises(InputError, match="names nothing"):
+        load_recording(file, mapping={"fd": "0*d"})

@@ -80,8 +80,8 @@ MapOption = Annotated[
     list[str] | None,
     typer.Option(
         "--map",
-        metavar="u=stick,e=err",
-        help="The file's names for t, e, u, x, ft, fd; a minus before one flips its sign.",
+        metavar="u=-stick,fd=3.5*d",
+        help="The file's names for t, e, u, x, ft, fd; a sign or a factor before one is applied.",
     ),
 ]
 JointOption = Annotated[

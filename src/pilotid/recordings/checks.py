@@ -241,7 +241,7 @@ def not_the_error(recording: Recording) -> Remark | None:
     for name, wanted, given in (("x", ft - e, x), ("e", ft - x, e), ("ft", e + x, ft)):
         factor = float(np.sum(wanted * given) / (np.sum(given**2) or 1.0))
         if _rms(wanted - factor * given) <= IDENTITY * _rms(wanted) and factor:
-            return Remark("wrong-unit", f"e is not ft - x: {_scaled(name, factor)}")
+            return Remark("wrong-unit", f"e is not ft - x: {_scaled(recording, name, factor)}")
     return Remark(
         "not-the-error",
         f"e is not ft - x: they differ by {100.0 * off / size:.3g} % of e; check signs, units and "
@@ -260,7 +260,9 @@ def _without_target(recording: Recording) -> Remark | None:
             "e and x have the same sign at the lines of fd, though e = ft - x; flip one of them, "
             f"with --map {recording.flipped('e')} or --map {recording.flipped('x')}",
         )
-    return Remark("wrong-unit", f"e is not -x at the lines of fd: {_scaled('x', factor)}")
+    return Remark(
+        "wrong-unit", f"e is not -x at the lines of fd: {_scaled(recording, 'x', factor)}"
+    )
 
 
 def _at_disturbance(recording: Recording) -> float | None:
@@ -284,14 +286,15 @@ def _at_disturbance(recording: Recording) -> float | None:
     return middle if off <= SAME * abs(middle) else None
 
 
-def _scaled(name: str, factor: float) -> str:
+def _scaled(recording: Recording, name: str, factor: float) -> str:
     for ratio, units in ((180.0 / np.pi, "radians"), (np.pi / 180.0, "degrees")):
         if abs(factor / ratio - 1.0) <= IDENTITY:
             other = "degrees" if units == "radians" else "radians"
-            return f"{name} is in {units} and the others are in {other}; convert it"
+            cure = recording.scaled(name, ratio)
+            return f"{name} is in {units} and the others are in {other}; convert it: --map {cure}"
     return (
         f"{name} is {1.0 / factor:.4g} times what the others make it, so the units differ; give "
-        "all in one unit"
+        f"all in one unit, for example with --map {recording.scaled(name, float(f'{factor:.4g}'))}"
     )
 
 

@@ -19,8 +19,10 @@ from pilotid.recordings.recording import (
     LONGEST_UNIT,
     SIGNALS,
     Recording,
+    factor_of,
     is_element,
     is_unit,
+    times,
 )
 from pilotid.types import FloatArray, InputError
 
@@ -56,23 +58,23 @@ class Place:
     ----------
     name
         Column or variable.
-    flipped
-        Whether the file holds the signal with the opposite sign.
+    factor
+        What the file's values are multiplied by.
     chosen
         Whether the user named it, so that it must exist.
     """
 
     name: str
-    flipped: bool = False
+    factor: float = 1.0
     chosen: bool = False
 
     def signed(self, values: FloatArray) -> FloatArray:
-        """The values with the sign of our convention."""
-        return -values if self.flipped else values
+        """The values with sign and unit of our convention."""
+        return values if self.factor == 1.0 else np.asarray(self.factor * values)
 
     def shown(self, names: Iterable[str]) -> str:
         """Where the signal was found, in words that --map would take."""
-        return ", ".join(f"{'-' if self.flipped else ''}{name}" for name in names)
+        return ", ".join(times(self.factor, name) for name in names)
 
 
 def signal_places(mapping: Mapping[str, str] | None) -> dict[str, Place]:
@@ -90,14 +92,13 @@ def signal_places(mapping: Mapping[str, str] | None) -> dict[str, Place]:
                 f"the mapping {signal}={choice} names the unknown signal {shown(signal)}; "
                 f"on the left of = use one of {', '.join(NAMES)}"
             )
-        choice = choice.strip()
-        name = choice.removeprefix("-").strip()
-        if not name:
+        factor, name = factor_of(choice)
+        if not name or not (np.isfinite(factor) and factor):
             raise InputError(
                 f"the mapping {signal}={choice} names nothing; write {signal}=NAME with the "
-                "file's name for that signal"
+                f"file's name for that signal, or {signal}=-3.5*NAME"
             )
-        places[signal] = Place(name, flipped=choice.startswith("-"), chosen=True)
+        places[signal] = Place(name, factor, chosen=True)
     return places
 
 

@@ -370,8 +370,8 @@ class _Look:
             words = (
                 "u includes fd: x is the answer to u alone; subtract fd from u"
                 if includes
-                else f"x answers to u + {best.share:.3g} fd: the gain of fd, or that of u, is not "
-                "as recorded; give both in one unit"
+                else f"x answers to u {best.share:+.3g} fd: the gain of fd, or that of u, is not "
+                f"as recorded; use --map {self.recording.scaled('fd', float(f'{best.share:.3g}'))}"
             )
             yield Finding(
                 "includes-fd" if includes else "gain-differs",

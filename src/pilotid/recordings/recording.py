@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import wraps
@@ -238,11 +239,12 @@ class Recording:
 
     def flipped(self, *names: str) -> str:
         """What --map takes to turn the signs of signals round."""
-        pairs = []
-        for name in names:
-            place = self.origin.get(name, name)
-            pairs.append(f"{name}={place[1:] if place.startswith('-') else f'-{place}'}")
-        return ",".join(pairs)
+        return ",".join(self.scaled(name, -1.0) for name in names)
+
+    def scaled(self, name: str, factor: float) -> str:
+        """What --map takes to multiply a signal by a factor."""
+        own, place = factor_of(self.origin.get(name, name))
+        return f"{name}={times(factor * own, place)}"
 
     @property
     def description(self) -> str:
@@ -330,6 +332,23 @@ def _require_different_runs(recordings: Sequence[Recording]) -> None:
                     "a copy would count as new information"
                 )
             seen[content] = place
+
+
+def factor_of(text: str) -> tuple[float, str]:
+    """The factor and the name in a text such as ``-3.49*fd``."""
+    match = re.fullmatch(
+        r"(-?)\s*(?:([\d.]+(?:[eE][-+]?\d+)?)\s*\*)?\s*(.*)", text.strip(), re.DOTALL
+    )
+    assert match is not None  # every text is a name at least
+    sign, number, name = match.groups()
+    return float(f"{sign}{number or 1}"), name
+
+
+def times(factor: float, name: str) -> str:
+    """The inverse of `factor_of`."""
+    if abs(factor) == 1.0:
+        return name if factor > 0.0 else f"-{name}"
+    return f"{factor:.6g}*{name}"
 
 
 def remembered(

@@ -15,6 +15,8 @@ from pilotid.types import BoolArray, FloatArray
 
 #: Ratio of the smallest to the largest eigenvalue below which rounding decides.
 SINGULAR = 1e-13
+#: Directions of which a segment knows less than this share of the average do not count.
+LEAST_KNOWN = 1e-4
 
 
 def covariance_of(hessian: FloatArray, variance: float) -> FloatArray | None:
@@ -200,10 +202,13 @@ def score_dispersion(rows: FloatArray, estimated: int, length: int) -> tuple[flo
     known = size[0, :, 0] > 0.0
     jacobian = jacobian[:, known] / size[:, known]
     scores = np.einsum("kps,ks->kp", jacobian, errors)
-    scores -= scores.mean(axis=0)
-    information, directions = np.linalg.eigh(jacobian @ jacobian.transpose(0, 2, 1))
+    information = jacobian @ jacobian.transpose(0, 2, 1)
+    # The whole score is zero but for what a likelihood adds evenly to what the segments know.
+    share = np.linalg.lstsq(information.sum(axis=0), scores.sum(axis=0))[0]
+    scores -= information @ share
+    sizes, directions = np.linalg.eigh(information)
     along = np.einsum("kpq,kp->kq", directions, scores)
-    told = information > SINGULAR * information[:, -1:]
+    told = sizes > LEAST_KNOWN * whole.shape[2]  # the mean of the diagonal is one a sample
     variance = float(np.mean(errors**2))
-    statistic = float(np.sum(along[told] ** 2 / information[told])) / (variance or 1.0)
+    statistic = float(np.sum(along[told] ** 2 / sizes[told])) / (variance or 1.0)
     return statistic, int(np.count_nonzero(told)) - int(np.count_nonzero(known))

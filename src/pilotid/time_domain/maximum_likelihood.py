@@ -122,9 +122,12 @@ class Maximum(JointFit):
     def dispersion(self) -> float:
         """Variance of the scores of segments over what it would be of a constant pilot.
 
-        It is 1 unless that is certain; larger where the pilot wanders, or the model lacks something
-        (quasi-likelihood: McCullagh and Nelder, Generalized Linear Models, 2nd ed., sec. 4.5).
+        It is 1 unless that is certain, and of a time-varying model; larger where the pilot wanders
+        or the model lacks something (quasi-likelihood: McCullagh and Nelder, Generalized Linear
+        Models, 2nd ed., sec. 4.5).
         """
+        if self.joint.prediction.model.changes:
+            return 1.0
         length = max(1, round(SEGMENT / self.joint.prediction.dt))
         statistic, freedom = score_dispersion(self.tested_rows, self.joint.pilot, length)
         certain = freedom > 0 and statistic > chi_squared_limit(freedom, DISPERSED)
