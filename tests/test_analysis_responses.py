@@ -112,7 +112,7 @@ def test_figures_have_a_column_for_each_response_and_a_bar_for_each_part() -> No
     subjects = [responses_of(fitted(), first_step_of(RECORDING, NOMINAL.model))] * 2
     figure = responses_figure(subjects)
     titles = [axes.get_title(loc="left") for axes in figure.axes]
-    assert titles[:4] == ["visual", "vestibular", "target loop", "disturbance loop"]
+    assert titles[:3] == ["visual", "vestibular", "target loop and disturbance loop"]
     assert all("log" in axes.get_xscale() for axes in figure.axes)
     look = {"performance": performance_content(RECORDING)}
     rows = performance_rows("a", (("subject", "1"), ("condition", "C1")), look, per_run=False)

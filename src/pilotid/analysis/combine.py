@@ -145,13 +145,11 @@ def _falls_to(scatter: Callable[[float], float], level: float, values: FloatArra
 
 def holm(chances: Sequence[float]) -> list[float]:
     """Holm's (1979) correction of p-values for their number; NaN are no tests and do not count."""
-    from statsmodels.stats.multitest import multipletests
-
-    corrected = np.array(chances, dtype=float)
-    is_tested = np.isfinite(corrected)
-    if is_tested.any():
-        corrected[is_tested] = multipletests(corrected[is_tested], method="holm")[1]
-    return [float(p) for p in corrected]
+    p = np.array(chances, dtype=float)
+    order = np.argsort(p)[: np.count_nonzero(np.isfinite(p))]  # NaN come last
+    times = np.arange(len(order), 0, -1)
+    p[order] = np.minimum(np.maximum.accumulate(times * p[order]), 1.0)
+    return [float(value) for value in p]
 
 
 def signed_ranks(values: FloatArray) -> tuple[float, float]:

@@ -156,31 +156,19 @@ def responses_figure(subjects: Sequence[Sequence[Response]]) -> Figure:
     subjects
         The responses of each subject's fit by one method, and of the coefficients at the lines.
     """
-    names = list(dict.fromkeys(own.what for some in subjects for own in some))
-    with journal_figure(3.6) as figure:
-        panels = figure.subplots(2, len(names), squeeze=False, sharex="col")
-        for (above, below), name in zip(panels.T, names, strict=True):
-            every = [own for some in subjects for own in some if own.what == name]
-            fits = [own for own in every if own.method != LINES]
-            for own in fits:
-                above.plot(own.omega, own.magnitude, color=COLOURS[-1], linewidth=0.5)
-                below.plot(own.omega, own.phase, color=COLOURS[-1], linewidth=0.5)
-            if fits:
-                mean, spread = over_subjects(fits)
-                low, high = mean - spread, mean + spread
-                omega = fits[0].omega
-                above.plot(omega, np.exp(mean[0]), color=COLOURS[0], label="mean of fits")
-                below.plot(omega, mean[1], color=COLOURS[0])
-                above.fill_between(omega, *np.exp([low[0], high[0]]), color=COLOURS[0], alpha=0.2)
-                below.fill_between(omega, low[1], high[1], color=COLOURS[0], alpha=0.2)
-            points = [own for own in every if own.method == LINES]
-            if points and len({tuple(own.omega) for own in points}) == 1:
-                mean, _ = over_subjects(points)
-                omega = points[0].omega
-                style = {"color": INK, "markersize": 3.0, "fillstyle": "none"}
-                above.plot(omega, np.exp(mean[0]), "o", label="mean at lines", **style)
-                below.plot(omega, mean[1], "o", **style)
-            above.set_title(name, loc="left")
+    every = [own for some in subjects for own in some]
+    names = list(dict.fromkeys(own.what for own in every))
+    columns = [[name] for name in names if not name.endswith(" loop")]
+    columns += [loops] if (loops := [name for name in names if name.endswith(" loop")]) else []
+    with journal_figure(3.4) as figure:
+        figure.set_layout_engine("none")  # to search for places takes as long as to draw
+        edges = {"left": 0.08, "bottom": 0.21, "right": 0.995, "top": 0.93}
+        grid = {**edges, "wspace": 0.24, "hspace": 0.12}
+        panels = figure.subplots(2, len(columns), squeeze=False, sharex="col", gridspec_kw=grid)
+        for (above, below), own in zip(panels.T, columns, strict=True):
+            for name, colour in zip(own, COLOURS, strict=False):
+                _response_lines(above, below, [r for r in every if r.what == name], colour)
+            above.set_title(" and ".join(own), loc="left")
             above.set_xscale("log")
             above.set_yscale("log")
             below.set_xlabel("ω [rad/s], log. axis")
@@ -190,9 +178,37 @@ def responses_figure(subjects: Sequence[Sequence[Response]]) -> Figure:
             log_ticks(above, "y")
         panels[0, 0].set_ylabel("magnitude, log. axis")
         panels[1, 0].set_ylabel("phase [deg]")
-        handles, labels = panels[0, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False)
+        handles = {
+            label: handle
+            for axes in panels[0]
+            for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+        }
+        figure.legend([*handles.values()], [*handles], loc="lower center", ncols=4, frameon=False)
     return figure
+
+
+def _response_lines(above: Axes, below: Axes, own: Sequence[Response], colour: str) -> None:
+    """One response: of subjects thin, their mean with a band, and the mean at the lines."""
+    fits = [one for one in own if one.method != LINES]
+    points = [one for one in own if one.method == LINES]
+    for one in fits:
+        above.plot(one.omega, one.magnitude, color=colour, linewidth=0.4, alpha=0.5)
+        below.plot(one.omega, one.phase, color=colour, linewidth=0.4, alpha=0.5)
+    if fits:
+        mean, spread = over_subjects(fits)
+        (low, low_phase), (high, high_phase) = mean - spread, mean + spread
+        omega, label = fits[0].omega, "mean of fits" if points else f"mean, {fits[0].what}"
+        above.plot(omega, np.exp(mean[0]), color=colour, label=label)
+        below.plot(omega, mean[1], color=colour)
+        above.fill_between(omega, np.exp(low), np.exp(high), color=colour, alpha=0.2, lw=0.0)
+        below.fill_between(omega, low_phase, high_phase, color=colour, alpha=0.2, lw=0.0)
+    if points and len({tuple(one.omega) for one in points}) == 1:
+        mean, _ = over_subjects(points)
+        omega = points[0].omega
+        above.plot(
+            omega, np.exp(mean[0]), "o", label="mean at lines", color=INK, ms=3.0, mfc="none"
+        )
+        below.plot(omega, mean[1], "o", color=INK, ms=3.0, mfc="none")
 
 
 def standardised(found: Sequence[Contrast]) -> list[float]:
