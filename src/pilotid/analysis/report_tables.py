@@ -210,8 +210,11 @@ def contrast_overview(results: Results) -> Table[Contrast]:
         Column("method", lambda c: c.method),
     ]
     size: Column[Contrast] = Column("difference", lambda c: (c.difference, _error(c)), unsigned)
-    columns = [*front, *FRONT, size, *TEST[2:], *_doubts(shown)]
-    return Table(caption, columns, shown, heads=4)
+    marks: list[Column[Contrast]] = []
+    if any(c.doubt for c in shown):
+        caption += " (* with fits that the forcing functions contradict, # across models)"
+        marks = [Column("", lambda c: "#" * c.across + "*" * bool(c.misspecified))]
+    return Table(caption, [*front, *FRONT, size, *TEST[2:], *marks], shown, heads=4)
 
 
 def _pairs(own: Sequence[Contrast]) -> set[tuple[str, str]]:
