@@ -65,7 +65,9 @@ def analysed(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.numerical
 @pytest.mark.long
 def test_every_fit_is_a_row(analysed: Path) -> None:
-    rows = table(analysed / "estimates.csv")
+    every = table(analysed / "estimates.csv")
+    assert {r["model"] for r in every if r["method"] == "measured"} == {""}
+    rows = [r for r in every if r["method"] != "measured"]
     assert {(r["subject"], r["condition"]) for r in rows} == {
         (s, c) for s in ("1", "2") for c in ("A", "B")
     }
@@ -327,7 +329,7 @@ def test_without_a_pattern_every_file_is_on_its_own(folder: Path, run: Run, tmp_
         ("s2_A.csv", "single"),
     ]
     # Models that were named are all fitted.
-    assert {r["model"] for r in table(tmp_path / "estimates.csv")} == {"single", "gain"}
+    assert {r["model"] for r in table(tmp_path / "estimates.csv")} == {"", "single", "gain"}
     assert table(tmp_path / "contrasts.csv") == []
     assert "needs a pattern with {subject} and {condition}" in answer.out
 
