@@ -214,7 +214,8 @@ def contrast_overview(results: Results) -> Table[Contrast]:
     if any(c.doubt for c in shown):
         caption += " (* with fits that the forcing functions contradict, # across models)"
         marks = [Column("", lambda c: "#" * c.across + "*" * bool(c.misspecified))]
-    return Table(caption, [*front, *FRONT, size, *TEST[2:], *marks], shown, heads=4)
+    pair = Column("pair", _compared)
+    return Table(caption, [*front, pair, *FRONT[1:], size, *TEST[2:], *marks], shown, heads=5)
 
 
 def _pairs(own: Sequence[Contrast]) -> set[tuple[str, str]]:
