@@ -356,7 +356,8 @@ def test_a_page_that_is_missing_is_made_again(
     kept = {path.name: path.read_bytes() for path in (analysed / "recordings").iterdir()}
     (again / "recordings" / min(kept)).unlink()
     files = sorted(folder.glob("s[12]_*.csv"))
-    answer = run("analyse", *files, "--pattern", PATTERN, "--per-run", *ALONE, "--out", again)
+    options = ("--per-run", "--model-per-condition", *ALONE, "--out", again)
+    answer = run("analyse", *files, "--pattern", PATTERN, *options)
     assert answer.status == 0, answer.err
     assert {path.name for path in (again / "recordings").iterdir()} == kept.keys()
 
@@ -378,7 +379,7 @@ def test_own_models_and_methods_go_along(folder: Path, run: Run, tmp_path: Path)
     assert answer.status == 0, answer.err
     compared = {row["model"] for row in table(out / "models.csv")}
     assert {"lagged", "single"} <= compared
-    assert {row["model"] for row in table(out / "estimates.csv")} == {"single"}
+    assert {row["model"] for row in table(out / "estimates.csv")} == {"", "single"}
 
 
 def test_one_recording_as_two_subjects_is_named(folder: Path, run: Run, tmp_path: Path) -> None:
