@@ -21,6 +21,7 @@ from pilotid.types import InputError
 pytestmark = [pytest.mark.numerical, pytest.mark.long]
 
 NOMINAL: Recording = simulate(SCENARIOS["nominal"], np.random.default_rng(4))
+OTHER: Recording = simulate(SCENARIOS["nominal"], np.random.default_rng(5))
 
 
 def written(recording: Recording, path: Path) -> Path:
@@ -42,7 +43,7 @@ def test_what_was_understood_is_told(run: Run, tmp_path: Path) -> None:
 
 
 def test_json_has_everything_and_keeps_the_names(run: Run, tmp_path: Path) -> None:
-    wrong = replace(NOMINAL, u=-NOMINAL.u)
+    wrong = replace(OTHER, u=-OTHER.u)
     one, two = written(NOMINAL, tmp_path / "F.csv"), written(wrong, tmp_path / "G.mat")
     printed = run("check", one, two, "--json", "-", "--model", "single")
     assert printed.status == 0
@@ -74,9 +75,8 @@ def test_fit_says_the_same(run: Run, tmp_path: Path) -> None:
 
 
 def test_in_brief_a_file_is_a_line(run: Run, tmp_path: Path) -> None:
-    recording = NOMINAL
-    good = written(recording, tmp_path / "good.csv")
-    bad = written(replace(recording, u=-recording.u), tmp_path / "bad.csv")
+    good = written(NOMINAL, tmp_path / "good.csv")
+    bad = written(replace(OTHER, u=-OTHER.u), tmp_path / "bad.csv")
     answer = run("check", "--brief", good, bad)
     assert answer.status == 0, answer.err
     lines = " ".join(answer.out.split())
