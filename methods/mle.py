@@ -25,6 +25,7 @@ from pilotid.estimates.estimate import Estimate, Outcome, failed, is_at_bound
 from pilotid.estimates.specification import SHORTEST
 from pilotid.lines.fit import specification_of
 from pilotid.pilot.model import PilotModel
+from pilotid.recordings.plant import element_changes
 from pilotid.recordings.recording import Recording
 from pilotid.remarks import Remark
 from pilotid.solve.covariance import covariance_at_bounds, covariance_of
@@ -52,6 +53,12 @@ NOT_CLOSED = Remark(
     "element-unknown",
     "the controlled element is not known, so that noise of the recorder on e and x counts as "
     "signal and delays may be biased: name the element, for example --element 4/s^2",
+)
+#: Said there of an element that changes during the recording.
+VARYING = Remark(
+    "element-unknown",
+    "no one controlled element closes the loop, since it changes during the recording: noise of "
+    "the recorder on e and x counts as signal and delays may be biased; fit the parts with --span",
 )
 #: Said where nothing stands above the recorder's floor.
 HIDDEN = Remark(
@@ -153,18 +160,20 @@ class MLE(LikelihoodSettings):
             message="; ".join(part for part in (estimate.message, found.curves) if part),
             remarks=(
                 *(tested.remarks if tested else ()),
-                *self._not_closed(found),
+                *self._not_closed(found, recording),
                 *_not_followed(found),
                 *residual_remarks(found, recording),
             ),
         )
 
-    def _not_closed(self, found: Maximum) -> list[Remark]:
+    def _not_closed(self, found: Maximum, recording: Recording) -> list[Remark]:
         """What to say where the recording does not allow for the likelihood of a band."""
         prediction = found.joint.prediction
         if prediction.weighting is not None:
             return [HIDDEN] if prediction.weighting.hidden else []
-        return [NOT_CLOSED] if self.loop and not prediction.model.changes else []
+        if not self.loop or prediction.model.changes:
+            return []
+        return [VARYING if element_changes(recording) else NOT_CLOSED]
 
     def criteria_from(
         self, recording: Recording, model: PilotModel, sets: FloatArray

@@ -271,7 +271,7 @@ def test_fit_says_why_there_are_no_loops(run: Run, files: dict[str, Path]) -> No
     assert "control and output follow no one controlled element" in estimate["loops"]["remarks"][0]
     printed = run("fit", files["poor"], "--method", "mle-white").out
     assert "no loops: control and output follow no one controlled element" in printed
-    assert "--element 4/s^2" in printed
+        assert "fit the parts with --span" in printed
 
 
 def test_fit_says_that_the_element_given_is_not_the_recording_s(

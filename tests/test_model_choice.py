@@ -115,7 +115,7 @@ def test_what_describes_the_loop_and_not_the_pilot_is_not_taken() -> None:
     loop = replace(pilot, model="multi", pilot_parameters=7, aicc=-1000.0, bic=-1000.0, vaf=3.0)
     choice = choose_model([[pilot, loop]])
     assert choice.model == "single"
-    assert "describes the loop, not the pilot" in choice.reason
+    assert "of a recording that others explain better" in choice.reason
 
 
 #: Pilot parameters of the models that compete below.

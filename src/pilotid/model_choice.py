@@ -555,7 +555,7 @@ def _warnings(
             vaf = min(own[name].vaf for own in held)
             told.append(
                 f"{name} explains no more than {vaf:.0f} % of the control of a recording that "
-                "others explain better: it describes the loop, not the pilot."
+                "others explain better."
             )
     known = all(math.isfinite(own[name].bic) for own in held for name in names)
     likeliest = min(names, key=lambda name: sum(own[name].bic for own in held)) if known else taken
@@ -576,7 +576,10 @@ def _warnings(
         )
     bounds = [own[taken].bounds for own in held if own[taken].bounds]
     if bounds:
-        told.append(f"With {taken}, {len(bounds)} of {len(held)} end at a bound ({bounds[0]}).")
+        told.append(
+            f"In this comparison, {len(bounds)} of {len(held)} fits of {taken} end at a bound "
+            f"({bounds[0]})."
+        )
     return told
 
 

@@ -23,7 +23,7 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.detectors import copies_among, findings, fingerprints
 from pilotid.recordings.recording import LEAD_IN, Recording
-from pilotid.recordings.understood import Forcing, Signal, Understood, understood
+from pilotid.recordings.understood import REST, Forcing, Signal, Understood, understood
 from pilotid.remarks import GRADES, codes_of, gravest_first, remark_of, remarks_json
 from pilotid.seeds import DEFAULT_SEED, fit_rng
 from pilotid.terminal import make_console
@@ -236,8 +236,8 @@ def _lines(facts: Understood) -> list[str]:
         lines.append("all of the window is scored: the run-in is long enough")
     if facts.rest >= MUCH_REST:
         lines.append(
-            f"u is constant for {100.0 * facts.rest:.0f} % of the time (stiction or breakout "
-            "force?). Linear models will attribute this to remnant"
+            f"u rests at one value for {REST:g} s and more in {100.0 * facts.rest:.0f} % of the "
+            "time (stiction or breakout force?). Linear models will attribute this to remnant"
         )
     return lines
 

@@ -35,6 +35,8 @@ OMEGA = np.geomspace(0.5, 6.0, 40)
 #: Share of x [%] that each half of the window must explain by itself to say that the element
 #: changes.
 HALVES = 95.0
+NAME_IT = "name the element, for example --element 4/s^2"
+CHANGES = "it changes within a run"
 POOR = "control and output follow no one controlled element"
 ADVICE = (
     "it may change within a run, a disturbance may be missing, or a name or a sign may be wrong"
@@ -283,7 +285,7 @@ def _changing(
     assert first.element is not None
     assert second.element is not None
     halves = (
-        f"it changes within a run, as the first half follows {first.element.name} and the second "
+        f"{CHANGES}, as the first half follows {first.element.name} and the second "
         f"{second.element.name}"
     )
     return replace(whole, remark=whole.remark.replace(ADVICE, halves))
@@ -326,7 +328,8 @@ def chosen_element(recording: Recording, given: ControlledElement | None = None)
     for element, origin in ((given, GIVEN), (named, FILE), (shown, SIGNALS)):
         if element is not None:
             return ElementChoice(element, origin, identified=found, remarks=tuple(remarks))
-    why = f"no loops: {found.remark}; name the element, for example --element 4/s^2"
+    cure = "fit the parts with --span" if CHANGES in found.remark else NAME_IT
+    why = f"no loops: {found.remark}; {cure}"
     return ElementChoice(why=why, identified=found, remarks=tuple(remarks))
 
 

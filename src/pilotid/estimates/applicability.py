@@ -18,7 +18,9 @@ REMEDY = "record with a target and a disturbance, or fit one channel"
 
 
 def motionless_input(recording: Recording, model: PilotModel) -> str | None:
-    """Why no method can identify a model: one of its channels has nothing to act on."""
+    """Why no method can identify a model: a channel has nothing to act on, or is infinite."""
+    if infinite := response_at_rest(model):
+        return infinite
     for channel in model.channels:
         name = INPUTS[channel.input]
         if (
@@ -29,6 +31,25 @@ def motionless_input(recording: Recording, model: PilotModel) -> str | None:
             held = name in recording.signals or channel.input == "target"
             what = "does not move" if held else "is not recorded"
             return f"{name} {what}, so that the {channel.name} channel has no input"
+    return None
+
+
+def response_at_rest(model: PilotModel) -> str | None:
+    """Why no method can identify a model: a factor's response at s = 0 is not a number.
+
+    Differentiators beside an integrator do not help: each factor is evaluated on its own.
+    """
+    with np.errstate(all="ignore"):
+        for channel in model.channels:
+            for factor in channel.dynamics:
+                starts = [np.array([p.start]) for p in factor.parameters]
+                if not np.isfinite(factor.response(np.zeros(1, dtype=complex), starts)).all():
+                    name = type(factor).__name__
+                    return (
+                        f"the response of {name} in the {channel.name} channel is not finite at "
+                        "s = 0: give it a pole below zero, for example a lag of 100 s in place of "
+                        "an integrator"
+                    )
     return None
 
 

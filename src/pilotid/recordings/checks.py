@@ -13,7 +13,15 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from pilotid.recordings.detectors import findings
-from pilotid.recordings.plant import COHERENT, element_changes, late, opposed, plant_of, unrelated
+from pilotid.recordings.plant import (
+    COHERENT,
+    element_changes,
+    is_gain,
+    late,
+    opposed,
+    plant_of,
+    unrelated,
+)
 from pilotid.recordings.recording import ABSENT, Recording, remembered
 from pilotid.recordings.spectra import (
     NotMultisineError,
@@ -323,7 +331,7 @@ def exchanged(recording: Recording) -> Remark | None:
     target = np.fft.rfft(recording.window(recording.ft))[:, fast]
     weight = np.abs(target) ** 2 / noise
     shown = float(np.sum(weight * np.real(error / target)) / np.sum(weight))
-    if shown >= SHOWN:
+    if shown >= SHOWN or is_gain(recording):  # which a loop may follow the fast lines with
         return None
     return Remark(
         "exchanged",

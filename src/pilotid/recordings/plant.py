@@ -32,6 +32,7 @@ UNRELATED, UNRELATED_WITHOUT_FD = 0.9, 0.25
 #: Relative difference of an element between the halves of a recording, from which on it changes;
 #: sound recordings show 0.16 at most, one that goes from rate to acceleration control 1.1.
 CHANGED = 0.35
+FLAT = 0.15  # relative, by which the response of an element that is a gain differs
 STANDS_OUT = 3.0  # times the noise from which a line of the target tells the element's angle
 SHORT = 60.0  # seconds below which delays cannot be told
 #: How much later than x the control may seem [s], up to when it is looked for, and by how much
@@ -239,6 +240,15 @@ def _signs(recording: Recording, run: int | None) -> tuple[str, ...] | None:
         wrong = ("u",) if recording.fd is None else ("u", "fd")
         return wrong if plant.polarity < 0.0 else ()
     return ("fd",) if plant.polarity < NEGATIVE else ("u",)
+
+
+def is_gain(recording: Recording) -> bool:
+    """Whether the output answers at once: its response is flat over frequency."""
+    plant = plant_of(recording)
+    if plant is None:
+        return False
+    known = plant.response[plant.coherence >= COHERENT]
+    return known.size >= FEWEST_BANDS and bool(np.max(np.abs(known / np.mean(known) - 1)) <= FLAT)
 
 
 def element_changes(recording: Recording) -> Remark | None:

@@ -16,7 +16,7 @@ import numpy as np
 from pilotid.chance import SELDOM, chi_squared_limit
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.parts import RemnantEstimate
-from pilotid.recordings.plant import COHERENT, FEWEST_BANDS, plant_of
+from pilotid.recordings.plant import is_gain
 from pilotid.recordings.recording import INPUTS, Recording
 from pilotid.remarks import Remark
 from pilotid.solve.covariance import covariance_of
@@ -195,10 +195,10 @@ PORTMANTEAU_LAGS = 40
 #: Share of the samples at which the control keeps its value, or one value, from which on that
 #: is no accident.  A recording to 16 bits of the stick's range keeps it in 1 of 1000.
 LARGEST_HELD_SHARE = 0.02
+#: Least share of what a recording tells of the pilot, in any direction, that both halves must hold.
+SHARED = 1e-2
 #: Least share of the largest variance of a direction of autocovariances in a band.
 INDEPENDENT = 0.01
-#: Relative, by which the response of an element that is a gain differs over frequency.
-FLAT_RESPONSE = 0.15
 
 
 def residual_remarks(found: Maximum, recording: Recording) -> tuple[Remark, ...]:
@@ -234,7 +234,7 @@ def _held(recording: Recording) -> Remark | None:
         return None  # the steps of a converter, taken at every other sample
     return Remark(
         "held-control",
-        f"u keeps its value from one sample to the next in {100.0 * share:.2g} % of the recording: "
+        f"u has the value of the sample before at {100.0 * share:.2g} % of the samples: "
         "a stick with a threshold (breakout), levels or stops, or lost samples; the gains are "
         "those of pilot and stick together, and the rest is remnant",
     )
@@ -242,11 +242,7 @@ def _held(recording: Recording) -> Remark | None:
 
 def _answered_at_once(recording: Recording) -> Remark | None:
     """A word on position control, see docs/populations.md for what it does to intervals."""
-    plant = plant_of(recording)
-    if plant is None:
-        return None
-    known = plant.response[plant.coherence >= COHERENT]
-    if known.size < FEWEST_BANDS or np.max(np.abs(known / np.mean(known) - 1.0)) > FLAT_RESPONSE:
+    if not is_gain(recording):
         return None
     return Remark(
         "gain-element",
@@ -278,8 +274,8 @@ def _varying(found: Maximum, rows: FloatArray) -> Remark | None:
 
 def _changed(rows: FloatArray, joint: PredictionErrors) -> Remark | None:
     pilot = joint.pilot
-    statistic = score_of_halves(rows, pilot)
-    if statistic <= chi_squared_limit(pilot, SELDOM):
+    statistic, freedom = score_of_halves(rows, pilot)
+    if not freedom or statistic <= chi_squared_limit(freedom, SELDOM):
         return None
     remedy = "fit the halves separately, or use a time-varying model"
     if joint.prediction.model.changes:
@@ -287,7 +283,7 @@ def _changed(rows: FloatArray, joint: PredictionErrors) -> Remark | None:
     return Remark(
         "halves-differ",
         "the first half of the recording asks for another pilot than the second (score test: "
-        f"{statistic:.0f}, where chance gives {pilot}): the pilot or the recorder changed; the "
+        f"{statistic:.0f}, where chance gives {freedom}): the pilot or the recorder changed; the "
         f"estimates are averages, so {remedy}",
     )
 
@@ -337,10 +333,10 @@ def held_share(u: FloatArray) -> float:
 
 
 def _one_step_share(u: FloatArray) -> float:
-    """Share of the samples (runs, samples) that differ from the one before by the least change."""
+    """Share of the samples (runs, samples) that differ from the one before by about the least."""
     moves = np.abs(np.diff(u, axis=1))
     least = np.min(moves, where=moves > 0.0, initial=np.inf)
-    return float(np.mean(np.abs(moves - least) < 0.1 * least))
+    return float(np.mean((moves > 0.0) & (moves < 1.9 * least)))
 
 
 def portmanteau(errors: FloatArray, lags: int) -> float:
@@ -394,7 +390,7 @@ def portmanteau_in_band(errors: FloatArray, weights: FloatArray, lags: int) -> t
     return float(np.sum(along**2 / size[kept])), int(np.count_nonzero(kept))
 
 
-def score_of_halves(rows: FloatArray, pilot: int) -> float:
+def score_of_halves(rows: FloatArray, pilot: int) -> tuple[float, int]:
     """Whether the first half of a recording asks for other pilot parameters than the whole.
 
     The score of the whole is zero at the optimum.  That of a half has the covariance
@@ -412,14 +408,13 @@ def score_of_halves(rows: FloatArray, pilot: int) -> float:
 
     Returns
     -------
-    float
-        The statistic; 0 where the information is singular.
+    The statistic and its degrees of freedom; 0, 0 where the information is singular.
     """
     jacobian, errors = rows[:-1], rows[-1]
     half = errors.shape[1] // 2
     size = np.sqrt(np.sum(jacobian**2, axis=(1, 2)))
     if not np.all(size > 0.0):
-        return 0.0
+        return 0.0, 0
     jacobian = jacobian / size[:, None, None]
     variance = float(np.sum(errors**2)) / (errors.size - len(jacobian))
     early, flat = jacobian[..., :half].reshape(len(size), -1), jacobian.reshape(len(size), -1)
@@ -428,13 +423,14 @@ def score_of_halves(rows: FloatArray, pilot: int) -> float:
     first, whole = early @ early.T, flat @ flat.T
     inverse = covariance_of(whole, 1.0)
     if inverse is None:
-        return 0.0
-    covariance = (first - first @ inverse @ first)[:pilot, :pilot]
-    weight = covariance_of(0.5 * (covariance + covariance.T), 1.0)
-    if weight is None:
-        return 0.0
-    own = score[:pilot]
-    return float(own @ weight @ own / variance)
+        return 0.0, 0
+    # In units of what the whole tells; what one half tells alone, the other cannot speak against.
+    root = np.linalg.cholesky(inverse[:pilot, :pilot])
+    covariance = root.T @ (first - first @ inverse @ first)[:pilot, :pilot] @ root
+    sizes, directions = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    told = sizes > SHARED
+    along = directions[:, told].T @ root.T @ score[:pilot]
+    return float(np.sum(along**2 / sizes[told])) / variance, int(np.count_nonzero(told))
 
 
 def ratio_of_halves(errors: FloatArray) -> tuple[float, float]:
