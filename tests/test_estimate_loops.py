@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,8 +31,9 @@ from pilotid.pilot.element import (
 )
 from pilotid.pilot.loops import margin, margins, open_loops
 from pilotid.recordings.files import save_recording
+from pilotid.show.responses import open_loop
 from pilotid.time_domain.remnant_models import LowPass
-from pilotid.types import FloatArray
+from pilotid.types import FloatArray, InputError
 
 pytestmark = pytest.mark.numerical
 
@@ -91,6 +95,45 @@ def test_quantities_have_keys_units_and_the_margins_of_the_values() -> None:
 
 
 @pytest.mark.long
+def test_an_estimate_makes_loops_and_transfer_functions_and_draws_them() -> None:
+    own = estimate_of(RESONANT, ERRORS)
+    named = [q.value for q in own.loops("15/s^2").quantities]
+    assert named == [q.value for q in loops_of(own, double_integrator(15.0)).quantities]
+    above, _ = open_loop(own, "15/s^2")
+    drawn, _ = open_loop(own, double_integrator(15.0))
+    lines = [axes.get_lines()[-2].get_ydata() for axes in (above, drawn)]
+    np.testing.assert_array_equal(*lines)
+    (function,) = own.to_control(9).values()
+    omega = np.array([0.5, 2.0, 6.0])
+    wanted = SINGLE.responses(1j * omega, RESONANT)[0]
+    np.testing.assert_allclose(function(1j * omega), wanted, rtol=1e-6)
+
+
+def test_what_has_no_values_has_no_transfer_functions() -> None:
+    with pytest.raises(InputError, match="no values"):
+        failed("by hand", SINGLE, Outcome.SINGULAR).to_control()
+    with pytest.raises(InputError, match="cannot be read"):
+        estimate_of(RESONANT, ERRORS).loops("fifteen")
+
+
+def test_to_xarray_needs_xarray_and_hands_it_the_parameters(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    own = estimate_of(RESONANT, ERRORS)
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(InputError, match="pip install xarray"):
+        own.to_xarray()
+    given: list[Any] = []
+    stand_in = SimpleNamespace(Dataset=lambda *parts: given.extend(parts))
+    monkeypatch.setitem(sys.modules, "xarray", stand_in)
+    own.to_xarray()
+    variables, coordinates, _ = given
+    assert coordinates["parameter"] == list(SINGLE.keys)
+    assert variables["value"][0] == "parameter"
+    np.testing.assert_array_equal(variables["value"][1], RESONANT)
+    np.testing.assert_array_equal(variables["covariance"][1], own.covariance)
+
+
 def test_claimed_errors_are_the_scatter_over_replications() -> None:
     count = 100
     fits = monte_carlo(MLE(), SINGLE_LOOP, count)

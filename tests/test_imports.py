@@ -154,7 +154,7 @@ def test_public_names_exist() -> None:
     import pilotid
 
     assert all(hasattr(pilotid, name) for name in pilotid.__all__)
-    assert set(pilotid.__all__) <= set(dir(pilotid))
+    assert set(dir(pilotid)) == {*pilotid.__all__, "datasets", "methods", "plot", "__version__"}
     assert not hasattr(pilotid, "nothing_of_this_name")
     with pytest.raises(ImportError, match="cannot import name 'nothing'"):
         exec("from pilotid import nothing")

@@ -151,12 +151,12 @@ def test_an_estimate_gives_its_quantities_by_key() -> None:
         own["Kvest"]
 
 
-def test_repr_is_one_line_and_summary_what_fit_prints(capsys: pytest.CaptureFixture[str]) -> None:
+def test_repr_is_one_line_and_summary_what_fit_prints() -> None:
     own = estimate("mine", remarks=("mind the gap",))
     assert repr(own).startswith("<Estimate of model single by mine: Kvis 0.50 ± 0.10, tlead ")
     assert "\n" not in repr(own)
-    own.summary()
-    printed = capsys.readouterr().out.splitlines()
+    printed = str(own.summary()).splitlines()
+    assert own.summary()._repr_html_() == own._repr_html_()
     assert printed[0].split() == ["parameter", "unit", "mine", "95", "%", "interval"]
     assert [line.split()[0] for line in printed[2:8]] == [*SINGLE.keys, "Kvis*tlead"]
     assert printed[-2] == "mine: converged; VAF 80.0 %"

@@ -16,7 +16,7 @@ from pilotid.analysis.results import excluding
 from pilotid.datasets import simulate
 from pilotid.recordings.files import Reading, save_recording
 from pilotid.recordings.recording import Recording
-from pilotid.recordings.selection import chosen_runs, cut, span_of
+from pilotid.recordings.selection import chosen_runs, span_of
 from pilotid.recordings.spectra import NotMultisineError, forcing_lines
 from pilotid.seeds import recording_rng
 from pilotid.types import InputError
@@ -43,7 +43,7 @@ def test_runs_that_are_not_there_are_refused(text: str, words: str) -> None:
 
 
 def test_a_span_keeps_what_was_before_as_run_in() -> None:
-    found = cut(RECORDING, 20.0, 61.0)
+    found = RECORDING.cut(20.0, 61.0)
     assert found.duration == pytest.approx(41.0)
     assert found.run_in == RECORDING.run_in + 1000
     start = RECORDING.run_in + 1000
@@ -54,7 +54,7 @@ def test_a_span_keeps_what_was_before_as_run_in() -> None:
 
 def test_lines_stay_where_the_span_holds_whole_periods() -> None:
     even = replace(RECORDING, lines={"ft": (6, 10), "fd": (5, 8)})
-    assert cut(even, 0.0, 40.96).lines == {"ft": (3, 5)}
+    assert even.cut(0.0, 40.96).lines == {"ft": (3, 5)}
 
 
 @pytest.mark.parametrize("text", ["", "5", "5:5", "9:3", "-1:20", "a:b", "0:inf", "1:2:3", "nan:4"])
@@ -63,10 +63,13 @@ def test_spans_that_are_none_are_refused(text: str) -> None:
         span_of(text)
 
 
-@pytest.mark.parametrize(("start", "end", "words"), [(50.0, 90.0, "ends at"), (3.0, 5.0, "lasts")])
+@pytest.mark.parametrize(
+    ("start", "end", "words"),
+    [(50.0, 90.0, "ends at"), (3.0, 5.0, "lasts"), (9.0, 3.0, "START:END")],
+)
 def test_spans_outside_or_too_short_are_refused(start: float, end: float, words: str) -> None:
     with pytest.raises(InputError, match=words):
-        cut(RECORDING, start, end)
+        RECORDING.cut(start, end)
 
 
 def test_runs_are_counted_over_files_that_are_one_recording(tmp_path: Path) -> None:

@@ -81,7 +81,7 @@ recording = pilotid.simulate(scenario, 1)
 own = pilotid.identify("mle", recording, washed)
 rate = pilotid.identify("mle", recording, "rate")
 for estimate in (own, rate):
-    estimate.summary()
+    print(estimate.summary())
     print(f"criterion {estimate.criterion:.1f}\n")
 
 with journal_style():

@@ -6,7 +6,7 @@ Load a recording, identify, and look::
 
     recording = pilotid.load_recording("run.csv")
     estimate = pilotid.identify("mle", recording, "multi")
-    estimate.summary()
+    print(estimate.summary())
     print(estimate["tdvis"].interval)
     pilotid.plot.describing_function(estimate)
 
@@ -47,4 +47,4 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return [*__all__, "datasets", "methods", "plot", "__version__"]

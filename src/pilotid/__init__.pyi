@@ -18,8 +18,10 @@ from pilotid.api import (
 from pilotid.api import (
     which_model as which_model,
 )
+from pilotid.datasets.forcing import Multisine as Multisine
 from pilotid.datasets.population import POPULATIONS as POPULATIONS
 from pilotid.datasets.population import Population as Population
+from pilotid.datasets.remnant import Remnant as Remnant
 from pilotid.datasets.scenarios import SCENARIOS as SCENARIOS
 from pilotid.datasets.scenarios import Scenario as Scenario
 from pilotid.estimates.estimate import Estimate as Estimate
@@ -39,6 +41,17 @@ from pilotid.methods.sindy import SINDy as SINDy
 from pilotid.methods.ukf import UKF as UKF
 from pilotid.pilot.catalogue import MODELS as MODELS
 from pilotid.pilot.catalogue import model_named as model_named
+from pilotid.pilot.element import ControlledElement as ControlledElement
+from pilotid.pilot.element import element_named as element_named
+from pilotid.pilot.factors import Canals as Canals
+from pilotid.pilot.factors import Delay as Delay
+from pilotid.pilot.factors import Differentiator as Differentiator
+from pilotid.pilot.factors import Factor as Factor
+from pilotid.pilot.factors import Gain as Gain
+from pilotid.pilot.factors import Lag as Lag
+from pilotid.pilot.factors import Lead as Lead
+from pilotid.pilot.factors import Neuromuscular as Neuromuscular
+from pilotid.pilot.factors import Parameter as Parameter
 from pilotid.pilot.model import Channel as Channel
 from pilotid.pilot.model import PilotModel as PilotModel
 from pilotid.recordings.files import (

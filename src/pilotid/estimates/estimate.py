@@ -13,6 +13,7 @@ import numpy as np
 from pilotid.chance import Z95
 from pilotid.document import table_html, table_text
 from pilotid.estimates.draws import Draws
+from pilotid.estimates.loops import Loops, loops_of
 from pilotid.estimates.parts import AnalysedBand, FrequencyResponse, RemnantEstimate, Trajectory
 from pilotid.estimates.quantities import (
     Pair,
@@ -24,15 +25,15 @@ from pilotid.estimates.quantities import (
     quantity_tables,
 )
 from pilotid.estimates.specification import Specification
+from pilotid.pilot.element import ControlledElement, as_element
 from pilotid.pilot.model import PilotModel
 from pilotid.remarks import remarks_json
-from pilotid.types import FloatArray
+from pilotid.types import BoolArray, FloatArray, InputError
 
 if TYPE_CHECKING:
+    from control import TransferFunction
     from pandas import DataFrame
-
-
-from pilotid.types import BoolArray
+    from xarray import Dataset
 
 
 class Outcome(enum.Enum):
@@ -79,6 +80,26 @@ class Starts:
 
     cost: FloatArray
     agreeing: int
+
+
+@dataclass(frozen=True, repr=False)
+class Summary:
+    """A text that prints as it is, and as a table in a notebook.
+
+    Attributes
+    ----------
+    text, html
+        The same in both forms.
+    """
+
+    text: str
+    html: str
+
+    def __repr__(self) -> str:
+        return self.text
+
+    def _repr_html_(self) -> str:
+        return self.html
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -249,9 +270,9 @@ class Estimate:
         tested = [self.specification.sentence] if self.specification else []
         return "\n".join([*lines, *self.model.held_words, *tested, self.verdict(), *self.remarks])
 
-    def summary(self) -> None:
-        """Print all quantities, the verdict and the remarks."""
-        print(self)
+    def summary(self) -> Summary:
+        """All quantities, the verdict and the remarks, to print or to look at in a notebook."""
+        return Summary(str(self), self._repr_html_())
 
     def _repr_html_(self) -> str:
         lines = "".join(f"<p>{html.escape(line)}</p>" for line in (self.verdict(), *self.remarks))
@@ -295,6 +316,61 @@ class Estimate:
 
         columns = ["parameter", "unit", "value", "std_error", "lower_95", "upper_95"]
         return DataFrame([astuple(q) for q in self.quantities], columns=columns)
+
+    def loops(self, element: ControlledElement | str) -> Loops:
+        """Its open loops with a controlled element: ``estimate.loops("15/s^2").quantities``.
+
+        Parameters
+        ----------
+        element
+            The element, or a text for one.
+        """
+        return loops_of(self, as_element(element))
+
+    def to_control(self, pade_order: int = 5) -> dict[str, TransferFunction]:
+        """The transfer function of each channel by its name, as python-control has them.
+
+        Parameters
+        ----------
+        pade_order
+            Order of the approximants of delays.
+
+        Raises
+        ------
+        InputError
+            If the estimate has no values, or its pilot changes in time.
+        """
+        if self.model.changes or not np.isfinite(self.values).all():
+            why = "its pilot changes in time" if self.model.changes else "it has no values"
+            raise InputError(f"the estimate by {self.method} has no transfer functions: {why}")
+        names = (channel.name for channel in self.model.channels)
+        return dict(zip(names, self.model.rational(self.values, pade_order), strict=True))
+
+    def to_xarray(self) -> Dataset:
+        """Values, standard errors, intervals, units and covariance of the parameters.
+
+        Raises
+        ------
+        InputError
+            If xarray is not installed.
+        """
+        try:
+            from xarray import Dataset
+        except ImportError:
+            raise InputError("xarray is not installed; pip install xarray") from None
+        table = {
+            "value": self.values,
+            "std_error": self.std_error,
+            "lower_95": self.intervals[:, 0],
+            "upper_95": self.intervals[:, 1],
+            "unit": [p.unit for p in self.model.parameters],
+        }
+        square = {"covariance": (("parameter", "parameter_2"), self.covariance)}
+        return Dataset(
+            {**{name: ("parameter", own) for name, own in table.items()}, **square},
+            {"parameter": list(self.model.keys), "parameter_2": list(self.model.keys)},
+            {"method": self.method, "model": self.model.name, "outcome": self.outcome.slug},
+        )
 
 
 def failed(method: str, model: PilotModel, outcome: Outcome, message: str = "") -> Estimate:

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from pilotid.chance import Z95
-from pilotid.estimates.draws import spread_of
-from pilotid.estimates.estimate import Estimate
+from pilotid.estimates.draws import Draws, spread_of
 from pilotid.estimates.quantities import Quantity, quantity_of
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.loops import (
@@ -42,7 +42,27 @@ CHANGES = (
 LOST = 0.02  # share of draws without the crossing that is worth a word
 
 
-def loops_of(estimate: Estimate, element: ControlledElement) -> Loops:
+class Fit(Protocol):
+    """What loops are made of; every `Estimate` has it."""
+
+    @property
+    def model(self) -> PilotModel:
+        """The model."""
+
+    @property
+    def values(self) -> FloatArray:
+        """Its parameters, shape (parameters,)."""
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Their covariance, shape (parameters, parameters)."""
+
+    @property
+    def draws(self) -> Draws | None:
+        """Draws of the posterior, where there is one."""
+
+
+def loops_of(estimate: Fit, element: ControlledElement) -> Loops:
     """The loops that an estimate makes with a controlled element, with errors.
 
     Errors are those of the pilot's parameters: the spread over the draws of a posterior where
@@ -81,7 +101,7 @@ def loops_of(estimate: Estimate, element: ControlledElement) -> Loops:
 # ------------------------------------------------------------------ to first order
 
 
-def _by_delta(estimate: Estimate, element: ControlledElement) -> list[Loop]:
+def _by_delta(estimate: Fit, element: ControlledElement) -> list[Loop]:
     model, values, covariance = estimate.model, estimate.values, estimate.covariance
     result = []
     for i, (name, loop) in enumerate(

@@ -356,3 +356,8 @@ def element_named(text: str) -> ControlledElement:
     name = re.sub(r"\s", "", text.rpartition("=")[2])
     top, bottom = found.top.tolist(), found.bottom.tolist()
     return ControlledElement(tuple(top), tuple(bottom), found.delay, name)
+
+
+def as_element(element: ControlledElement | str) -> ControlledElement:
+    """A controlled element, or the one that a text names."""
+    return element_named(element) if isinstance(element, str) else element

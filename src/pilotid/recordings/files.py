@@ -10,7 +10,7 @@ from pathlib import Path
 from pilotid.disk import path_shown, write_file
 from pilotid.recordings.contents import assembled, shown, signal_places
 from pilotid.recordings.recording import LEAD_IN, Recording, joined
-from pilotid.recordings.selection import chosen_runs, cut, span_of
+from pilotid.recordings.selection import chosen_runs, span_of
 from pilotid.recordings.text import csv_bytes, read_text, sidecar_path
 from pilotid.types import InputError
 
@@ -155,7 +155,7 @@ class Reading:
             raise InputError(f"--dt {self.dt:g}: give seconds between samples, as in --dt 0.01")
         recording = replace(load_recording(file, names, self.dt), lead_in=self.lead_in)
         if self.span:
-            recording = cut(recording, *span_of(self.span))
+            recording = recording.cut(*span_of(self.span))
         return detrended(recording) if self.detrend else recording
 
     def all(self, files: Sequence[Path], *, joint: bool) -> tuple[list[Recording], list[str]]:

@@ -237,6 +237,47 @@ class Recording:
         there = [name for name in SIGNALS if getattr(self, name) is not None]
         return [name for name in there if self.origin.get(name) != ABSENT]
 
+    def cut(self, start: float, end: float) -> Recording:
+        """A span of the measurement window; all before it becomes run-in.
+
+        Forcing lines stay where the span holds whole periods of all of a function's lines.
+
+        Parameters
+        ----------
+        start, end
+            The span [s].
+
+        Raises
+        ------
+        InputError
+            If it is no span, the window ends before it does, or it is too short.
+        """
+        if not 0.0 <= start < end < np.inf:
+            raise InputError(f"the span {start:g}:{end:g} must be START:END in seconds, as in 0:41")
+        first, last = round(start / self.dt), round(end / self.dt)
+        if last > self.samples:
+            raise InputError(
+                f"the span {start:g}:{end:g}: the window of {self.source} ends at "
+                f"{self.duration:.4g} s"
+            )
+        share = (last - first) / self.samples
+        lines = {name: [line * share for line in own] for name, own in self.lines.items()}
+        kept = {
+            name: tuple(round(line) for line in own)
+            for name, own in lines.items()
+            if all(abs(line - round(line)) < 1e-6 for line in own)
+        }
+        signals = {name: getattr(self, name) for name in SIGNALS}
+        whole = self.run_in + last
+        some = {name: signal[:, :whole] for name, signal in signals.items() if signal is not None}
+        return replace(
+            self,
+            **some,
+            lines=kept,
+            run_in=self.run_in + first,
+            source=f"{self.source}, {start:g} to {end:g} s",
+        )
+
     def flipped(self, *names: str) -> str:
         """What --map takes to turn the signs of signals round."""
         return ",".join(self.scaled(name, -1.0) for name in names)

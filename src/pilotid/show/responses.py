@@ -12,7 +12,7 @@ import numpy as np
 from pilotid.chance import Z95
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.parts import FrequencyResponse
-from pilotid.pilot.element import ControlledElement
+from pilotid.pilot.element import ControlledElement, as_element
 from pilotid.pilot.loops import Margin, loop_slopes, margins, open_loops
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import INPUTS
@@ -129,7 +129,7 @@ def describing_function(
 
 
 def open_loop(
-    estimate: Estimate, element: ControlledElement, axes: tuple[Axes, Axes] | None = None
+    estimate: Estimate, element: ControlledElement | str, axes: tuple[Axes, Axes] | None = None
 ) -> tuple[Axes, Axes]:
     """Target and disturbance open loops with 95 % bands, crossovers and phase margins.
 
@@ -142,7 +142,7 @@ def open_loop(
     estimate
         An estimate with values.
     element
-        The controlled element.
+        The controlled element, or a text for one, such as ``15/s^2``.
     axes
         Of magnitude and phase; None makes a new figure by pyplot.
 
@@ -155,6 +155,7 @@ def open_loop(
         raise InputError(f"model {estimate.model.name} varies in time: it has no one loop to draw")
     if not np.isfinite(estimate.values).all():
         raise InputError(f"{estimate.method} has no values, so that there is no loop to draw")
+    element = as_element(element)
     axes = axes or new_pair()
     above, below = axes
     bode = Bode(axes, np.geomspace(*OF_LOOPS, 2 * POINTS))
