@@ -220,6 +220,31 @@ def test_without_a_model_the_recording_chooses(run: Run, simulated: Path) -> Non
     assert not {"choice", "models"} & set(named)
 
 
+def test_several_models_are_fitted_and_compared(run: Run, simulated: Path) -> None:
+    fit = ("fit", simulated, "--method", "mle-white", "--json", "-", "--model")
+    entries = strict(run(*fit, "single,multi,single").out)
+    assert [entry["model"] for entry in entries] == ["single", "multi"]
+    assert entries[0]["choice"].startswith("multi was chosen among")
+    assert {entry["model"] for entry in entries[0]["models"]} == {"single", "multi"}
+    assert "choice" not in entries[1]
+    alone = strict(run(*fit, "multi").out)["estimates"][0]["parameters"]
+    assert entries[1]["estimates"][0]["parameters"] == alone
+    for wrong in ("single,nothing", "", ","):
+        assert run(*fit, wrong).status == 2
+    refused = run(*fit, "single,multi", "--truth", simulated.with_suffix(".truth.json"))
+    assert refused.status == 2
+    assert "--truth" in refused.err
+
+
+def test_models_whose_bands_differ_are_not_ranked(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "single.csv"
+    run("simulate", "single", "--seed", 1, "--out", path)
+    fit = ("fit", path, "--method", "mle-white", "--json", "-", "--model", "single,adapting")
+    first, second = strict(run(*fit).out)
+    assert (first["models"], second["model"]) == ([], "adapting")
+    assert "chosen" not in first["choice"]
+
+
 def test_all_methods(run: Run, simulated: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     few = {m.name: m for m in METHODS if m.name in ("mmle3", "mle-white")}
     for module in ("pilotid.methods", "pilotid.cli.options"):

@@ -26,7 +26,7 @@ from pilotid.disk import strict_json, write_file
 from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.method import Method
 from pilotid.naming.code import PluginWarning
-from pilotid.naming.settings import labelled
+from pilotid.naming.settings import labelled, split_list
 from pilotid.pilot.catalogue import AUTO, MODELS, model_named, with_held
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
@@ -36,6 +36,8 @@ from pilotid.remarks import OF_STICK
 from pilotid.seeds import DEFAULT_SEED, draw_rng, recording_rng
 from pilotid.terminal import make_console, with_bar
 from pilotid.types import InputError, one_line
+
+NOT_COMPARED = "The models are not compared: their fits rest on different bands of frequency."
 
 app = typer.Typer(
     help="Identify pilot models from tracking recordings with every standard method.",
@@ -188,19 +190,20 @@ def fit(
 ) -> None:
     """Identify a pilot model from recordings."""
     plant = element_named(element) if element else None
-    named = None
-    if model != AUTO:
-        (named,) = with_held([model_named(model)], fix)
-        named = options.with_start(named, start)
-    true = options.read_truth(truth, named) if truth is not None and named is not None else None
+    names = [] if model == AUTO else split_list(model, names=True) or [model]
+    named = with_held([model_named(name) for name in dict.fromkeys(names)], fix) if names else []
+    named = [options.with_start(own, start) for own in named]
+    if truth is not None and len(named) > 1:
+        raise InputError("--truth: is of one model; name one with --model")
+    true = options.read_truth(truth, named[0]) if truth is not None and named else None
     methods = options.methods_of(method, [options.default_method()])
     options.require_writable(files, json, report)
     recordings, refused = options.recordings_of(
         files, mapping, dt, detrend, lead_in, runs, span, joint=joint
     )
     todo = with_bar(recordings, "fitting", len(recordings))
-    fits = [_fitted(recording, named, fix, start, methods, seed, plant) for recording in todo]
-    if truth is not None and named is None:
+    fits = [f for own in todo for f in _fitted(own, named, fix, start, methods, seed, plant)]
+    if truth is not None and not named:
         true = options.read_truth(truth, fits[0].model)
     entries = [f.to_dict() for f in fits]
     printed = options.write_json(json, entries[0] if len(entries) == 1 else entries)
@@ -225,24 +228,32 @@ def fit(
 
 def _fitted(
     recording: Recording,
-    named: PilotModel | None,
+    named: Sequence[PilotModel],
     fix: str | None,
     start: str | None,
     methods: Mapping[str, Method],
     seed: int,
     plant: ControlledElement | None,
-) -> Fitted:
-    """All fits of a recording, and their loops with the controlled element, if it is known."""
+) -> list[Fitted]:
+    """The fits of each model, and their loops with the controlled element, if it is known.
+
+    The first has what was said of models, where there are several or none is named.
+    """
     from pilotid.element.fit import chosen_element
 
     choice = chosen_element(recording, plant)
-    if named is not None:
-        return fit_all(recording, named, methods, seed, choice)
+    if len(named) == 1:
+        return [fit_all(recording, named[0], methods, seed, choice)]
     from pilotid.model_choice import default_candidates, select
 
-    found = select(choice.named_in(recording), with_held(default_candidates(recording), fix), seed)
-    fits = fit_all(recording, options.with_start(found.model, start), methods, seed, choice)
-    return replace(fits, choice=found.reason, compared=tuple(c.to_dict() for c in found.candidates))
+    among = named or with_held(default_candidates(recording), fix)
+    found = select(choice.named_in(recording), among, seed)
+    models = named or [options.with_start(found.model, start)]
+    first, *rest = [fit_all(recording, model, methods, seed, choice) for model in models]
+    if named and len({candidate.samples for candidate in found.candidates}) > 1:
+        return [replace(first, choice=NOT_COMPARED), *rest]
+    compared = tuple(candidate.to_dict() for candidate in found.candidates)
+    return [replace(first, choice=found.reason, compared=compared), *rest]
 
 
 for command in (
