@@ -283,7 +283,15 @@ class Recording:
         return ",".join(self.scaled(name, -1.0) for name in names)
 
     def scaled(self, name: str, factor: float) -> str:
-        """What --map takes to multiply a signal by a factor."""
+        """What --map takes to multiply a signal by a factor.
+
+        Parameters
+        ----------
+        name
+            The signal.
+        factor
+            What it is multiplied by.
+        """
         own, place = factor_of(self.origin.get(name, name))
         return f"{name}={times(factor * own, place)}"
 
