@@ -455,6 +455,17 @@ def test_signals_for_the_apparatus() -> None:
     np.testing.assert_allclose(table[inside, 1], found.scenario.target.at(time[inside]), atol=1e-12)
 
 
+@pytest.mark.parametrize("run_in", [0.0, 0.5])
+def test_signals_for_the_apparatus_never_begin_with_a_step(run_in: float) -> None:
+    found = made()
+    short = replace(found, scenario=replace(found.scenario, run_in=run_in))
+    table, whole = forcing_table(short, rate=100.0), forcing_table(found, rate=100.0)
+    assert table[0, 0] == pytest.approx(-2.0)
+    assert abs(table[0, 1:]).max() < 1e-12
+    np.testing.assert_allclose(table[table[:, 0] >= 0.0], whole[whole[:, 0] >= 0.0], atol=1e-12)
+    assert forcing_table(short, fade=0.0)[0, 0] == pytest.approx(-run_in)
+
+
 def test_wrong_pilots_stay_known() -> None:
     wrong = list(wrong_pilots(made()))
     assert len(wrong) == 14

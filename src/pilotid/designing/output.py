@@ -71,7 +71,8 @@ def forcing_table(made: Design, rate: float | None = None, fade: float = FADE) -
     """Time and the forcing functions, for the apparatus, shape (times, 3 or 4).
 
     The measurement window begins at t = 0.  Before it the signals run on from the run-in's
-    beginning, where they are faded in; after it they are faded out.  Where both signals have
+    beginning, where they are faded in; a run-in shorter than the fade is as long as that.  After
+    the window they are faded out.  Where both signals have
     lines in common, the disturbance of the second, fourth, ... run is a column more.
 
     Parameters
@@ -85,10 +86,13 @@ def forcing_table(made: Design, rate: float | None = None, fade: float = FADE) -
     """
     scenario = made.scenario
     step = scenario.dt if rate is None else 1.0 / rate
-    first, last = -round(scenario.run_in / step), round((scenario.duration + fade) / step)
+    first, last = (
+        -round(max(scenario.run_in, fade) / step),
+        round((scenario.duration + fade) / step),
+    )
     time = np.asarray(np.arange(first, last + 1) * step, dtype=float)
     begun, left = time - time[0], time[-1] - time
-    gain = _ramp(begun, fade if first < 0 else 0.0) * _ramp(left, fade)
+    gain = _ramp(begun, fade) * _ramp(left, fade)
     both = [
         np.zeros(time.size) if forcing is None else gain * forcing.at(time)
         for forcing in (scenario.target, scenario.disturbance)
