@@ -112,7 +112,9 @@ def evidence(
     """
     # All are weighted alike: a frequency counts if no model's input is noise there.
     signals = (INPUTS[channel.input] for model in models for channel in model.channels)
-    settings = replace(SETTINGS, weighed=tuple(dict.fromkeys(signals)))
+    # A pilot who changes has no likelihood of a band: criteria of the two say nothing.
+    loop = not any(model.changes for model in models)
+    settings = replace(SETTINGS, weighed=tuple(dict.fromkeys(signals)), loop=loop)
     maxima: list[Maximum] = []
     for model, start in zip(models, starts or [None] * len(models), strict=True):
         if start is None:
