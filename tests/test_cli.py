@@ -236,13 +236,15 @@ def test_several_models_are_fitted_and_compared(run: Run, simulated: Path) -> No
     assert "--truth" in refused.err
 
 
-def test_models_whose_bands_differ_are_not_ranked(run: Run, tmp_path: Path) -> None:
+def test_a_changing_model_is_compared_by_the_same_likelihood(run: Run, tmp_path: Path) -> None:
     path = tmp_path / "single.csv"
     run("simulate", "single", "--seed", 1, "--out", path)
     fit = ("fit", path, "--method", "mle-white", "--json", "-", "--model", "single,adapting")
     first, second = strict(run(*fit).out)
-    assert (first["models"], second["model"]) == ([], "adapting")
-    assert "chosen" not in first["choice"]
+    assert second["model"] == "adapting"
+    constant, changing = (c["aicc"] for c in first["models"])
+    # Likelihoods of two bands were apart by 2463; three more parameters explain a little by chance.
+    assert abs(constant - changing) < 40.0
 
 
 def test_all_methods(run: Run, simulated: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -37,7 +37,6 @@ from pilotid.seeds import DEFAULT_SEED, draw_rng, recording_rng
 from pilotid.terminal import make_console, with_bar
 from pilotid.types import InputError, one_line
 
-NOT_COMPARED = "The models are not compared: their fits rest on different bands of frequency."
 
 app = typer.Typer(
     help="Identify pilot models from tracking recordings with every standard method.",
@@ -250,8 +249,6 @@ def _fitted(
     found = select(choice.named_in(recording), among, seed)
     models = named or [options.with_start(found.model, start)]
     first, *rest = [fit_all(recording, model, methods, seed, choice) for model in models]
-    if named and len({candidate.samples for candidate in found.candidates}) > 1:
-        return [replace(first, choice=NOT_COMPARED), *rest]
     compared = tuple(candidate.to_dict() for candidate in found.candidates)
     return [replace(first, choice=found.reason, compared=compared), *rest]
 
