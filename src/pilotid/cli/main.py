@@ -37,7 +37,6 @@ from pilotid.seeds import DEFAULT_SEED, draw_rng, recording_rng
 from pilotid.terminal import make_console, with_bar
 from pilotid.types import InputError, one_line
 
-
 app = typer.Typer(
     help="Identify pilot models from tracking recordings with every standard method.",
     add_completion=False,
