@@ -13,6 +13,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import factorial
 from typing import Any
 
@@ -228,20 +229,25 @@ class Held(Factor):
     def derivative(self) -> int:
         return self.factor.derivative
 
+    @cached_property
+    def _constants(self) -> tuple[FloatArray | None, ...]:
+        """The value of each parameter of the factor that is held, None of those that are free."""
+        known = dict(self.held)
+        keys = (p.key for p in self.factor.parameters)
+        return tuple(np.asarray(known[key]) if key in known else None for key in keys)
+
     def _all(self, values: Sequence[Any]) -> list[Any]:
         """The values of all parameters."""
-        known, free = dict(self.held), iter(values)
-        keys = (p.key for p in self.factor.parameters)
-        return [np.asarray(known[key]) if key in known else next(free) for key in keys]
+        free = iter(values)
+        return [next(free) if held is None else held for held in self._constants]
 
     def response(self, s: ComplexArray, values: Values) -> Response:
         return self.factor.response(s, self._all(values))
 
     def response_and_slopes(self, s: ComplexArray, values: Values) -> Evaluated:
         response, slopes = self.factor.response_and_slopes(s, self._all(values))
-        keys, known = (p.key for p in self.factor.parameters), dict(self.held)
-        pairs = zip(keys, slopes, strict=True)
-        return response, tuple(slope for key, slope in pairs if key not in known)
+        pairs = zip(slopes, self._constants, strict=True)
+        return response, tuple(slope for slope, held in pairs if held is None)
 
     def rational(self, values: Sequence[float], pade_order: int) -> Rational:
         return self.factor.rational([float(v) for v in self._all(values)], pade_order)
