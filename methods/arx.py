@@ -47,7 +47,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from pilotid.chance import SELDOM, chi_squared_limit
+from pilotid.chance import chi_squared_limit
 from pilotid.estimates.applicability import dependent_signals, varying
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.parts import FrequencyResponse
@@ -66,6 +66,7 @@ from pilotid.frequency.second_step import (
     output_at_once,
     second_step,
 )
+from pilotid.limits import ESTIMATE
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import minimise
@@ -316,7 +317,7 @@ def _regression(prediction: Prediction, poles: int, lags: list[tuple[int, int]])
     for terms in range(count):
         smaller = regression(terms)
         left = prediction.runs * (count - terms)
-        limit = chi_squared_limit(left, SELDOM)
+        limit = chi_squared_limit(left, ESTIMATE.seldom)
         if smaller.costs([everything])[0] - cost <= limit * variance:
             return smaller
     return full

@@ -22,7 +22,7 @@ import numpy as np
 
 from pilotid.chance import CHI_SQUARED_95
 from pilotid.estimates.estimate import Estimate, Outcome, failed, is_at_bound
-from pilotid.estimates.specification import SHORTEST
+from pilotid.limits import ESTIMATE
 from pilotid.lines.fit import specification_of
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.plant import element_changes
@@ -143,7 +143,7 @@ class MLE(LikelihoodSettings):
                 inside = covariance_at_bounds(information, at_bound, profile.intervals)
                 estimate = estimate if inside is None else replace(estimate, covariance=inside)
         tested = None
-        enough = recording.runs * recording.duration >= SHORTEST
+        enough = recording.runs * recording.duration >= ESTIMATE.tested_from
         if enough and not is_at_bound(model, estimate.values).any():  # no score is zero there
             values, covariance = estimate.values, estimate.covariance
             tested = specification_of(

@@ -31,9 +31,10 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from pilotid.chance import SELDOM, Z95, chi_squared_limit
+from pilotid.chance import Z95, chi_squared_limit
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.parts import Trajectory, times_of
+from pilotid.limits import ESTIMATE
 from pilotid.pilot.model import PilotModel
 from pilotid.pilot.timevarying import Sigmoid
 from pilotid.recordings.recording import Recording
@@ -51,7 +52,7 @@ from pilotid.time_domain.random_walk import (
     unsuited,
     walking_pilot,
 )
-from pilotid.time_domain.residual_tests import PORTMANTEAU_LAGS, portmanteau, ratio_of_halves
+from pilotid.time_domain.residual_tests import portmanteau, ratio_of_halves
 from pilotid.time_domain.unscented import Smoothed, run_smoother
 from pilotid.types import FloatArray
 
@@ -169,19 +170,19 @@ def _constant(
 def _remarks(errors: FloatArray) -> tuple[str, ...]:
     """What the innovations (runs, steps) say against the filter, a sentence each."""
     found = []
-    statistic = portmanteau(errors, PORTMANTEAU_LAGS)
-    if statistic > chi_squared_limit(PORTMANTEAU_LAGS, SELDOM):
+    statistic = portmanteau(errors, ESTIMATE.lags)
+    if statistic > chi_squared_limit(ESTIMATE.lags, ESTIMATE.seldom):
         found.append(
             Remark(
                 "residual-not-white",
-                f"the innovations are not white (Ljung-Box over {PORTMANTEAU_LAGS} lags: "
-                f"{statistic:.0f}, where chance gives {PORTMANTEAU_LAGS}): the remnant is another "
+                f"the innovations are not white (Ljung-Box over {ESTIMATE.lags} lags: "
+                f"{statistic:.0f}, where chance gives {ESTIMATE.lags}): the remnant is another "
                 "than the filter knows, or the pilot changes faster than it follows, and the band "
                 "may be too narrow",
             )
         )
     ratio, deviations = ratio_of_halves(errors)
-    if deviations**2 > chi_squared_limit(1, SELDOM):
+    if deviations**2 > chi_squared_limit(1, ESTIMATE.seldom):
         found.append(
             Remark(
                 "residual-variance-changes",

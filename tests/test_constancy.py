@@ -9,8 +9,9 @@ import pytest
 from helpers import NOMINAL, SINGLE_LOOP, recording_of
 
 from pilotid.datasets import SCENARIOS, Scenario
+from pilotid.limits import ESTIMATE
 from pilotid.pilot.catalogue import ADAPTING, MULTI, SINGLE
-from pilotid.time_domain.constancy import LEVEL, change_scores, changes, constancy_of, may_vary
+from pilotid.time_domain.constancy import change_scores, changes, constancy_of, may_vary
 from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical
@@ -117,7 +118,7 @@ def test_constant_pilots_are_not_said_to_change(scenario: Scenario) -> None:
         recording = recording_of(scenario, replication)
         tested = constancy_of(recording, scenario.model, np.random.default_rng(1))
         assert tested is not None
-        assert tested.p > LEVEL / 10.0
+        assert tested.p > ESTIMATE.changes / 10.0
 
 
 def test_a_change_is_said_where_it_is_certain_and_large() -> None:

@@ -11,7 +11,8 @@ import pytest
 from pilotid.datasets import SCENARIOS, scenario_named, simulate
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.method import identify
-from pilotid.estimates.specification import LEVEL, Specification
+from pilotid.estimates.specification import Specification
+from pilotid.limits import ESTIMATE
 from pilotid.methods import method_named
 from pilotid.pilot.catalogue import MODELS
 from pilotid.seeds import start_rng
@@ -84,8 +85,8 @@ def test_an_estimate_at_its_bound_is_not_tested() -> None:
 
 
 def test_the_level() -> None:
-    assert Specification(1.0, LEVEL, "fourier").agrees
-    assert not Specification(1.0, 0.9 * LEVEL, "fourier").agrees
+    assert Specification(1.0, ESTIMATE.misspecified, "fourier").agrees
+    assert not Specification(1.0, 0.9 * ESTIMATE.misspecified, "fourier").agrees
 
 
 @pytest.mark.long

@@ -9,9 +9,6 @@ CHI_SQUARED_95 = 3.841458820694124
 #: The same with two degrees of freedom.
 CHI_SQUARED_95_OF_TWO = 5.991464547107979
 
-#: How seldom chance may show an offset or a decay that is not there: once in 14,000 recordings.
-SELDOM = 7e-5
-
 
 def chi_squared_limit(freedom: float, chance: float) -> float:
     """What a chi-squared variable exceeds with a small probability.

@@ -18,12 +18,13 @@ import numpy as np
 
 from pilotid.datasets import POPULATIONS, SCENARIOS, Scenario, simulate
 from pilotid.datasets.population import Population
+from pilotid.limits import ESTIMATE
 from pilotid.model_choice import select
 from pilotid.pilot.catalogue import SINGLE
 from pilotid.recordings.files import load_recording
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import fit_rng, recording_rng
-from pilotid.time_domain.constancy import LEVEL, Constancy, constancy_of
+from pilotid.time_domain.constancy import Constancy, constancy_of
 
 CHANGING = ("adapting-slow", "adapting-fast")
 #: Which recordings of people are of a constant element, and which of one that changes.
@@ -116,12 +117,12 @@ def measured() -> None:
         )
         groups.setdefault(name, []).append(tested)
     for name, own in sorted(groups.items()):
-        certain = sum(tested.p < LEVEL for tested in own)
+        certain = sum(tested.p < ESTIMATE.changes for tested in own)
         said = sum(tested.changes for tested in own)
         size = 100.0 * float(np.median([tested.size for tested in own]))
         print(
-            f"{name}: {len(own)} recordings, p < {LEVEL:g} in {certain}, said to change {said}; "
-            f"largest change of a gain or lead {size:.0f} % in the median"
+            f"{name}: {len(own)} recordings, p < {ESTIMATE.changes:g} in {certain}, "
+            f"said to change {said}; largest change of a gain or lead {size:.0f} % in the median"
         )
 
 

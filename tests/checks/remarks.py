@@ -1,9 +1,10 @@
-"""How often an estimate of `mle` is remarked on, and whether what is said holds of the truth.
+"""How often sound recordings and their estimates are remarked on, and whether what is said holds.
 
-    nox -s check -- remarks [--recordings 200] [--first 1000]
+    nox -s check -- remarks --recordings 500 [--first 1000] [--only population-inner,stepped]
 
-On recordings of populations, whose truth is known, and on recordings of human pilots that
-PILOTID_MEASURED names, with the models of their experiments.
+Populations, whose truth is known; `stepped`, a generator that shares no code with them; and the
+recordings of human pilots that PILOTID_MEASURED names.  What is graded wrong or doubt of a
+simulated recording is a false alarm.
 """
 
 from __future__ import annotations
@@ -12,45 +13,28 @@ import argparse
 import os
 import re
 from collections import Counter, defaultdict
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from stepping import TRUTH, stepped
 
 from pilotid.datasets import POPULATIONS, simulate
-from pilotid.estimates.estimate import Estimate
+from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import identify
 from pilotid.methods import method_named
 from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.model import PilotModel
+from pilotid.recordings.checks import remarks
 from pilotid.recordings.files import load_recording
+from pilotid.recordings.recording import Recording
+from pilotid.remarks import Remark, remark_of
 from pilotid.seeds import draw_rng, fit_rng, recording_rng
 
 SEED = 1
-#: Kinds of remarks, by words of theirs.
-KINDS = {
-    "are not white": "prediction errors are not white",
-    "that is known": "product or ratio known alone",
-    "so is the other": "cannot be told apart, nothing known",
-    "people's delays": "delay below 0.1 s",
-    "does not tell more": "known on one side only",
-    "does not tell": "not known at all",
-    "is pressed": "pressed against a bound",
-    "hardly known": "interval spans more than a factor of 10",
-    "on one side of the value": "lopsided interval",
-    "cancel": "cancellation",
-    "explains": "explains nothing",
-    "straight back": "gain element, rests on the model of the remnant",
-    "keeps its value": "u stays where it is",
-    "u drifts": "drift",
-    "another pilot than the second": "halves ask for different pilots",
-    "during the recording": "pilot changes",
-    "times the variance": "variance of halves",
-}
-
-
-def kind_of(remark: str) -> str:
-    """The kind of a remark."""
-    return next((kind for words, kind in KINDS.items() if words in remark), "others")
+STEPPED = "stepped"
+NAMES = ("usual", "single", "exotic", "aperiodic", "rates", "recorded", "inner", "short")
+BATCH = 50
 
 
 def holds(estimate: Estimate, remark: str, truth: dict[str, float]) -> bool | None:
@@ -70,59 +54,94 @@ def holds(estimate: Estimate, remark: str, truth: dict[str, float]) -> bool | No
     return None
 
 
-def of_a_population(name: str, first: int, count: int) -> None:
-    """Print how often each kind of remark comes, and how often it holds."""
-    population, method = POPULATIONS[name], method_named("mle")
-    found: Counter[str] = Counter()
-    held: dict[str, list[bool]] = defaultdict(list)
-    outcomes: Counter[str] = Counter()
-    silent = 0
+def drawn(
+    name: str, first: int, count: int
+) -> Iterator[tuple[Recording, PilotModel, dict[str, float]]]:
+    """Recordings of a population, or of `stepped`, each with its model and truth."""
+    if name == STEPPED:
+        for batch in range(0, count, BATCH):
+            rng = np.random.default_rng([SEED, first + batch])
+            for truth, recording in stepped(rng, min(BATCH, count - batch)):
+                yield recording, MODELS["single"], dict(zip(TRUTH, truth, strict=True))
+        return
+    population = POPULATIONS[name]
     for i in range(first, first + count):
         scenario = population.drawn(draw_rng(SEED, name, i))
         recording = simulate(scenario, recording_rng(SEED, name, i))
-        estimate = identify(method, recording, scenario.model, fit_rng(SEED, "mle", name, i))
+        yield recording, scenario.model, dict(zip(scenario.model.keys, scenario.truth, strict=True))
+
+
+def all_remarks(recording: Recording, estimate: Estimate) -> dict[str, Remark]:
+    """What is said of a recording and of its fit, by code."""
+    said = [*remarks(recording), *(remark_of(text) for text in estimate.remarks)]
+    return {remark.code: remark for remark in said}
+
+
+def of_simulations(name: str, first: int, count: int) -> None:
+    """Print how often each code comes, and how often what it claims holds of the truth."""
+    method = method_named("mle")
+    found: Counter[tuple[str, str]] = Counter()
+    held: dict[str, list[bool]] = defaultdict(list)
+    outcomes: Counter[str] = Counter()
+    alarmed = covered = known = 0
+    for i, (recording, model, truth) in enumerate(drawn(name, first, count), first):
+        estimate = identify(method, recording, model, fit_rng(SEED, "mle", name, i))
         outcomes[estimate.outcome.slug] += 1
-        truth = dict(zip(scenario.model.keys, scenario.truth, strict=True))
+        said = all_remarks(recording, estimate)
         for remark in estimate.remarks:
-            claim = holds(estimate, remark, truth)
-            if claim is not None:
-                held[kind_of(remark)].append(claim)
-        found.update({kind_of(remark) for remark in estimate.remarks})
-        silent += not estimate.remarks
-    print(f"{name}: {count} recordings, {dict(outcomes)}; no remark on {silent}")
-    for kind, number in found.most_common():
-        claims = held[kind]
+            if (claim := holds(estimate, remark, truth)) is not None:
+                held[remark_of(remark).code].append(claim)
+        found.update((remark.grade, code) for code, remark in said.items())
+        alarm = [code for code, remark in said.items() if remark.grade != "note"]
+        alarmed += bool(alarm)
+        if alarm:
+            print(f"    {name} {i}: {', '.join(sorted(alarm))}", flush=True)
+        elif estimate.outcome is Outcome.CONVERGED:
+            inside = [
+                low <= truth[q.key] <= high
+                for q in estimate.parameters
+                for low, high in [q.interval]
+            ]
+            covered, known = covered + sum(inside), known + len(inside)
+    share = alarmed / count
+    error = np.sqrt(share * (1.0 - share) / count)
+    print(
+        f"{name}: {count} recordings, {dict(outcomes)}; wrong or doubt is said of {alarmed} "
+        f"({100 * share:.1f} +- {100 * error:.1f} %); of the others {covered / max(known, 1):.3f} "
+        f"of {known} intervals hold the truth",
+        flush=True,
+    )
+    for (grade, code), number in sorted(found.items(), key=lambda item: -item[1]):
+        claims = held[code]
         told = f"; holds of the truth in {sum(claims)} of {len(claims)}" if claims else ""
-        print(f"    {kind}: on {number}{told}")
+        print(f"    {grade} {code}: on {number}{told}", flush=True)
 
 
 def of_human_pilots(folder: Path) -> None:
-    """Print every remark on estimates from measured recordings."""
+    """Print what is said of every measured recording and of its estimate."""
     yaw: dict[str, PilotModel] = {"C1": MODELS["lead-lag"], "C2": MODELS["single"]}
     yaw |= {"C3": MODELS["single"], "C4": MODELS["rate"], "C5": MODELS["rate"]}
     yaw["C6"] = MODELS["rate"]
     files = [(f, yaw[f.stem[-2:]]) for f in sorted(folder.glob("yaw/*.mat"))]
     files += [(f, MODELS["single"]) for f in sorted(folder.glob("adaptation/*_C[12]_*.mat"))]
     files += [(f, MODELS["single"]) for f in sorted(folder.glob("rollpitch/pilot*.csv"))]
-    found: Counter[str] = Counter()
-    silent, method = 0, method_named("mle")
+    method = method_named("mle")
     for file, model in files:
         recording = load_recording(file)
         estimate = identify(method, recording, model, np.random.default_rng(SEED))
-        found.update({kind_of(remark) for remark in estimate.remarks})
-        silent += not estimate.remarks
-        for remark in estimate.remarks:
-            print(f"    {file.stem} ({model.name}): {remark}")
-    print(f"{len(files)} recordings of human pilots: no remark on {silent}; {dict(found)}")
+        for remark in all_remarks(recording, estimate).values():
+            print(f"    {file.stem} ({model.name}), {remark.grade} {remark.code}: {remark}")
+    print(f"{len(files)} recordings of human pilots")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--recordings", type=int, default=200)
     parser.add_argument("--first", type=int, default=1000)
+    parser.add_argument("--only", default=",".join([f"population-{n}" for n in NAMES] + [STEPPED]))
     options = parser.parse_args()
-    for name in ("population-usual", "population-single", "population-exotic"):
-        of_a_population(name, options.first, options.recordings)
+    for name in options.only.split(","):
+        of_simulations(name, options.first, options.recordings)
     if folder := os.environ.get("PILOTID_MEASURED"):
         of_human_pilots(Path(folder))
 

@@ -36,9 +36,9 @@ from pilotid.analysis.results import Results
 from pilotid.analysis.rows import MEASURED, SUBJECT
 from pilotid.analysis.spread import ConditionSpread, spread_sentence
 from pilotid.document import Block, Bullets, Command, Figure, Section, Text, write_page
+from pilotid.limits import ESTIMATE
 from pilotid.report.trust import trust_blocks
 from pilotid.study.trust import UNKNOWN
-from pilotid.time_domain.constancy import LEVEL as CHANGES
 
 TITLE = "Pilot models of recorded subjects"
 CRITERIA = (
@@ -220,8 +220,8 @@ def _changing(analysis: Analysis) -> list[str]:
     where = [f"{words} {sum(own)} of {len(own)}" for words, own in told.items() if any(own)]
     return [
         f"A gain or lead changes by a third or more during {sum(every)} of {len(every)} recordings "
-        f"(p < {CHANGES:g} of a constant pilot): {', '.join(where)}. `adapting` is a model of such "
-        "pilots."
+        f"(p < {ESTIMATE.changes:g} of a constant pilot): {', '.join(where)}. `adapting` is a "
+        "model of such pilots."
     ]
 
 

@@ -25,11 +25,11 @@ from pilotid.analysis.rows import (
     mean_and_spread,
 )
 from pilotid.document import Column, Table, table_latex
+from pilotid.limits import ESTIMATE
 from pilotid.model_choice import Candidate
 from pilotid.numbers import NONE, number, p_value, percent, to_error, unsigned
 from pilotid.remarks import GRADES, OF_STICK, Remark, counted_grades, gravest_first
 from pilotid.show.symbols import symbol
-from pilotid.time_domain.constancy import LEVEL as CHANGES
 from pilotid.types import printable
 
 #: Pairs of conditions of which all differences are shown at once.
@@ -422,7 +422,7 @@ def recording_table(analysis: Analysis) -> Table[Fit]:
 
 def _change_time(fit: Fit) -> float | None:
     own = fit.candidate
-    return own.change_time if own and own.change_p < CHANGES else None
+    return own.change_time if own and own.change_p < ESTIMATE.changes else None
 
 
 # ----------------------------------------------------------------------------------- LaTeX

@@ -14,6 +14,7 @@ from pilotid.document import Bullets, Column, Table, Text, print_blocks
 from pilotid.element.fit import ElementChoice, chosen_element
 from pilotid.estimates.applicability import lines_objection, motionless_input
 from pilotid.estimates.method import Method
+from pilotid.limits import ESTIMATE
 from pilotid.methods import methods
 from pilotid.model_choice import default_candidates, select
 from pilotid.naming.settings import split_list
@@ -27,7 +28,7 @@ from pilotid.recordings.understood import REST, Forcing, Signal, Understood, und
 from pilotid.remarks import GRADES, codes_of, gravest_first, remark_of, remarks_json
 from pilotid.seeds import DEFAULT_SEED, fit_rng
 from pilotid.terminal import make_console
-from pilotid.time_domain.constancy import LEVEL, constancy_of
+from pilotid.time_domain.constancy import constancy_of
 from pilotid.types import InputError
 
 #: What JSON has of one recording.
@@ -176,7 +177,7 @@ def _constancy(recording: Recording) -> dict[str, object] | None:
     p = "p < 0.001" if found.p < 0.001 else f"p = {found.p:.2g}"
     what = f"{' and '.join(found.keys)} of the model {model.name}"
     words = f"no sign that {what} change during the recording ({p})"
-    if found.p < LEVEL:
+    if found.p < ESTIMATE.changes:
         words = (
             f"{what} vary during the recording as people do, by less than a third ({found}; {p})"
         )

@@ -20,6 +20,7 @@ from pilotid.element.forms import FORMS, Form
 from pilotid.element.search import UNNOTICED, Bands, FormFit, Spectra, fitted_form, spectra_of
 from pilotid.estimates.loops import LoopElement
 from pilotid.estimates.quantities import Quantity
+from pilotid.limits import ELEMENT
 from pilotid.pilot.element import ControlledElement, parsed_element
 from pilotid.recordings.recording import Recording
 from pilotid.remarks import Remark
@@ -27,14 +28,8 @@ from pilotid.types import FloatArray
 
 HIGHEST = 25.0  # rad/s; pilots leave next to nothing above
 LARGEST = 1e100  # of a gain, whose square must not overflow
-#: What an element must do for loops to be drawn with it unasked: explain this share of x [%], and
-#: have a response known to within this share where loops cross over.
-SOUND, KNOWN = 98.0, 0.1
 #: Where loops cross over [rad/s].
 OMEGA = np.geomspace(0.5, 6.0, 40)
-#: Share of x [%] that each half of the window must explain by itself to say that the element
-#: changes.
-HALVES = 95.0
 NAME_IT = "name the element, for example --element 4/s^2"
 CHANGES = "it changes within a run"
 POOR = "control and output follow no one controlled element"
@@ -44,9 +39,6 @@ ADVICE = (
 #: Delays from which a search starts where one from none ends badly [s].
 LATER = (0.15, 0.3, 0.45)
 LATE = 0.05  # s, of a delay that a search from none may miss with a simpler form
-#: Root mean square of the relative difference of two responses from which they are different
-#: elements: a delay of a sample or two between the recorder's channels is less.
-DIFFERENT = 0.1
 #: Origins of an element.
 GIVEN, FILE, SIGNALS = "given", "recording", "identified"
 
@@ -124,11 +116,11 @@ def identified_element(recording: Recording) -> IdentifiedElement:
     """The controlled element of a recording, by its signals alone."""
     begin, middle = recording.run_in, recording.run_in + recording.samples // 2
     whole = _identified(recording, slice(begin, None))
-    if whole.element is None or whole.explained >= SOUND:
+    if whole.element is None or whole.explained >= ELEMENT.sound:
         return whole
     first = _identified(recording, slice(begin, middle))
     second = _identified(recording, slice(middle, None))
-    if whole.explained < HALVES <= min(first.explained, second.explained):
+    if whole.explained < ELEMENT.halves <= min(first.explained, second.explained):
         return _changing(whole, first, second)
     return _identified(recording, slice(begin, None), LATER)
 
@@ -262,9 +254,9 @@ def _short(value: float, error: float) -> tuple[float, int]:
 
 
 def _remark(element: ControlledElement, explained: float, error: float) -> str:
-    if explained < SOUND:
+    if explained < ELEMENT.sound:
         return f"{POOR}: the best of low order explains {explained:.0f} % of x; {ADVICE}"
-    if error > KNOWN:
+    if error > ELEMENT.known:
         return (
             f"control and output tell the controlled element, {element.name}, to within "
             f"{100.0 * error:.0f} % only where loops cross over"
@@ -355,7 +347,7 @@ def differs(
     """
     with np.errstate(all="ignore"):  # a pole or a zero may lie at one of them
         ratio = given.response(omega) / found.response(omega)
-        if float(np.sqrt(np.mean(np.abs(ratio - 1.0) ** 2))) <= DIFFERENT:
+        if float(np.sqrt(np.mean(np.abs(ratio - 1.0) ** 2))) <= ELEMENT.different:
             return None
     middle = int(np.argmin(np.abs(omega - 2.0)))
     gain, phase = np.abs(ratio[middle]), np.nan_to_num(np.angle(ratio[middle], deg=True))

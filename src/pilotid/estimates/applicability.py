@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from pilotid.limits import SIGNAL
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
 from pilotid.recordings.recording import INPUTS, Recording
 from pilotid.recordings.spectra import NotMultisineError, forcing_lines
 from pilotid.types import FloatArray
-
-#: Standard deviation of a forcing function over that of another signal below which there is none.
-SAME = 0.01
 
 #: What to do where channels cannot be told apart.
 REMEDY = "record with a target and a disturbance, or fit one channel"
@@ -107,7 +105,7 @@ def one_signal(recording: Recording, model: PilotModel) -> str | None:
 def _absent(recording: Recording, forcing: FloatArray, beside: FloatArray) -> bool:
     """Whether a forcing function is no more than rounding errors beside another signal."""
     size = np.std(recording.window(beside), axis=1)
-    return not np.any(np.std(recording.window(forcing), axis=1) > SAME * size)
+    return not np.any(np.std(recording.window(forcing), axis=1) > SIGNAL.motionless_forcing * size)
 
 
 def lines_objection(recording: Recording, model: PilotModel) -> str | None:

@@ -15,6 +15,7 @@ import numpy as np
 from pilotid.chance import Z95
 from pilotid.estimates.draws import Draws, spread_of
 from pilotid.estimates.quantities import Quantity, quantity_of
+from pilotid.limits import ESTIMATE, SIGNAL
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.loops import (
     GRID,
@@ -26,7 +27,7 @@ from pilotid.pilot.loops import (
     why_no_crossing,
 )
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.checks import STILL, motionless
+from pilotid.recordings.checks import motionless
 from pilotid.recordings.recording import Recording
 from pilotid.remarks import Remark, remarks_json
 from pilotid.types import ComplexArray, FloatArray
@@ -39,7 +40,6 @@ CHANGES = (
     "the pilot changes during the recording, and the controlled element, by which pilots change, "
     "most likely too: it has no one loop"
 )
-LOST = 0.02  # share of draws without the crossing that is worth a word
 
 
 class Fit(Protocol):
@@ -195,7 +195,7 @@ def sampled_loops(
         lost, remark = 1.0 - len(kept) / len(sets), ""
         if math.isnan(own.crossover):
             remark = why_no_crossing(GRID, loop)
-        elif lost > LOST:
+        elif lost > ESTIMATE.lost_crossing:
             remark = (
                 f"in {100.0 * lost:.0f} % of the draws its magnitude does not fall through one "
                 f"near {own.crossover:.3g} rad/s; they are left out"
@@ -344,7 +344,7 @@ class Loops:
         """The same, with no numbers for a loop that no forcing function of a recording excites."""
         target = recording.window(recording.input("target"))
         moves = {
-            "target": float(np.std(target)) > STILL * float(np.std(recording.window(recording.e))),
+            "target": bool(np.std(target) > SIGNAL.still * np.std(recording.window(recording.e))),
             "disturbance": recording.fd is not None and not motionless(recording, "fd"),
         }
         absent = {name: no_loop(name, f"no {name} excites it") for name in NAMES if not moves[name]}

@@ -11,18 +11,11 @@ import numpy as np
 from pilotid.chance import Z95
 from pilotid.document import Column, Table
 from pilotid.estimates.draws import Draws, Spread, spread_of
+from pilotid.limits import ESTIMATE
 from pilotid.numbers import decimals
 from pilotid.types import BoolArray, FloatArray
 
 LARGEST = 100.0  # standard error of a logarithm; exp of twice as much is a number still
-#: Correlation from which two parameters count as one.  To know the other would then divide a
-#: variance by 10, at which regressors are by custom called collinear (Marquardt,
-#: Technometrics 12, 1970): 1/(1 - r^2) = 10.
-COLLINEAR = math.sqrt(0.9)
-#: Relative standard error below which a parameter is known well enough, whatever it goes with.
-WELL_KNOWN = 0.1
-#: How many times better a product or ratio must be known than either of its two parameters.
-BETTER = 3.0
 
 
 @dataclass(frozen=True)
@@ -236,15 +229,16 @@ def inseparable(
         return []
     correlation = spread / np.outer(error, error)
     relative = np.where(positive, error, error / np.maximum(np.abs(values), 1e-9))
-    vague = np.maximum.outer(relative, relative) > WELL_KNOWN
+    vague = np.maximum.outer(relative, relative) > ESTIMATE.well_known
     found = []
     for i, j in zip(
-        *np.nonzero(np.triu(vague & (np.abs(correlation) >= COLLINEAR), 1)), strict=True
+        *np.nonzero(np.triu(vague & (np.abs(correlation) >= ESTIMATE.collinear), 1)), strict=True
     ):
         sign = -math.copysign(1.0, correlation[i, j])  # of the second's power
         left = spread[i, i] + spread[j, j] + 2.0 * sign * spread[i, j]
         known = None
-        if positive[i] and positive[j] and BETTER**2 * left <= min(spread[i, i], spread[j, j]):
+        worth = ESTIMATE.better**2 * left <= min(spread[i, i], spread[j, j])
+        if positive[i] and positive[j] and worth:
             value = float(values[i] * values[j] ** sign)
             # A wild fit may claim an error beyond all numbers, which is none.
             off = min(math.sqrt(max(float(left), 0.0)), LARGEST)

@@ -7,16 +7,9 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from pilotid.limits import ESTIMATE
 from pilotid.remarks import Remark
 from pilotid.types import FloatArray
-
-#: p-value below which an estimate disagrees.
-LEVEL = 1e-4
-#: Seconds of all runs together from which an estimate is tested: covariances are not good enough
-#: of less (30 s: 12 % of 120 sound fits disagreed; populations of 60 s and more: 2 of 480).
-SHORTEST = 60.0
-#: Share of the information by which the covariance of a score may be wrong: it is estimated too.
-ALLOWED = 0.1
 
 
 @dataclass(frozen=True)
@@ -38,7 +31,7 @@ class Specification:
     @property
     def agrees(self) -> bool:
         """Whether the two agree."""
-        return self.p_value >= LEVEL
+        return self.p_value >= ESTIMATE.misspecified
 
     @property
     def sentence(self) -> str:
@@ -81,7 +74,7 @@ def score_test(score: FloatArray, shares: FloatArray, against: str) -> Specifica
     """
     from scipy.special import gammaincc
 
-    statistic = float(np.sum(score**2 / (np.clip(shares, 0.0, 1.0) + ALLOWED)))
+    statistic = float(np.sum(score**2 / (np.clip(shares, 0.0, 1.0) + ESTIMATE.covariance)))
     if not math.isfinite(statistic):
         return None
     return Specification(statistic, float(gammaincc(0.5 * score.size, 0.5 * statistic)), against)

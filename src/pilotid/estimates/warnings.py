@@ -10,6 +10,7 @@ import numpy as np
 from pilotid.chance import Z95
 from pilotid.estimates.applicability import one_signal, shared_signals
 from pilotid.estimates.estimate import Estimate, Outcome, at_bounds
+from pilotid.limits import ESTIMATE
 from pilotid.pilot.factors import Factor, Lag, Lead, Neuromuscular, Parameter
 from pilotid.pilot.timevarying import STEEP
 from pilotid.recordings.recording import Recording
@@ -17,20 +18,6 @@ from pilotid.recordings.spectra import NotMultisineError, forcing_lines
 from pilotid.remarks import Remark, remark_of
 from pilotid.types import ComplexArray, FloatArray
 
-#: Variance accounted for [%] below which a model explains next to nothing.  Of 110 recordings
-#: of human pilots the least well described, by a pilot with a breakout, has 34 %; with the
-#: control recorded a second late the best fit has 12 %.
-LEAST_VAF = 20.0
-#: Standard error over value from which a parameter is poorly identified.
-VAGUE = 0.25
-#: Shortest delay of people who track [s].
-SHORTEST_DELAY = 0.1
-#: Ratio of the ends of an interval that tells the order of magnitude at most.
-WIDE = 10.0
-#: How many times longer one side of an interval may be than the other, on the scale of the search.
-ASYMMETRIC = 3.0
-#: Standard error of the logarithm of a ratio of two times above which it tells nothing.
-VAGUE_RATIO = 0.7
 #: Codes of what a recording leaves open, which is no fault of recording, model or fit.
 OPEN = (
     "inseparable", "not-identifiable", "at-bound", "interval-at-bound", "wide-interval",
@@ -40,7 +27,7 @@ OPEN = (
 
 def all_remarks(estimate: Estimate, recording: Recording) -> tuple[Remark, ...]:
     """What a user must know of an estimate, also for what the recording lacks."""
-    low = estimate.outcome.usable and estimate.vaf < LEAST_VAF
+    low = estimate.outcome.usable and estimate.vaf < ESTIMATE.least_vaf
     found = remarks_on(estimate, explained_at_lines(recording, estimate) if low else None)
     if estimate.outcome is Outcome.NOT_APPLICABLE:
         return found
@@ -60,7 +47,7 @@ def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Rema
     if not estimate.outcome.usable:
         return tuple(found)
     explained = estimate.vaf if explained is None else explained
-    if explained < LEAST_VAF:
+    if explained < ESTIMATE.least_vaf:
         sentence = (
             f"the model explains {explained:.1f} % of the control, so the values mean nothing: "
             "check whether u, e and x belong together (one shifted in time, a wrong name, a wrong "
@@ -76,7 +63,7 @@ def is_vague(estimate: Estimate) -> bool:
     """Whether a fit failed, or leaves a parameter poorly identified."""
     if not estimate.outcome.usable:
         return True
-    return bool(np.any(estimate.std_error > VAGUE * np.abs(estimate.values)))
+    return bool(np.any(estimate.std_error > ESTIMATE.vague * np.abs(estimate.values)))
 
 
 def explained_at_lines(recording: Recording, estimate: Estimate) -> float | None:
@@ -126,14 +113,14 @@ def _short_delays(estimate: Estimate) -> Iterator[Remark]:
     """Delays that people do not have."""
     for i in estimate.model.delays:
         value, end = float(estimate.values[i]), float(estimate.intervals[i, 1])
-        if value < SHORTEST_DELAY:
-            possible = end > SHORTEST_DELAY
+        if value < ESTIMATE.shortest_delay:
+            possible = end > ESTIMATE.shortest_delay
             reach = f", though its interval goes up to {end:.3g} s" if possible else ""
             yield Remark(
                 "short-delay",
                 f"{estimate.model.keys[i]} is {value:.3g} s, but people's delays are not below "
-                f"{SHORTEST_DELAY:g} s{reach}: another parameter may have taken its part (a lag, a "
-                "slow neuromuscular system), or u was recorded early",
+                f"{ESTIMATE.shortest_delay:g} s{reach}: another parameter may have taken its part "
+                "(a lag, a slow neuromuscular system), or u was recorded early",
                 "note" if possible else "doubt",
             )
 
@@ -151,7 +138,7 @@ def _cancellations(estimate: Estimate) -> Iterator[Remark]:
                 gradient = -slope
                 gradient[i] += 1.0 / estimate.values[i]
                 error = math.sqrt(max(float(gradient @ estimate.covariance @ gradient), 0.0))
-                if abs(off) < Z95 * error and error < VAGUE_RATIO:
+                if abs(off) < Z95 * error and error < ESTIMATE.vague_ratio:
                     yield Remark(
                         "pole-zero-cancellation",
                         f"{lead.key} and {name} cancel to within their errors "
@@ -206,25 +193,25 @@ def _poorly_identified(estimate: Estimate) -> Iterator[Remark]:
     ):
         if not parameter.lower <= value <= parameter.upper:
             continue  # of a method without bounds, which says so itself
-        if parameter.delay and value < SHORTEST_DELAY and not is_high:
+        if parameter.delay and value < ESTIMATE.shortest_delay and not is_high:
             continue  # `_short_delays` says so
         if is_low or is_high:
             yield _at_bound(parameter, interval.tolist(), is_low, is_high)
             continue
         ends = np.array([interval[0], value, interval[1]])
         if parameter.positive:
-            if interval[1] > WIDE * interval[0]:
+            if interval[1] > ESTIMATE.wide * interval[0]:
                 wide.append(f"{parameter.key} ({interval[0]:.2g} .. {interval[1]:.2g})")
                 continue
             ends = np.log(ends)
         below, above = np.diff(ends)
-        if max(below, above) > ASYMMETRIC * min(below, above):
+        if max(below, above) > ESTIMATE.asymmetric * min(below, above):
             asymmetric.append(f"{parameter.key} ({'above' if above > below else 'below'})")
     if wide:
         yield Remark(
             "wide-interval",
             f"{_is(wide)} poorly identified: the 95 % interval spans more than a factor of "
-            f"{WIDE:g}",
+            f"{ESTIMATE.wide:g}",
         )
     if asymmetric:
         yield Remark(

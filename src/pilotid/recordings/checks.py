@@ -12,9 +12,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from pilotid.limits import ELEMENT, SIGNAL
 from pilotid.recordings.detectors import findings
 from pilotid.recordings.plant import (
-    COHERENT,
     element_changes,
     is_gain,
     late,
@@ -33,17 +33,8 @@ from pilotid.recordings.spectra import (
 from pilotid.remarks import Remark, gravest_first
 from pilotid.types import BoolArray, FloatArray
 
-STILL = 1e-9  # standard deviation over the size of the signal: it does not move
-LONGEST_HOLD = {"e": 0.3, "x": 8.0, "u": 10.0}  # seconds; pilots rest on a breakout for 6.5
-SPIKE = 100.0  # times the usual size; a control after steps reaches 27, pilots 8
-AT_EXTREME = 0.06  # share of the samples at the largest or smallest value; pilots reach .044
-DRIFT = 2.0  # of the control over the run, in standard deviations of what is left, at 82 s
-OWN = 0.1  # share of a trend that the signals of the loop must leave, for it to be told from them
 BLOCK = 5.0  # seconds whose mean is one observation of an offset
-LONG = 60.0  # seconds from which lines and remnant can be told apart
-ANSWERED = 0.5  # by which the median ratio exceeds one in one run; sound ones have 0.9 and more
 LATE = ("late-signal", "late-forcing", "clock-drifts")
-OFFSET = 4.0  # standard errors of the mean; simulations stay below 1, pilots below 1.4
 
 
 def remarks(recording: Recording) -> tuple[Remark, ...]:
@@ -69,7 +60,7 @@ def motionless(recording: Recording, name: str) -> bool:
     window = recording.window(getattr(recording, name))
     # By what they usually are: one spike would make all else look still.
     size = max(_usual(recording, n) for n in {"e", "x", name})
-    return bool(np.all(np.std(window, axis=1) <= STILL * size))
+    return bool(np.all(np.std(window, axis=1) <= SIGNAL.still * size))
 
 
 @remembered
@@ -87,7 +78,7 @@ def _spikes(recording: Recording) -> Remark | None:
         window = np.abs(recording.window(getattr(recording, name)))
         usual = _usual(recording, name)
         run, sample = divmod(int(np.argmax(window)), window.shape[1])
-        if usual > 0.0 and window[run, sample] > SPIKE * usual:
+        if usual > 0.0 and window[run, sample] > SIGNAL.spike * usual:
             return Remark(
                 "spike",
                 f"{name} is {window[run, sample]:.3g} at t = {sample * recording.dt:.4g} s of run "
@@ -128,7 +119,7 @@ def _names(recording: Recording) -> Remark | None:
 
 
 def _held(recording: Recording) -> Remark | None:
-    for name, longest in LONGEST_HOLD.items():
+    for name, longest in (("e", SIGNAL.hold_e), ("x", SIGNAL.hold_x), ("u", SIGNAL.hold_u)):
         if motionless(recording, name):
             continue
         for run, row in enumerate(recording.window(getattr(recording, name))):
@@ -148,7 +139,7 @@ def _clipped(recording: Recording) -> Remark | None:
     ends = window.max(axis=1, keepdims=True), window.min(axis=1, keepdims=True)
     share = np.mean((window == ends[0]) | (window == ends[1]), axis=1)
     run = int(np.argmax(share))
-    if share[run] <= AT_EXTREME:
+    if share[run] <= SIGNAL.at_extreme:
         return None
     return Remark(
         "clipped",
@@ -160,14 +151,14 @@ def _clipped(recording: Recording) -> Remark | None:
 def _drifting(recording: Recording) -> Remark | None:
     """A trend of the control that no signal of the loop shares was added by the recorder."""
     names = [n for n in ("e", "x", "ft", "fd") if getattr(recording, n) is not None]
-    limit = DRIFT * max(1.0, (82.0 / recording.duration) ** 1.5)
+    limit = SIGNAL.drift * max(1.0, (82.0 / recording.duration) ** 1.5)
     for run in range(recording.runs):
         u = recording.window(recording.u)[run]
         signals = [recording.window(getattr(recording, n))[run] for n in names]
         trend = np.linspace(-0.5, 0.5, u.size)
         basis = _orthonormal([np.ones_like(u), *signals])
         own, left = (v - basis @ (basis.T @ v) for v in (trend, u))
-        if own @ own < OWN * (trend @ trend):
+        if own @ own < SIGNAL.own_trend * (trend @ trend):
             continue  # a signal of the loop is a trend itself
         slope = float(own @ left) / float(own @ own)
         rest = float(np.std(left - slope * own))
@@ -192,7 +183,7 @@ def _offset(recording: Recording) -> Remark | None:
     if blocks.size < 6:
         return None
     mean, error = float(np.mean(blocks)), float(np.std(blocks, ddof=1)) / np.sqrt(blocks.size)
-    if abs(mean) <= OFFSET * error:
+    if abs(mean) <= SIGNAL.offset * error:
         return None
     return Remark(
         "offset",
@@ -217,13 +208,6 @@ def _longest_run(held: BoolArray) -> tuple[int, int]:
     return int(begins[longest]), int(ends[longest] - begins[longest])
 
 
-IDENTITY = 0.01  # rms of e - (ft - x) over that of e; recordings reach 3e-6
-SHOWN = 0.5  # share of the target's fast lines that the error must show
-FASTEST_LOOP = 7.0  # rad/s; people cross over at 6 rad/s at most
-SCALED = 0.02  # by which a factor between signals must differ from 1 to be one of units
-SAME = 0.01  # by which it may differ from line to line
-
-
 def not_the_error(recording: Recording) -> Remark | None:
     """The error of a compensatory task is the target less the output."""
     if recording.ft is None:
@@ -231,7 +215,7 @@ def not_the_error(recording: Recording) -> Remark | None:
     e, x, ft = (recording.window(s) for s in (recording.e, recording.x, recording.ft))
     size = _rms(e)
     off = _rms(e - (ft - x))
-    if off <= IDENTITY * size or size == 0.0:
+    if off <= SIGNAL.identity * size or size == 0.0:
         return None
     for code, what, trial, advice in (
         ("wrong-sign", "e has the wrong sign", -e - (ft - x), _flip(recording, "e")),
@@ -244,11 +228,11 @@ def not_the_error(recording: Recording) -> Remark | None:
             "remove the offset",
         ),
     ):
-        if _rms(trial) <= IDENTITY * size:
+        if _rms(trial) <= SIGNAL.identity * size:
             return Remark(code, f"e is not ft - x: {what}; {advice}")
     for name, wanted, given in (("x", ft - e, x), ("e", ft - x, e), ("ft", e + x, ft)):
         factor = float(np.sum(wanted * given) / (np.sum(given**2) or 1.0))
-        if _rms(wanted - factor * given) <= IDENTITY * _rms(wanted) and factor:
+        if _rms(wanted - factor * given) <= SIGNAL.identity * _rms(wanted) and factor:
             return Remark("wrong-unit", f"e is not ft - x: {_scaled(recording, name, factor)}")
     return Remark(
         "not-the-error",
@@ -260,9 +244,9 @@ def not_the_error(recording: Recording) -> Remark | None:
 def _without_target(recording: Recording) -> Remark | None:
     """What the disturbance does to the output it does to the error, with the other sign."""
     factor = _at_disturbance(recording)
-    if factor is None or abs(factor - 1.0) <= SCALED:
+    if factor is None or abs(factor - 1.0) <= SIGNAL.scaled:
         return None
-    if abs(factor + 1.0) <= SCALED:
+    if abs(factor + 1.0) <= SIGNAL.scaled:
         return Remark(
             "wrong-sign",
             "e and x have the same sign at the lines of fd, though e = ft - x; flip one of them, "
@@ -291,12 +275,12 @@ def _at_disturbance(recording: Recording) -> float | None:
     factors = -error / output
     middle = float(np.median(factors.real))
     off = float(np.median(np.abs(factors - middle)))
-    return middle if off <= SAME * abs(middle) else None
+    return middle if off <= SIGNAL.same_factor * abs(middle) else None
 
 
 def _scaled(recording: Recording, name: str, factor: float) -> str:
     for ratio, units in ((180.0 / np.pi, "radians"), (np.pi / 180.0, "degrees")):
-        if abs(factor / ratio - 1.0) <= IDENTITY:
+        if abs(factor / ratio - 1.0) <= SIGNAL.identity:
             other = "degrees" if units == "radians" else "radians"
             cure = recording.scaled(name, ratio)
             return f"{name} is in {units} and the others are in {other}; convert it: --map {cure}"
@@ -324,14 +308,14 @@ def exchanged(recording: Recording) -> Remark | None:
     if lines is None or recording.ft is None:
         return None
     fast = lines["ft"][lines["ft"].size // 2 :]
-    fast = fast[fast > FASTEST_LOOP * recording.duration / (2.0 * np.pi)]
+    fast = fast[fast > SIGNAL.fastest_loop * recording.duration / (2.0 * np.pi)]
     if not fast.size:
         return None
     error, noise = at_lines(recording, recording.e, fast, lines)
     target = np.fft.rfft(recording.window(recording.ft))[:, fast]
     weight = np.abs(target) ** 2 / noise
     shown = float(np.sum(weight * np.real(error / target)) / np.sum(weight))
-    if shown >= SHOWN or is_gain(recording):  # which a loop may follow the fast lines with
+    if shown >= SIGNAL.shown or is_gain(recording):  # which a loop may follow the fast lines with
         return None
     return Remark(
         "exchanged",
@@ -353,13 +337,8 @@ def _centred(signal: FloatArray) -> FloatArray:
     return np.asarray(signal - signal.mean(axis=1, keepdims=True))
 
 
-GAIN = 1.3  # between the controlled elements of two runs; sound ones differ by 1.06 at most
-SIZE, SCATTERS = 2.5, 5.0  # of one run against the rest, and in scatters of these
-USUAL = 0.1  # scatter of the size between runs, at least
 FEWEST_BANDS = 4
 BY_SIZE = 3  # runs from which a scatter can be told
-REPEATED = 0.5  # seconds of a signal that recur to the last digit
-VALUES = 20  # different values that such a stretch must have: rest and saturation do recur
 
 
 def unlike(recording: Recording) -> Remark | None:
@@ -375,7 +354,7 @@ def _other_element(recording: Recording) -> Remark | None:
     known = [plant for plant in plants if plant is not None]
     if len(known) < recording.runs:
         return None
-    good = np.all([plant.coherence >= COHERENT for plant in known], axis=0)
+    good = np.all([plant.coherence >= ELEMENT.coherent for plant in known], axis=0)
     if np.count_nonzero(good) < FEWEST_BANDS:
         return None
     size = np.array([np.log(np.abs(plant.response[good])) for plant in known])
@@ -384,7 +363,7 @@ def _other_element(recording: Recording) -> Remark | None:
     off = np.abs(size - middle)
     apart = np.median(off, axis=1)
     run = int(np.argmax(apart))
-    if apart[run] <= np.log(GAIN):
+    if apart[run] <= np.log(SIGNAL.unlike_element):
         return None
     if recording.runs == 2:
         return Remark(
@@ -415,8 +394,8 @@ def _other_size(recording: Recording) -> Remark | None:
         for run in range(recording.runs):
             others = np.delete(size, run)
             off = float(size[run] - np.mean(others))
-            scatter = float(np.hypot(np.std(others, ddof=1), USUAL))
-            if abs(off) > max(np.log(SIZE), SCATTERS * scatter):
+            scatter = float(np.hypot(np.std(others, ddof=1), SIGNAL.least_scatter))
+            if abs(off) > max(np.log(SIGNAL.unlike_size), SIGNAL.unlike_scatters * scatter):
                 return Remark(
                     "unlike-runs",
                     f"{name} of run {run + 1} is {np.exp(off):.2g} times as large as in the other "
@@ -428,13 +407,13 @@ def _other_size(recording: Recording) -> Remark | None:
 
 def repeated(recording: Recording) -> Remark | None:
     """Noise does not come twice: a stretch that does was copied."""
-    length = round(REPEATED / recording.dt)
+    length = round(SIGNAL.repeated / recording.dt)
     window = np.ascontiguousarray(recording.window(recording.u) + 0.0)  # no negative zero
     if window.shape[1] <= length:
         return None
     places = window.shape[1] - length + 1
     changes = np.cumsum(np.diff(window, axis=1, prepend=window[:, :1]) != 0.0, axis=1)
-    is_lively = changes[:, length - 1 :] - changes[:, :places] >= VALUES - 1
+    is_lively = changes[:, length - 1 :] - changes[:, :places] >= SIGNAL.values - 1
     # Equal stretches have equal sums of products with any numbers, modulo 2^64.
     weights = np.random.default_rng(0).integers(2**63, size=length, dtype=np.uint64)
     prints = np.array([np.correlate(row, weights, "valid") for row in window.view(np.uint64)])
@@ -444,7 +423,7 @@ def repeated(recording: Recording) -> Remark | None:
     for first, second in sorted(zip(candidates[same], candidates[same + 1], strict=True)):
         (run, a), (again, b) = divmod(first, places), divmod(second, places)
         stretch = window[run, a : a + length]
-        if np.unique(stretch).size >= VALUES and np.array_equal(
+        if np.unique(stretch).size >= SIGNAL.values and np.array_equal(
             stretch, window[again, b : b + length]
         ):
             return Remark(
@@ -458,10 +437,10 @@ def repeated(recording: Recording) -> Remark | None:
 
 def unanswered(recording: Recording) -> Remark | None:
     """A control that holds nothing of the forcing functions identifies nobody."""
-    if recording.duration < LONG:
+    if recording.duration < SIGNAL.answered_from:
         return None
     found = answers(recording)
-    least = 1.0 + ANSWERED / np.sqrt(recording.runs)
+    least = 1.0 + SIGNAL.answered / np.sqrt(recording.runs)
     if not found or any(float(np.median(a.ratios)) > least for a in found.values()):
         return None
     which = " and ".join(found)

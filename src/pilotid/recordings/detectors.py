@@ -2,7 +2,7 @@
 
 Nothing here knows a model of the pilot.  Each detector rests on what a sound recording has
 whoever flies: spectra fall smoothly, x is the smooth answer of an element to u + fd, and
-e = ft - x.  Limits are those of `LIMITS`, with their sources.
+e = ft - x.  Limits stand in `pilotid.limits`.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations, pairwise
-from typing import NamedTuple
 
 import numpy as np
 
+from pilotid.limits import RECORDER
 from pilotid.pilot.element import parsed_element
 from pilotid.recordings.recording import Recording, remembered
 from pilotid.recordings.spectra import floors_of
@@ -23,46 +23,8 @@ from pilotid.recordings.timing import Relation, derivatives, regression
 from pilotid.remarks import GRADES, Grade, Remark
 from pilotid.types import ComplexArray, FloatArray
 
-
-class Limits(NamedTuple):
-    """Limits of the detectors; in brackets the largest value of about 760 sound simulations.
-
-    Two thirds of those were from generators outside this project, which share no code with it.
-    None was set on recordings that judge detectors.
-    """
-
-    half_octave: tuple[float, float] = (-45.0, -52.0)  # dB, steepest of u (-38.8) and x (-45.9)
-    octave: tuple[float, float] = (-54.0, -70.0)  # dB, from 1 to 9 Hz (-50.7, -64.6)
-    lines: tuple[float, float] = (80.0, 60.0)  # dB, of a line over its surroundings (78, 69)
-    goes_on: float = -15.0  # dB in half an octave: a fall begins where it gets as steep
-    grid: float = 8.0  # mean difference over that of the smallest phase (5.6)
-    lattice: float = 1e-6  # step over rms; encoders have it, and nothing else
-    flat: float = -8.0  # dB an octave at the top of the spectrum of e and x (-10.8)
-    own: float = 3e-5  # rms of e - (ft - x) over that of e (1e-15); files of 5 decimals reach it
-    unanswered: float = 0.5  # share of x there that is no smooth answer to u + fd
-    flat_forcing: tuple[float, float] = (-6.0, 5e-6)  # of ft and fd, and level over rms (1e-12)
-    jittered: float = 0.05  # of its rms: fits are right at .03, wrong at .13
-    outlier: tuple[float, float] = (60.0, 5e-3)  # over the usual error, and over rms (3e-6)
-    identity: float = 0.02  # of a sample, by which e and ft or x are apart (0)
-    apart: tuple[float, float] = (0.2, 0.005)  # of a sample, and s, of u against fd (.003 s)
-    acausal: tuple[float, float] = (0.7, 0.003)  # the same of x: half a sample is a way to simulate
-    named: float = 0.55  # of a sample, of x against the element that is named, for the same reason
-    errors: float = 5.0  # standard errors beyond which a time differs from none
-    told: float = 0.01  # s, standard error up to which a time is told
-    gain: float = 0.05  # by which the share of fd in the drive differs from 1 (.014)
-    left: tuple[float, float] = (0.03, 1e-3)  # share of u that may be unexplained beside fd, and x
-    drift: tuple[float, float, float] = (150.0, 12e-6, 8.0)  # ppm (92), scatter, standard errors
-    copy: float = 0.72  # correlation of remnants (.67 in some 2000 pairs)
-    print: float = 0.5  # correlation of fingerprints (.25 in 120,000 pairs; with noise of 5 % .74)
-
-
-LIMITS = Limits()
-#: Frequency [Hz] up to which signals must be usable for a fit to lose next to nothing: pilots
-#: have no power above 30 rad/s, and a band of 26 rad/s tells as much as a wider one.
-ENOUGH = 5.0
 LOWEST, PER_OCTAVE = 0.3, 6  # Hz, and bands in an octave
 FEWEST = 10  # bins of all runs in a band, of which its level is told
-STEPS = 10.0  # of a converter, that are no jump
 HIGHEST = 5.0  # Hz, of the remnants that are held against one another
 SHORTEST = 30.0  # seconds of them
 
@@ -170,23 +132,23 @@ class _Look:
             steepest = first = int(np.argmin(np.where(known, slope, 0.0)))
             between = known[:-3] & (self.hertz[:-6] < 9.0)
             octave = float(np.min((level[6:] - level[:-6])[between], initial=0.0))
-            half = LIMITS.half_octave[which]
-            if slope[steepest] >= half and octave >= LIMITS.octave[which]:
+            half = RECORDER.half_octave[which]
+            if slope[steepest] >= half and octave >= RECORDER.octave[which]:
                 continue
-            while first > 0 and slope[first - 1] < LIMITS.goes_on:
+            while first > 0 and slope[first - 1] < RECORDER.goes_on:
                 first -= 1
             usable = float(at[first])
             # Between the lines of a recording without remnant there is next to nothing anyway.
             density = 10.0 * np.log10(np.mean(np.abs(self.spectra[name]) ** 2, axis=0) + 1e-300)
             out = [np.max(density[begin:end]) for begin, end in self.bands] - level
-            if np.max(out) > LIMITS.lines[0] or np.max(out[steepest + 3 :]) > LIMITS.lines[1]:
+            if np.max(out) > RECORDER.lines[0] or np.max(out[steepest + 3 :]) > RECORDER.lines[1]:
                 continue
             words = (
                 f"{name} is usable up to {usable:.2g} Hz: a low-pass filter or an interpolation "
                 "begins there; fits end there, and record without it, or with the same causal "
                 "filter on all signals"
             )
-            grade: Grade = "note" if usable >= ENOUGH else "doubt"
+            grade: Grade = "note" if usable >= RECORDER.enough else "doubt"
             yield Finding("low-pass", name, grade, usable, "Hz", words, usable)
 
     def grids(self) -> Iterator[Finding]:
@@ -195,7 +157,7 @@ class _Look:
             if name not in self.signals:
                 continue
             score, step, order = _grid(self.signals[name])
-            if score <= LIMITS.grid or not step:
+            if score <= RECORDER.grid or not step:
                 continue
             rate, usable = 1.0 / (step * self.dt), 0.25 / (step * self.dt)
             how = {1: "held", 2: "linearly interpolated", 4: "interpolated by cubics"}[order]
@@ -203,7 +165,7 @@ class _Look:
                 f"{name} is usable up to {usable:.2g} Hz: it was recorded at {rate:.3g} Hz and "
                 f"{how} between; give the samples as they were recorded"
             )
-            grade: Grade = "note" if usable >= ENOUGH else "doubt"
+            grade: Grade = "note" if usable >= RECORDER.enough else "doubt"
             yield Finding("resampled", name, grade, rate, "Hz", words, usable)
 
     def steps(self) -> Iterator[Finding]:
@@ -212,18 +174,18 @@ class _Look:
             if name not in self.signals:
                 continue
             step, rms = _step(self.signals[name]), float(np.std(self.signals[name]))
-            if step > LIMITS.lattice * rms:
+            if step > RECORDER.lattice * rms:
                 words = f"{name} has steps of {step:.3g}, {100.0 * step / rms:.2g} % of its rms"
                 yield Finding("rounded", name, "note", step, self.units[name], words)
 
     def floors(self) -> Iterator[Finding]:
         """White noise, whose spectrum is flat where that of a loop falls."""
-        own = self._unanswered > LIMITS.unanswered
+        own = self._unanswered > RECORDER.unanswered
         floors = floors_of(self.recording)
         for name in ("x", "e"):
-            if name not in self.signals or not self._slope(name) > LIMITS.flat:
+            if name not in self.signals or not self._slope(name) > RECORDER.flat:
                 continue
-            if not own and not (name == "e" and self._apart > LIMITS.own):
+            if not own and not (name == "e" and self._apart > RECORDER.own):
                 continue
             above = floors.omega[floors.share((name,)) >= 0.5]
             usable = float(above[-1] if above.size else floors.omega[0]) / (2.0 * math.pi)
@@ -243,12 +205,12 @@ class _Look:
             window = np.hanning(self.samples) ** 4
             level = float(np.median(self.power[name][top])) / math.log(2.0) / float(window.sum())
             size = math.sqrt(level) / rms
-            if self._slope(name) > LIMITS.flat_forcing[0] and size > LIMITS.flat_forcing[1]:
+            if self._slope(name) > RECORDER.flat_forcing[0] and size > RECORDER.flat_forcing[1]:
                 words = (
                     f"{name} holds noise of {100.0 * size:.2g} % of its rms: the times of samples "
                     "jitter, or it was recorded through a converter; give it as it was commanded"
                 )
-                jittered: Grade = "doubt" if size > LIMITS.jittered else "note"
+                jittered: Grade = "doubt" if size > RECORDER.jittered else "note"
                 yield Finding("jitter", name, jittered, size, "", words)
 
     @property
@@ -303,8 +265,8 @@ class _Look:
         ratio, share, count, run, sample = _outliers(self.signals["x"], self.drive)
         # What stands still between steps of a converter is told without error.
         rms = float(np.std(self.signals["x"]))
-        least = max(LIMITS.outlier[1], STEPS * _step(self.signals["x"]) / rms)
-        if ratio > LIMITS.outlier[0] and share > least:
+        least = max(RECORDER.outlier[1], RECORDER.converter_steps * _step(self.signals["x"]) / rms)
+        if ratio > RECORDER.outlier[0] and share > least:
             words = (
                 f"x jumps at {count} samples, first at t = {sample * self.dt:.4g} s of run "
                 f"{run + 1}, by up to {100.0 * share:.2g} % of its rms where u + fd do not: "
@@ -317,7 +279,7 @@ class _Look:
         if not {"x", "ft"} <= set(self.signals) or _is_stepped(self.signals["ft"]):
             return
         e, x, ft = (self.signals[n] for n in ("e", "x", "ft"))
-        if self._apart < LIMITS.own:
+        if self._apart < RECORDER.own:
             return
         every = max(1, round(0.045 / self.dt))
         (error,), (output, rate), (target, speed) = (
@@ -333,7 +295,7 @@ class _Look:
             ("ft", values[2] / values[0], errors[2]),
             ("x", values[3] / values[1], errors[3]),
         ):
-            if abs(late) > max(LIMITS.errors * error_of, LIMITS.identity * self.dt):
+            if abs(late) > max(RECORDER.errors * error_of, RECORDER.identity * self.dt):
                 yield _late(name, "e", late, self.dt, "e = ft - x does not hold otherwise")
 
     def times(self, found: Sequence[Finding]) -> Iterator[Finding]:
@@ -353,18 +315,18 @@ class _Look:
         if "fd" not in self.signals or _is_stepped(self.signals["fd"]):
             return
         best = Relation(self.signals, self.dt).best(order=4)
-        if not best.left < LIMITS.left[0]:
+        if not best.left < RECORDER.left[0]:
             return
         # Noise on x, which stands on the right-hand side, moves times and shares.
         noisy = any(f.signal == "x" and f.code in ("noise", "resampled") for f in found)
-        least = max(LIMITS.errors * best.error, LIMITS.apart[0] * self.dt, LIMITS.apart[1])
-        if best.error < LIMITS.told and abs(best.late) > (2.0 if noisy else 1.0) * least:
+        least = max(RECORDER.errors * best.error, RECORDER.apart[0] * self.dt, RECORDER.apart[1])
+        if best.error < RECORDER.told and abs(best.late) > (2.0 if noisy else 1.0) * least:
             yield _late("u", "fd", best.late, self.dt, "x would not be their answer otherwise")
         off = abs(best.share - 1.0)
         if (
             not noisy
             and best.share_error < 0.05
-            and off > max(LIMITS.errors * best.share_error, LIMITS.gain)
+            and off > max(RECORDER.errors * best.share_error, RECORDER.gain)
         ):
             includes = abs(best.share) < 0.1
             words = (
@@ -405,8 +367,8 @@ class _Look:
             values, errors, left = regression(output, columns, every * self.dt)
             late += float(values[1] / values[0])
         error = float(errors[1] / abs(values[0]))
-        least = max(LIMITS.errors * error, LIMITS.named * self.dt, LIMITS.acausal[1])
-        if left < LIMITS.left[0] and error < LIMITS.told and abs(late) > least:
+        least = max(RECORDER.errors * error, RECORDER.named * self.dt, RECORDER.acausal[1])
+        if left < RECORDER.left[0] and error < RECORDER.told and abs(late) > least:
             words = (
                 f"x answers {1e3 * abs(late):.3g} ms {'later' if late > 0 else 'earlier'} than the "
                 f"controlled element {element.name} that is named: u, or x and e, passed a filter "
@@ -420,7 +382,7 @@ class _Look:
         relation = Relation(self.signals, self.dt)
         for scanned, order in ((s, o) for s in (False, True) for o in range(3)):
             best = relation.best(order, against_output=True, scanned=scanned)
-            if best.left < LIMITS.left[1]:
+            if best.left < RECORDER.left[1]:
                 break
         else:
             return
@@ -428,8 +390,8 @@ class _Look:
             ("u", best.late, best.error),
             ("fd", best.other, best.other_error),
         ):
-            least = max(LIMITS.errors * error, LIMITS.acausal[0] * self.dt, LIMITS.acausal[1])
-            if error < LIMITS.told and late > least:
+            least = max(RECORDER.errors * error, RECORDER.acausal[0] * self.dt, RECORDER.acausal[1])
+            if error < RECORDER.told and late > least:
                 yield _late(name, "x", late, self.dt, "x would answer before it moves otherwise")
                 return
 
@@ -451,10 +413,10 @@ class _Look:
         scatter = float(np.std(late - late.mean() - slope * along))
         ppm = 1e6 * slope / (length * self.dt)
         error = max(b.error for b in best)
-        least, straight, errors = LIMITS.drift
+        least, straight, errors = RECORDER.drift
         if (
-            max(b.left for b in best) < LIMITS.left[0]
-            and error < LIMITS.told
+            max(b.left for b in best) < RECORDER.left[0]
+            and error < RECORDER.told
             and abs(ppm) > least
             and scatter < straight * abs(ppm)
             and abs(slope) * parts > errors * error
@@ -473,7 +435,7 @@ class _Look:
         remnants, step = _remnants(self.recording, min(highest, HIGHEST))
         for one, other in combinations(range(self.recording.runs), 2):
             alike = _alike(remnants[one], remnants[other], step)
-            if alike > LIMITS.copy:
+            if alike > RECORDER.copy:
                 words = (
                     f"runs {one + 1} and {other + 1} have the same remnant (correlation "
                     f"{alike:.2f}): one is a copy of the other; leave it out"
@@ -576,7 +538,7 @@ def _outliers(
         error = np.abs(wanted - table @ values)
         usual = float(np.median(error)) / 0.6745 + 1e-13
         kept = error < 6.0 * usual
-    far = np.flatnonzero(error > max(LIMITS.outlier[0] * usual, LIMITS.outlier[1]))
+    far = np.flatnonzero(error > max(RECORDER.outlier[0] * usual, RECORDER.outlier[1]))
     first = int(far[0]) if far.size else 0
     events = int(np.count_nonzero(np.diff(far, prepend=-order - 1) > order))
     run, sample = divmod(first, count)
@@ -672,7 +634,7 @@ def copies_among(names: Sequence[str], prints: Sequence[FloatArray]) -> dict[int
         places = [(i, run) for i, p in enumerate(prints) for run in range(len(p))
                   if p.shape[1] == bins]  # fmt: skip
         stacked = np.array([prints[i][run] for i, run in places])
-        for a, b in np.argwhere(np.triu(stacked @ stacked.T > LIMITS.print, 1)):
+        for a, b in np.argwhere(np.triu(stacked @ stacked.T > RECORDER.print, 1)):
             one, other = places[a], places[b]
             for (i, run), (j, same) in ((one, other), (other, one)):
                 if i != j and i not in said:

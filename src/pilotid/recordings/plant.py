@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pilotid.limits import ELEMENT
 from pilotid.recordings.recording import Recording, remembered
 from pilotid.recordings.spectra import at_lines, target_lines
 from pilotid.remarks import Remark
@@ -22,22 +23,8 @@ from pilotid.types import ComplexArray, FloatArray, IntArray
 BANDS = 12  # equally wide on a logarithmic scale
 LOWEST, HIGHEST = 0.5, 15.0  # rad/s
 FEWEST_BINS = 4  # of all runs, of which the coherence of a band is made
-COHERENT = 0.8  # squared coherence from which a band tells of the element
 FEWEST_BANDS = 4
-NEGATIVE = -0.3  # polarity below which an element turns the control round; sound ones exceed .1
-CLEARLY = 0.05  # by which coherence must be larger for a sign to be the other one
-#: Mean coherence below which an output is not that of the control; it is less where there may be
-#: a disturbance that was not recorded.  Sound recordings have .93 and more, and .46.
-UNRELATED, UNRELATED_WITHOUT_FD = 0.9, 0.25
-#: Relative difference of an element between the halves of a recording, from which on it changes;
-#: sound recordings show 0.16 at most, one that goes from rate to acceleration control 1.1.
-CHANGED = 0.35
-FLAT = 0.15  # relative, by which the response of an element that is a gain differs
-STANDS_OUT = 3.0  # times the noise from which a line of the target tells the element's angle
-SHORT = 60.0  # seconds below which delays cannot be told
-#: How much later than x the control may seem [s], up to when it is looked for, and by how much
-#: smoother the phase must be then, of 1 at the most.  Sound recordings show 0.02 s at the most.
-LATE, LATEST, SMOOTHER = 0.1, 3.0, 0.3
+LATEST = 3.0  # s by which a control that seems later than x is looked for
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,10 +105,10 @@ def plant_of(recording: Recording, run: int | None = None) -> Plant | None:
         if recording.fd is None:
             polarity = _polarity_at_target(recording, rows)
         else:
-            good = coherence >= COHERENT
+            good = coherence >= ELEMENT.coherent
             polarity = _polarity(omega[good], (cross / power)[good])
         found.append(Plant(omega, cross / power, coherence, polarity, sign < 0.0))
-    return max(found, key=lambda plant: plant.mean_coherence - CLEARLY * plant.opposed)
+    return max(found, key=lambda plant: plant.mean_coherence - ELEMENT.clearly * plant.opposed)
 
 
 @remembered
@@ -162,7 +149,7 @@ def _polarity_at_target(recording: Recording, rows: slice) -> float:
     good = (omega >= LOWEST) & (omega <= HIGHEST)
     control, output = told.control[rows], told.output[rows]
     for at, noise in ((control, told.control_noise), (output, told.output_noise)):
-        good &= np.mean(np.abs(at) ** 2, axis=0) > STANDS_OUT * noise
+        good &= np.mean(np.abs(at) ** 2, axis=0) > ELEMENT.stands_out * noise
     response = np.mean(output * control.conj(), axis=0) / np.mean(np.abs(control) ** 2, axis=0)
     return _polarity(omega[good], response[good])
 
@@ -234,12 +221,12 @@ def _signs(recording: Recording, run: int | None) -> tuple[str, ...] | None:
     None if it cannot be told; no run means all of them.
     """
     plant = plant_of(recording, run)
-    if plant is None or (not plant.opposed and abs(plant.polarity) < -NEGATIVE):
+    if plant is None or (not plant.opposed and abs(plant.polarity) < -ELEMENT.negative):
         return None
     if not plant.opposed:
         wrong = ("u",) if recording.fd is None else ("u", "fd")
         return wrong if plant.polarity < 0.0 else ()
-    return ("fd",) if plant.polarity < NEGATIVE else ("u",)
+    return ("fd",) if plant.polarity < ELEMENT.negative else ("u",)
 
 
 def is_gain(recording: Recording) -> bool:
@@ -247,8 +234,9 @@ def is_gain(recording: Recording) -> bool:
     plant = plant_of(recording)
     if plant is None:
         return False
-    known = plant.response[plant.coherence >= COHERENT]
-    return known.size >= FEWEST_BANDS and bool(np.max(np.abs(known / np.mean(known) - 1)) <= FLAT)
+    known = plant.response[plant.coherence >= ELEMENT.coherent]
+    off = np.abs(known / np.mean(known) - 1.0) if known.size else np.ones(1)
+    return known.size >= FEWEST_BANDS and bool(np.max(off) <= ELEMENT.flat)
 
 
 def element_changes(recording: Recording) -> Remark | None:
@@ -264,13 +252,13 @@ def element_changes(recording: Recording) -> Remark | None:
         cross, power, own = _products(output, control, bands)
         if not (np.all(power > 0.0) and np.all(own > 0.0)):
             return None
-        good &= np.abs(cross) ** 2 >= COHERENT * power * own
+        good &= np.abs(cross) ** 2 >= ELEMENT.coherent * power * own
         responses.append(cross / power)
     if np.count_nonzero(good) < FEWEST_BANDS:
         return None
     ratio = responses[1][good] / responses[0][good]
     apart = float(np.median(np.abs(np.log(ratio))))
-    if apart <= CHANGED:
+    if apart <= ELEMENT.changed:
         return None
     return Remark(
         "element-varies",
@@ -284,7 +272,7 @@ def element_changes(recording: Recording) -> Remark | None:
 def unrelated(recording: Recording) -> Remark | None:
     """An output that is not the control's answer belongs to another run or time."""
     plant = plant_of(recording)
-    least = UNRELATED_WITHOUT_FD if recording.fd is None else UNRELATED
+    least = ELEMENT.unrelated_without_fd if recording.fd is None else ELEMENT.unrelated
     if plant is None or plant.mean_coherence >= least:
         return None
     what = "u" if recording.fd is None else "u + fd"
@@ -302,7 +290,7 @@ def late(recording: Recording) -> Remark | None:
     At the target's lines x is the controlled element's answer to u alone.  Of all times the one
     sought makes the phase from line to line the smoothest.
     """
-    told = None if recording.duration < SHORT else _at_target(recording)
+    told = None if recording.duration < ELEMENT.late_from else _at_target(recording)
     if told is None:
         return None
     ratio = np.sum(told.output * told.control.conj(), axis=0)
@@ -313,7 +301,8 @@ def late(recording: Recording) -> Remark | None:
     apart = 2.0 * np.pi * np.diff(told.lines) / recording.duration
     smooth = np.real(np.exp(-1j * np.outer(times, apart)) @ (turns / np.abs(turns))) / turns.size
     best = int(np.argmax(smooth))
-    if times[best] <= LATE or smooth[best] - np.interp(0.0, times, smooth) < SMOOTHER:
+    gain = smooth[best] - np.interp(0.0, times, smooth)
+    if times[best] <= ELEMENT.late or gain < ELEMENT.smoother:
         return None
     return Remark(
         "late-control",

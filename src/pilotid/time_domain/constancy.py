@@ -25,6 +25,7 @@ from itertools import pairwise
 import numpy as np
 
 from pilotid.chance import chi_squared_tail
+from pilotid.limits import ESTIMATE
 from pilotid.pilot.factors import Polynomial
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
@@ -37,9 +38,6 @@ from pilotid.types import FloatArray
 PLACES = np.linspace(0.1, 0.9, 21)
 #: Draws of the largest statistic under a constant pilot.
 DRAWS = 20_000
-#: A pilot is said to change where chance is below this, and a gain or lead changes by at least
-#: this share of its constant value.
-LEVEL, LARGE = 0.01, 1.0 / 3.0
 
 
 @dataclass(frozen=True)
@@ -162,7 +160,7 @@ class Scores:
 
 def changes(p: float, size: float) -> bool:
     """Whether a pilot is said to change, by the chance and the largest share of a change."""
-    return p < LEVEL and size >= LARGE
+    return p < ESTIMATE.changes and size >= ESTIMATE.changes_by
 
 
 def constancy(found: Maximum, recording: Recording, rng: np.random.Generator) -> Constancy | None:

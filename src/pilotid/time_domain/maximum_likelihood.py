@@ -18,6 +18,7 @@ from pilotid.chance import chi_squared_limit
 from pilotid.estimates.applicability import lines_objection
 from pilotid.estimates.estimate import Starts, is_at_bound
 from pilotid.estimates.parts import AnalysedBand, RemnantEstimate
+from pilotid.limits import ESTIMATE
 from pilotid.lines.fit import fit_lines
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
@@ -65,9 +66,6 @@ COMPETING_MARGIN, SAME_CRITERION = 5.0, 0.01
 #: share what little there is: by this many seconds over the scored time (Bartlett's correction,
 #: with the constant measured on populations of pilots; docs/remnant.md).
 BARTLETT_SECONDS = 5.0
-#: Length of the segments whose scores are compared [s], and how seldom a constant pilot's scores
-#: may be taken for dispersed.
-SEGMENT, DISPERSED = 8.0, 0.01
 
 #: What is told of a search from one start.
 ONE_START = Starts(cost=np.ones(1), agreeing=1)
@@ -128,9 +126,9 @@ class Maximum(JointFit):
         """
         if self.joint.prediction.model.changes:
             return 1.0
-        length = max(1, round(SEGMENT / self.joint.prediction.dt))
+        length = max(1, round(ESTIMATE.segment / self.joint.prediction.dt))
         statistic, freedom = score_dispersion(self.tested_rows, self.joint.pilot, length)
-        certain = freedom > 0 and statistic > chi_squared_limit(freedom, DISPERSED)
+        certain = freedom > 0 and statistic > chi_squared_limit(freedom, ESTIMATE.dispersed)
         return statistic / freedom if certain else 1.0
 
     @property

@@ -8,7 +8,7 @@ from typing import Literal, Self
 
 import numpy as np
 
-from pilotid.chance import SELDOM, chi_squared_limit
+from pilotid.chance import chi_squared_limit
 from pilotid.estimates.estimate import (
     Estimate,
     Outcome,
@@ -17,6 +17,7 @@ from pilotid.estimates.estimate import (
     outcome_of,
     symmetric_intervals,
 )
+from pilotid.limits import ESTIMATE
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_of, sandwich
@@ -101,7 +102,7 @@ class OutputErrors(Problem):
         variance = np.sum(left**2) / (left.size - amplitudes.size)
         squares = amplitudes**2 / np.sum(weights**2, axis=1)
         runs = self.prediction.runs
-        limit = chi_squared_limit(runs, SELDOM)
+        limit = chi_squared_limit(runs, ESTIMATE.seldom)
         noticeable = np.sum(squares, axis=0) > limit * variance
         return tuple(p for p, n in zip(poles, noticeable, strict=True) if n)
 

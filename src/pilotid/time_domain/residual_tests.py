@@ -3,7 +3,7 @@
 Under the model, prediction errors at the optimum are white, as large in one half of the
 recording as in the other, and gains and leads are the same throughout, as any other parameter
 is in both halves; the control does not drift, and where it moves it does not rest.  Each test
-is at a chance of `SELDOM`.
+is at a chance of `ESTIMATE.seldom`.
 """
 
 from __future__ import annotations
@@ -13,23 +13,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pilotid.chance import SELDOM, chi_squared_limit
+from pilotid.chance import chi_squared_limit
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.parts import RemnantEstimate
+from pilotid.limits import ESTIMATE
 from pilotid.recordings.plant import is_gain
 from pilotid.recordings.recording import INPUTS, Recording
 from pilotid.remarks import Remark
 from pilotid.solve.covariance import covariance_of
 from pilotid.time_domain.band_likelihood import BandTerms
 from pilotid.time_domain.constancy import (
-    LARGE,
     PLACES,
     in_words,
     may_vary,
     relative_steps,
     scores_of,
 )
-from pilotid.time_domain.maximum_likelihood import SEGMENT, Maximum
+from pilotid.time_domain.maximum_likelihood import Maximum
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prediction_errors import PredictionErrors
@@ -190,17 +190,6 @@ def drift_left(joint: PredictionErrors, values: FloatArray) -> tuple[float, Floa
     return float(explained * freedom / (rest @ rest - explained)), drifts
 
 
-#: Samples of the analysis band over which prediction errors must not be correlated.
-PORTMANTEAU_LAGS = 40
-#: Share of the samples at which the control keeps its value, or one value, from which on that
-#: is no accident.  A recording to 16 bits of the stick's range keeps it in 1 of 1000.
-LARGEST_HELD_SHARE = 0.02
-#: Least share of what a recording tells of the pilot, in any direction, that both halves must hold.
-SHARED = 1e-2
-#: Least share of the largest variance of a direction of autocovariances in a band.
-INDEPENDENT = 0.01
-
-
 def residual_remarks(found: Maximum, recording: Recording) -> tuple[Remark, ...]:
     """What speaks against the fit of pilot and remnant, a sentence each; empty for nothing."""
     rows = found.tested_rows
@@ -221,16 +210,16 @@ def _dispersed(dispersion: float) -> Remark | None:
         return None
     return Remark(
         "overdispersed",
-        f"segments of {SEGMENT:g} s ask for pilots that differ by {dispersion**0.5:.2g} times "
-        "their errors, since the pilot wanders or the model lacks something: standard errors and "
-        "intervals are longer by that factor",
+        f"segments of {ESTIMATE.segment:g} s ask for pilots that differ by "
+        f"{dispersion**0.5:.2g} times their errors, since the pilot wanders or the model lacks "
+        "something: standard errors and intervals are longer by that factor",
     )
 
 
 def _held(recording: Recording) -> Remark | None:
     control = recording.window(recording.u)
     share = held_share(control)
-    if share < LARGEST_HELD_SHARE or _one_step_share(control) > share:
+    if share < ESTIMATE.held or _one_step_share(control) > share:
         return None  # the steps of a converter, taken at every other sample
     return Remark(
         "held-control",
@@ -254,10 +243,10 @@ def _answered_at_once(recording: Recording) -> Remark | None:
 
 def _varying(found: Maximum, rows: FloatArray) -> Remark | None:
     scores = scores_of(found, rows)
-    if scores is None or scores.bound >= SELDOM:
+    if scores is None or scores.bound >= ESTIMATE.seldom:
         return None
     steps = relative_steps(found, scores)
-    if max(abs(step) for step in steps) < LARGE:
+    if max(abs(step) for step in steps) < ESTIMATE.changes_by:
         return None
     model = found.joint.prediction.model
     keys = [model.keys[i] for i in may_vary(model)]
@@ -275,7 +264,7 @@ def _varying(found: Maximum, rows: FloatArray) -> Remark | None:
 def _changed(rows: FloatArray, joint: PredictionErrors) -> Remark | None:
     pilot = joint.pilot
     statistic, freedom = score_of_halves(rows, pilot)
-    if not freedom or statistic <= chi_squared_limit(freedom, SELDOM):
+    if not freedom or statistic <= chi_squared_limit(freedom, ESTIMATE.seldom):
         return None
     remedy = "fit the halves separately, or use a time-varying model"
     if joint.prediction.model.changes:
@@ -290,7 +279,7 @@ def _changed(rows: FloatArray, joint: PredictionErrors) -> Remark | None:
 
 def _uneven(errors: FloatArray) -> Remark | None:
     ratio, deviations = ratio_of_halves(errors)
-    if deviations**2 <= chi_squared_limit(1, SELDOM):
+    if deviations**2 <= chi_squared_limit(1, ESTIMATE.seldom):
         return None
     return Remark(
         "residual-variance-changes",
@@ -301,7 +290,7 @@ def _uneven(errors: FloatArray) -> Remark | None:
 
 def _drifting(found: Maximum) -> Remark | None:
     statistic, drifts = drift_left(found.joint, found.end.values[0])
-    if statistic <= chi_squared_limit(drifts.size, SELDOM):
+    if statistic <= chi_squared_limit(drifts.size, ESTIMATE.seldom):
         return None
     run = int(np.argmax(np.abs(drifts)))
     return Remark(
@@ -314,14 +303,14 @@ def _drifting(found: Maximum) -> Remark | None:
 
 def _coloured(errors: FloatArray, terms: BandTerms | None) -> Remark | None:
     if terms is None:
-        statistic, freedom = portmanteau(errors, PORTMANTEAU_LAGS), PORTMANTEAU_LAGS
+        statistic, freedom = portmanteau(errors, ESTIMATE.lags), ESTIMATE.lags
     else:
-        statistic, freedom = portmanteau_in_band(errors, terms.weights, PORTMANTEAU_LAGS)
-    if statistic <= chi_squared_limit(freedom, SELDOM):
+        statistic, freedom = portmanteau_in_band(errors, terms.weights, ESTIMATE.lags)
+    if statistic <= chi_squared_limit(freedom, ESTIMATE.seldom):
         return None
     return Remark(
         "residual-not-white",
-        f"the prediction errors are not white (portmanteau over {PORTMANTEAU_LAGS} lags: "
+        f"the prediction errors are not white (portmanteau over {ESTIMATE.lags} lags: "
         f"{statistic:.0f}, where chance gives {freedom}): neither pilot nor remnant explains "
         "all of the control, so errors may be larger than claimed; try another model",
     )
@@ -385,7 +374,7 @@ def portmanteau_in_band(errors: FloatArray, weights: FloatArray, lags: int) -> t
     cosines -= (cosines @ weights / weights.sum())[:, None]  # the power was estimated
     cosines *= weights
     size, directions = np.linalg.eigh(runs * (cosines @ cosines.T))
-    kept = size > INDEPENDENT * size[-1]
+    kept = size > ESTIMATE.independent * size[-1]
     along = directions[:, kept].T @ (cosines @ excess)
     return float(np.sum(along**2 / size[kept])), int(np.count_nonzero(kept))
 
@@ -428,7 +417,7 @@ def score_of_halves(rows: FloatArray, pilot: int) -> tuple[float, int]:
     root = np.linalg.cholesky(inverse[:pilot, :pilot])
     covariance = root.T @ (first - first @ inverse @ first)[:pilot, :pilot] @ root
     sizes, directions = np.linalg.eigh(0.5 * (covariance + covariance.T))
-    told = sizes > SHARED
+    told = sizes > ESTIMATE.shared_by_halves
     along = directions[:, told].T @ root.T @ score[:pilot]
     return float(np.sum(along**2 / sizes[told])) / variance, int(np.count_nonzero(told))
 

@@ -1,0 +1,139 @@
+"""Limits of all checks, of recordings and of estimates, each with its source.
+
+A number in brackets is the largest, or least, that sound data reach: simulations of every
+scenario, about 760 recordings of three generators, two of which share no code with this
+project, and 110 files of human pilots.  No limit was set on what judges it: false alarms are
+counted on other seeds and on a fourth generator (``nox -s check -- remarks``).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+
+class RecorderLimits(NamedTuple):
+    """What a recorder does to signals, see `pilotid.recordings.detectors`."""
+
+    half_octave: tuple[float, float] = (-45.0, -52.0)  # dB, steepest of u (-38.8) and x (-45.9)
+    octave: tuple[float, float] = (-54.0, -70.0)  # dB, from 1 to 9 Hz (-50.7, -64.6)
+    lines: tuple[float, float] = (80.0, 60.0)  # dB, of a line over its surroundings (78, 69)
+    goes_on: float = -15.0  # dB in half an octave: a fall begins where it gets as steep
+    grid: float = 8.0  # mean difference over that of the smallest phase (5.6)
+    lattice: float = 1e-6  # step over rms; encoders have it, and nothing else
+    flat: float = -8.0  # dB an octave at the top of the spectrum of e and x (-10.8)
+    own: float = 3e-5  # rms of e - (ft - x) over that of e (1e-15); files of 5 decimals reach it
+    unanswered: float = 0.5  # share of x there that is no smooth answer to u + fd
+    flat_forcing: tuple[float, float] = (-6.0, 5e-6)  # of ft and fd, and level over rms (1e-12)
+    jittered: float = 0.05  # of its rms: fits are right at .03, wrong at .13
+    outlier: tuple[float, float] = (60.0, 5e-3)  # over the usual error, and over rms (3e-6)
+    converter_steps: float = 10.0  # of a converter, that are no jump
+    identity: float = 0.02  # of a sample, by which e and ft or x are apart (0)
+    apart: tuple[float, float] = (0.2, 0.005)  # of a sample, and s, of u against fd (.003 s)
+    acausal: tuple[float, float] = (0.7, 0.003)  # the same of x: half a sample is a way to simulate
+    named: float = 0.55  # of a sample, of x against the element that is named, for the same reason
+    errors: float = 5.0  # standard errors beyond which a time differs from none
+    told: float = 0.01  # s, standard error up to which a time is told
+    gain: float = 0.05  # by which the share of fd in the drive differs from 1 (.014)
+    left: tuple[float, float] = (0.03, 1e-3)  # share of u that may be unexplained beside fd, and x
+    drift: tuple[float, float, float] = (150.0, 12e-6, 8.0)  # ppm (92), scatter, standard errors
+    copy: float = 0.72  # correlation of remnants (.67 in some 2000 pairs)
+    print: float = 0.5  # correlation of fingerprints (.25 in 120,000 pairs; with noise of 5 % .74)
+    #: Hz up to which signals must be usable for a fit to lose next to nothing: pilots have no
+    #: power above 30 rad/s, and a band of 26 rad/s tells as much as a wider one.
+    enough: float = 5.0
+
+
+class SignalLimits(NamedTuple):
+    """What is wrong with signals as such, see `pilotid.recordings.checks`."""
+
+    still: float = 1e-9  # standard deviation over the size of the signal: it does not move
+    hold_e: float = 0.3  # s at one value
+    hold_x: float = 8.0
+    hold_u: float = 10.0  # (6.5, on a breakout)
+    spike: float = 100.0  # times the usual size (8; a control after steps 27)
+    at_extreme: float = 0.06  # share of the samples at the largest or smallest value (.044)
+    drift: float = 2.0  # of u over a run of 82 s, in standard deviations of what is left
+    own_trend: float = 0.1  # share of a trend that the signals of the loop must leave to be told
+    offset: float = 4.0  # standard errors of the mean of u (1.4)
+    answered: float = 0.5  # by which the median ratio at lines exceeds 1 in one run (least .9)
+    answered_from: float = 60.0  # s from which lines and remnant can be told apart
+    identity: float = 0.01  # rms of e - (ft - x) over that of e (3e-6)
+    shown: float = 0.5  # share of the target's fast lines that the error must show
+    fastest_loop: float = 7.0  # rad/s; people cross over at 6 rad/s at most
+    scaled: float = 0.02  # by which a factor between signals differs from 1 to be one of units
+    same_factor: float = 0.01  # by which it may differ from line to line
+    unlike_element: float = 1.3  # between the controlled elements of two runs (1.06)
+    unlike_size: float = 2.5  # of one run against the rest
+    unlike_scatters: float = 5.0  # the same in scatters of the rest, which is at least
+    least_scatter: float = 0.1
+    repeated: float = 0.5  # s of a signal that recur to the last digit
+    values: int = 20  # different values in such a stretch: rest and saturation do recur
+    motionless_forcing: float = 0.01  # standard deviation over that of another signal
+
+
+class ElementLimits(NamedTuple):
+    """What output and control say of the controlled element, see `plant` and `element`."""
+
+    coherent: float = 0.8  # squared coherence from which a band tells of the element
+    negative: float = -0.3  # polarity below which an element turns the control round (least .1)
+    clearly: float = 0.05  # by which coherence must be larger for a sign to be the other one
+    unrelated: float = 0.9  # mean coherence below which x is not the answer to u (least .93)
+    unrelated_without_fd: float = 0.25  # where a disturbance may not be recorded (least .46)
+    changed: float = 0.35  # relative difference between the halves (.16; rate to acceleration 1.1)
+    flat: float = 0.15  # relative, by which the response of an element that is a gain differs
+    stands_out: float = 3.0  # times the noise from which a line tells the element's angle
+    late: float = 0.1  # s by which the control seems later than x (.02)
+    late_from: float = 60.0  # s below which delays cannot be told
+    smoother: float = 0.3  # by which the phase must be smoother then, of 1 at the most
+    #: Share of x [%] that an element must explain, and the relative error of its response where
+    #: loops cross over, for loops to be drawn with it unasked.
+    sound: float = 98.0
+    known: float = 0.1
+    halves: float = 95.0  # share of x [%] that each half must explain by itself to say it changes
+    #: rms of the relative difference of two responses from which they are different elements; a
+    #: delay of a sample or two between the recorder's channels is less.
+    different: float = 0.1
+
+
+class EstimateLimits(NamedTuple):
+    """What speaks against an estimate, see `warnings`, `specification` and `residual_tests`."""
+
+    #: How seldom chance may speak against a fit, by each test of prediction errors: once in
+    #: 14,000 recordings.
+    seldom: float = 7e-5
+    misspecified: float = 1e-4  # p-value (none below .01 in 80 sound fits)
+    #: s of all runs together from which it is tested; covariances are not good enough of less
+    #: (30 s: 12 % of 120 sound fits disagreed; populations of 60 s and more: 2 of 480).
+    tested_from: float = 60.0
+    covariance: float = 0.1  # share by which the covariance of a score may be wrong
+    dispersed: float = 0.01  # how seldom a constant pilot's scores may count as dispersed
+    segment: float = 8.0  # s, of the segments whose scores are compared
+    lags: int = 40  # samples of the band over which prediction errors must not be correlated
+    #: Share of samples at which u keeps its value, or one value, from which on that is no
+    #: accident; a recording to 16 bits of the stick's range keeps it in .001.
+    held: float = 0.02
+    shared_by_halves: float = 1e-2  # least share of the information, in any direction, in each half
+    independent: float = 0.01  # least share of the largest variance of autocovariances in a band
+    changes: float = 0.01  # p-value below which a pilot changes, if a gain or lead does
+    changes_by: float = 1.0 / 3.0  # by this share of its constant value
+    #: VAF [%] below which a model explains next to nothing: of 110 recordings of human pilots the
+    #: least has 34 %; with the control recorded a second late the best fit has 12 %.
+    least_vaf: float = 20.0
+    vague: float = 0.25  # standard error over value of a parameter that is poorly identified
+    vague_ratio: float = 0.7  # standard error of log of a ratio of times that tells nothing
+    shortest_delay: float = 0.1  # s, of people who track
+    wide: float = 10.0  # ratio of the ends of an interval: the order of magnitude is told at most
+    asymmetric: float = 3.0  # how much longer one side is, on the scale of the search
+    #: Correlation from which two parameters count as one: to know the other divides a variance by
+    #: 10, at which regressors are called collinear (Marquardt, Technometrics 12, 1970).
+    collinear: float = math.sqrt(0.9)
+    well_known: float = 0.1  # relative standard error that needs no remark
+    better: float = 3.0  # by which a product or ratio is known better than either parameter
+    lost_crossing: float = 0.02  # share of draws without the crossing that is worth a word
+
+
+RECORDER = RecorderLimits()
+SIGNAL = SignalLimits()
+ELEMENT = ElementLimits()
+ESTIMATE = EstimateLimits()
