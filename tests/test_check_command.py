@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +10,9 @@ import numpy as np
 import pytest
 from helpers import Run, strict
 
+import pilotid
 from pilotid.datasets import SCENARIOS, simulate
+from pilotid.disk import strict_json
 from pilotid.methods import methods
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.files import detrended, load_recording, save_recording
@@ -61,6 +64,19 @@ def test_json_has_everything_and_keeps_the_names(run: Run, tmp_path: Path) -> No
     (remark,) = second["remarks"]
     assert second["codes"] == second["recording"]["codes"] == ["wrong-sign"]
     assert remark.endswith("flip with --map u=-u")
+
+
+def test_python_says_what_the_command_says(run: Run, tmp_path: Path) -> None:
+    file = written(replace(NOMINAL, u=-NOMINAL.u), tmp_path / "F.csv")
+    found = pilotid.check(load_recording(file), models=["single"], element="4/s^2")
+    options = ("check", file, "--model", "single", "--element", "4/s^2")
+    assert [(r.code, r.grade) for r in found.remarks] == [("wrong-sign", "wrong")]
+    assert f"{found}\n" == run(*options).out
+    printed = strict(run(*options, "--json", "-").out)
+    told = json.loads(strict_json(found.to_dict()))
+    for entry in (told, printed):  # its numbers are those of a search, and end in rounding
+        entry["understood"]["constancy"] = list(entry["understood"]["constancy"])
+    assert told == printed
 
 
 def test_its_advice_mends_the_recording(run: Run, tmp_path: Path) -> None:

@@ -1,6 +1,9 @@
 """The public names, and the modules that hold them: `pilotid.__init__` reads this file."""
 
 from pilotid.api import (
+    check as check,
+)
+from pilotid.api import (
     compare as compare,
 )
 from pilotid.api import (

@@ -16,6 +16,7 @@ from pilotid.estimates.method import Method
 from pilotid.estimates.method import identify as run_method
 from pilotid.methods import label_of, method_named
 from pilotid.pilot.catalogue import model_named
+from pilotid.pilot.element import ControlledElement, as_element
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import DEFAULT_SEED, draw_rng, fit_rng, recording_rng
@@ -24,6 +25,7 @@ from pilotid.types import InputError
 if TYPE_CHECKING:
     from pilotid.designing.design import Design
     from pilotid.model_choice import Selection
+    from pilotid.report.check import Checked
     from pilotid.study.comparison import Comparison
     from pilotid.study.trust import Trust
 
@@ -63,6 +65,35 @@ def identify(
         rng = fit_rng(rng, label_of(chosen))
     known = model_named(model) if isinstance(model, str) else model
     return run_method(chosen, recording, known, rng)
+
+
+def check(
+    recording: Recording,
+    models: Sequence[PilotModel | str] = ("single", "multi"),
+    element: ControlledElement | str | None = None,
+) -> Checked:
+    """Say what was understood of a recording, and what is wrong: ``print(check(recording))``.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    models
+        Models or names, of which is told what methods can do.
+    element
+        The controlled element, or its text, to compare with what is seen.
+
+    Returns
+    -------
+    Checked
+        Remarks with codes and grades, signals, lines and element; it prints as ``pilotid check``
+        does, and its ``to_dict()`` is what ``--json`` writes.
+    """
+    from pilotid.report.check import check_all
+
+    named = [model_named(m) if isinstance(m, str) else m for m in models]
+    (found,) = check_all([recording], named, as_element(element) if element else None)
+    return found
 
 
 def which_model(

@@ -20,7 +20,7 @@ from xml.etree import ElementTree
 
 from pilotid.disk import write_file
 from pilotid.numbers import NONE
-from pilotid.terminal import as_text, print_table
+from pilotid.terminal import PLAIN_WIDTH, as_text, print_table
 from pilotid.types import InputError, printable
 
 if TYPE_CHECKING:
@@ -383,6 +383,18 @@ def table_html(table: Table[Any]) -> str:
     return str(macros.table_of(table))
 
 
+def blocks_html(*blocks: Text | Bullets | Table[Any]) -> str:
+    """Texts, lists and tables as HTML, for notebooks."""
+    parts = []
+    for block in blocks:
+        if isinstance(block, Table):
+            parts.append(table_html(block))
+        else:
+            lines = [block.text] if isinstance(block, Text) else block.items
+            parts += [f"<p>{inline_html(line)}</p>" for line in lines]
+    return "".join(parts)
+
+
 def write_page(
     path: Path, title: str, sections: Sequence[Section], above: str = "", kinds: Kinds = ()
 ) -> None:
@@ -521,6 +533,16 @@ def print_blocks(console: Console, *blocks: Text | Bullets | Table[Any]) -> None
                 console.print()
             console.print(plain(text), style=style, soft_wrap=True)
             lines = 1
+
+
+def blocks_text(*blocks: Text | Bullets | Table[Any]) -> str:
+    """What `print_blocks` prints, as plain text."""
+    from rich.console import Console
+
+    stream = io.StringIO()
+    console = Console(file=stream, width=PLAIN_WIDTH, highlight=False, markup=False, emoji=False)
+    print_blocks(console, *blocks)
+    return stream.getvalue().strip("\n")
 
 
 def table_text(table: Table[Any]) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import enum
-import html
 import math
 from dataclasses import astuple, dataclass
 from typing import TYPE_CHECKING
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pilotid.chance import Z95
-from pilotid.document import table_html, table_text
+from pilotid.document import Text, blocks_html, table_text
 from pilotid.estimates.draws import Draws
 from pilotid.estimates.loops import Loops, loops_of
 from pilotid.estimates.parts import AnalysedBand, FrequencyResponse, RemnantEstimate, Trajectory
@@ -275,11 +274,9 @@ class Estimate:
         return Summary(str(self), self._repr_html_())
 
     def _repr_html_(self) -> str:
-        lines = "".join(f"<p>{html.escape(line)}</p>" for line in (self.verdict(), *self.remarks))
-        if not np.isfinite(self.values).any():
-            return lines
-        (table,) = quantity_tables([(self.method, self.quantities)], 1)
-        return table_html(table) + lines
+        known = np.isfinite(self.values).any()
+        tables = quantity_tables([(self.method, self.quantities)], 1) if known else []
+        return blocks_html(*tables, *map(Text, (self.verdict(), *self.remarks)))
 
     def to_dict(self) -> dict[str, object]:
         """Plain objects, in the form that `pilotid fit --json` writes; NaN where there is none."""

@@ -1,0 +1,268 @@
+"""What was understood of a recording, what is wrong with it, and what methods can do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from pilotid.document import Bullets, Column, Table, Text, blocks_html, blocks_text
+from pilotid.element.fit import ElementChoice, chosen_element
+from pilotid.estimates.applicability import lines_objection, motionless_input
+from pilotid.limits import ESTIMATE
+from pilotid.methods import methods as every_method
+from pilotid.model_choice import default_candidates, select
+from pilotid.pilot.element import ControlledElement
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.checks import remarks
+from pilotid.recordings.detectors import Finding, copies_among, findings, fingerprints
+from pilotid.recordings.recording import Recording
+from pilotid.recordings.understood import REST, Forcing, Signal, Understood, understood
+from pilotid.remarks import GRADES, Remark, codes_of, gravest_first, remark_of, remarks_json
+from pilotid.seeds import DEFAULT_SEED, fit_rng
+from pilotid.time_domain.constancy import constancy_of
+from pilotid.types import InputError
+
+YES = "yes"
+MUCH_REST = 0.2  # share of the time from which a control rests is worth a line
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Checked:
+    """What `pilotid check` says of one recording; what takes time is worked out when asked for.
+
+    Attributes
+    ----------
+    recording
+        The recording.
+    element
+        Its controlled element, and how it is known.
+    remarks
+        What is wrong with it, each with a ``code`` and a ``grade``, the sentence itself as text.
+    models
+        Those of which `methods` tells.
+    """
+
+    recording: Recording
+    element: ElementChoice
+    remarks: tuple[Remark, ...]
+    models: Sequence[PilotModel]
+
+    @cached_property
+    def understood(self) -> Understood:
+        """Signals, forcing functions and their lines, rate, durations."""
+        return understood(self.recording)
+
+    @cached_property
+    def recorder(self) -> list[Finding]:
+        """What the recorder did to the signals."""
+        return list(findings(self.recording))
+
+    @cached_property
+    def constancy(self) -> dict[str, Any] | None:
+        """Whether the pilot is constant, the sentence as ``words``; None if nobody can tell."""
+        return _constancy(self.recording)
+
+    @cached_property
+    def methods(self) -> dict[str, dict[str, str]]:
+        """By model and method ``yes``, or why the method cannot fit the model."""
+        own, known = self.recording, every_method()
+        return {
+            m.name: {
+                name: motionless_input(own, m) or method.objection(own, m) or YES
+                for name, method in known.items()
+            }
+            for m in self.models
+        }
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain objects, in the form that `pilotid check --json` writes."""
+        return {
+            "recording": {**self.recording.to_dict(), **remarks_json(self.remarks)},
+            "understood": {
+                **self.understood.to_dict(),
+                "recorder": [asdict(fault) for fault in self.recorder],
+                "element": _element(self.element),
+                "constancy": self.constancy,
+            },
+            "remarks": list(self.remarks),
+            "codes": codes_of(self.remarks),
+            "methods": self.methods,
+        }
+
+    @property
+    def blocks(self) -> list[Text | Bullets | Table[Signal]]:
+        """What the terminal shows."""
+        columns: list[Column[Signal]] = [
+            Column("signal", lambda s: s.name),
+            Column("what it is", lambda s: s.meaning),
+            Column("from", lambda s: s.origin),
+            Column("unit", lambda s: s.unit),
+            Column("rms", lambda s: s.rms, "{:.4g}".format),
+            Column("smallest", lambda s: s.smallest, "{:.4g}".format),
+            Column("largest", lambda s: s.largest, "{:.4g}".format),
+        ]
+        facts = self.understood
+        lines = [*_lines(facts), f"controlled element: {_element(self.element)}"]
+        if self.constancy:
+            lines.append(f"pilot: {self.constancy['words']}")
+        lines += [f"recorder: {f.sentence}" for f in self.recorder if f.grade == "note"]
+        sound = [] if self.remarks else ["nothing is wrong with the signals"]
+        return [
+            Text(self.recording.description, "heading"),
+            Table("", columns, facts.signals),
+            Bullets(lines),
+            *(Text(f"recording: {remark}", "warning") for remark in self.remarks),
+            Bullets([*sound, *(_methods(name, able) for name, able in self.methods.items())]),
+        ]
+
+    @property
+    def brief(self) -> Text:
+        """One line, with the codes of the remarks."""
+        told = gravest_first(self.remarks)
+        codes = {g: dict.fromkeys(r.code for r in told if r.grade == g) for g in GRADES}
+        flags = [f"{grade}: {', '.join(kind)}" for grade, kind in codes.items() if kind] or ["ok"]
+        own, element = self.recording, self.element.element
+        size = f"{own.runs} x {own.duration:.4g} s, {' '.join(own.signals)}"
+        name = element.name if element else "element unknown"
+        line = f"{own.source}: {size}, {name}; {'; '.join(flags)}"
+        return Text(line, "warning" if codes["wrong"] or codes["doubt"] else "")
+
+    def __repr__(self) -> str:
+        return blocks_text(*self.blocks)
+
+    def _repr_html_(self) -> str:
+        return blocks_html(*self.blocks)
+
+
+def check_all(
+    recordings: Sequence[Recording],
+    models: Sequence[PilotModel],
+    element: ControlledElement | None = None,
+) -> list[Checked]:
+    """Check recordings, also for copies of one another.
+
+    Parameters
+    ----------
+    recordings
+        The recordings.
+    models
+        Models of which is told what methods can do.
+    element
+        The controlled element, to compare with what is seen.
+    """
+    choices = [chosen_element(recording, element) for recording in recordings]
+    copies = copies_among([r.source for r in recordings], [fingerprints(r) for r in recordings])
+    return [
+        Checked(
+            recording,
+            choice,
+            tuple(map(remark_of, (*copies.get(n, ()), *remarks(recording), *choice.remarks))),
+            models,
+        )
+        for n, (recording, choice) in enumerate(zip(recordings, choices, strict=True))
+    ]
+
+
+def summary_of(every: Sequence[Checked]) -> str:
+    """How many recordings are sound, and how many have which remark."""
+    told = [{remark.code: remark.grade for remark in own.remarks} for own in every]
+    bad = [own for own in told if set(own.values()) & {"wrong", "doubt"}]
+    words = f"{len(every)} recordings, {len(every) - len(bad)} without anything wrong or in doubt"
+    kinds = dict.fromkeys(
+        pair for grade in GRADES for own in told for pair in own.items() if pair[1] == grade
+    )
+    counts = [f"{code} ({grade}) {sum(code in own for own in told)}" for code, grade in kinds]
+    return f"{words}: {', '.join(counts)}" if counts else words
+
+
+def _constancy(recording: Recording) -> dict[str, Any] | None:
+    """Whether gains and leads are constant, under the model that the recording speaks for.
+
+    None where no model has its inputs, or where the signals allow no fit.
+    """
+    able = [m for m in default_candidates(recording) if motionless_input(recording, m) is None]
+    if not able:
+        return None
+    try:
+        with np.errstate(all="ignore"):  # signals may be anything
+            # Without lines a choice takes long; the model with the most parameters misses least.
+            quick = all(lines_objection(recording, m) is None for m in able)
+            model = select(recording, able).model if quick else able[-1]
+            found = constancy_of(recording, model, fit_rng(DEFAULT_SEED, "constancy"))
+    except (InputError, np.linalg.LinAlgError):
+        return None
+    if found is None:
+        return None
+    p = "p < 0.001" if found.p < 0.001 else f"p = {found.p:.2g}"
+    what = f"{' and '.join(found.keys)} of the model {model.name}"
+    words = f"no sign that {what} change during the recording ({p})"
+    if found.p < ESTIMATE.changes:
+        words = (
+            f"{what} vary during the recording as people do, by less than a third ({found}; {p})"
+        )
+    if found.changes:
+        words = (
+            f"{what} change during the recording, most about t = {found.time:.0f} s ({found}; "
+            f"{p} under constant parameters). Fit the segments separately, or use the model "
+            "adapting"
+        )
+    return {**found.to_dict(), "model": model.name, "words": words}
+
+
+def _element(choice: ElementChoice) -> str:
+    """The controlled element and how it is known; why not, if it is not."""
+    if choice.element is None:
+        return choice.why
+    how = {"given": "given", "recording": "the file says", "identified": "from the signals"}
+    return f"{choice.element.name} ({how.get(choice.origin, choice.origin)})"
+
+
+def _lines(facts: Understood) -> list[str]:
+    lines = [_forcing(forcing) for forcing in facts.forcing]
+    lines += [f"no {name}: {why}" for name, why in facts.missing.items()]
+    if facts.unscored:
+        lines.append(
+            f"methods in the time domain do not score the first {facts.unscored:.3g} s of the "
+            "window, for want of a longer run-in (--lead-in)"
+        )
+    else:
+        lines.append("all of the window is scored: the run-in is long enough")
+    if facts.rest >= MUCH_REST:
+        lines.append(
+            f"u rests at one value for {REST:g} s and more in {100.0 * facts.rest:.0f} % of the "
+            "time (stiction or breakout force?). Linear models will attribute this to remnant"
+        )
+    return lines
+
+
+def _forcing(forcing: Forcing) -> str:
+    if not forcing.lines or forcing.lowest is None or forcing.highest is None:
+        return f"{forcing.name}: no lines: {forcing.why}"
+    words = (
+        f"{forcing.name}: {len(forcing.lines)} lines {'given' if forcing.given else 'found'}, "
+        f"{forcing.lines[0]} to {forcing.lines[-1]} times {forcing.base:.4g} rad/s "
+        f"({forcing.lowest:.3g} to {forcing.highest:.3g} rad/s)"
+    )
+    if forcing.answered is not None:
+        words += (
+            f"; u stands out of its noise at {forcing.answered} of them (coherence "
+            f"{forcing.coherence:.2f} in the median)"
+        )
+    return words
+
+
+def _methods(model: str, answers: dict[str, str]) -> str:
+    """One line that says which methods can fit a model, and why others cannot."""
+    able = [label for label, answer in answers.items() if answer == YES]
+    text = f"model {model}: {', '.join(able) or 'no method'} can fit it"
+    reasons: dict[str, list[str]] = {}
+    for label, answer in answers.items():
+        if answer != YES:
+            reasons.setdefault(answer, []).append(label)
+    for reason, labels in reasons.items():
+        text += f"\n  not {', '.join(labels)}: {reason}"
+    return text
