@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import math
+import re
+from html.parser import HTMLParser
 
 import pytest
 from rich.console import Console
@@ -12,10 +14,12 @@ from pilotid.document import (
     Bullets,
     Column,
     Command,
+    Figure,
     LogAxis,
     Section,
     Table,
     Text,
+    pdf,
     print_blocks,
     table_html,
     table_latex,
@@ -87,6 +91,54 @@ def test_names_from_files_are_text_everywhere() -> None:
     stream = io.StringIO()
     print_blocks(Console(file=stream, width=100), made)
     assert "\x1b[1m" not in stream.getvalue()
+
+
+EVIL = (
+    "<script>document.title='PWNED'</script>",
+    "[x](javascript:alert(1))",
+    "![x](http://example.org/x.png)",
+    "</title><img src=x onerror=alert(1)>",
+    r"$\frac{$ \x1b]0;a\x07 \x00\x01 \udcff \u202e",
+    '" onmouseover="alert(1)',
+    "a|b\n# c",
+)
+
+
+def parsed(page: str) -> tuple[list[str], list[tuple[str, str]]]:
+    """The tags and the attributes of a page."""
+    tags: list[str] = []
+    attributes: list[tuple[str, str]] = []
+
+    class Reader(HTMLParser):
+        def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+            tags.append(tag)
+            attributes.extend((name, value or "") for name, value in attrs)
+
+    Reader().feed(page)
+    return tags, attributes
+
+
+@pytest.mark.parametrize("evil", EVIL)
+def test_what_strangers_write_does_nothing_anywhere(evil: str) -> None:
+    from matplotlib.figure import Figure as Drawing
+
+    drawing = Drawing()
+    drawing.subplots().set(title=evil, xlabel=evil)
+    blocks = (Figure(evil, drawing, evil), table((evil, 1.0, 0.1)), Command(evil, evil))
+    sections = [Section("a", evil, (*blocks, Text(evil), Bullets([evil])))]
+    page, markdown = to_html(evil, sections), to_markdown(evil, sections)
+    tags, attributes = parsed(page)
+    assert tags.count("script") == 1
+    assert "img" not in tags
+    assert not [name for name, _ in attributes if name.startswith("on")]
+    assert all(place.startswith("#") for name, place in attributes if name.endswith("href"))
+    assert not re.search(r"[\x00\x1b\udcff\u202e]", page)
+    markdown = re.sub("^    .*", "", markdown, flags=re.M)  # what is to type is code
+    assert not re.search(r"<script|<img|(?<!\\)\[?x\]|[\x00\x1b\udcff\u202e]|^# c", markdown, re.M)
+    assert pdf(drawing)
+    stream = io.StringIO()
+    print_blocks(Console(file=stream), Text(evil), Bullets([evil]), table((evil, 1.0, 0.1)))
+    assert not re.search(r"[\x00\x1b\x07]", stream.getvalue())
 
 
 def test_signs_of_print() -> None:

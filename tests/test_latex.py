@@ -11,7 +11,8 @@ from tidy_rows import row, table
 from pilotid.analysis.contrasts import contrasts
 from pilotid.analysis.report_tables import tables_tex
 from pilotid.analysis.rows import Row
-from pilotid.document import Column, Table, escaped_latex, table_latex
+from pilotid.document import Column, Table, table_latex
+from pilotid.escaping import for_latex
 from pilotid.numbers import p_value, to_error
 
 A = (1.12, 1.43, 0.91, 2.02, 1.31)
@@ -101,8 +102,8 @@ def test_names_cannot_break_the_tables() -> None:
         for s in "123"
     ]
     means, differences = made(rows)
-    assert any(escaped_latex(nasty) in cell for cell in means[0])
-    assert differences[1][1] == escaped_latex(nasty)
+    assert any(for_latex(nasty) in cell for cell in means[0])
+    assert differences[1][1] == for_latex(nasty)
 
 
 def test_the_head_is_a_comment() -> None:

@@ -56,13 +56,20 @@ def require_file(path: Path, most: int) -> None:
 def write_file(path: Path, content: bytes) -> None:
     """Write a file that is complete or not there, whatever happens meanwhile.
 
+    The target of a symbolic link is replaced, not the link; devices and pipes are written into.
+
     Raises
     ------
     InputError
         If it cannot be written.
     """
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
+        if path.exists() and (not path.is_file() or path.is_relative_to("/dev")):
+            with path.open("ab", buffering=0) as stream:
+                stream.write(content)
+            return
+        path = Path(os.path.realpath(path))
+        part = path.with_name(f".{path.name}.{os.getpid()}.part")
         try:
             part.write_bytes(content)
             part.replace(path)
@@ -99,9 +106,13 @@ def _finite(value: object) -> object:
 
 
 def table_bytes(head: Sequence[str], rows: Iterable[Sequence[object]]) -> bytes:
-    """A table as CSV; NaN is an empty cell."""
+    """A table as CSV; NaN is an empty cell, and texts are printable."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(head)
-    writer.writerows([["" if cell != cell else cell for cell in row] for row in rows])
+    writer.writerows([[_cell(cell) for cell in row] for row in rows])
     return text.getvalue().encode()
+
+
+def _cell(cell: object) -> object:
+    return printable(cell) if isinstance(cell, str) else "" if cell != cell else cell

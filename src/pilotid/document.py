@@ -2,7 +2,8 @@
 
 Texts hold `code`, **strong** words and links to a [section](#key), a [file](folder/name.html)
 beside the page or [one](../name.html) above it; nothing else is marked up.  Tables hold values,
-which columns format as plain text; each writer escapes them and sets signs in its own way.
+which columns format as plain text; each writer escapes them as `pilotid.escaping` does and sets
+signs in its own way.
 """
 
 from __future__ import annotations
@@ -10,18 +11,29 @@ from __future__ import annotations
 import io
 import math
 import re
+from base64 import b64encode
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from hashlib import sha256
+from importlib.resources import files
 from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, TypeVar
 from xml.etree import ElementTree
 
 from pilotid.disk import write_file
+from pilotid.escaping import (
+    clean,
+    clean_drawing,
+    for_html,
+    for_latex,
+    for_markdown,
+    for_terminal,
+)
 from pilotid.numbers import NONE
 from pilotid.terminal import PLAIN_WIDTH, as_text, print_table
-from pilotid.types import InputError, printable
+from pilotid.types import InputError
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -36,27 +48,10 @@ Kinds = Sequence[Literal["svg", "pdf"]]
 #: The folder of figures beside a page.
 FIGURES = "figures"
 MINUS, DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
-LINK = r"\[([^\]]+)\]\((#[\w-]+|(?:[\w.-]+/)+[\w.+-]+|[\w-]+\.csv)\)"
 #: Text of figures stays text; a reader's machine sets it in the first of these that it has.
 FONTS = ("DejaVu Sans", "Verdana", "sans-serif")
 POINTS = 72.0  # an inch, in which matplotlib writes SVG
 SVG, LINKS = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
-LATEX = {
-    "\\": r"\textbackslash{}",
-    "{": r"\{",
-    "}": r"\}",
-    "$": r"\$",
-    "&": r"\&",
-    "#": r"\#",
-    "%": r"\%",
-    "_": r"\_",
-    "^": r"\textasciicircum{}",
-    "~": r"\textasciitilde{}",
-    "<": r"\textless{}",
-    ">": r"\textgreater{}",
-    "|": r"\textbar{}",
-    "±": r"$\pm$",
-}
 #: Colours of texts and rows in a terminal by their marks.
 STYLES = {"heading": "bold", "warning": "yellow", "failure": "red"}
 
@@ -329,17 +324,6 @@ def _cell_text(column: Column[Any], cell: Cell) -> str:
 # -------------------------------------------------------------------------------------- HTML
 
 
-def inline_html(text: str) -> str:
-    """A text as HTML."""
-    from markupsafe import escape
-
-    safe = str(escape(text))
-    safe = re.sub(r"`([^`]+)`", r"<code>\1</code>", safe)
-    safe = re.sub(r"\*\*([^*]+)\*\*", r"<strong>\1</strong>", safe)
-    safe = safe.replace(" %", "&nbsp;%")
-    return re.sub(LINK, r'<a href="\2">\1</a>', safe)
-
-
 def _templates() -> Environment:
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
@@ -350,10 +334,15 @@ def _templates() -> Environment:
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
+        finalize=lambda value: clean(value) if type(value) is str else value,
     )
-    environment.filters["inline"] = lambda text: Markup(inline_html(text))
+    environment.filters["inline"] = lambda text: Markup(for_html(text))
     environment.filters["kind"] = lambda block: type(block).__name__
     environment.globals["cell_text"] = _cell_text
+    # The one script that a page may run is known by its digest.
+    script = files("pilotid").joinpath("templates", "page.js").read_text("utf-8")
+    digest = b64encode(sha256(script.encode()).digest()).decode()
+    environment.globals |= {"script": Markup(script), "digest": Markup(digest)}
     return environment
 
 
@@ -416,9 +405,11 @@ def write_page(
 
 def to_markdown(title: str, sections: Sequence[Section]) -> str:
     """A document as Markdown, with figures from the folder beside it."""
-    parts = [f"# {title}", "\n".join(f"- [{s.title}](#{s.key})" for s in sections)]
+    titles = {s.key: for_markdown(s.title) for s in sections}
+    parts = [f"# {for_markdown(title)}"]
+    parts.append("\n".join(f"- [{words}](#{key})" for key, words in titles.items()))
     for section in sections:
-        parts.append(f'<a id="{section.key}"></a>\n\n## {section.title}')
+        parts.append(f'<a id="{section.key}"></a>\n\n## {titles[section.key]}')
         parts += map(_block_markdown, section.blocks)
     keys = {section.key for section in sections}
     text = "\n\n".join(parts) + "\n"
@@ -430,27 +421,24 @@ def _block_markdown(block: Block) -> str:
     if isinstance(block, Table):
         return _table_markdown(block)
     if isinstance(block, Figure):
-        return f"![{block.alt or block.caption}]({FIGURES}/{block.file}.svg)\n\n*{block.caption}*"
+        words, place = for_markdown(block.alt or block.caption), f"{FIGURES}/{block.file}.svg"
+        return f"![{words}]({place})\n\n*{for_markdown(block.caption)}*"
     if isinstance(block, Bullets):
-        return "\n".join(f"- {_safe(item)}" for item in block.items)
+        return "\n".join(f"- {for_markdown(item)}" for item in block.items)
     if isinstance(block, Command):
-        return f"{_safe(block.text)}\n\n    {block.command}"
-    return _safe(block.text)
-
-
-def _safe(text: str) -> str:
-    return text.replace("<", "&lt;")
+        return f"{for_markdown(block.text)}\n\n    {clean(block.command)}"
+    return for_markdown(block.text)
 
 
 def _table_markdown(table: Table[Any]) -> str:
     def line(cells: Iterable[str]) -> str:
-        return f"| {' | '.join(_safe(cell).replace('|', chr(92) + '|') for cell in cells)} |"
+        return f"| {' | '.join(for_markdown(cell).replace('|', chr(92) + '|') for cell in cells)} |"
 
     shown = [(column, cells) for column, cells in table.shown if not column.axis]
     columns = [[_cell_text(column, cell) for cell in cells] for column, cells in shown]
     return "\n".join(
         [
-            f"**{table.caption}**",
+            f"**{for_markdown(table.caption)}**",
             "",
             line(column.title for column, _ in shown),
             line("---:" if column.form else "---" for column, _ in shown),
@@ -460,11 +448,6 @@ def _table_markdown(table: Table[Any]) -> str:
 
 
 # ------------------------------------------------------------------------------------- LaTeX
-
-
-def escaped_latex(text: str) -> str:
-    """A text as LaTeX sets it, letter by letter."""
-    return "".join(LATEX.get(letter, letter) for letter in printable(text))
 
 
 def table_latex(table: Table[Any], symbols: Callable[[str], str] = str) -> str:
@@ -483,9 +466,9 @@ def table_latex(table: Table[Any], symbols: Callable[[str], str] = str) -> str:
             return "--"
         if column.form is None:
             own = symbols(text)
-            return own if own != text else escaped_latex(text)
+            return own if own != text else for_latex(text)
         number = r"(?:(?<!\d)-)?\d*\.?\d+(?:e[-+]\d+)?"
-        return re.sub(number, r"$\g<0>$", escaped_latex(text))
+        return re.sub(number, r"$\g<0>$", for_latex(text))
 
     def line(cells: Iterable[str]) -> str:
         return " & ".join(cells) + r" \\"
@@ -496,7 +479,7 @@ def table_latex(table: Table[Any], symbols: Callable[[str], str] = str) -> str:
         [
             rf"\begin{{tabular}}{{{''.join('r' if c.form else 'l' for c, _ in shown)}}}",
             r"\toprule",
-            line(escaped_latex(column.title) for column, _ in shown),
+            line(for_latex(column.title) for column, _ in shown),
             r"\midrule",
             *(line(row) for row in zip(*columns, strict=True)),
             r"\bottomrule",
@@ -509,11 +492,6 @@ def table_latex(table: Table[Any], symbols: Callable[[str], str] = str) -> str:
 # ---------------------------------------------------------------------------------- terminal
 
 
-def plain(text: str) -> str:
-    """A text without marks."""
-    return re.sub(LINK, r"\1", text).replace("`", "").replace("**", "")
-
-
 def print_blocks(console: Console, *blocks: Text | Bullets | Table[Any]) -> None:
     """Print texts, lists, and tables without whiskers between empty lines."""
     lines = 0
@@ -522,7 +500,7 @@ def print_blocks(console: Console, *blocks: Text | Bullets | Table[Any]) -> None
             if lines:
                 console.print()
             if block.caption:
-                console.print(plain(block.caption), soft_wrap=True)
+                console.print(for_terminal(block.caption), soft_wrap=True)
             print_table(console, table_rich(block, console.encoding))
             lines = -1
             continue
@@ -531,7 +509,7 @@ def print_blocks(console: Console, *blocks: Text | Bullets | Table[Any]) -> None
         for text in texts:
             if lines < 0:
                 console.print()
-            console.print(plain(text), style=style, soft_wrap=True)
+            console.print(for_terminal(text), style=style, soft_wrap=True)
             lines = 1
 
 
@@ -562,10 +540,10 @@ def table_rich(table: Table[Any], encoding: str = "utf-8") -> RichTable:
         # What rows are about is kept whole, and so are numbers.
         whole = place < table.heads or column.form is not None
         justify: Literal["left", "right"] = "right" if column.form else "left"
-        title = plain(column.title)
+        title = for_terminal(column.title)
         found.add_column(title, justify=justify, no_wrap=whole, overflow="fold")
     for row in zip(*(cells for _, cells in shown), strict=True):
-        found.add_row(*(plain(printable(cell.text)).replace("±", sign) for cell in row))
+        found.add_row(*(for_terminal(cell.text).replace("±", sign) for cell in row))
     return found
 
 
@@ -607,6 +585,7 @@ def save_figures(
 
 def _lay_out(drawing: Drawing) -> None:
     """Find places for all axes once and for all: each drawing would find them anew."""
+    clean_drawing(drawing)
     engine = drawing.get_layout_engine()
     if engine is not None:
         drawing.set_dpi(POINTS)
@@ -659,7 +638,7 @@ def svg(drawing: Drawing, name: str, alt: str) -> str:
         if "d" in element.attrib:
             element.set("d", " ".join(element.attrib["d"].split()))
     root.set("role", "img")
-    root.set("aria-label", alt)
+    root.set("aria-label", clean(alt))
     ElementTree.register_namespace("", SVG)
     ElementTree.register_namespace("xlink", LINKS)
     return ElementTree.tostring(root, encoding="unicode")

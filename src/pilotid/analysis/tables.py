@@ -26,6 +26,7 @@ from pilotid.disk import table_bytes, write_file
 ESTIMATES, MODELS, LOOPS, CONTRASTS = "estimates.csv", "models.csv", "loops.csv", "contrasts.csv"
 CONDITIONS, RUNS, TEX = "conditions.csv", "runs.csv", "tables.tex"
 LEFT_OUT, FACTORS, FRF = "left_out.csv", "factors.csv", "frf.csv"
+TABLES = ESTIMATES, MODELS, LOOPS, CONTRASTS, CONDITIONS, RUNS, TEX, LEFT_OUT, FACTORS, FRF
 
 QUANTITY_COLUMNS = ("unit", "value", "std_error", "lower_95", "upper_95", "outcome", "remarks")
 

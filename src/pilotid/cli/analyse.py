@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pilotid.cli import options
+from pilotid.outputs import require_folder
 from pilotid.recordings.files import Reading
 from pilotid.recordings.recording import LEAD_IN
 from pilotid.seeds import DEFAULT_SEED
@@ -93,6 +94,7 @@ def analyse(
     fix: options.FixOption = None,
     seed: options.SeedOption = DEFAULT_SEED,
     workers: options.WorkersOption = None,
+    force: options.ForceOption = False,
 ) -> None:
     """Analyse a laboratory's recordings: subjects, conditions, runs; tables and a report."""
     given = dict(locals())
@@ -105,11 +107,11 @@ def analyse(
     from pilotid.analysis.report_tables import alarms, contrast_overview
     from pilotid.analysis.results import results_of
     from pilotid.analysis.rows import CONDITION, in_order
-    from pilotid.analysis.tables import write_tables
+    from pilotid.analysis.tables import TABLES, write_tables
     from pilotid.analysis.trials import tried_conditions
     from pilotid.cli.running import with_progress
     from pilotid.datasets.named import model_place
-    from pilotid.disk import make_folder, strict_json, write_file
+    from pilotid.disk import strict_json, write_file
     from pilotid.document import Bullets, print_blocks
     from pilotid.pilot.catalogue import AUTO, MODELS, model_named, with_held
     from pilotid.pilot.element import element_named
@@ -148,7 +150,7 @@ def analyse(
     )
     if not parts:
         options.raise_refused(refused)
-    make_folder(out)
+    require_folder(out, (*TABLES, BOARD, "report.html"), options.read_with(files), force=force)
     sources = {part.name: Source(part, reading) for part in parts}
     tried: list[Tried] = []
     untried: list[str] = []

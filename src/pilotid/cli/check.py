@@ -37,11 +37,12 @@ def check(
         bool, typer.Option("--brief", help="One line a file, and a summary of many.")
     ] = False,
     json: options.JsonOption = None,
+    force: options.ForceOption = False,
 ) -> None:
     """Summarise recordings and report problems."""
     plant = element_named(element) if element else None
     models = [model_named(name) for name in split_list(model, names=True)]
-    options.require_writable(files, json)
+    options.require_free(files, json, force=force)
     recordings, refused = options.recordings_of(
         files, mapping, dt, detrend, lead_in, runs, span, joint=joint
     )

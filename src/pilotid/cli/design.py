@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from pilotid.cli.options import SeedOption, numbers_in, typed_command
+from pilotid.cli.options import ForceOption, SeedOption, numbers_in, typed_command
+from pilotid.outputs import require_folder
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.terminal import make_console
 from pilotid.types import InputError
@@ -100,6 +101,7 @@ def design(
         Literal["held", "share"], typer.Option(help="The remnant's power, or a share of u's.")
     ] = "held",
     seed: SeedOption = DEFAULT_SEED,
+    force: ForceOption = False,
 ) -> None:
     """Design forcing functions and recording time for the precision wanted."""
     given = dict(locals())
@@ -112,7 +114,6 @@ def design(
     from pilotid.designing.output import write_files
     from pilotid.designing.planning import plan, read_effect
     from pilotid.designing.report import print_design, write_report
-    from pilotid.disk import make_folder
     from pilotid.naming.settings import configured
     from pilotid.pilot.catalogue import model_named
 
@@ -123,6 +124,8 @@ def design(
     for option, value in (("--between", between), ("--within", within), ("--fade", fade)):
         if not 0.0 <= value < math.inf:
             raise InputError(f"{option} {value:g}: must be a number of at least 0")
+    read = [Path(path) for path in (scenario, estimates) if path is not None]
+    require_folder(out, ("design.json", "forcing.csv", "report.html"), read, force=force)
     own = model_named(model) if model is not None else None
     chosen = _scenario(scenario, own if estimates is None else None, truth, seconds, runs)
     everyone = _pilots(chosen, estimates, own, pilots, seed)
@@ -147,7 +150,6 @@ def design(
         for name, experiment in (("design", made.scenario), ("reference", made.reference)):
             plans.append((name, plan(experiment, *effect, between=between, within=within)))
 
-    make_folder(out)
     command = typed_command(design, given)
     about = {
         "pilotid": version("pilotid"),

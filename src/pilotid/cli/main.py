@@ -27,11 +27,13 @@ from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.method import Method
 from pilotid.naming.code import PluginWarning
 from pilotid.naming.settings import labelled, split_list
+from pilotid.outputs import is_ours, require_free
 from pilotid.pilot.catalogue import AUTO, MODELS, model_named, with_held
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.files import save_recording
 from pilotid.recordings.recording import LEAD_IN, Recording
+from pilotid.recordings.text import sidecar_path
 from pilotid.remarks import OF_STICK
 from pilotid.seeds import DEFAULT_SEED, draw_rng, recording_rng
 from pilotid.terminal import make_console, with_bar
@@ -137,6 +139,7 @@ def simulate(
     runs: Annotated[
         int | None, typer.Option(min=1, help="Runs, each with its own remnant.")
     ] = None,
+    force: options.ForceOption = False,
 ) -> None:
     """Simulate a scenario, or a pilot drawn from a population; truth goes to F.truth.json."""
     from pilotid.datasets import scenario_named
@@ -145,12 +148,15 @@ def simulate(
 
     if (scenario is None) == (like is None):
         raise InputError("name a scenario, or a recording with --like, and not both")
+    truth_file = out.with_suffix(".truth.json")
+    written = [out, truth_file, *[sidecar_path(out)] * (out.suffix.lower() == ".csv")]
+    force = force or is_ours(truth_file)
+    require_free(written, options.read_with([like] if like else []), force=force)
     named = scenario_named(scenario or "") if like is None else studies.scenario_like(like, seed)
     chosen = named.drawn(draw_rng(seed, named.name))
     chosen = replace(chosen, runs=runs or chosen.runs)
     recording = simulated(chosen, recording_rng(seed, chosen.name))
     save_recording(recording, out)
-    truth_file = out.with_suffix(".truth.json")
     text = strict_json({"seed": seed, **truth(chosen)})
     write_file(truth_file, text.encode())
     console = make_console()
@@ -185,6 +191,7 @@ def fit(
         Path | None,
         typer.Option(metavar="F.truth.json", help="Draw a simulation's truth in the report."),
     ] = None,
+    force: options.ForceOption = False,
 ) -> None:
     """Identify a pilot model from recordings."""
     plant = element_named(element) if element else None
@@ -195,7 +202,7 @@ def fit(
         raise InputError("--truth: is of one model; name one with --model")
     true = options.read_truth(truth, named[0]) if truth is not None and named else None
     methods = options.methods_of(method, [options.default_method()])
-    options.require_writable(files, json, report)
+    options.require_free(files, json, report, force=force)
     recordings, refused = options.recordings_of(
         files, mapping, dt, detrend, lead_in, runs, span, joint=joint
     )

@@ -14,6 +14,7 @@ from typing import Annotated
 import typer
 from typer.models import ArgumentInfo
 
+from pilotid import outputs
 from pilotid.cli.running import StoppedError
 from pilotid.disk import require_file, strict_json, write_file
 from pilotid.estimates.method import Method
@@ -111,6 +112,9 @@ FixOption = Annotated[
         help="Parameters held at a value, or searched between others.",
     ),
 ]
+ForceOption = Annotated[
+    bool, typer.Option("--force", help="Write over files that pilotid did not write.")
+]
 RunsOption = Annotated[
     str | None, typer.Option("--runs", metavar="2-5", help="The runs to use, as in 2-5 or 1,3.")
 ]
@@ -184,25 +188,16 @@ def read_truth(path: Path, model: PilotModel) -> FloatArray:
         ) from None
 
 
-def require_writable(inputs: Sequence[Path], *targets: str | Path | None) -> None:
-    """Refuse, before any work is done, output files that would destroy an input."""
-    for target in (Path(t) for t in targets if t is not None and t != "-"):
-        _require_writable(inputs, target)
+def read_with(files: Sequence[Path]) -> list[Path]:
+    """Recordings, and the files beside them that belong to them."""
+    beside = ((file, sidecar_path(file), file.with_suffix(".truth.json")) for file in files)
+    return [path for own in beside for path in own]
 
 
-def _require_writable(inputs: Sequence[Path], target: Path) -> None:
-    if not target.parent.is_dir():
-        raise InputError(f"{target}: there is no folder {target.parent}; make it first")
-    if target.is_dir():
-        raise InputError(f"{target}: is a folder; name a file in it")
-    for file in inputs:
-        for taken, what in (
-            (file, "is a recording to read"),
-            (sidecar_path(file), f"is where {file} keeps its description (the sidecar)"),
-            (file.with_suffix(".truth.json"), f"is where {file} keeps its truth"),
-        ):
-            if target.resolve() == taken.resolve():
-                raise InputError(f"{target}: {what}; write the results to another file")
+def require_free(inputs: Sequence[Path], *targets: str | Path | None, force: bool) -> None:
+    """Refuse, before any work is done, files to write that must stay as they are."""
+    named = [Path(t) for t in targets if t is not None and t != "-"]
+    outputs.require_free(named, read_with(inputs), force=force)
 
 
 def recordings_of(

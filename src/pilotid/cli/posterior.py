@@ -11,7 +11,8 @@ from typing import Annotated
 import typer
 
 from pilotid.cli import options
-from pilotid.disk import make_folder, path_shown
+from pilotid.disk import path_shown
+from pilotid.outputs import require_folder
 from pilotid.pilot.catalogue import AUTO, model_named
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
@@ -19,6 +20,9 @@ from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.seeds import DEFAULT_SEED, fit_rng
 from pilotid.terminal import make_console
 from pilotid.types import InputError
+
+#: What is written into a folder, beside figures.
+FILES = ("report.html", "draws.npy", "summary.csv", "estimate.json")
 
 
 def posterior(
@@ -37,6 +41,7 @@ def posterior(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Folder for draws, summary and figures.")
     ] = None,
+    force: options.ForceOption = False,
 ) -> None:
     """Sample the posterior of a pilot model's parameters with emcee."""
     from pilotid.model_choice import select
@@ -44,11 +49,12 @@ def posterior(
     plant = element_named(element) if element else None
     named = None if model == AUTO else model_named(model)
     folders = folders_of(files, out) if len(files) > 1 and not joint else {}
+    for folder in folders.values() or [out] * (out is not None):
+        assert folder is not None
+        require_folder(folder, FILES, options.read_with(files), force=force)
     recordings, refused = options.recordings_of(files, mapping, dt, detrend, lead_in, joint=joint)
     for number, recording in enumerate(recordings):
         folder = folders.get(recording.source, out)
-        if folder is not None:
-            make_folder(folder)
         if number:
             make_console().print()
         chosen = named

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pilotid import outputs
 from pilotid.cli import options
 from pilotid.pilot.catalogue import AUTO
 from pilotid.pilot.element import element_named
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     from pilotid.publishing.changes import Change, Changes
     from pilotid.study.store import Store
 
+#: What reports of studies are written as.
+TABLES = ("report.html", "report.md", "estimates.csv", "summary.csv", "population.csv")
 
 SalvageOption = Annotated[
     bool,
@@ -72,12 +75,12 @@ def compare(
     mix: Annotated[
         bool, typer.Option("--mix", help="Append to a study made with different code or settings.")
     ] = False,
+    force: options.ForceOption = False,
     out: options.OutOption = Path("results/compare"),
 ) -> None:
     """Compare methods on simulated recordings whose truth is known."""
     from pilotid.cli.running import with_progress
     from pilotid.datasets import CATALOGUE
-    from pilotid.disk import make_folder
     from pilotid.jobs import Limits
     from pilotid.methods import methods
     from pilotid.study.store import Store
@@ -99,7 +102,7 @@ def compare(
         seed,
         sparing=method is None,
     )
-    make_folder(out)
+    outputs.require_folder(out, TABLES, options.read_with([like] if like else []), force=force)
     if salvage:
         _salvage(out)
     with Store(out, create=True) as store, options.resumable(store.path):
@@ -128,9 +131,9 @@ def report(
         ),
     ] = False,
     salvage: SalvageOption = False,
+    force: options.ForceOption = False,
 ) -> None:
     """Make the tables and the report of a comparison again, from its store alone."""
-    from pilotid.disk import make_folder
     from pilotid.study.store import Store
 
     target = out or folder
@@ -138,7 +141,7 @@ def report(
         _salvage(folder)
     with Store(folder) as store:
         if out is not None:
-            make_folder(out)
+            outputs.require_folder(out, TABLES, force=force)
         if not keep:
             _finish(target, store)
             return
@@ -172,10 +175,13 @@ def publish(
         typer.Argument(metavar="DIR...", help="What `compare` wrote, or its rows alone."),
     ],
     out: Annotated[Path, typer.Option(metavar="SITE", help="Folder of the pages.")],
+    force: options.ForceOption = False,
 ) -> None:
     """Make static pages over several studies, from their stores alone."""
+    from pilotid.publishing.pages import INDEX, SCORES
     from pilotid.publishing.pages import publish as published
 
+    outputs.require_folder(out, (INDEX, SCORES), force=force)
     make_console().print(f"pages: {published(folders, out)}", soft_wrap=True)
 
 
@@ -186,12 +192,14 @@ def compare_studies(
         str | None, typer.Option(metavar="F.csv|-", help="Write all comparisons; - prints.")
     ] = None,
     json: options.JsonOption = None,
+    force: options.ForceOption = False,
 ) -> None:
     """Say what changed from one study to another of the same scenarios, and how surely."""
     from pilotid.disk import table_bytes, write_file
     from pilotid.publishing.changes import COLUMNS, find_changes, read_study
 
-    options.require_writable((), csv, json)
+    stores = [folder / name for folder in (first, second) for name in outputs.STORES]
+    options.require_free(stores, csv, json, force=force)
     if csv == "-" and json == "-":
         raise InputError("--csv - and --json - would print both; write one of them to a file")
     studies = [read_study(folder) for folder in (first, second)]
@@ -279,6 +287,7 @@ def trust(
     element: options.ElementOption = None,
     seed: options.SeedOption = DEFAULT_SEED,
     workers: options.WorkersOption = None,
+    force: options.ForceOption = False,
 ) -> None:
     """Compare methods on simulations of a recording, and correct the intervals of its fit.
 
@@ -293,6 +302,7 @@ def trust(
     from pilotid.study.store import Store
     from pilotid.study.trust import TRUST, UNKNOWN, trial_of
 
+    outputs.require_folder(out, TABLES, options.read_with(files), force=force)
     recordings, _ = options.recordings_of(files, mapping, dt, detrend, joint=len(files) > 1)
     recording = recordings[0]
     if element is not None:
