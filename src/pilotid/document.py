@@ -380,7 +380,7 @@ def blocks_html(*blocks: Text | Bullets | Table[Any]) -> str:
             parts.append(table_html(block))
         else:
             lines = [block.text] if isinstance(block, Text) else block.items
-            parts += [f"<p>{inline_html(line)}</p>" for line in lines]
+            parts += [f"<p>{for_html(line)}</p>" for line in lines]
     return "".join(parts)
 
 
