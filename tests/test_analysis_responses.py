@@ -21,6 +21,7 @@ from pilotid.analysis.responses import (
 )
 from pilotid.analysis.rows import layouts
 from pilotid.datasets import simulate
+from pilotid.datasets.scenarios import SCENARIOS
 from pilotid.estimates.estimate import Outcome, failed
 from pilotid.estimates.fitted import Fitted
 from pilotid.estimates.loops import LoopElement
@@ -79,11 +80,27 @@ def test_coefficients_at_the_lines_lie_about_the_truth_on_its_turn() -> None:
     assert np.abs(away).max() <= 180.0 + 1e-9
 
 
-def test_what_is_not_excited_or_changes_has_none() -> None:
+def test_a_pilot_who_changes_has_responses_before_and_after() -> None:
+    scenario = SCENARIOS["adapting-slow"]
+    estimate = replace(
+        failed("mle", scenario.model, Outcome.CONVERGED),
+        values=scenario.values,
+        covariance=np.diag((0.05 * scenario.values) ** 2),
+    )
+    element = LoopElement(scenario.element, "given")
+    own = Fitted(RECORDING, scenario.model, (estimate,), loop_element=element)
+    found = responses_of(own, first_step_of(RECORDING, NOMINAL.model))
+    assert [r.what for r in found] == ["visual, before", "visual, after"]
+    for response, (end, _) in zip(found, scenario.constant_ends, strict=True):
+        expected = end.model.response(OMEGA, end.values)[0]
+        assert response.magnitude == pytest.approx(np.abs(expected))
+    figure = responses_figure([found] * 2)
+    assert [axes.get_title(loc="left") for axes in figure.axes] == ["visual", ""]
+
+
+def test_what_is_not_excited_or_fails_has_none() -> None:
     alone = replace(RECORDING, fd=None, lines={})
     assert "disturbance loop" not in {r.what for r in responses_of(fitted(alone), None)}
-    own = replace(fitted(), model=MODELS["adapting"])
-    assert responses_of(own, None) == []
     failing = replace(fitted(), estimates=(failed("mle", NOMINAL.model, Outcome.DIED),))
     assert responses_of(failing, None) == []
 
@@ -112,7 +129,7 @@ def test_figures_have_a_column_for_each_response_and_a_bar_for_each_part() -> No
     subjects = [responses_of(fitted(), first_step_of(RECORDING, NOMINAL.model))] * 2
     figure = responses_figure(subjects)
     titles = [axes.get_title(loc="left") for axes in figure.axes]
-    assert titles[:3] == ["visual", "vestibular", "target loop and disturbance loop"]
+    assert titles[:3] == ["visual", "vestibular", "open loops"]
     assert all("log" in axes.get_xscale() for axes in figure.axes)
     look = {"performance": performance_content(RECORDING)}
     rows = performance_rows("a", (("subject", "1"), ("condition", "C1")), look, per_run=False)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +17,7 @@ import pilotid
 from pilotid.cli.main import main
 from pilotid.datasets import scenario_named
 from pilotid.datasets.experiments import experiment_of
-from pilotid.datasets.forcing import PERIOD, Multisine
+from pilotid.datasets.forcing import PERIOD, Multisine, paper_target
 from pilotid.designing.design import (
     Design,
     RemnantPower,
@@ -46,6 +48,11 @@ from pilotid.designing.optimum import (
 from pilotid.designing.output import forcing_table
 from pilotid.designing.pilots import drawn_pilots, studied, with_truth
 from pilotid.designing.planning import plan, read_effect
+from pilotid.element.fit import chosen_element
+from pilotid.estimates.fitted import fit_all
+from pilotid.methods import method_named
+from pilotid.pilot.catalogue import MULTI
+from pilotid.pilot.element import element_named
 from pilotid.theory.bounds import bounds
 from pilotid.types import FloatArray, InputError
 
@@ -94,14 +101,17 @@ def test_slopes_are_those_of_the_bound() -> None:
 def test_variances_are_those_of_the_simulation() -> None:
     loop = loop_of(NOMINAL, reference_lines(NOMINAL))
     powers = powers_of(NOMINAL)
-    for name in ("e", "u"):
-        seen = []
-        for seed in range(12):
-            recording = pilotid.simulate(replace(NOMINAL, runs=8), seed)
-            signal = getattr(recording, name)[:, recording.run_in :]
-            seen.append(np.mean(signal**2))
-        error = np.std(seen, ddof=1) / np.sqrt(len(seen))
-        assert abs(np.mean(seen) - loop.variance(name, powers)) < 5.0 * error
+    names = ("e", "u", "x", "dx", "ddx")
+    seen = []
+    for seed in range(12):
+        recording = pilotid.simulate(replace(NOMINAL, runs=8), seed)
+        assert recording.fd is not None
+        rate = np.gradient(recording.x, recording.dt, axis=1)
+        signals = recording.e, recording.u, recording.x, rate, 4.0 * (recording.u + recording.fd)
+        seen.append([np.mean(recording.window(signal) ** 2) for signal in signals])
+    errors = np.std(seen, axis=0, ddof=1) / np.sqrt(len(seen))
+    expected = [loop.variance(name, powers) for name in names]
+    assert (np.abs(np.mean(seen, axis=0) - expected) < 5.0 * errors).all()
 
 
 # ------------------------------------------------------------------------------- goals
@@ -218,8 +228,11 @@ def test_a_design_with_a_share_is_what_it_says() -> None:
 
 @pytest.mark.parametrize("minimise", ["A", "D", "E", "Kvis,tlead"])
 def test_designs_keep_their_limits_and_are_no_worse(minimise: str) -> None:
-    made = design(NOMINAL, minimise, limits=Limits(e=1.5, u=1.5, du=1.4, high=0.9))
+    limits = Limits(e=1.5, u=1.5, du=1.4, x=1.3, ddx=1.3, acceleration=3.6, high=0.9)
+    made = design(NOMINAL, minimise, limits=limits)
     assert made.gains[0] < 1.0
+    assert max(made.costs["x"], made.costs["ddx"]) <= 1.3 + 1e-9
+    assert 3.0 * made.rms["ddx"] <= 3.6 + 1e-9
     assert 0.0 <= made.gap < 1e-3
     assert max(made.costs["e"], made.costs["u"]) <= 1.5 + 1e-9
     assert made.costs["du"] <= 1.4 + 1e-9
@@ -282,6 +295,7 @@ def test_wishes_are_met_in_the_shortest_time() -> None:
     ("given", "sentence"),
     [
         ({"limits": Limits(e=0.8)}, "remnant alone"),
+        ({"limits": Limits(travel=0.01)}, "travel=0.01 .* remnant alone"),
         ({"limits": Limits(above=0.01, beyond=1.0, floor=0.9)}, "keep .*(floor|above)"),
         ({"minimise": "Kfoo"}, "choose from Kvis"),
         ({"wanted": {"tdvest": 0.001}, "at_most": 300.0}, "the limit that binds most is power=1"),
@@ -409,15 +423,60 @@ def test_pilots_of_a_truth_and_of_a_study(tmp_path: Path) -> None:
     assert slower.remnant.level_is == "gain"
     with pytest.raises(InputError, match="no parameter"):
         with_truth(NOMINAL, {"tdv": 0.3})
-    recording = pilotid.simulate("nominal", 3)
-    estimate = pilotid.identify("mle", recording, "multi").to_dict()
     file = tmp_path / "estimates.json"
-    file.write_text(json.dumps({"model": "multi", "estimates": [estimate]}))
-    (pilot,) = studied(NOMINAL, file)
-    assert pilot.truth[2] == estimate["parameters"]["tdvis"]["value"]  # type: ignore[index]
     file.write_text("{}")
     with pytest.raises(InputError, match="cannot be read as estimates"):
         studied(NOMINAL, file)
+
+
+def test_the_reference_is_the_users_own_experiment(tmp_path: Path) -> None:
+    target = paper_target().scaled(2.0).with_random_phases(np.random.default_rng(1))
+    own = replace(NOMINAL, target=target, runs=2, dt=0.04, units=(("x", "m"),))
+    recording = pilotid.simulate(own, 3)
+    element = chosen_element(recording, element_named("5/s^2"))
+    fitted: Any = fit_all(recording, MULTI, {"mle": method_named("mle")}, 1, element).to_dict()
+    file = tmp_path / "estimates.json"
+
+    def read(*entries: object, scenario: pilotid.Scenario | None = None) -> pilotid.Scenario:
+        file.write_text(json.dumps(entries))
+        return studied(scenario, file)[0]
+
+    found = read(fitted)
+    assert reference_lines(found) == reference_lines(own)
+    np.testing.assert_allclose(powers_of(found), powers_of(own), rtol=1e-6)
+    assert found.target is not None
+    time = np.arange(0.0, 10.0)
+    np.testing.assert_allclose(found.target.at(time), target.at(time), atol=1e-6)
+    assert (found.runs, found.dt, found.run_in) == (2, 0.04, 8.0)
+    assert found.element.name == "5/s^2"
+    assert found.units == (("x", "m"),)
+    estimate = fitted["estimates"][0]
+    assert found.truth[2] == estimate["parameters"]["tdvis"]["value"]
+    assert found.remnant.level == estimate["remnant"]["power_ratio"]
+    named = read(fitted, scenario=NOMINAL)
+    assert (named.target, named.runs, named.truth) == (NOMINAL.target, 1, found.truth)
+
+    free = deepcopy(fitted)
+    free["estimates"][0]["remnant"]["model"] = "AR(2)"
+    tabulated = read(free)
+    power = np.abs(tabulated.remnant.filter(np.array(estimate["remnant"]["omega"]))) ** 2
+    np.testing.assert_allclose(power, estimate["remnant"]["density"])
+    with pytest.raises(InputError, match="can only be held"):
+        design(tabulated, remnant="share")
+    louder = deepcopy(fitted)
+    louder["recording"]["forcing"]["ft"]["amplitudes"][0] *= 1.2
+    with pytest.raises(InputError, match="different forcing functions"):
+        read(fitted, louder)
+    for part, why in (
+        (fitted["recording"], {"forcing": "no sums of sines"}),
+        (estimate, {"loops": "--element", "remnant": "--method mle"}),
+    ):
+        for entry, words in why.items():
+            kept = part.pop(entry)
+            with pytest.raises(InputError, match=words) as refused:
+                read(fitted)
+            assert "\n" not in str(refused.value)
+            part[entry] = kept
 
 
 def test_planned_power_is_that_of_simulated_experiments() -> None:

@@ -158,17 +158,19 @@ def responses_figure(subjects: Sequence[Sequence[Response]]) -> Figure:
     """
     every = [own for some in subjects for own in some]
     names = list(dict.fromkeys(own.what for own in every))
-    columns = [[name] for name in names if not name.endswith(" loop")]
-    columns += [loops] if (loops := [name for name in names if name.endswith(" loop")]) else []
+    columns: dict[str, list[str]] = {}
+    for name in names:
+        title = "open loops" if name.endswith(" loop") else name.partition(",")[0]
+        columns.setdefault(title, []).append(name)
     with journal_figure(3.4) as figure:
         figure.set_layout_engine("none")  # to search for places takes as long as to draw
         edges = {"left": 0.08, "bottom": 0.21, "right": 0.995, "top": 0.93}
         grid = {**edges, "wspace": 0.24, "hspace": 0.12}
         panels = figure.subplots(2, len(columns), squeeze=False, sharex="col", gridspec_kw=grid)
-        for (above, below), own in zip(panels.T, columns, strict=True):
+        for (above, below), (title, own) in zip(panels.T, columns.items(), strict=True):
             for name, colour in zip(own, COLOURS, strict=False):
                 _response_lines(above, below, [r for r in every if r.what == name], colour)
-            above.set_title(" and ".join(own), loc="left")
+            above.set_title(title, loc="left")
             above.set_xscale("log")
             above.set_yscale("log")
             below.set_xlabel("ω [rad/s], log. axis")

@@ -25,7 +25,8 @@ class Response(NamedTuple):
     Attributes
     ----------
     what
-        A channel's name, or that of an open loop.
+        A channel's name, with ``, before`` or ``, after`` if the pilot changes, or that of an open
+        loop.
     method
         The estimate's, or `LINES`.
     omega, magnitude, phase, magnitude_error, phase_error
@@ -46,19 +47,23 @@ COLUMNS = ("model", "method", "response", *Response._fields[2:])
 
 
 def responses_of(fitted: Fitted, points: FrequencyResponse | None) -> list[Response]:
-    """The responses of fits, and the coefficients at the lines; none of pilots who change."""
+    """The responses of fits, and the coefficients at the lines.
+
+    Of a pilot who changes they are those of the channels before and after the change.
+    """
     model, element = fitted.model, fitted.loop_element
-    if model.changes:
-        return []
+    stages = (", before", ", after") if model.changes else ("",)
     found: list[Response] = []
     for place, e in enumerate(fitted.estimates):
         if not e.outcome.usable:
             continue
-        values, jacobian = model.response_and_jacobian(OMEGA, e.values)
-        for channel, value, slopes in zip(model.channels, values, jacobian, strict=True):
-            errors = _errors(slopes / value, e.covariance)
-            found.append(_response(channel.name, e.method, OMEGA, value, errors))
-        if element and element.element:
+        for stage, end in zip(stages, model.ends, strict=False):
+            values, jacobian = model.constant.response_and_jacobian(OMEGA, e.values[end])
+            covariance = e.covariance[np.ix_(end, end)]
+            for channel, value, slopes in zip(model.channels, values, jacobian, strict=True):
+                errors = _errors(slopes / value, covariance)
+                found.append(_response(channel.name + stage, e.method, OMEGA, value, errors))
+        if element and element.element and not model.changes:
             excited = fitted.loops[place].excited
             loops = open_loops(model, e.values, element.element, OMEGA)
             slopes_of = loop_slopes(model, e.values, element.element, OMEGA)
@@ -66,8 +71,9 @@ def responses_of(fitted: Fitted, points: FrequencyResponse | None) -> list[Respo
                 if name in excited:
                     errors = _errors(slopes, e.covariance)
                     found.append(_response(f"{name} loop", e.method, OMEGA, value, errors))
-    for place, channel in enumerate(model.channels if points else ()):
-        assert points is not None
+    for place, channel in enumerate(model.channels):
+        if points is None or model.changes:
+            break
         value = points.value[place]
         errors = np.tile(points.std[place] / np.abs(value) / np.sqrt(2.0), (2, 1))
         own = _response(channel.name, LINES, points.omega, value, errors)

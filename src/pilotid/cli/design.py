@@ -16,8 +16,6 @@ from pilotid.terminal import make_console
 from pilotid.types import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from pilotid.datasets.scenarios import Scenario
     from pilotid.designing.planning import Plan
     from pilotid.pilot.model import PilotModel
@@ -26,9 +24,13 @@ if TYPE_CHECKING:
 def design(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the design.")],
     scenario: Annotated[
-        str,
-        typer.Argument(metavar="SCENARIO", help="Pilot, loop, remnant and reference forcing."),
-    ] = "nominal",
+        str | None,
+        typer.Argument(
+            metavar="[SCENARIO]",
+            help="Pilot, loop, remnant and reference forcing; default: the recordings' of --from, "
+            "else nominal.",
+        ),
+    ] = None,
     minimise: Annotated[
         str,
         typer.Option(metavar="A|D|E|KEY,KEY", help="What is made small, of relative errors."),
@@ -41,8 +43,9 @@ def design(
         str,
         typer.Option(
             metavar="e=1.5,u=1.5",
-            help="Variances of e, u, de, du over the reference's; power, line, floor, high, "
-            "peaks ft, fd, stick; shape=false, balance=false.",
+            help="Variances of e, u, de, du, x, dx, ddx over the reference's; power, line, floor, "
+            "high; peaks ft, fd, stick, travel, velocity, acceleration; shape=false, "
+            "balance=false.",
         ),
     ] = "e=1,u=1",
     at_most: Annotated[
@@ -112,6 +115,7 @@ def design(
     from pilotid.designing.limits import Limits
     from pilotid.designing.lines import chosen_lines, reference_lines
     from pilotid.designing.output import write_files
+    from pilotid.designing.pilots import drawn_pilots
     from pilotid.designing.planning import plan, read_effect
     from pilotid.designing.report import print_design, write_report
     from pilotid.naming.settings import configured
@@ -127,11 +131,15 @@ def design(
     read = [Path(path) for path in (scenario, estimates) if path is not None]
     require_folder(out, ("design.json", "forcing.csv", "report.html"), read, force=force)
     own = model_named(model) if model is not None else None
-    chosen = _scenario(scenario, own if estimates is None else None, truth, seconds, runs)
-    everyone = _pilots(chosen, estimates, own, pilots, seed)
-    if estimates is not None:
-        chosen = everyone[0]
-        everyone = everyone if len(everyone) > 1 else ()
+    if estimates is not None and pilots is not None:
+        raise InputError("--from and --pilots exclude each other; leave one out")
+    known = _references(scenario, estimates, own)
+    everyone = [
+        _changed(each, own if estimates is None else None, truth, seconds, runs) for each in known
+    ]
+    chosen = everyone[0]
+    if pilots is not None:
+        everyone = drawn_pilots(chosen, pilots, seed)
     effect = read_effect(power) if power else None
     made = designing.design(
         chosen,
@@ -139,7 +147,7 @@ def design(
         wanted=_wishes(wanted),
         limits=configured(Limits, limit, f"--limit {limit}"),
         lines=chosen_lines(reference_lines(chosen), lines, pick, period, shared=shared),
-        pilots=everyone,
+        pilots=everyone if pilots is not None or len(everyone) > 1 else (),
         over=over,
         remnant=remnant,
         at_most=at_most,
@@ -156,7 +164,7 @@ def design(
         "command": command,
         "plan": {name: asdict(found) for name, found in plans} or None,
     }
-    write_files(out, made, about, rate, fade, model or model_place(scenario))
+    write_files(out, made, about, rate, fade, model or model_place(scenario or ""))
     page = write_report(out, made, command, version("pilotid"), plans, subjects)
     print_design(made, plans, subjects)
     console = make_console()
@@ -164,14 +172,16 @@ def design(
     console.print(f"report: {page}", soft_wrap=True)
 
 
-def _scenario(
-    name: str, model: PilotModel | None, truth: str | None, seconds: float | None, runs: int | None
-) -> Scenario:
+def _references(
+    name: str | None, estimates: Path | None, model: PilotModel | None
+) -> list[Scenario]:
+    """The scenario of that name, or those of the pilots in a file of estimates."""
     from pilotid.datasets import Scenario, scenario_named
-    from pilotid.designing.lines import with_held_remnant
-    from pilotid.designing.pilots import with_truth
+    from pilotid.designing.pilots import studied
 
-    chosen = scenario_named(name)
+    if estimates is not None and name is None:
+        return studied(None, estimates, model)
+    chosen = scenario_named(name or "nominal")
     if not isinstance(chosen, Scenario):
         raise InputError(
             f"{name}: is a population; a design is for one loop: name a scenario, and --pilots for "
@@ -181,28 +191,26 @@ def _scenario(
         raise InputError(
             f"scenario {chosen.name}: a design cannot be made for what methods break on"
         )
+    return [chosen] if estimates is None else studied(chosen, estimates, model)
+
+
+def _changed(
+    chosen: Scenario,
+    model: PilotModel | None,
+    truth: str | None,
+    seconds: float | None,
+    runs: int | None,
+) -> Scenario:
+    """A scenario with another model, truth, window or number of runs."""
+    from pilotid.designing.lines import with_held_remnant
+    from pilotid.designing.pilots import with_truth
+
     values = {} if truth is None else numbers_in("--truth", truth)
     if model is not None or values:
         chosen = with_truth(chosen, values, model)
     if seconds is not None:
         chosen = replace(with_held_remnant(chosen), duration=seconds, family="", varied="")
     return replace(chosen, runs=runs or chosen.runs)
-
-
-def _pilots(
-    scenario: Scenario,
-    estimates: Path | None,
-    model: PilotModel | None,
-    count: int | None,
-    seed: int,
-) -> Sequence[Scenario]:
-    from pilotid.designing.pilots import drawn_pilots, studied
-
-    if estimates is not None and count is not None:
-        raise InputError("--from and --pilots exclude each other; leave one out")
-    if estimates is not None:
-        return studied(scenario, estimates, model)
-    return drawn_pilots(scenario, count, seed) if count is not None else ()
 
 
 def _wishes(text: str | None) -> dict[str, float]:

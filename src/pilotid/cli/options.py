@@ -257,7 +257,7 @@ def typed_command(command: Callable[..., None], given: Mapping[str, object]) -> 
         value, known = given[parameter.name], parameter.annotation.__metadata__[0]
         values = [str(v) for v in value] if isinstance(value, list) else [str(value)]
         if isinstance(known, ArgumentInfo):
-            first += values
+            first += [] if value is None else values
         elif value is not None and value != parameter.default:
             declared = known.param_decls or (f"--{parameter.name.replace('_', '-')}",)
             rest += [w for v in values for w in (declared[0], *([] if value is True else [v]))]

@@ -15,6 +15,7 @@ from zlib import crc32
 import numpy as np
 
 from pilotid.datasets.forcing import Multisine
+from pilotid.datasets.remnant import TabulatedRemnant
 from pilotid.datasets.scenarios import Scenario
 from pilotid.designing.limits import Limits, linear
 from pilotid.designing.lines import (
@@ -191,7 +192,9 @@ class Design:
         Errors of the design if the remnant has the power, or the share of the control's power,
         that it has with the reference; one of them is `errors`.
     costs
-        Variance of e, u and their rates over that of the reference.
+        Variances of e, u, x and their rates over those of the reference.
+    rms
+        Root mean squares of the same signals.
     crest
         Crest factors of ft and fd, and those of the reference.
     optimum
@@ -223,6 +226,7 @@ class Design:
     errors_if_held: Errors
     errors_if_scaled: Errors
     costs: dict[str, float]
+    rms: dict[str, float]
     crest: dict[str, tuple[float, float]]
     optimum: Optimum
     gap: float
@@ -308,6 +312,11 @@ def design(
             "a remnant that is a share of the control's power is for one pilot: leave out "
             "--pilots, or let the remnant be held"
         )
+    if remnant == "share" and isinstance(scenario.remnant, TabulatedRemnant):
+        raise InputError(
+            f"scenario {scenario.name}: its remnant has an estimated spectrum, and can only be "
+            "held; leave out --remnant share"
+        )
     everyone = tuple(pilots) or (scenario,)
     loops = [loop_of(pilot, lines) for pilot in everyone]
     references = loops if lines == known else [loop_of(pilot, known) for pilot in everyone]
@@ -359,6 +368,7 @@ def design(
         errors_if_held=if_held,
         errors_if_scaled=if_scaled,
         costs={s: costing.variance(s, powers) / before.variance(s, usual) for s in SIGNALS},
+        rms={s: math.sqrt(costing.variance(s, powers)) for s in SIGNALS},
         crest=crest,
         optimum=optimum,
         gap=_gap(optimum, minimise if not wanted else ""),

@@ -1,6 +1,6 @@
-"""What a design must keep: limits on e and u, on peaks, on the spectrum.
+"""What a design must keep: limits on e, u and x, on peaks, on the spectrum.
 
-All are linear in the powers of the lines.  Limits on e, u and their rates are on variances,
+All are linear in the powers of the lines.  Limits on e, u, x and their rates are on variances,
 the remnant's part included, as multiples of those under the reference's forcing functions;
 powers are those of ft, and of fd at the control, where it enters.
 """
@@ -18,8 +18,10 @@ from pilotid.designing.optimum import Limit
 from pilotid.types import FloatArray, InputError
 
 #: Crest factor that a limit on the peak of ft and fd allows for, and standard deviations that
-#: one on the peak of the stick does.
+#: one on the peaks of u and x does.
 CREST, DEVIATIONS = 2.5, 3.0
+#: Names of the limits on peaks in the loop, by signal.
+PEAKS = {"u": "stick", "x": "travel", "dx": "velocity", "ddx": "acceleration"}
 
 
 @dataclass(frozen=True)
@@ -28,9 +30,9 @@ class Limits:
 
     Attributes
     ----------
-    e, u, de, du
-        Largest variance of error, control and their rates, over that of the reference; None
-        for none.
+    e, u, de, du, x, dx, ddx
+        Largest variance of error, control and their rates, and of output, its rate and its
+        acceleration, over that of the reference; None for none.
     power
         Largest power of ft and of fd over that of the reference; their power if the remnant is a
         share of the control's.
@@ -47,18 +49,22 @@ class Limits:
         Largest share of a signal's power above 0.8 of the crossover frequency, where power lets
         pilots lower the crossover (McRuer and Jex 1967); None for none.
     each
-        Whether e, u and their rates keep their limits for each of several pilots, or in the mean
-        over them; None for each if the worst pilot counts.
+        Whether variances keep their limits for each of several pilots, or in the mean over them;
+        None for each if the worst pilot counts.
     above, beyond
         Largest share of a signal's power above a frequency [rad/s]; None for none.
-    ft, fd, stick
-        Largest peaks [the signals' units]; None for none.
+    ft, fd, stick, travel, velocity, acceleration
+        Largest peaks of ft, fd, u, x and the rate and acceleration of x [the signals' units];
+        None for none.
     """
 
     e: float | None = None
     u: float | None = None
     de: float | None = None
     du: float | None = None
+    x: float | None = None
+    dx: float | None = None
+    ddx: float | None = None
     power: float | None = 1.0
     balance: bool = True
     shape: bool = True
@@ -70,6 +76,9 @@ class Limits:
     ft: float | None = None
     fd: float | None = None
     stick: float | None = None
+    travel: float | None = None
+    velocity: float | None = None
+    acceleration: float | None = None
     each: bool | None = None
 
     def __post_init__(self) -> None:
@@ -84,8 +93,8 @@ class Limits:
         if (self.above is None) != (self.beyond is None):
             raise ValueError("above is a share of power and needs beyond, a frequency in rad/s")
         # Without any of these more power is always better.
-        if all(getattr(self, n) is None for n in ("e", "u", "de", "du", "power", "ft", "stick")):
-            raise ValueError("without a limit on power, on e or on u there is no best design")
+        if all(getattr(self, n) is None for n in (*SIGNALS, *PEAKS.values(), "power", "ft")):
+            raise ValueError("without a limit on power, e, u or x there is no best design")
 
 
 def linear(
@@ -149,23 +158,20 @@ def _of_variances(
     each: bool,
 ) -> list[Limit]:
     found = []
+    for signal, name in PEAKS.items():
+        if getattr(limits, name) is not None:
+            found += _of_peak(name, getattr(limits, name), signal, loops)
     for signal in SIGNALS:
         times = getattr(limits, signal)
-        rows, rooms = [], []
-        for loop, reference in zip(loops, references, strict=True):
-            usual = reference.variance(signal, powers)
-            if times is not None:
-                rows.append(loop.gains[signal] / usual)
-                rooms.append(times - loop.free[signal] / usual)
-            if signal == "u" and limits.stick is not None:
-                most = (limits.stick / DEVIATIONS) ** 2
-                room = 1.0 - loop.free["u"] / most
-                found.append(Limit(f"stick={limits.stick:g}", loop.gains["u"] / most, room))
         if times is None:
             continue
         name = f"{signal}={times:g}"
+        usual = [reference.variance(signal, powers) for reference in references]
+        pairs = list(zip(loops, usual, strict=True))
+        rows = [loop.gains[signal] / own for loop, own in pairs]
+        rooms = [times - loop.free[signal] / own for loop, own in pairs]
         if max(rooms) <= 0.0:
-            alone = loops[0].free[signal] / references[0].variance(signal, powers)
+            alone = loops[0].free[signal] / usual[0]
             raise InputError(
                 f"the limit {name} cannot be kept: the remnant alone makes the variance of "
                 f"{signal} {alone:.2f} of the reference's"
@@ -174,6 +180,21 @@ def _of_variances(
             rows, rooms = [np.mean(rows, axis=0)], [float(np.mean(rooms))]
         found += [Limit(name, row, room) for row, room in zip(rows, rooms, strict=True)]
     return found
+
+
+def _of_peak(name: str, peak: float, signal: str, loops: Sequence[Loop]) -> list[Limit]:
+    """A limit on so many standard deviations of a signal, for each pilot."""
+    most = (peak / DEVIATIONS) ** 2
+    least = max(loop.free[signal] for loop in loops)
+    if least >= most:
+        raise InputError(
+            f"the limit {name}={peak:g} cannot be kept: {DEVIATIONS:g} standard deviations of what "
+            f"the remnant alone causes are {DEVIATIONS * np.sqrt(least):.3g}"
+        )
+    return [
+        Limit(f"{name}={peak:g}", loop.gains[signal] / most, 1.0 - loop.free[signal] / most)
+        for loop in loops
+    ]
 
 
 def _of_shares(

@@ -15,7 +15,7 @@ from pilotid.datasets.simulation import closed_loop, remnant_ratio, white_level
 from pilotid.pilot.loops import margins
 from pilotid.theory.bounds import GRID, LineInformation, line_information
 from pilotid.time_domain.maximum_likelihood import BARTLETT_SECONDS
-from pilotid.types import FloatArray, InputError
+from pilotid.types import ComplexArray, FloatArray, InputError
 
 Pick = Literal["any", "odd", "prime"]
 
@@ -212,8 +212,8 @@ def _edges(omega: FloatArray) -> FloatArray:
     return np.concatenate([[first], middle, [last]])
 
 
-#: Error and control, and their rates.
-SIGNALS = ("e", "u", "de", "du")
+#: Error, control and their rates; output, its rate and its acceleration.
+SIGNALS = ("e", "u", "de", "du", "x", "dx", "ddx")
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,7 +271,7 @@ class Loop:
         return np.asarray(self.control / float(self.gains["u"] @ powers) * powers)
 
     def variance(self, signal: str, powers: FloatArray) -> float:
-        """Variance of e, u or their rates, the remnant's part included."""
+        """Variance of one of `SIGNALS`, the remnant's part included."""
         return self.free[signal] + float(self.gains[signal] @ powers)
 
     def errors(self, powers: FloatArray) -> FloatArray:
@@ -301,24 +301,25 @@ def loop_of(scenario: Scenario, lines: Lines, band: float | None = None) -> Loop
     weights[[0, -1]] *= 0.5
     remnant = experiment.circulation(grid)
     weights = weights * remnant.density
-    of_error = np.abs(remnant.error) ** 2
-    of_control = np.abs(closed_loop(scenario, grid).u["remnant"]) ** 2
-    free = {
-        "e": weights @ of_error,
-        "u": weights @ of_control,
-        "de": weights @ (grid**2 * of_error),
-        "du": weights @ (grid**2 * of_control),
-    }
-    gains = {"e": np.abs(error) ** 2, "u": np.abs(control) ** 2}
-    gains |= {f"d{name}": omega**2 * gain for name, gain in gains.items()}
+    answers = _powers(grid, remnant.error, closed_loop(scenario, grid).u["remnant"], remnant.output)
     return Loop(
         scenario,
         lines,
         line_information(experiment, omega, error, output, band),
-        {name: np.asarray(gain) for name, gain in gains.items()},
-        {name: float(variance) for name, variance in free.items()},
+        _powers(omega, error, control, output),
+        {name: float(weights @ answer) for name, answer in answers.items()},
         margins(scenario.model, scenario.values, scenario.element)[0].crossover,
     )
+
+
+def _powers(
+    omega: FloatArray, error: ComplexArray, control: ComplexArray, output: ComplexArray
+) -> dict[str, FloatArray]:
+    """Squared magnitudes of all `SIGNALS` from those of e, u and x, each of shape (n,)."""
+    own = {"e": np.abs(error) ** 2, "u": np.abs(control) ** 2, "x": np.abs(output) ** 2}
+    return {
+        name: np.asarray(omega ** (2 * name.count("d")) * own[name.lstrip("d")]) for name in SIGNALS
+    }
 
 
 def widening(runs: int, seconds: float) -> float:

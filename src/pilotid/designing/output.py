@@ -61,6 +61,7 @@ def design_json(made: Design, about: dict[str, Any], place: str = "") -> dict[st
             for key in made.errors
         },
         "costs": made.costs,
+        "rms": made.rms,
         "pilots": list(made.gains),
         "signals": signals,
         "scenario": scenario_json(made.scenario, place),

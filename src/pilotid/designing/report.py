@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pilotid.datasets.remnant import TabulatedRemnant
 from pilotid.designing.design import OFF, Design, wrong_pilots
 from pilotid.designing.limits import Limits
 from pilotid.designing.lines import sines_of
@@ -42,7 +43,10 @@ OTHERWISE = {
     "held": ("design %, remnant grows", "if the remnant's power is a share of the control's"),
     "share": ("design %, remnant held", "if the remnant has the power that it has now"),
 }
-COSTS = {"e": "error e", "u": "control u", "de": "rate of e", "du": "rate of u"}
+COSTS = {
+    **{"e": "error e", "u": "control u", "de": "rate of e", "du": "rate of u"},
+    **{"x": "output x", "dx": "rate of x", "ddx": "acceleration of x"},
+}
 OBJECTIVES = {
     "A": "mean relative variance of all parameters (A)",
     "D": "volume of the confidence ellipsoid (D)",
@@ -77,7 +81,12 @@ def print_design(made: Design, plans: Plans, subjects: int) -> None:
     """Print what a design gives, and the plans."""
     costs = ", ".join(f"{name} {cost:.2f}" for name, cost in made.costs.items())
     crests = ", ".join(f"{name} {crest:.2f}" for name, (crest, _) in made.crest.items())
-    told = [f"Variances over the reference's: {costs}. Crest factors: {crests}.", *sentences(made)]
+    first = " for its own pilot" if len(made.loops) > 1 else ""
+    told = [
+        reference_sentence(made),
+        f"Variances over the reference's{first}: {costs}. Crest factors: {crests}.",
+        *sentences(made),
+    ]
     told += [pilots_sentence(made)] if len(made.gains) > 1 else []
     print_blocks(
         make_console(),
@@ -101,7 +110,8 @@ def report_sections(made: Design, plans: Plans, subjects: int) -> list[Section]:
     )
     whose = "is held" if made.remnant == "held" else "grows with the control"
     price = Text(f"What the pilot pays for it: variances with the remnant's part, which {whose}.")
-    summary: list[Block] = [Bullets(sentences(made)), error_table(made), purpose_table(made)]
+    told = Bullets([reference_sentence(made), *sentences(made)])
+    summary: list[Block] = [told, error_table(made), purpose_table(made)]
     sections = [
         Section("summary", "Summary", summary),
         Section("spectra", "Spectra", [spectra, line_table(made)]),
@@ -132,10 +142,12 @@ def error_table(made: Design) -> Table[Any]:
     """Predicted standard errors, those of the reference, and with another kind of remnant."""
     other = made.errors_if_scaled if made.remnant == "held" else made.errors_if_held
     runs = made.scenario.runs
+    tabulated = isinstance(made.scenario.remnant, TabulatedRemnant)
+    known = "spectrum known" if tabulated else "own parameters estimated too"
     caption = (
         f"Predicted standard errors in % of the true values, from the Cramer-Rao bounds of "
-        f"{runs} run{'s' if runs > 1 else ''} of {made.scenario.duration:.2f} s, the remnant's own "
-        "parameters estimated too"
+        f"{runs} run{'s' if runs > 1 else ''} of {made.scenario.duration:.2f} s, the remnant's "
+        f"{known}"
     )
     title, hint = OTHERWISE[made.remnant]
     rows = [
@@ -157,7 +169,11 @@ def purpose_table(made: Design) -> Table[Any]:
     known = zip(scenario.model.keys, scenario.truth, strict=True)
     values = ", ".join(f"{key} {number(value)}" for key, value in known)
     power = "held" if made.remnant == "held" else "a share of the control's"
-    shape = f"{remnant.shape} of order {remnant.order}, {number(remnant.frequency)} rad/s"
+    shape = (
+        "of the estimated spectrum"
+        if isinstance(remnant, TabulatedRemnant)
+        else f"{remnant.shape} of order {remnant.order}, {number(remnant.frequency)} rad/s"
+    )
     rows = [
         ("pilot", f"model {scenario.model.name}: {values}"),
         ("controlled element", scenario.element.name),
@@ -186,10 +202,22 @@ def line_table(made: Design) -> Table[Any]:
 
 
 def cost_table(made: Design) -> Table[Any]:
-    """Variances of error and control."""
-    rows = [(COSTS[name], cost) for name, cost in made.costs.items()]
-    heads = [("signal",), ("variance over the reference's", two_decimals)]
+    """Variances of error, control and output, and root mean squares in their units."""
+    rows = []
+    for name, cost in made.costs.items():
+        rms = made.rms[name]
+        rows.append((COSTS[name], cost, rms, rms / math.sqrt(cost), unit_of(made, name)))
+    heads = [
+        *(("signal",), ("variance over the reference's", two_decimals)),
+        *(("rms", number), ("reference", number), ("unit",)),
+    ]
     return table_of("Variances over those of the reference", heads, rows)
+
+
+def unit_of(made: Design, signal: str) -> str:
+    """Unit of a signal or of a rate of it; empty where none is known."""
+    unit = dict(made.scenario.units).get(signal.lstrip("d"), "")
+    return unit and unit + ("", "/s", "/s²")[len(signal) - len(signal.lstrip("d"))]
 
 
 def peak_table(made: Design) -> Table[Any]:
@@ -251,7 +279,8 @@ def spectra_figure(made: Design) -> Drawing:
                 if sines := sines_of(scenario, name):
                     axes.plot(sines.omega, sines.amplitudes, color=style[0], marker=style[1],
                               markersize=4.0, linewidth=0.7, label=label)  # fmt: skip
-            axes.set(xscale="log", yscale="log", xlabel="rad/s", ylabel="deg")
+            unit = dict(made.scenario.units).get(name, "")
+            axes.set(xscale="log", yscale="log", xlabel="rad/s", ylabel=unit)
             axes.set_title(f"amplitudes of {NAMES[name]}")
             log_ticks(axes, "x")
             draw_grid(axes)
@@ -291,11 +320,22 @@ def signals_figure(made: Design) -> Drawing:
             for level in (-peak, peak):
                 axes.axhline(level, color=INK, linewidth=0.5, linestyle=":")
             axes.plot(time, sines.at(time), color=DESIGN[0], linewidth=0.8)
-            axes.set(xlabel="s", ylabel="deg", title=f"{NAMES[name]}; dotted: peaks of a period")
+            unit = dict(made.scenario.units).get(name, "")
+            axes.set(xlabel="s", ylabel=unit, title=f"{NAMES[name]}; dotted: peaks of a period")
     return figure
 
 
 # ---------------------------------------------------------------------------------- words
+
+
+def reference_sentence(made: Design) -> str:
+    """What the design is compared with: whose forcing functions, pilot and remnant."""
+    reference, pilots = made.reference, [loop.scenario for loop in made.loops]
+    told = f"Reference: {reference.name}, {reference.description}"
+    if len(pilots) > 1:
+        drawn = "of that file" if pilots[0] == reference else "drawn at random"
+        told += f"; {len(pilots)} pilots and remnants {drawn}"
+    return f"{told}; controlled element {reference.element.name}."
 
 
 def sentences(made: Design) -> list[str]:

@@ -17,6 +17,7 @@ from pilotid.estimates.quantities import abreast, quantity_tables
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import Recording
+from pilotid.recordings.spectra import NotMultisineError, forcing_sines
 from pilotid.remarks import Remark, gravest_first, remark_of, remarks_json
 from pilotid.seeds import fit_rng
 
@@ -68,7 +69,11 @@ class Fitted:
     def to_dict(self) -> dict[str, object]:
         """Plain objects, in the form that `pilotid fit --json` writes."""
         return {
-            "recording": {**self.recording.to_dict(), **remarks_json(self.remarks)},
+            "recording": {
+                **self.recording.to_dict(),
+                "forcing": self._forcing(),
+                **remarks_json(self.remarks),
+            },
             "model": self.model.name,
             **({"choice": self.choice, "models": list(self.compared)} if self.choice else {}),
             "estimates": [
@@ -76,6 +81,13 @@ class Fitted:
                 for estimate, loops in zip(self.estimates, self._loop_dicts(), strict=True)
             ],
         }
+
+    def _forcing(self) -> dict[str, object]:
+        """The forcing functions as sums of sines; none where they are something else."""
+        try:
+            return {**forcing_sines(self.recording)}
+        except NotMultisineError:
+            return {}
 
     def _loop_dicts(self) -> list[dict[str, object]]:
         """What the loops add to each estimate's object."""

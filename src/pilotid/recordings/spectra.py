@@ -9,7 +9,7 @@ exact.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from pilotid.types import ComplexArray, FloatArray, IntArray
 
 #: A bin is a line if its amplitude is at least this share of the largest one.
 SMALLEST = 1e-3
+SAME = 0.02  # e + x below this share of e is no target
 #: A multisine leaves most of the bins between its first and last line to the remnant.
 CROWDED = 0.34
 FEWEST = 5  # lines of a target that tell which signal is which
@@ -82,6 +83,39 @@ def lines_of(recording: Recording, name: str) -> IntArray:
             f"{lines.size} of the {lines[-1]} bins up to its highest hold power"
         )
     return lines
+
+
+def forcing_sines(recording: Recording) -> dict[str, dict[str, object]]:
+    """The forcing functions as sums of sines, plain objects by signal.
+
+    Amplitudes are root mean squares over the runs, phases at the start of the window those of the
+    first; ``alternating`` says whether every other run has the other sign.  A target that was not
+    recorded is e + x.
+
+    Raises
+    ------
+    NotMultisineError
+        If a forcing function is not periodic in the window, or no sum of a few sines.
+    """
+    target = recording.input("target")
+    quiet = float(np.std(target)) <= SAME * float(np.std(recording.e))
+    if recording.ft is None and not quiet:
+        recording = replace(recording, ft=target)
+    found: dict[str, dict[str, object]] = {}
+    for name, lines in forcing_lines(recording).items():
+        signal = getattr(recording, name)
+        if signal is None:
+            continue
+        phasors = 2j * np.fft.rfft(recording.window(signal))[:, lines] / recording.samples
+        turned = (phasors @ phasors[0].conj()).real < 0.0
+        found[name] = {
+            "lines": lines.tolist(),
+            "amplitudes": np.sqrt(np.mean(np.abs(phasors) ** 2, axis=0)).tolist(),
+            "phases": np.angle(phasors[0]).tolist(),
+            "period": recording.duration,
+            "alternating": bool(turned.any() and (turned == np.arange(turned.size) % 2).all()),
+        }
+    return found
 
 
 @dataclass(frozen=True, eq=False)
