@@ -14,11 +14,13 @@ import numpy as np
 import pytest
 from helpers import PILOTS, Run
 
+import pilotid
 from pilotid.analysis.analyse import Analysis, Fit, Settings, compared
 from pilotid.analysis.board import read_board
 from pilotid.analysis.recordings import Part, Pattern, parts_of
 from pilotid.analysis.report_tables import alarms
 from pilotid.analysis.rows import in_order
+from pilotid.analysis.tables import ESTIMATES, MODEL_COLUMNS
 from pilotid.datasets import simulate
 from pilotid.pilot.loops import margins
 from pilotid.recordings.files import save_recording
@@ -139,6 +141,17 @@ def test_a_damaged_store_costs_time_and_a_second_call_does_nothing_again(
     answer = run(*command, "--out", tmp_path)
     assert answer.status == 0, answer.err
     assert (tmp_path / "estimates.csv").read_bytes() == before
+
+    (tmp_path / "estimates.csv").unlink()
+    found = pilotid.analyse([file], PATTERN, "single", out=tmp_path)
+    assert found.write() == tmp_path / "report.html"
+    assert (tmp_path / "estimates.csv").read_bytes() == before
+    assert str(found) in answer.out
+    frame = found.to_dataframe()
+    assert list(frame["parameter"]) == [row["parameter"] for row in table(tmp_path / ESTIMATES)]
+    assert found.to_dataframe("models").shape == (1, 3 + len(MODEL_COLUMNS))
+    with pytest.raises(InputError, match="there are estimates, loops, models, contrasts"):
+        found.to_dataframe("figures")
 
 
 @pytest.mark.numerical

@@ -1,5 +1,6 @@
 """The public names, and the modules that hold them: `pilotid.__init__` reads this file."""
 
+from pilotid.analysis.experiment import analyse as analyse
 from pilotid.api import (
     check as check,
 )

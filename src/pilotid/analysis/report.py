@@ -115,8 +115,8 @@ def report_sections(
         yield Section("left-out", "Runs left out", left_out_blocks(board))
     yield Section("recordings", "Recordings", [recording_table(results.analysis)])
     versions = ", ".join(f"{name} {version}" for name, version in about.items())
-    again: list[Block] = [Command("To make it again:", command), Text(f"Versions: {versions}.")]
-    yield Section("origin", "How this was made", again)
+    again: list[Block] = [Command("To make it again:", command)] if command else []
+    yield Section("origin", "How this was made", [*again, Text(f"Versions: {versions}.")])
 
 
 def _clear(folder: Path, analysis: Analysis) -> None:

@@ -432,7 +432,7 @@ def tables_tex(
     rows: Sequence[Row],
     contrasts: Sequence[Contrast] = (),
     chosen: Chosen | None = None,
-    made_by: str = "pilotid analyse",
+    made_by: str = "",
 ) -> str:
     r"""Estimates and contrasts as booktabs tabulars without captions, for ``\input`` in a table.
 
@@ -448,7 +448,7 @@ def tables_tex(
         The command that made them, for the comment at the head.
     """
     parts = [
-        f"% Made by: {printable(made_by)}",
+        f"% Made by: {printable(made_by or 'pilotid.analyse')}",
         r"% Needs \usepackage{booktabs}; each tabular may be put into a table of its own.",
     ]
     for title, group in estimate_groups(rows, chosen):

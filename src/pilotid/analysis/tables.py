@@ -38,6 +38,54 @@ MODEL_COLUMNS = (
 )  # fmt: skip
 
 
+#: Heads and rows of a CSV file.
+Cells = tuple[list[str], list[list[object]]]
+
+
+def table_cells(results: Results) -> dict[str, Cells]:
+    """All tables of an analysis that have rows, and those that always are, by their files."""
+    analysis = results.analysis
+    names = field_names(analysis.parts)
+    head = ["file", *names, "run", "model", "method"]
+    elements = analysis.elements
+    found: dict[str, Cells] = {
+        ESTIMATES: (
+            [*head, "parameter", *QUANTITY_COLUMNS],
+            [_estimate_cells(row, names) for row in results.rows],
+        ),
+        LOOPS: (
+            [*head, "element", "quantity", *QUANTITY_COLUMNS],
+            [
+                _loop_cells(row, names, elements[row.file, row.run, row.model])
+                for row in results.loops
+            ],
+        ),
+        MODELS: (
+            ["file", *names, *MODEL_COLUMNS],
+            [cells for part in analysis.parts for cells in _model_cells(analysis, part, names)],
+        ),
+        CONTRASTS: table_of(results.contrasts, CONTRAST_COLUMNS),
+    }
+    more: dict[str, Cells] = {
+        CONDITIONS: table_of(results.repeated, REPEATED_COLUMNS),
+        FRF: (
+            ["file", *names, *RESPONSE_COLUMNS],
+            [
+                [fit.part.name, *dict(fit.part.fields).values(), *cells]
+                for fit in analysis.fits
+                for cells in response_cells(fit.content)
+            ],
+        ),
+        FACTORS: table_of(results.effects, FACTOR_COLUMNS),
+        RUNS: table_of(results.spreads, SPREAD_COLUMNS),
+        LEFT_OUT: (
+            ["file", *names, *LEFT_OUT_COLUMNS],
+            [[e.part.name, *dict(e.part.fields).values(), *e.cells] for e in analysis.left_out],
+        ),
+    }
+    return found | {name: cells for name, cells in more.items() if cells[1]}
+
+
 def write_tables(folder: Path, results: Results, command: str) -> None:
     """Write the tables, numbers with as many digits as restore them.
 
@@ -50,37 +98,8 @@ def write_tables(folder: Path, results: Results, command: str) -> None:
     command
         The command that found it, for the head of tables.tex.
     """
-    analysis = results.analysis
-    names = field_names(analysis.parts)
-    head = ["file", *names, "run", "model", "method", "parameter", *QUANTITY_COLUMNS]
-    rows = [_estimate_cells(row, names) for row in results.rows]
-    write_file(folder / ESTIMATES, table_bytes(head, rows))
-    head = ["file", *names, "run", "model", "method", "element", "quantity", *QUANTITY_COLUMNS]
-    elements = analysis.elements
-    loops = [
-        _loop_cells(row, names, elements[row.file, row.run, row.model]) for row in results.loops
-    ]
-    write_file(folder / LOOPS, table_bytes(head, loops))
-    models = [cells for part in analysis.parts for cells in _model_cells(analysis, part, names)]
-    write_file(folder / MODELS, table_bytes(["file", *names, *MODEL_COLUMNS], models))
-    write_file(folder / CONTRASTS, table_bytes(*table_of(results.contrasts, CONTRAST_COLUMNS)))
-    if results.repeated:
-        write_file(folder / CONDITIONS, table_bytes(*table_of(results.repeated, REPEATED_COLUMNS)))
-    responses = [
-        [fit.part.name, *dict(fit.part.fields).values(), *cells]
-        for fit in analysis.fits
-        for cells in response_cells(fit.content)
-    ]
-    if responses:
-        write_file(folder / FRF, table_bytes(["file", *names, *RESPONSE_COLUMNS], responses))
-    if results.effects:
-        write_file(folder / FACTORS, table_bytes(*table_of(results.effects, FACTOR_COLUMNS)))
-    if results.spreads:
-        write_file(folder / RUNS, table_bytes(*table_of(results.spreads, SPREAD_COLUMNS)))
-    if analysis.left_out:
-        head = ["file", *names, *LEFT_OUT_COLUMNS]
-        lines = [[e.part.name, *dict(e.part.fields).values(), *e.cells] for e in analysis.left_out]
-        write_file(folder / LEFT_OUT, table_bytes(head, lines))
+    for name, cells in table_cells(results).items():
+        write_file(folder / name, table_bytes(*cells))
     text = tables_tex(results.shown, results.contrasts, results.chosen, command)
     write_file(folder / TEX, text.encode("utf-8", "replace"))
 

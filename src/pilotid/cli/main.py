@@ -31,7 +31,7 @@ from pilotid.outputs import is_ours, require_free
 from pilotid.pilot.catalogue import AUTO, MODELS, model_named, with_held
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.files import save_recording
+from pilotid.recordings.files import read_with, save_recording
 from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.recordings.text import sidecar_path
 from pilotid.remarks import OF_STICK
@@ -151,7 +151,7 @@ def simulate(
     truth_file = out.with_suffix(".truth.json")
     written = [out, truth_file, *[sidecar_path(out)] * (out.suffix.lower() == ".csv")]
     force = force or is_ours(truth_file)
-    require_free(written, options.read_with([like] if like else []), force=force)
+    require_free(written, read_with([like] if like else []), force=force)
     named = scenario_named(scenario or "") if like is None else studies.scenario_like(like, seed)
     chosen = named.drawn(draw_rng(seed, named.name))
     chosen = replace(chosen, runs=runs or chosen.runs)

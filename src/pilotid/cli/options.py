@@ -22,9 +22,9 @@ from pilotid.methods import label_of, method_named, methods
 from pilotid.naming.settings import split_list
 from pilotid.pilot.catalogue import AUTO, model_named
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.files import Reading
+from pilotid.recordings.files import Reading, read_with
+
 from pilotid.recordings.recording import LEAD_IN, Recording
-from pilotid.recordings.text import sidecar_path
 from pilotid.types import FloatArray, InputError
 
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of all random numbers.")]
@@ -186,12 +186,6 @@ def read_truth(path: Path, model: PilotModel) -> FloatArray:
             f"{path}: cannot be read as the truth of a simulation; name the F.truth.json that "
             "`pilotid simulate` wrote"
         ) from None
-
-
-def read_with(files: Sequence[Path]) -> list[Path]:
-    """Recordings, and the files beside them that belong to them."""
-    beside = ((file, sidecar_path(file), file.with_suffix(".truth.json")) for file in files)
-    return [path for own in beside for path in own]
 
 
 def require_free(inputs: Sequence[Path], *targets: str | Path | None, force: bool) -> None:

@@ -16,6 +16,7 @@ from pilotid.outputs import require_folder
 from pilotid.pilot.catalogue import AUTO, model_named
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
+from pilotid.recordings.files import read_with
 from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.seeds import DEFAULT_SEED, fit_rng
 from pilotid.terminal import make_console
@@ -51,7 +52,7 @@ def posterior(
     folders = folders_of(files, out) if len(files) > 1 and not joint else {}
     for folder in folders.values() or [out] * (out is not None):
         assert folder is not None
-        require_folder(folder, FILES, options.read_with(files), force=force)
+        require_folder(folder, FILES, read_with(files), force=force)
     recordings, refused = options.recordings_of(files, mapping, dt, detrend, lead_in, joint=joint)
     for number, recording in enumerate(recordings):
         folder = folders.get(recording.source, out)

@@ -14,7 +14,7 @@ from pilotid import outputs
 from pilotid.cli import options
 from pilotid.pilot.catalogue import AUTO
 from pilotid.pilot.element import element_named
-from pilotid.recordings.files import load_recording
+from pilotid.recordings.files import load_recording, read_with
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.terminal import make_console
 from pilotid.types import InputError
@@ -102,7 +102,7 @@ def compare(
         seed,
         sparing=method is None,
     )
-    outputs.require_folder(out, TABLES, options.read_with([like] if like else []), force=force)
+    outputs.require_folder(out, TABLES, read_with([like] if like else []), force=force)
     if salvage:
         _salvage(out)
     with Store(out, create=True) as store, options.resumable(store.path):
@@ -302,7 +302,7 @@ def trust(
     from pilotid.study.store import Store
     from pilotid.study.trust import TRUST, UNKNOWN, trial_of
 
-    outputs.require_folder(out, TABLES, options.read_with(files), force=force)
+    outputs.require_folder(out, TABLES, read_with(files), force=force)
     recordings, _ = options.recordings_of(files, mapping, dt, detrend, joint=len(files) > 1)
     recording = recordings[0]
     if element is not None:

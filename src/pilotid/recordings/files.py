@@ -123,6 +123,12 @@ def _suffix(file: Path, source: str, known: Collection[str]) -> str:
     return suffix
 
 
+def read_with(files: Sequence[Path]) -> list[Path]:
+    """Recordings, and the files beside them that belong to them."""
+    beside = ((file, sidecar_path(file), file.with_suffix(".truth.json")) for file in files)
+    return [path for own in beside for path in own]
+
+
 @dataclass(frozen=True)
 class Reading:
     """How files are read.
