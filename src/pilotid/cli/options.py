@@ -23,7 +23,6 @@ from pilotid.naming.settings import split_list
 from pilotid.pilot.catalogue import AUTO, model_named
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.files import Reading, read_with
-
 from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.types import FloatArray, InputError
 
