@@ -51,6 +51,7 @@ def means_table(group: Sequence[Layout], title: str) -> Table[Layout]:
     """Parameters down, conditions across: means over subjects, or single values.
 
     Means have the standard deviation between subjects in parentheses, values their standard error.
+    An asterisk marks those with a fit that the forcing functions contradict.
     """
     conditions = in_order([c for layout in group for c in layout.conditions])
     models = {c: layout.models[c] for layout in group for c in layout.conditions}
@@ -62,17 +63,20 @@ def means_table(group: Sequence[Layout], title: str) -> Table[Layout]:
             cells = [c for c in layout.cells.get(condition, {}).values() if not c.fault]
             if not cells:
                 return NONE
+            mark = "" if all(c.agrees for c in cells) else "*"
             if len(subjects) == 1:
-                return unsigned(cells[0].value, cells[0].std_error)
+                return unsigned(cells[0].value, cells[0].std_error) + mark
             mean, deviation = mean_and_spread(cells)
             fewer = f", n = {len(cells)}" if len(cells) < len(subjects) else ""
-            return f"{to_error(mean, deviation)} ({to_error(deviation, deviation)}{fewer})"
+            return f"{to_error(mean, deviation)} ({to_error(deviation, deviation)}{fewer}){mark}"
 
         count = f" (n = {len(subjects)})" if len(subjects) > 1 else ""
         return Column(f"{condition or 'all'}{count}", shown, str)
 
     if len(set(models.values())) > 1:
         title += "; models: " + ", ".join(f"{c} `{models[c]}`" for c in conditions)
+    if any(not c.agrees for layout in group for own in layout.cells.values() for c in own.values()):
+        title += "; * with fits that the forcing functions contradict"
     columns: list[Column[Layout]] = [
         Column("parameter", lambda layout: layout.parameter),
         Column("unit", lambda layout: layout.unit),

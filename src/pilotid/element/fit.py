@@ -22,7 +22,7 @@ from pilotid.estimates.loops import LoopElement
 from pilotid.estimates.quantities import Quantity
 from pilotid.limits import ELEMENT
 from pilotid.pilot.element import ControlledElement, parsed_element
-from pilotid.recordings.recording import Recording
+from pilotid.recordings.recording import Recording, remembered
 from pilotid.remarks import Remark
 from pilotid.types import FloatArray
 
@@ -112,6 +112,7 @@ class IdentifiedElement:
         }
 
 
+@remembered
 def identified_element(recording: Recording) -> IdentifiedElement:
     """The controlled element of a recording, by its signals alone."""
     begin, middle = recording.run_in, recording.run_in + recording.samples // 2

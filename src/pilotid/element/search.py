@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -126,22 +127,27 @@ def _bands(omega: FloatArray, fewest: float) -> IntArray:
     return np.searchsorted(edges, omega, side="right")
 
 
-def _equation(
-    spectra: Spectra, form: Form, values: FloatArray
-) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+class _Equation(NamedTuple):
     """Residual at the output, the delayed input's derivatives, and the denominator."""
+
+    residual: ComplexArray
+    inputs: ComplexArray
+    below: ComplexArray
+
+
+def _equation(spectra: Spectra, form: Form, values: FloatArray) -> _Equation:
     top, bottom = form.polynomials(values)
     inputs = spectra.delayed(len(top) + 1, float(values[-1]))
     below = np.asarray(np.polyval(bottom, spectra.s), dtype=complex)
     left = bottom[::-1] @ spectra.output[: len(bottom)] - top[::-1] @ inputs[: len(top)]
-    return np.asarray(left / below), inputs, below
+    return _Equation(np.asarray(left / below), inputs, below)
 
 
 def _step(
-    spectra: Spectra, form: Form, values: FloatArray, weight: FloatArray
+    spectra: Spectra, form: Form, values: FloatArray, at: _Equation, weight: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Gradient and information of half the weighted sum of squares."""
-    residual, inputs, below = _equation(spectra, form, values)
+    residual, inputs, below = at
     above, under = form.slopes(values)
     top, _ = form.polynomials(values)
     columns = [-(p[::-1] @ inputs[: len(p)]) for p in above]
@@ -219,27 +225,28 @@ def _searched(
     spectra: Spectra, form: Form, bands: Bands, dt: float, delay: float
 ) -> FormFit | None:
     values = _start(spectra, form, bands, delay)
-    level = bands.level(_equation(spectra, form, values)[0])
+    at = _equation(spectra, form, values)
+    level = bands.level(at.residual)
     cost, damping = bands.cost(level), 1e-4
     for _ in range(ITERATIONS):
-        gradient, information = _step(spectra, form, values, 1.0 / level)
+        gradient, information = _step(spectra, form, values, at, 1.0 / level)
         scale = np.sqrt(np.diag(information))
         matrix, gain = information / np.outer(scale, scale), 0.0
         while damping < 1e4:
             step = np.linalg.solve(matrix + damping * np.eye(len(values)), gradient / scale)
             trial = values - step / scale
             trial[-1] = np.clip(trial[-1], EARLIEST * dt, LONGEST)
-            own = bands.level(_equation(spectra, form, trial)[0])
+            there = _equation(spectra, form, trial)
+            own = bands.level(there.residual)
             gain = cost - bands.cost(own)
             if gain > 0.0:
-                values, level, cost = trial, own, cost - gain
+                values, at, level, cost = trial, there, own, cost - gain
                 damping = max(0.1 * damping, 1e-10)
                 break
             damping *= 10.0
         if not gain > ENOUGH:
             break
-    residual = _equation(spectra, form, values)[0]
-    _, information = _step(spectra, form, values, 1.0 / bands.claimed(residual))
+    _, information = _step(spectra, form, values, at, 1.0 / bands.claimed(at.residual))
     scale = np.sqrt(np.diag(information))
     covariance = np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale)
     if form.lags and values[-2] <= 0.0:
@@ -251,7 +258,7 @@ def _searched(
         values,
         covariance / (2.0 * INDEPENDENT),
         cost + len(values) * float(np.log(2.0 * bands.count.sum())),
-        bands.unexplained(residual),
+        bands.unexplained(at.residual),
     )
 
 

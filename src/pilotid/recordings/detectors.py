@@ -553,6 +553,7 @@ def _remnants(
     return np.fft.irfft(spectra, n=samples), step
 
 
+@remembered
 def _remnant_spectra(
     recording: Recording, highest: float, memory: float = 5.0
 ) -> tuple[ComplexArray, int, float]:
@@ -591,16 +592,16 @@ def _alike(one: FloatArray, other: FloatArray, step: float, seconds: float = 12.
     The largest may be of a transient that both have.
     """
     length, samples = int(seconds / step), other.size
-    spectrum = np.fft.rfft(other, 2 * samples)
+    pieces = np.lib.stride_tricks.sliding_window_view(one, length)[:: length // 2]
+    if len(pieces) < 2:
+        return 0.0
+    fast = 1 << (samples - 1).bit_length()
+    spectra = np.fft.rfft(other, fast) * np.conj(np.fft.rfft(pieces, fast))
+    products = np.fft.irfft(spectra)[:, : samples - length + 1]
     energy = np.concatenate([[0.0], np.cumsum(other**2)])
     energy = energy[length:] - energy[:-length]
-    found = []
-    for first in range(0, one.size - length + 1, length // 2):
-        piece = one[first : first + length]
-        products = np.fft.irfft(spectrum * np.conj(np.fft.rfft(piece, 2 * samples)))
-        products = products[: samples - length + 1]
-        found.append(float(np.max(np.abs(products) / np.sqrt(energy * (piece @ piece) + 1e-300))))
-    return sorted(found)[-2] if len(found) > 1 else 0.0
+    size = np.sqrt(energy * np.sum(pieces**2, axis=1)[:, None] + 1e-300)
+    return float(np.sort(np.max(np.abs(products) / size, axis=1))[-2])
 
 
 def fingerprints(recording: Recording) -> FloatArray:

@@ -278,13 +278,6 @@ class _Fit:
             return False
         return decimation(self.recording.dt, rate) < found.joint.band.factor
 
-    def lines_pilot(self, rng: np.random.Generator) -> FloatArray | None:
-        """The pilot that the forcing frequencies show, shape (1, parameters), if they do."""
-        if lines_objection(self.recording, self.model):
-            return None
-        fit = fit_lines(self.recording, self.model, rng, candidates=96, refined=8, same=0.01)
-        return fit.values[None] if np.isfinite(fit.values).all() else None
-
     def maximum(
         self,
         prediction: Prediction,
@@ -353,7 +346,7 @@ class _Fit:
         prediction = self.predicted(rate)
         if self.model.curves:
             plain = replace(self, model=self.model.constant)
-            first = plain.searched(rng, rate, plain.lines_pilot(rng))
+            first = plain.searched(rng, rate, lines_pilot(self.recording, plain.model, rng))
             free = replace(prediction, terms=first.joint.prediction.terms)
             found = self.maximum(free, first.joint.band, free.model.of_constant(first.pilot))
             return replace(_elsewhere(found), starts=first.starts)
@@ -384,6 +377,16 @@ class _Fit:
         return replace(_elsewhere(best), starts=explored.starts, known=known, competing=competing)
 
 
+def lines_pilot(
+    recording: Recording, model: PilotModel, rng: np.random.Generator
+) -> FloatArray | None:
+    """The pilot that the forcing frequencies show, shape (1, parameters), if they do."""
+    if lines_objection(recording, model):
+        return None
+    fit = fit_lines(recording, model, rng, candidates=96, refined=8, same=0.01)
+    return fit.values[None] if np.isfinite(fit.values).all() else None
+
+
 def maximise_likelihood(
     recording: Recording,
     model: PilotModel,
@@ -402,7 +405,7 @@ def maximise_likelihood(
         Bands, starts, and the remnant's model if it is not to be chosen.
     """
     fit = _Fit(recording, model, settings)
-    found = fit.searched(rng, settings.band, fit.lines_pilot(rng))
+    found = fit.searched(rng, settings.band, lines_pilot(recording, model, rng))
     return in_wide_band(found, recording, model, rng, settings)
 
 
