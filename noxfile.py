@@ -88,6 +88,7 @@ def check(session: nox.Session) -> None:
         "design": "design.py",
         "models": "models.py",
         "recorder": "recorder.py",
+        "shared": "shared.py",
     }
     names = [name for name in session.posargs[:1] if name in scripts]
     if not names:

@@ -11,8 +11,10 @@ from helpers import NOMINAL, Run
 from tidy_rows import table
 
 from pilotid.analysis.contrasts import contrasts
+from pilotid.analysis.factors import effects
 from pilotid.analysis.recordings import Excluded, Part, Pattern, excluded_of, parts_of
-from pilotid.analysis.results import excluding
+from pilotid.analysis.repeated import repeated
+from pilotid.analysis.results import excluded_rows
 from pilotid.datasets import simulate
 from pilotid.recordings.files import Reading, save_recording
 from pilotid.recordings.recording import Recording
@@ -122,12 +124,15 @@ def test_who_is_not_there_cannot_be_excluded(text: str, words: str) -> None:
         excluded_of(parts(), ["subject=1", "subject=2"], "")
 
 
-def test_contrasts_say_who_is_excluded() -> None:
-    rows = table({"A": (1.0, 2.0, 3.0), "B": (2.0, 2.5, 4.5)})
+def test_every_table_says_who_is_excluded() -> None:
+    rows = table({"A": (1.0, 2.0, 3.0, 1.5), "B": (2.0, 2.5, 4.5, 2.9)})
     rows = [r for r in rows if (r.field("subject"), r.field("condition")) != ("3", "B")]
-    (found,) = contrasts(rows)
     part = Part((Path("s3_B.csv"),), (("subject", "3"), ("condition", "B")))
-    told = excluding(found, [Excluded(part, "fell asleep")])
-    assert told.left_out == ("subject 3 condition B: excluded (fell asleep)",)
-    assert told.notes[0].endswith("(fell asleep)")
-    assert excluding(found, []) == found
+    every = [*rows, *excluded_rows(rows, [Excluded(part, "fell asleep")])]
+    factors = {"motion": {"A": "off", "B": "on"}}
+    out = "subject 3 (B: excluded (fell asleep))"
+    (contrast,), (together,), (effect,) = contrasts(every), repeated(every), effects(every, factors)
+    assert contrast.left_out == (out,)
+    assert together.notes == (f"not in the analysis of variance: {out}",)
+    assert effect.notes == (f"left out: {out}",)
+    assert contrast.t == contrasts(rows)[0].t

@@ -19,6 +19,7 @@ from pilotid.analysis.performance import performance_content, performance_rows
 from pilotid.analysis.recordings import Excluded, Part, Source
 from pilotid.analysis.responses import responses_of
 from pilotid.analysis.rows import CONDITION, SUBJECT, Row, in_order, rows_of
+from pilotid.analysis.sharing import require_keys, share_fits
 from pilotid.database import DamagedError, checksum, in_words, open_to_write
 from pilotid.disk import make_folder, write_file
 from pilotid.element.fit import chosen_element
@@ -88,6 +89,8 @@ class Settings:
         Recordings that the user leaves out.
     fix
         Parameters that are held or bounded, see `pilotid.pilot.catalogue.with_held`.
+    share
+        Parameters that a subject's conditions have in common, see `pilotid.estimates.shared`.
     """
 
     models: Mapping[str, PilotModel]
@@ -102,6 +105,7 @@ class Settings:
     factors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     excluded: Sequence[Excluded] = ()
     fix: str | None = None
+    share: Sequence[str] = ()
 
     @property
     def known(self) -> dict[str, PilotModel]:
@@ -212,6 +216,8 @@ def group_of(part: Part) -> Group:
 
 # ----------------------------------------------------------------------------------- tasks
 
+What = Literal["look", "fit", "share", "left-out"]
+
 
 @dataclass(frozen=True)
 class Task:
@@ -222,10 +228,10 @@ class Task:
     key
         A digest of all that its content follows from: recording, settings and code.
     what
-        Look at a recording and compare models, fit one model, or fit it to all runs but one and
-        predict that one.
-    source
-        The recording.
+        Look at a recording and compare models, fit one model, fit models to recordings with
+        parameters in common, or fit one to all runs but one and predict that one.
+    sources
+        The recording, or those with parameters in common.
     code
         Models, methods (or whether models of the catalogue compete) and controlled element, see
         `pilotid.naming.code.packed`.
@@ -238,12 +244,17 @@ class Task:
     """
 
     key: str
-    what: Literal["look", "fit", "left-out"]
-    source: Source
+    what: What
+    sources: tuple[Source, ...]
     code: bytes
     seed: int
     run: int | None = None
     folder: Path | None = None
+
+    @property
+    def source(self) -> Source:
+        """The recording, the first of several."""
+        return self.sources[0]
 
 
 class Answer(NamedTuple):
@@ -257,7 +268,8 @@ class Answer(NamedTuple):
 def perform(task: Task) -> Answer:
     """Do a task; whatever goes wrong is an answer."""
     try:
-        content = {"look": _look, "fit": _fit, "left-out": _leave_out}[task.what](task)
+        done = {"look": _look, "fit": _fit, "share": _share, "left-out": _leave_out}
+        content = done[task.what](task)
         return Answer(task, json.loads(json.dumps(content)))
     except InputError as error:
         return Answer(task, None, str(error))
@@ -305,11 +317,33 @@ def _fit(task: Task) -> Content:
     model, methods, element = unpacked(task.code)
     recording = task.source.recording(task.run)
     fitted = fit_all(recording, model, methods, task.seed, chosen_element(recording, element))
+    return _whole_content(task, task.source.part, fitted)
+
+
+def _share(task: Task) -> Content:
+    models, methods, element, keys = unpacked(task.code)
+    recordings = [source.recording() for source in task.sources]
+    fits = [
+        fit_all(recording, model, methods, task.seed, chosen_element(recording, element))
+        for recording, model in zip(recordings, models, strict=True)
+    ]
+    names = [dict(source.part.fields)[CONDITION] for source in task.sources]
+    together = dict(zip(names, share_fits(fits, names, keys), strict=True))
+    return {
+        "fits": [
+            _whole_content(task, source.part, fitted)
+            for source, fitted in zip(task.sources, together.values(), strict=True)
+        ]
+    }
+
+
+def _whole_content(task: Task, part: Part, fitted: Fitted) -> Content:
+    """What is kept of fits, with the recording's page where one is made."""
     content = content_of(fitted)
     if task.folder is not None:
-        points = first_step_of(recording, model)
+        points = first_step_of(fitted.recording, fitted.model)
         content["responses"] = responses_of(fitted, points)
-        content["page"] = _write_page(task, task.folder, fitted, points)
+        content["page"] = _write_page(task, part, task.folder, fitted, points)
     return content
 
 
@@ -320,12 +354,14 @@ def _leave_out(task: Task) -> Content:
     return {"model": model.name, "left_out": fits}
 
 
-def _write_page(task: Task, folder: Path, fitted: Fitted, points: FrequencyResponse | None) -> str:
+def _write_page(
+    task: Task, part: Part, folder: Path, fitted: Fitted, points: FrequencyResponse | None
+) -> str:
     """Write a recording's page, with its figures, and give its place beside the report."""
     from pilotid.report.fit import html_report
 
     text = html_report([fitted], points=[points])
-    words = re.sub(r"[^\w.+-]+", "_", f"{task.source.part.words}_{fitted.model.name}")
+    words = re.sub(r"[^\w.+-]+", "_", f"{part.words}_{fitted.model.name}")
     name = f"{PAGES}/{words}_{task.key[:6]}.html"
     make_folder(folder / PAGES)
     write_file(folder / name, text.encode("utf-8", "replace"))
@@ -364,9 +400,16 @@ def _graded(remarks: Iterable[str]) -> list[tuple[str, str, str]]:
 
 def _failed_content(task: Task, why: str) -> Content:
     """The same of fits that a process was lost with: rows without numbers."""
-    model, methods, _ = unpacked(task.code)
+    model, methods, *_ = unpacked(task.code)
+    if task.what == "share":
+        every = [_failed_fits(own, methods, why) for own in model]
+        return {"fits": every}
     if task.what == "left-out":
         return {"model": model.name, "left_out": failed_rows(methods, Outcome.DIED.slug)}
+    return _failed_fits(model, methods, why)
+
+
+def _failed_fits(model: PilotModel, methods: Iterable[str], why: str) -> Content:
     estimates = tuple(failed(label, model, Outcome.DIED, why) for label in methods)
     return content_of(Fitted(None, model, estimates))  # type: ignore[arg-type]
 
@@ -395,8 +438,8 @@ class _Work:
 
     def task(
         self,
-        what: Literal["look", "fit", "left-out"],
-        source: Source,
+        what: What,
+        sources: Sequence[Source],
         content: tuple[object, ...],
         run: int | None = None,
         folder: Path | None = None,
@@ -404,9 +447,10 @@ class _Work:
         """A task with its key."""
         seed = self.settings.seed
         told = (what, run, plain(content), code_digest(content), seed, folder is not None)
-        text = repr((self.digests[source], *told)).encode("utf-8", "replace")
+        digests = (self.digests[source] for source in sources)
+        text = repr((*digests, *told)).encode("utf-8", "replace")
         key = hashlib.sha256(text).hexdigest()
-        return Task(key, what, source, packed(content), seed, run, folder)
+        return Task(key, what, tuple(sources), packed(content), seed, run, folder)
 
     def held(self, task: Task) -> Content | None:
         """What is held of a task."""
@@ -415,8 +459,8 @@ class _Work:
             return None
         content: Content = json.loads(found[1])
         # A page that was moved away is made again.
-        page = content.get("page")
-        return None if page and not (self.path.parent / page).exists() else content
+        pages = [page for own in content.get("fits", [content]) if (page := own.get("page"))]
+        return content if all((self.path.parent / page).exists() for page in pages) else None
 
     def keep(self, key: str, content: Content) -> None:
         """Keep a content, complete or not at all."""
@@ -480,7 +524,7 @@ def analyse(
             except InputError as error:
                 work.refused[str(error)] = None
         compared_with = (tuple(settings.models.values()), settings.auto, element, settings.fix)
-        looks = {source: work.task("look", source, compared_with) for source in work.digests}
+        looks = {source: work.task("look", [source], compared_with) for source in work.digests}
         seen = work.contents(list(looks.values()), "looking at recordings")
         looked = {source: seen[t.key] for source, t in looks.items() if t.key in seen}
         copies = copies_among(
@@ -493,28 +537,36 @@ def analyse(
         for source, look in looked.items():
             groups.setdefault(group_of(source.part), []).append(candidates_of(look))
         choices = _choices(groups, settings)
+        models = {
+            source: [settings.known[choices[group_of(source.part)].model]]
+            if settings.auto
+            else [settings.known[name] for name in settings.models]
+            for source in looked
+        }
+        together = _sharing(work, models, folder)
         fits, left = [], []
         for source, look in looked.items():
             count = int(look["recording"]["runs"])
             runs = range(1, count + 1) if count > 1 else ()
-            models = [settings.known[name] for name in settings.models]
-            if settings.auto:
-                models = [settings.known[choices[group_of(source.part)].model]]
-            for model in models:
+            for model in models[source]:
                 fitted = (model, methods, element)
-                fits.append(work.task("fit", source, fitted, folder=folder))
+                alone = work.task("fit", [source], fitted, folder=folder)
+                fits.append((source, together.get((source, model.name), alone)))
                 if settings.per_run:
-                    fits += [work.task("fit", source, fitted, run) for run in runs]
+                    fits += [(source, work.task("fit", [source], fitted, run)) for run in runs]
                 if settings.left_out:
                     predicts = (model, methods, None)
-                    left += [work.task("left-out", source, predicts, run) for run in runs]
-        held = work.contents(fits, "fitting")
+                    left += [work.task("left-out", [source], predicts, run) for run in runs]
+        held = work.contents([task for _, task in fits], "fitting")
         told = work.contents(left, "leaving runs out")
         return Analysis(
             settings,
             {source.part: look for source, look in looked.items()},
             choices,
-            [Fit(task.source.part, task.run, held[task.key]) for task in fits],
+            [
+                Fit(source.part, task.run, _own(held[task.key], task, source))
+                for source, task in fits
+            ],
             list(work.refused),
             [
                 line
@@ -522,6 +574,46 @@ def analyse(
                 for line in left_out_rows(task.source.part, task.run or 0, told[task.key])
             ],
         )
+
+
+def _own(content: Content, task: Task, source: Source) -> Content:
+    """What a task gave of one of its recordings."""
+    found: Content = content["fits"][task.sources.index(source)] if "fits" in content else content
+    return found
+
+
+def _sharing(
+    work: _Work, models: Mapping[Source, Sequence[PilotModel]], folder: Path
+) -> dict[tuple[Source, str], Task]:
+    """The tasks of subjects whose conditions have parameters in common, by recording and model.
+
+    Raises
+    ------
+    InputError
+        If a model lacks one of them, or nobody has two conditions.
+    """
+    settings = work.settings
+    if not settings.share:
+        return {}
+    groups: dict[Group, list[Source]] = {}
+    for source in models:
+        require_keys(models[source], settings.share)
+        own = tuple(pair for pair in source.part.fields if pair[0] != CONDITION)
+        groups.setdefault(own, []).append(source)
+    found: dict[tuple[Source, str], Task] = {}
+    for sources in groups.values():
+        if len(sources) < 2:
+            continue
+        for several in zip(*(models[source] for source in sources), strict=True):
+            content = (several, dict(settings.methods), settings.element, tuple(settings.share))
+            task = work.task("share", sources, content, folder=folder)
+            found |= {(s, m.name): task for s, m in zip(sources, several, strict=True)}
+    if not found:
+        raise InputError(
+            "--share: no subject has recordings under two conditions; parameters are shared by the "
+            "conditions of a subject"
+        )
+    return found
 
 
 def _choices(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -14,13 +14,14 @@ from pilotid.analysis.contrasts import Contrast
 from pilotid.analysis.factors import factors_of
 from pilotid.analysis.recordings import Pattern, Source, excluded_of, parts_of
 from pilotid.analysis.results import Results, results_of
-from pilotid.analysis.rows import CONDITION, in_order
+from pilotid.analysis.rows import CONDITION, SUBJECT, in_order
+from pilotid.analysis.sharing import require_keys
 from pilotid.analysis.tables import ESTIMATES, TABLES, table_cells, write_tables
 from pilotid.analysis.trials import tried_conditions
 from pilotid.datasets.named import model_place
 from pilotid.disk import strict_json, write_file
 from pilotid.document import Bullets, Table, blocks_text
-from pilotid.estimates.method import Method
+from pilotid.estimates.method import Method, follows
 from pilotid.methods import label_of, method_named
 from pilotid.outputs import require_folder
 from pilotid.pilot.catalogue import AUTO, MODELS, model_named, with_held
@@ -133,6 +134,7 @@ def analyse(
     factors: str | None = None,
     element: ControlledElement | str | None = None,
     fix: str | None = None,
+    share: Sequence[str] = (),
     reading: Reading | None = None,
     seed: int = DEFAULT_SEED,
     workers: int | None = None,
@@ -169,6 +171,8 @@ def analyse(
         The controlled element; else the file's, or what the signals show.
     fix
         Parameters that are held or bounded, such as ``fnm=12,dnm=.1..0.5``.
+    share
+        Parameters that the conditions of a subject have in common, such as ``["fnm", "dnm"]``.
     reading
         How files are read, a `pilotid.recordings.files.Reading`.
     seed
@@ -195,6 +199,8 @@ def analyse(
     every = [model_named(m) if isinstance(m, str) else m for m in models if m != AUTO]
     auto = len(every) < len(models)
     with_held([*every, *(MODELS.values() if auto else ())], fix)  # refused at once
+    shared = list(dict.fromkeys(k.strip() for text in _several(share) for k in text.split(",")))
+    require_keys(every, shared)
     known = [method_named(m) if isinstance(m, str) else m for m in methods]
     reading, folder = reading or Reading(), Path(out)
     if reading.span:
@@ -219,7 +225,10 @@ def analyse(
         factors_of(factors, conditions) if factors else {},
         excluded,
         fix,
+        shared,
     )
+    if shared:
+        _require_shareable(pattern, settings.methods)
     if not parts:
         raise InputError("; ".join(refused))
     read = [file for part in parts for file in part.files]
@@ -233,6 +242,22 @@ def analyse(
     places = {model_named(name).name: model_place(name) for name in names}
     tried = tried_conditions(analysis, sources, folder, trust, places, bar, workers)
     return Experiment(results_of(analysis, *tried), folder)
+
+
+def _require_shareable(pattern: str | None, methods: Mapping[str, Method]) -> None:
+    """Refuse shared parameters where there are no conditions, or a method claims no errors."""
+    fields = Pattern(pattern).fields if pattern else ()
+    if missing := [name for name in (SUBJECT, CONDITION) if name not in fields]:
+        raise InputError(
+            f"--share: the pattern has no {{{missing[0]}}}; parameters are shared by the "
+            "conditions of a subject"
+        )
+    for label, method in methods.items():
+        if follows(method):
+            raise InputError(
+                f"--share: {label} follows pilots who change, and claims no errors of constant "
+                "parameters; name another method, such as mle"
+            )
 
 
 def _several(given: Sequence[T]) -> Sequence[T]:

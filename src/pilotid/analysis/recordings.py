@@ -231,9 +231,14 @@ class Excluded:
     why: str
 
     @property
+    def fault(self) -> str:
+        """That it is left out, and the reason."""
+        return "excluded" + (f" ({self.why})" if self.why else "")
+
+    @property
     def words(self) -> str:
-        """The recording and the reason."""
-        return f"{self.part.words}: excluded" + (f" ({self.why})" if self.why else "")
+        """The recording, and that it is left out."""
+        return f"{self.part.words}: {self.fault}"
 
 
 def excluded_of(

@@ -241,7 +241,7 @@ def _estimates(results: Results) -> list[Block]:
     wider = ", with the variation from run to run" if results.wider else ""
     place = measured = 0
     for title, group in estimate_groups(results.shown, results.chosen):
-        blocks.append(means_table(group, title))
+        blocks.append(means_table(group, title, results.analysis.settings.share))
         if group[0].method == MEASURED:
             bars = parts_figure(group)
             if bars is not None:

@@ -47,11 +47,12 @@ def table_title(stratum: Stratum, method: str, model: str) -> str:
 # ------------------------------------------------------------------------------- estimates
 
 
-def means_table(group: Sequence[Layout], title: str) -> Table[Layout]:
+def means_table(group: Sequence[Layout], title: str, shared: Sequence[str] = ()) -> Table[Layout]:
     """Parameters down, conditions across: means over subjects, or single values.
 
     Means have the standard deviation between subjects in parentheses, values their standard error.
-    An asterisk marks those with a fit that the forcing functions contradict.
+    An asterisk marks those with a fit that the forcing functions contradict; parameters that
+    conditions share are marked.
     """
     conditions = in_order([c for layout in group for c in layout.conditions])
     models = {c: layout.models[c] for layout in group for c in layout.conditions}
@@ -80,6 +81,7 @@ def means_table(group: Sequence[Layout], title: str) -> Table[Layout]:
     columns: list[Column[Layout]] = [
         Column("parameter", lambda layout: layout.parameter),
         Column("unit", lambda layout: layout.unit),
+        Column("conditions", lambda layout: "shared" if layout.parameter in shared else ""),
         *map(column, conditions),
     ]
     return Table(f"Estimates: {title}", columns, group)
@@ -437,6 +439,7 @@ def tables_tex(
     contrasts: Sequence[Contrast] = (),
     chosen: Chosen | None = None,
     made_by: str = "",
+    shared: Sequence[str] = (),
 ) -> str:
     r"""Estimates and contrasts as booktabs tabulars without captions, for ``\input`` in a table.
 
@@ -450,13 +453,15 @@ def tables_tex(
         The model of each stratum and condition, as for `contrasts`.
     made_by
         The command that made them, for the comment at the head.
+    shared
+        Parameters that conditions share.
     """
     parts = [
         f"% Made by: {printable(made_by or 'pilotid.analyse')}",
         r"% Needs \usepackage{booktabs}; each tabular may be put into a table of its own.",
     ]
     for title, group in estimate_groups(rows, chosen):
-        table = means_table(group, title)
+        table = means_table(group, title, shared)
         parts += [
             f"% {printable(table.caption)}: means over subjects, standard deviations in "
             "parentheses; or values ± standard errors",

@@ -12,7 +12,7 @@ from pilotid.analysis.contrasts import Contrast, contrasts, split_pairs, within_
 from pilotid.analysis.factors import Effect, effects
 from pilotid.analysis.recordings import Excluded
 from pilotid.analysis.repeated import Repeated, repeated
-from pilotid.analysis.rows import CONDITION, SUBJECT, Chosen, Row, who
+from pilotid.analysis.rows import CONDITION, SUBJECT, Chosen, Row
 from pilotid.analysis.spread import (
     ConditionSpread,
     RunSpread,
@@ -161,7 +161,9 @@ def results_of(
     seen, rows, loops = analysis.performance, analysis.rows, analysis.loop_rows
     pairs = analysis.settings.pairs
     spreads = run_spreads([*rows, *loops])
+    shared = analysis.settings.share
     both = [*seen, *rows, *loops]
+    whole = [row for row in both if row.run is None]
     notes: list[str] = list(untried)
     differences: list[Contrast] = []
     together: list[Repeated] = []
@@ -179,19 +181,26 @@ def results_of(
             "Conditions are not compared: that needs a pattern with {subject} and {condition}."
         )
     else:
+        if shared:
+            verb = "is" if len(shared) == 1 else "are"
+            notes.append(
+                f"{', '.join(shared)} {verb} shared by the conditions of each subject, and not "
+                "compared."
+            )
         between, within = split_pairs(both, pairs)
+        both += excluded_rows(both, analysis.settings.excluded)
+        free = [row for row in both if row.parameter not in shared]
         if between or not within:
-            differences = contrasts(both, between, chosen, analysis.settings.known)
+            differences = contrasts(free, between, chosen, analysis.settings.known)
         differences += within_fits(both, within, chosen)
-        differences = [excluding(c, analysis.settings.excluded) for c in differences]
-        together = repeated(both, chosen)
-        crossed = effects(both, analysis.settings.factors, chosen, analysis.settings.known)
+        together = repeated(free, chosen)
+        crossed = effects(free, analysis.settings.factors, chosen, analysis.settings.known)
     return Results(
         analysis=analysis,
         chosen=chosen,
         rows=[*seen, *rows],
         loops=loops,
-        wider=with_variation([r for r in both if r.run is None], spreads) if spreads else [],
+        wider=with_variation(whole, spreads) if spreads else [],
         contrasts=differences,
         repeated=together,
         effects=crossed,
@@ -202,21 +211,18 @@ def results_of(
     )
 
 
-def excluding(contrast: Contrast, excluded: Sequence[Excluded]) -> Contrast:
-    """The contrast with the recordings that the user left out among those it does without."""
-    told = []
+def excluded_rows(rows: Sequence[Row], excluded: Sequence[Excluded]) -> list[Row]:
+    """Rows without values of the recordings that the user left out, which say why."""
+    found: dict[tuple[object, ...], Row] = {}
     for own in excluded:
-        fields = dict(own.part.fields)
-        here = all(fields.get(name) == value for name, value in contrast.stratum)
-        if here and fields.get(CONDITION) in (contrast.condition_a, contrast.condition_b):
-            told.append((fields.get(SUBJECT, ""), own.words))
-    if not told:
-        return contrast
-    names = {f"{who(subject)} (no recording" for subject, _ in told}
-    rest = [text for text in contrast.left_out if text.split(" in ")[0] not in names]
-    left_out = (*rest, *(words for _, words in told))
-    notes = [note for note in contrast.notes if not note.startswith("left out: ")]
-    return replace(contrast, left_out=left_out, notes=(f"left out: {'; '.join(left_out)}", *notes))
+        fields = own.part.fields
+        for row in rows:
+            here = [pair for pair in row.fields if pair[0] != SUBJECT]
+            if row.run is None and here == [pair for pair in fields if pair[0] != SUBJECT]:
+                found[fields, row.model, row.method, row.parameter] = replace(
+                    row, file=own.part.name, fields=fields, outcome=own.fault, usable=False
+                )
+    return list(found.values())
 
 
 def _chosen(analysis: Analysis) -> Chosen:

@@ -100,7 +100,8 @@ def write_tables(folder: Path, results: Results, command: str) -> None:
     """
     for name, cells in table_cells(results).items():
         write_file(folder / name, table_bytes(*cells))
-    text = tables_tex(results.shown, results.contrasts, results.chosen, command)
+    share = results.analysis.settings.share
+    text = tables_tex(results.shown, results.contrasts, results.chosen, command, share)
     write_file(folder / TEX, text.encode("utf-8", "replace"))
 
 

@@ -87,6 +87,12 @@ def analyse(
     ] = None,
     element: options.ElementOption = None,
     fix: options.FixOption = None,
+    share: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="fnm,dnm", help="Parameters that a subject's conditions have in common."
+        ),
+    ] = None,
     seed: options.SeedOption = DEFAULT_SEED,
     workers: options.WorkersOption = None,
     force: options.ForceOption = False,
@@ -115,6 +121,7 @@ def analyse(
             factors=factors,
             element=element,
             fix=fix,
+            share=share or (),
             reading=reading,
             seed=seed,
             workers=workers,
