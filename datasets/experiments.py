@@ -14,6 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from pilotid.datasets.forcing import Multisine, Steps
+from pilotid.datasets.remnant import Remnant, TabulatedRemnant
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.simulation import closed_loop, remnant_shaping, simulate, white_level
 from pilotid.theory.bounds import Circulation, Experiment, gradient_of
@@ -104,8 +105,17 @@ def inputs_of(
 
 def _circulation(scenario: Scenario, level: float, omega: FloatArray) -> Circulation:
     remnant = scenario.remnant
+    if isinstance(remnant, TabulatedRemnant):
+        slopes = remnant.log_slopes(omega)
+    else:
+        slopes = _log_slopes(remnant, omega)
     shaping = level * remnant_shaping(scenario, omega)
     error, output = inputs_of(scenario, omega, "remnant")
+    return Circulation(error, output, np.abs(shaping) ** 2, slopes)
+
+
+def _log_slopes(remnant: Remnant, omega: FloatArray) -> FloatArray:
+    """Derivatives of ln(density) by what shapes a remnant, shape (parameters, n)."""
     slopes = np.zeros((len(remnant.shaped_by), omega.size))
     for slope, name in zip(slopes, remnant.shaped_by, strict=True):
         step = 1e-5 * getattr(remnant, name)
@@ -114,7 +124,7 @@ def _circulation(scenario: Scenario, level: float, omega: FloatArray) -> Circula
             for h in (step, -step)
         )
         slope += np.log(np.abs(ahead / behind)) / step  # of the power: twice the amplitude's
-    return Circulation(error, output, np.abs(shaping) ** 2, slopes)
+    return slopes
 
 
 def _transient(scenario: Scenario) -> FloatArray:

@@ -251,7 +251,10 @@ def recorded_remnant(
     density = np.concatenate([remnant.density, beyond])
     density = np.maximum(density, 1e-12 * density.max())
     return TabulatedRemnant(
-        omega=(*omega.tolist(), nyquist), density=(*density.tolist(), float(density[-1]))
+        omega=(*omega.tolist(), nyquist),
+        density=(*density.tolist(), float(density[-1])),
+        coefficients=len(remnant.parameters),
+        band=float(remnant.omega[-1]),
     )
 
 

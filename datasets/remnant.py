@@ -141,10 +141,15 @@ class TabulatedRemnant(Remnant):
     density
         One-sided power spectral density there [unit of u, squared, per rad/s]; between them it is
         interpolated, below the first constant, and above the last zero.
+    coefficients, band
+        Numbers by which a method estimates the spectrum's shape up to a frequency [rad/s] along
+        with the pilot, for bounds; 0 for a spectrum that is known.
     """
 
     omega: tuple[float, ...] = ()
     density: tuple[float, ...] = ()
+    coefficients: int = 0
+    band: float = 0.0
 
     @property
     def shaped_by(self) -> tuple[str, ...]:
@@ -155,6 +160,12 @@ class TabulatedRemnant(Remnant):
         """Root of the density at `omega` [rad/s], shape (n,); powers depend on no phase."""
         log_density = np.interp(omega, self.omega, np.log(self.density), right=-math.inf)
         return np.asarray(np.exp(0.5 * log_density) + 0j)
+
+    def log_slopes(self, omega: FloatArray) -> FloatArray:
+        """Derivatives of ln(density) by cepstral coefficients, shape (coefficients, n)."""
+        orders = np.arange(1, self.coefficients + 1)
+        turn = np.pi * np.clip(omega / self.band, 0.0, 1.0) if self.band else np.zeros_like(omega)
+        return np.asarray(np.cos(np.outer(orders, turn)))
 
 
 def white(ratio: float) -> Remnant:

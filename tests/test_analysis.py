@@ -7,7 +7,9 @@ import json
 import re
 import shutil
 import sqlite3
+from contextlib import redirect_stdout
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +47,32 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             save_recording(recording, folder / f"s{subject}_{condition}.csv")
     (folder / "s3_A.csv").write_text("t,e,u\n0,1,2\n")
     return folder
+
+
+#: How the small folder is analysed: one model, one process.
+SMALL = ("--pattern", PATTERN, "--model", "single", *ALONE)
+
+
+def small_files(small: Path) -> list[Path]:
+    return [small / f"s{name}.csv" for name in ("1_A", "1_B", "2_A", "2_B")]
+
+
+@pytest.fixture(scope="module")
+def small(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same folder, s2_A a copy of s1_A, analysed over a store that is damaged."""
+    from pilotid.cli.main import main
+
+    small = tmp_path_factory.mktemp("small")
+    for file in small_files(small):
+        source = "s1_A.csv" if file.name == "s2_A.csv" else file.name
+        shutil.copy(folder / source, file)
+    (small / "out").mkdir()
+    (small / "out" / "analysis.sqlite").write_bytes(b"no database at all" * 100)
+    with redirect_stdout(StringIO()) as printed, pytest.raises(SystemExit) as end:
+        main(["analyse", *map(str, small_files(small)), *SMALL, "--out", str(small / "out")])
+    assert end.value.code == 0
+    (small / "printed.txt").write_text(printed.getvalue(), encoding="utf-8")
+    return small
 
 
 def table(path: Path) -> list[dict[str, str]]:
@@ -121,35 +149,25 @@ def test_models_say_which_was_chosen_and_why(analysed: Path) -> None:
         assert float(row["change_size"]) >= 0.0
 
 
-def test_a_damaged_store_costs_time_and_a_second_call_does_nothing_again(
-    folder: Path, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "analysis.sqlite").write_bytes(b"no database at all" * 100)
-    file = folder / "s1_A.csv"
-    command = ("analyse", file, "--pattern", PATTERN, "--model", "single", *ALONE)
-    answer = run(*command, "--out", tmp_path)
-    assert answer.status == 0, answer.err
-    with sqlite3.connect(tmp_path / "analysis.sqlite") as base:
-        assert base.execute("SELECT count(*) FROM results").fetchone() == (2,)
+def test_a_second_call_does_nothing_again(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with sqlite3.connect(small / "out" / "analysis.sqlite") as base:
+        assert base.execute("SELECT count(*) FROM results").fetchone() == (2 * 4,)
     base.close()
-    before = (tmp_path / "estimates.csv").read_bytes()
+    out = small / "out"
+    before = (out / "estimates.csv").read_bytes()
 
     def refuse(*_: object, **__: object) -> None:
         raise AssertionError("work was done again")
 
     monkeypatch.setattr("pilotid.analysis.analyse.run_tasks", refuse)
-    answer = run(*command, "--out", tmp_path)
-    assert answer.status == 0, answer.err
-    assert (tmp_path / "estimates.csv").read_bytes() == before
-
-    (tmp_path / "estimates.csv").unlink()
-    found = pilotid.analyse([file], PATTERN, "single", out=tmp_path)
-    assert found.write() == tmp_path / "report.html"
-    assert (tmp_path / "estimates.csv").read_bytes() == before
-    assert str(found) in answer.out
+    (out / "estimates.csv").unlink()
+    found = pilotid.analyse(small_files(small), PATTERN, "single", out=out)
+    assert found.write() == out / "report.html"
+    assert (out / "estimates.csv").read_bytes() == before
+    assert str(found) in (small / "printed.txt").read_text("utf-8")
     frame = found.to_dataframe()
-    assert list(frame["parameter"]) == [row["parameter"] for row in table(tmp_path / ESTIMATES)]
-    assert found.to_dataframe("models").shape == (1, 3 + len(MODEL_COLUMNS))
+    assert list(frame["parameter"]) == [row["parameter"] for row in table(out / ESTIMATES)]
+    assert found.to_dataframe("models").shape == (4, 3 + len(MODEL_COLUMNS))
     with pytest.raises(InputError, match="there are estimates, loops, models, contrasts"):
         found.to_dataframe("figures")
 
@@ -292,20 +310,20 @@ def test_conditions_are_compared_over_subjects(analysed: Path) -> None:
     assert float(row["std_error"]) == pytest.approx(np.std(differences, ddof=1) / np.sqrt(2.0))
 
 
-def test_the_report_says_what_was_found(analysed: Path) -> None:
-    page = (analysed / "report.html").read_text(encoding="utf-8")
+def test_the_report_says_what_was_found(small: Path) -> None:
+    page = (small / "out" / "report.html").read_text(encoding="utf-8")
     for words in (
         "4 recordings of 2 subjects, 8 runs",
-        "single was chosen among",
         "Conditions compared",
-        "From run to run",
-        "s3_A.csv",  # the bad file is named
-        "pilotid analyse",
+        "has the same remnant as run 1 of",
     ):
         assert words in page
     ids = re.findall(r'\bid="([^"]+)"', page)
     assert len(ids) == len(set(ids))
     assert "http://" not in re.sub(r"http://www\.w3\.org/\S+", "", page)
+    links = set(re.findall(r'href="(recordings/[^"]+)"', page))
+    assert len(links) == 4
+    assert all("<svg" in (small / "out" / link).read_text(encoding="utf-8") for link in links)
 
 
 @pytest.mark.long
@@ -347,13 +365,13 @@ def test_without_a_pattern_every_file_is_on_its_own(folder: Path, run: Run, tmp_
     assert "needs a pattern with {subject} and {condition}" in answer.out
 
 
-def test_every_recording_has_a_page(analysed: Path) -> None:
+@pytest.mark.long
+def test_the_report_of_a_choice_has_every_figure(analysed: Path) -> None:
     page = (analysed / "report.html").read_text(encoding="utf-8")
-    links = set(re.findall(r'href="(recordings/[^"]+)"', page))
-    assert len(links) == 4
-    for link in links:
-        own = (analysed / link).read_text(encoding="utf-8")
-        assert "<svg" in own
+    assert "single was chosen among" in page
+    assert "s3_A.csv" in page  # the bad file is named
+    assert "pilotid analyse" in page
+    assert "From run to run" in page
     assert {path.name for path in (analysed / "figures").iterdir()} == {
         f"{name}.{kind}"
         for name in ("estimates-1", "runs-1", "variances-1", "responses-1", "responses-2")
@@ -395,15 +413,8 @@ def test_own_models_and_methods_go_along(folder: Path, run: Run, tmp_path: Path)
     assert {row["model"] for row in table(out / "estimates.csv")} == {"", "single"}
 
 
-def test_one_recording_as_two_subjects_is_named(folder: Path, run: Run, tmp_path: Path) -> None:
-    names = ("s1_A.csv", "s2_A.csv", "s4_A.csv")
-    for name, source in zip(names, ("s1_A.csv", "s2_A.csv", "s1_A.csv"), strict=True):
-        (tmp_path / name).write_bytes((folder / source).read_bytes())
-    files = [str(tmp_path / name) for name in names]
-    out = tmp_path / "out"
-    assert run("check", *files, "--json", str(tmp_path / "check.json")).status == 0
-    entries = json.loads((tmp_path / "check.json").read_text("utf-8"))
+def test_one_recording_as_two_subjects_is_named(small: Path, run: Run) -> None:
+    files = small_files(small)[:3]
+    assert run("check", *files, "--json", small / "check.json").status == 0
+    entries = json.loads((small / "check.json").read_text("utf-8"))
     assert ["copied-run" in entry["codes"] for entry in entries] == [True, False, True]
-    options = ("--pattern", PATTERN, "--model", "single", "--out", str(out), *ALONE)
-    assert run("analyse", *files, *options).status == 0
-    assert "has the same remnant as run 1 of" in (out / "report.html").read_text("utf-8")

@@ -64,7 +64,10 @@ def test_a_pilot_with_next_to_no_remnant_is_recovered(name: str, method: str) ->
     assert np.all(np.abs(estimate.values - scenario.values) < reach)
 
 
-@pytest.mark.parametrize("name", NEW)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=[pytest.mark.long] if n.startswith("lead2") else []) for n in NEW],
+)
 @pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
 def test_every_method_takes_the_new_models_or_says_why_not(name: str, method: Method) -> None:
     scenario = PILOTS[name]

@@ -17,7 +17,7 @@ from pilotid.recordings.recording import Recording, remembered
 pytestmark = pytest.mark.numerical
 
 NOMINAL = SCENARIOS["nominal"]
-RECORDINGS = 10  # `nox -s check -- nonsense` plants in 200
+RECORDINGS = 3  # `nox -s check -- nonsense` plants in 200
 
 
 def recording_of(name: str, seed: int) -> Recording:
@@ -34,7 +34,7 @@ def test_planted_nonsense_is_named(what: str) -> None:
 
 @pytest.mark.parametrize("what", LATE)
 def test_a_control_that_comes_late_is_named_by_the_fit(what: str) -> None:
-    for seed in range(3):
+    for seed in range(2):
         assert named_by_a_fit(delayed(recording_of("nominal", seed), LATE[what]))
     assert not named_by_a_fit(recording_of("nominal", 0))
 

@@ -18,6 +18,7 @@ from pilotid.cli.main import main
 from pilotid.datasets import scenario_named
 from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.forcing import PERIOD, Multisine, paper_target
+from pilotid.datasets.remnant import TabulatedRemnant
 from pilotid.designing.design import (
     Design,
     RemnantPower,
@@ -459,8 +460,21 @@ def test_the_reference_is_the_users_own_experiment(tmp_path: Path) -> None:
     free = deepcopy(fitted)
     free["estimates"][0]["remnant"]["model"] = "AR(2)"
     tabulated = read(free)
-    power = np.abs(tabulated.remnant.filter(np.array(estimate["remnant"]["omega"]))) ** 2
+    known = estimate["remnant"]["omega"]
+    assert isinstance(tabulated.remnant, TabulatedRemnant)
+    power = np.abs(tabulated.remnant.filter(np.array(known))) ** 2
     np.testing.assert_allclose(power, estimate["remnant"]["density"])
+    # A spectrum that is estimated along with the pilot leaves less to know him by.
+    assert (tabulated.remnant.coefficients, tabulated.remnant.band) == (2, max(known))
+    more, less = (
+        loop_of(s, reference_lines(s)).errors(powers_of(s))
+        for coefficients in (0, 20)
+        for s in (
+            replace(tabulated, remnant=replace(tabulated.remnant, coefficients=coefficients)),
+        )
+    )
+    assert (less >= more * (1.0 - 1e-9)).all()
+    assert (less / more).max() > 1.005
     with pytest.raises(InputError, match="can only be held"):
         design(tabulated, remnant="share")
     louder = deepcopy(fitted)

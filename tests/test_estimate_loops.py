@@ -134,6 +134,7 @@ def test_to_xarray_needs_xarray_and_hands_it_the_parameters(
     np.testing.assert_array_equal(variables["covariance"][1], own.covariance)
 
 
+@pytest.mark.long
 def test_claimed_errors_are_the_scatter_over_replications() -> None:
     count = 100
     fits = monte_carlo(MLE(), SINGLE_LOOP, count)

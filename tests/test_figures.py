@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from pilotid.datasets import SCENARIOS, scenario_named, simulate
-from pilotid.document import pdf, save_figures
+from pilotid.document import pdf, save_figures, to_html
 from pilotid.estimates.draws import Draws
 from pilotid.estimates.estimate import Estimate, Outcome, failed, symmetric_intervals
 from pilotid.estimates.fitted import Fitted, fit_all
@@ -34,7 +34,7 @@ from pilotid.pilot.element import double_integrator
 from pilotid.pilot.loops import margins, open_loops
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.report.fit import figures_of, html_report, summary
+from pilotid.report.fit import figures_of, fit_section, html_report, summary
 from pilotid.report.posterior import convergence_words
 from pilotid.show import plots
 from pilotid.show.posterior_figures import corner
@@ -134,7 +134,7 @@ def test_a_fit_has_every_figure_that_a_journal_asks_for() -> None:
     assert "open-loop" in [f.name for f in figures_of(named)]
 
 
-def test_a_fit_that_failed_has_no_figure_and_many_have_readable_ones() -> None:
+def test_a_fit_that_failed_has_no_figure_and_many_have_readable_ones_on_a_page() -> None:
     lost = Fitted(recording(), MULTI, (failed("mle", MULTI, Outcome.SINGULAR),))
     assert figures_of(lost, element=ELEMENT) == []
     shown = figures_of(many(), element=ELEMENT)
@@ -142,6 +142,15 @@ def test_a_fit_that_failed_has_no_figure_and_many_have_readable_ones() -> None:
     assert correlations[:2] == ["correlations", "correlations-2"]
     for figure in shown:
         assert_readable(figure.drawing)
+    page = to_html("", [fit_section(many(), "one", shown)])
+    good = sum(e.outcome.usable for e in many().estimates)
+    assert page.count("<table ") == math.ceil(good / 3)
+    assert page.count("<svg ") == page.count("<figcaption>") == len(shown)
+    assert "<strong>Figure 8.</strong>" in page
+    assert "sindy failed: the first-step model is unusable." in page
+    ids = re.findall(r' id="([^"]+)"', page)
+    assert len(ids) == len(set(ids))
+    assert "@page { size: A4" in page
 
 
 @pytest.mark.parametrize("method", ["mle", "fourier"])
@@ -149,7 +158,13 @@ def test_text_in_figures_can_be_read(method: str) -> None:
     with_units = replace(recording(), units={"u": "deg", "e": "rad", "x": "rad"})
     fit = replace(fitted(method), recording=with_units)
     points = Fourier().first_step(recording(), MULTI)
-    for shown in figures_of(fit, points=points, element=ELEMENT):
+    shown_by_name = {f.name: f for f in figures_of(fit, points=points, element=ELEMENT)}
+    response = shown_by_name["describing-function"]
+    # Points stand behind an estimate without a first step only.
+    labels = [text for text, *_ in texts(response.drawing)]
+    assert ("Fourier coefficients" in labels) == (method == "mle")
+    assert ("without a model of the pilot" in response.caption) == (method == "mle")
+    for shown in shown_by_name.values():
         assert_readable(shown.drawing)
         assert shown.caption.endswith(".")
         for axes in shown.drawing.axes:
@@ -170,16 +185,6 @@ def test_a_short_single_run_of_one_channel_is_drawn() -> None:
 
 
 # ------------------------------------------------------------------------- what they show
-
-
-def test_points_stand_behind_an_estimate_without_a_first_step_only() -> None:
-    points = Fourier().first_step(recording(), MULTI)
-    for method, expected in (("mle", True), ("fourier", False)):
-        shown = {f.name: f for f in figures_of(fitted(method), points=points)}
-        response = shown["describing-function"]
-        labels = [text for text, *_ in texts(response.drawing)]
-        assert ("Fourier coefficients" in labels) == expected
-        assert ("without a model of the pilot" in response.caption) == expected
 
 
 def test_the_open_loops_are_those_of_the_element_with_their_margins() -> None:
@@ -332,22 +337,6 @@ def test_the_summary_says_which_numbers_mean_nothing() -> None:
     assert "well known" not in text
 
 
-def test_a_page_numbers_its_figures_and_puts_three_methods_in_a_table() -> None:
-    page = html_report([many()], element=ELEMENT)
-    good = sum(e.outcome.usable for e in many().estimates)
-    assert page.count("<table ") == math.ceil(good / 3)
-    assert (
-        page.count("<svg ")
-        == page.count("<figcaption>")
-        == len(figures_of(many(), element=ELEMENT))
-    )
-    assert "<strong>Figure 8.</strong>" in page
-    assert "sindy failed: the first-step model is unusable." in page
-    ids = re.findall(r' id="([^"]+)"', page)
-    assert len(ids) == len(set(ids))
-    assert "@page { size: A4" in page
-
-
 def test_a_page_of_several_recordings_has_contents_and_loops_where_there_are_some() -> None:
     lost = failed("arx", MULTI, Outcome.SINGULAR)
     fit = Fitted(recording(), MULTI, (lost, estimate()))
@@ -358,7 +347,8 @@ def test_a_page_of_several_recordings_has_contents_and_loops_where_there_are_som
     assert page.count("loops with the controlled element 4/s^2, as given") == 1
     assert page.count("Open loops of the pilot (mle) with the controlled element 4/s^2") == 2
     none = replace(fit, loop_element=LoopElement(why="x does not tell the element"))
-    assert "<li>x does not tell the element</li>" in html_report([none])
+    page = to_html("", [fit_section(none, "one", [])])
+    assert "<li>x does not tell the element</li>" in page
 
 
 def test_a_table_has_value_and_interval_of_each_method() -> None:

@@ -98,18 +98,25 @@ def test_what_makes_no_sense_is_refused(text: str, words: str) -> None:
         MODELS["adapting"].with_fixed(tlead1=1.0)
 
 
-def test_fit_and_analyse_hold_parameters(run: Run, tmp_path: Path) -> None:
+@pytest.mark.long
+def test_analyse_holds_parameters(run: Run, tmp_path: Path) -> None:
+    file, out = tmp_path / "s1_A.csv", tmp_path / "out"
+    assert run("simulate", "single", "--seed", "1", "--out", str(file)).status == 0
+    options = ("--pattern", "s{subject}_{condition}", "--out", str(out), "--workers", "1")
+    assert run("analyse", str(file), *options, "--fix", "fnm=12,dnm=.3").status == 0
+    rows = (out / "estimates.csv").read_text("utf-8")
+    assert ",Kvis," in rows
+    assert ",fnm," not in rows
+
+
+def test_fit_holds_parameters_and_analyse_names_unknown_ones(run: Run, tmp_path: Path) -> None:
     file, out = tmp_path / "s1_A.csv", tmp_path / "out"
     assert run("simulate", "single", "--seed", "1", "--out", str(file)).status == 0
     answer = run("fit", str(file), "--model", "single", "--fix", "fnm=12,dnm=.3", "--json", "-")
     (entry,) = json.loads(answer.out)["estimates"]
     assert entry["held"] == {"fnm": 12.0, "dnm": 0.3}
     assert "fnm" not in entry["parameters"]
-    words = run("fit", str(file), "--fix", "fnm=12").out
+    words = run("fit", str(file), "--model", "single", "--fix", "fnm=12").out
     assert "held, not estimated: fnm = 12 rad/s" in words
     options = ("--pattern", "s{subject}_{condition}", "--out", str(out), "--workers", "1")
-    assert run("analyse", str(file), *options, "--fix", "fnm=12,dnm=.3").status == 0
-    rows = (out / "estimates.csv").read_text("utf-8")
-    assert ",Kvis," in rows
-    assert ",fnm," not in rows
     assert run("analyse", str(file), *options, "--fix", "fnx=12").status == 2

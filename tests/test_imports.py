@@ -110,14 +110,6 @@ def test_methods_do_not_import_one_another() -> None:
     assert not wrong, "; ".join(sorted(wrong))
 
 
-def test_nothing_imports_the_top_level_folders() -> None:
-    # They would be a second copy of the same modules, with classes that are not equal.
-    paths = [*MODULES.values(), *sorted(Path(__file__).parent.rglob("*.py"))]
-    tops = ("methods", "datasets", "src")
-    wrong = [f"{p}: {n}" for p in paths for n in imported(p) if n.split(".")[0] in tops]
-    assert not wrong, "; ".join(wrong)
-
-
 @pytest.mark.parametrize(
     "statement",
     [

@@ -29,7 +29,7 @@ def drawn(name: str, count: int, seed: int = 3) -> list[Scenario]:
 
 @pytest.mark.parametrize("name", POPULATIONS)
 def test_draws_are_in_range_and_make_recordings(name: str) -> None:
-    scenarios = drawn(name, 12)
+    scenarios = drawn(name, 4)
     for scenario in scenarios:
         assert scenario.name == name
         assert scenario.model.name in POPULATIONS[name].models

@@ -54,6 +54,7 @@ def test_one_process_and_two_give_the_same_bytes(finished: Path, tmp_path: Path)
     assert run(tmp_path, workers=1) == (finished / "summary.csv").read_bytes()
 
 
+@pytest.mark.long
 def test_a_study_that_grows_is_the_one_that_was_large_at_once(
     finished: Path, tmp_path: Path
 ) -> None:
@@ -384,6 +385,7 @@ def cluster() -> Iterator[object]:
         yield running
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore")  # those of Dask are not ours
 def test_dask_with_a_worker_killed_gives_the_same_bytes(cluster: object, tmp_path: Path) -> None:
     here = tmp_path / "here"

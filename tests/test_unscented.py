@@ -164,6 +164,7 @@ def test_the_true_pilot_leaves_nothing_of_a_control_without_remnant() -> None:
     assert pilot.left(ADAPTING.over_time(SLOW.values, pilot.time).T) < 1e-4
 
 
+@pytest.mark.long
 def test_a_constant_pilot_without_remnant_is_found() -> None:
     scenario = without_remnant(CONSTANT)
     recording = simulate(scenario, np.random.default_rng(1))

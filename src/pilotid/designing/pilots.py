@@ -187,7 +187,12 @@ def _remnant(estimated: dict[str, Any]) -> Remnant | None:
             level_is="ratio",
         )
     omega, density = estimated["omega"], estimated["density"]
-    return TabulatedRemnant(omega=(*omega, EVERYWHERE), density=(*density, density[-1]))
+    return TabulatedRemnant(
+        omega=(*omega, EVERYWHERE),
+        density=(*density, density[-1]),
+        coefficients=len(estimated["parameters"]),
+        band=float(omega[-1]),
+    )
 
 
 def drawn_pilots(scenario: Scenario, count: int, seed: int) -> list[Scenario]:

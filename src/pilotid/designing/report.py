@@ -142,12 +142,10 @@ def error_table(made: Design) -> Table[Any]:
     """Predicted standard errors, those of the reference, and with another kind of remnant."""
     other = made.errors_if_scaled if made.remnant == "held" else made.errors_if_held
     runs = made.scenario.runs
-    tabulated = isinstance(made.scenario.remnant, TabulatedRemnant)
-    known = "spectrum known" if tabulated else "own parameters estimated too"
     caption = (
         f"Predicted standard errors in % of the true values, from the Cramer-Rao bounds of "
-        f"{runs} run{'s' if runs > 1 else ''} of {made.scenario.duration:.2f} s, the remnant's "
-        f"{known}"
+        f"{runs} run{'s' if runs > 1 else ''} of {made.scenario.duration:.2f} s, the remnant's own "
+        "parameters estimated too"
     )
     title, hint = OTHERWISE[made.remnant]
     rows = [
