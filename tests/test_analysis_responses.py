@@ -26,11 +26,11 @@ from pilotid.estimates.estimate import Outcome, failed
 from pilotid.estimates.fitted import Fitted
 from pilotid.estimates.loops import LoopElement
 from pilotid.methods.fourier import first_step_of
+from pilotid.naming.symbols import symbol
 from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.loops import open_loops
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import recording_rng
-from pilotid.show.symbols import symbol
 
 pytestmark = pytest.mark.numerical
 RECORDING: Recording = simulate(replace(NOMINAL, runs=3), recording_rng(1, "responses"))

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import re
+import shutil
+import subprocess
 from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from tidy_rows import row, table
@@ -13,6 +17,7 @@ from pilotid.analysis.report_tables import tables_tex
 from pilotid.analysis.rows import Row
 from pilotid.document import Column, Table, table_latex
 from pilotid.escaping import for_latex
+from pilotid.naming.symbols import SYMBOLS
 from pilotid.numbers import p_value, to_error
 
 A = (1.12, 1.43, 0.91, 2.02, 1.31)
@@ -124,3 +129,17 @@ def test_numbers_have_the_digits_of_their_errors(value: float, error: float, sho
 
 def test_p_values() -> None:
     assert [p_value(p) for p in (0.0004, 0.0312, float("nan"))] == ["< .001", ".031", "-"]
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="there is no pdflatex")
+def test_every_table_compiles(tmp_path: Path) -> None:
+    rows = table({"C_1 & 50 %": A, "C#2^~": B})
+    keys = [*SYMBOLS, "Kvis*tlead", "own_key", "a<b"]
+    rows = [replace(r, parameter=key, unit="deg²/s^2") for key in keys for r in rows]
+    (tmp_path / "tables.tex").write_text(tables_tex(rows, contrasts(rows)), encoding="utf-8")
+    (tmp_path / "paper.tex").write_text(
+        r"\documentclass{article}\usepackage{booktabs}\begin{document}\input{tables}\end{document}"
+    )
+    command = ["pdflatex", "-halt-on-error", "-interaction=nonstopmode", "paper.tex"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stdout.decode(errors="replace")[-2000:]

@@ -30,6 +30,7 @@ from pilotid.escaping import (
     for_latex,
     for_markdown,
     for_terminal,
+    math_html,
 )
 from pilotid.numbers import NONE
 from pilotid.terminal import PLAIN_WIDTH, as_text, print_table
@@ -117,6 +118,9 @@ class Column(Generic[T]):
         Whether its numbers are those of the paper that a study repeats.
     axis
         Of a column of whiskers, whose values are intervals: the axis; pages alone draw it.
+    symbol
+        Of a column of keys: what gives a key's symbol between dollar signs, or the key itself;
+        pages show it before the key, LaTeX in its place.
     """
 
     title: str
@@ -126,6 +130,7 @@ class Column(Generic[T]):
     mark: Callable[[T], str] | None = None
     paper: bool = False
     axis: LogAxis | None = None
+    symbol: Callable[[str], str] | None = None
 
     def cell(self, item: T) -> Cell:
         """What the table shows of an item."""
@@ -317,6 +322,12 @@ def typeset(text: str) -> str:
     return re.sub(r"(?<=\d)-(?=\d)", DASH, text)
 
 
+def _symbol_html(column: Column[Any], cell: Cell) -> str:
+    """The symbol of a key as HTML; nothing where there is none."""
+    found = column.symbol(cell.text) if column.symbol else cell.text
+    return math_html(found) if found != cell.text else ""
+
+
 def _cell_text(column: Column[Any], cell: Cell) -> str:
     return typeset(cell.text) if column.form or cell.text == NONE else cell.text
 
@@ -337,6 +348,7 @@ def _templates() -> Environment:
         finalize=lambda value: clean(value) if type(value) is str else value,
     )
     environment.filters["inline"] = lambda text: Markup(for_html(text))
+    environment.globals["symbol"] = lambda *cell: Markup(_symbol_html(*cell))
     environment.filters["kind"] = lambda block: type(block).__name__
     environment.globals["cell_text"] = _cell_text
     # The one script that a page may run is known by its digest.
@@ -450,22 +462,14 @@ def _table_markdown(table: Table[Any]) -> str:
 # ------------------------------------------------------------------------------------- LaTeX
 
 
-def table_latex(table: Table[Any], symbols: Callable[[str], str] = str) -> str:
-    """A table as a booktabs tabular without its caption.
-
-    Parameters
-    ----------
-    table
-        The table.
-    symbols
-        What sets a whole cell of text in mathematics, or gives it back as it is.
-    """
+def table_latex(table: Table[Any]) -> str:
+    """A table as a booktabs tabular without its caption."""
 
     def cell(column: Column[Any], text: str) -> str:
         if text == NONE:
             return "--"
         if column.form is None:
-            own = symbols(text)
+            own = column.symbol(text) if column.symbol else text
             return own if own != text else for_latex(text)
         number = r"(?:(?<!\d)-)?\d*\.?\d+(?:e[-+]\d+)?"
         return re.sub(number, r"$\g<0>$", for_latex(text))

@@ -17,6 +17,13 @@ if TYPE_CHECKING:
 
 LINK = r"\[([^\]]+)\]\((#[\w-]+|(?:[\w.-]+/)+[\w.+-]+|[\w-]+\.csv)\)"
 LONGEST_LABEL = 200  # characters of a text in a figure
+GREEK = {
+    "tau": "τ",
+    "omega": "ω",
+    "zeta": "ζ",
+    "sigma": "\N{GREEK SMALL LETTER SIGMA}",
+    "varphi": "φ",
+}
 LATEX = {
     "\\": r"\textbackslash{}",
     "{": r"\{",
@@ -55,6 +62,15 @@ def for_html(text: str) -> str:
     safe = re.sub(r"\*\*([^*]+)\*\*", r"<strong>\1</strong>", safe)
     safe = safe.replace(" %", "&nbsp;%")
     return re.sub(LINK, r'<a href="\2">\1</a>', safe)
+
+
+def math_html(formula: str) -> str:
+    """A formula of letters, indices and powers as HTML; other commands lose their backslash."""
+    text = re.sub(r"\\mathrm\{(\w+)\}", r"\1", for_html(formula.strip("$")))
+    text = re.sub(r"\\([a-z]+)", lambda m: GREEK.get(m[1], m[1]), text).replace(r"\,", " ")
+    for sign, tag in (("_", "sub"), ("^", "sup")):
+        text = re.sub(rf"\{sign}(?:\{{([^}}]*)\}}|(.))", rf"<{tag}>\1\2</{tag}>", text)
+    return text
 
 
 def for_markdown(text: str) -> str:

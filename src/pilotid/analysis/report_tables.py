@@ -27,9 +27,9 @@ from pilotid.analysis.rows import (
 from pilotid.document import Column, Table, table_latex
 from pilotid.limits import ESTIMATE
 from pilotid.model_choice import Candidate
+from pilotid.naming.symbols import symbol
 from pilotid.numbers import NONE, number, p_value, percent, to_error, unsigned
 from pilotid.remarks import GRADES, OF_STICK, Remark, counted_grades, gravest_first
-from pilotid.show.symbols import symbol
 from pilotid.types import printable
 
 #: Pairs of conditions of which all differences are shown at once.
@@ -79,7 +79,7 @@ def means_table(group: Sequence[Layout], title: str, shared: Sequence[str] = ())
     if any(not c.agrees for layout in group for own in layout.cells.values() for c in own.values()):
         title += "; * with fits that the forcing functions contradict"
     columns: list[Column[Layout]] = [
-        Column("parameter", lambda layout: layout.parameter),
+        Column("parameter", lambda layout: layout.parameter, symbol=symbol),
         Column("unit", lambda layout: layout.unit),
         Column("conditions", lambda layout: "shared" if layout.parameter in shared else ""),
         *map(column, conditions),
@@ -129,7 +129,7 @@ def _doubts(shown: Sequence[Contrast]) -> list[Column[Contrast]]:
 #: What is compared, the paired test, and the mean weighted by claimed errors.
 FRONT: list[Column[Contrast]] = [
     Column("conditions", _compared),
-    Column("parameter", lambda c: c.parameter),
+    Column("parameter", lambda c: c.parameter, symbol=symbol),
     Column("unit", lambda c: c.unit),
     Column("n", lambda c: c.subjects, str, "subjects"),
 ]
@@ -266,7 +266,7 @@ def repeated_table(found: Sequence[Repeated]) -> Table[Repeated]:
     columns: list[Column[Repeated]] = [
         Column("stratum", lambda r: group_words(r.stratum) or NONE),
         Column("method", lambda r: r.method),
-        Column("parameter", lambda r: r.parameter),
+        Column("parameter", lambda r: r.parameter, symbol=symbol),
         Column("conditions", lambda r: " ".join(r.conditions)),
         Column("subjects", lambda r: len(r.subjects), str),
         Column("F", lambda r: r.f, number),
@@ -293,7 +293,7 @@ def factor_table(found: Sequence[Effect]) -> Table[Effect]:
     columns: list[Column[Effect]] = [
         Column("stratum", lambda e: group_words(e.stratum) or NONE),
         Column("method", lambda e: e.method),
-        Column("parameter", lambda e: e.parameter),
+        Column("parameter", lambda e: e.parameter, symbol=symbol),
         Column("effect", lambda e: e.effect.replace(":", " x ")),
         Column("subjects", lambda e: len(e.subjects), str),
         Column("F", lambda e: e.variance.f, number),
@@ -465,7 +465,7 @@ def tables_tex(
         parts += [
             f"% {printable(table.caption)}: means over subjects, standard deviations in "
             "parentheses; or values ± standard errors",
-            table_latex(table, symbol),
+            table_latex(table),
         ]
     groups: dict[str, list[Contrast]] = {}
     for c in contrasts:
@@ -475,6 +475,6 @@ def tables_tex(
         parts += [
             f"% Paired differences between conditions, b less a, over subjects, {printable(title)}",
             "% paired t-test, p after Holm's correction, Cohen's d_z with Hedges' correction",
-            table_latex(Table("", [*FRONT, *TEST, *_doubts(some)], some, heads=2), symbol),
+            table_latex(Table("", [*FRONT, *TEST, *_doubts(some)], some, heads=2)),
         ]
     return "\n".join(parts) + "\n"

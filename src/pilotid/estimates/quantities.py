@@ -12,6 +12,7 @@ from pilotid.chance import Z95
 from pilotid.document import Column, Table
 from pilotid.estimates.draws import Draws, Spread, spread_of
 from pilotid.limits import ESTIMATE
+from pilotid.naming.symbols import symbol
 from pilotid.numbers import decimals
 from pilotid.types import BoolArray, FloatArray
 
@@ -86,7 +87,7 @@ def quantity_tables(
         ]
 
     front: list[Column[tuple[Quantity, ...]]] = [
-        Column(what, lambda row: row[0].key),
+        Column(what, lambda row: row[0].key, symbol=symbol),
         Column("unit", lambda row: row[0].unit),
     ]
     tables = []

@@ -23,6 +23,7 @@ from pilotid.document import (
 )
 from pilotid.estimates.draws import Draws, Spread
 from pilotid.estimates.fitted import Fitted
+from pilotid.naming.symbols import symbol
 from pilotid.numbers import to_error
 from pilotid.pilot.element import ControlledElement
 from pilotid.posterior.predictive import PredictiveBand
@@ -53,7 +54,7 @@ def spread_table(spreads: Sequence[Spread]) -> Table[Spread]:
         return f"{to_error(low, error, 9)} .. {to_error(high, error, 9)}"
 
     columns: list[Column[Spread]] = [
-        Column("quantity", lambda s: s.key),
+        Column("quantity", lambda s: s.key, symbol=symbol),
         Column("unit", lambda s: s.unit),
         Column("mean", lambda s: (s.mean, s.deviation, 9), to_error),
         Column("std", lambda s: (s.deviation, s.deviation, 9), to_error),

@@ -12,6 +12,7 @@ import numpy as np
 
 from pilotid.document import Column, LogAxis, Table, table_of
 from pilotid.estimates.estimate import Outcome
+from pilotid.naming.symbols import symbol
 from pilotid.numbers import number, percent, plus_minus, share, signed, unsigned
 from pilotid.study.comparison import Comparison, MethodResults, Score, loss_ratio
 from pilotid.study.entries import Result
@@ -332,7 +333,7 @@ def all_numbers(
         return (row.cell.agreeing, row.cell.tried) if entry.one_recording else None
 
     columns: list[Column[Row]] = [
-        Column("parameter", lambda r: r.key),
+        Column("parameter", lambda r: r.key, symbol=symbol),
         Column("method", lambda r: r.cell.method),
         Column("n", lambda r: r.score.n, str, "values of fits that count"),
         Column("loss", lambda r: r.score.loss, with_interval, "with its 95 % interval"),
