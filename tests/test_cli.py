@@ -490,6 +490,7 @@ def own(tmp_path: Path) -> Path:
     return file
 
 
+@pytest.mark.long
 def test_methods_and_scenarios_come_from_code_and_with_settings(
     run: Run, own: Path, tmp_path: Path
 ) -> None:

@@ -90,6 +90,7 @@ def test_no_workers_is_told_and_can_be_ended(
     assert lines[0].startswith("pilotid: stopped;")
 
 
+@pytest.mark.long
 def test_a_worker_of_other_code_is_refused(started: Callable[..., Process], tmp_path: Path) -> None:
     _, address = scheduler(started, tmp_path / "scheduler")
     preload = tmp_path / "other_code.py"

@@ -176,7 +176,9 @@ def test_the_optimum_is_that_of_another_search(kind: Kind, over: Over) -> None:
 
 @pytest.mark.parametrize("minimise", ["A", "D", "E", "Kvis,tlead"])
 @pytest.mark.parametrize("remnant", ["held", "share"])
-@pytest.mark.parametrize("most", [1.0, 1.5, None])
+@pytest.mark.parametrize(
+    "most", [1.5, *(pytest.param(most, marks=pytest.mark.long) for most in (1.0, None))]
+)
 def test_no_step_towards_another_design_is_better(
     minimise: str, remnant: RemnantPower, most: float | None
 ) -> None:

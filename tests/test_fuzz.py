@@ -157,7 +157,9 @@ def test_any_sidecar(tmp_path: Path, notes: object) -> None:
         assert_can_be_saved(recording, tmp_path)
 
 
-@pytest.mark.parametrize("kind", ["plain", "compressed", "v73"])
+@pytest.mark.parametrize(
+    "kind", ["compressed", *(pytest.param(k, marks=pytest.mark.long) for k in ("plain", "v73"))]
+)
 @few
 @given(
     changes=st.lists(

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from helpers import NOMINAL, fit_of, recording_of
 
-from pilotid.chance import SELDOM, chi_squared_limit
+from pilotid.chance import chi_squared_limit
 from pilotid.datasets import SCENARIOS, Scenario
 from pilotid.datasets.population import POPULATIONS
 from pilotid.datasets.violations import Violation
 from pilotid.estimates.method import identify
+from pilotid.limits import ESTIMATE
 from pilotid.methods.mle import MLE
 from pilotid.recordings.recording import Recording
 from pilotid.remarks import codes_of
@@ -69,7 +70,7 @@ def test_the_score_of_halves_is_what_chance_says_and_finds_a_change() -> None:
     assert np.mean(found) == pytest.approx(3.0, abs=4.0 * np.sqrt(6.0 / 400.0))
     assert np.mean(found > chi_squared_limit(3, 0.05)) < 0.10
     changed = [score_of_halves(regression(rng, change=0.3), 3)[0] for _ in range(20)]
-    assert min(changed) > chi_squared_limit(3, SELDOM)
+    assert min(changed) > chi_squared_limit(3, ESTIMATE.seldom)
 
 
 def test_nothing_is_said_of_parameters_that_cannot_be_told_apart() -> None:
@@ -87,7 +88,7 @@ def test_a_drift_is_measured(size: float, seen: bool) -> None:
     drifting = replace(recording, u=recording.u + np.array([[1.0], [-0.5]]) * ramp)
     found = maximise_likelihood(drifting, NOMINAL.model, np.random.default_rng(1), MLE())
     statistic, drifts = drift_left(found.joint, found.end.values[0])
-    assert (statistic > chi_squared_limit(2, SELDOM)) is seen
+    assert (statistic > chi_squared_limit(2, ESTIMATE.seldom)) is seen
     if seen:
         assert drifts == pytest.approx([1.0, -0.5], abs=0.4)
 
