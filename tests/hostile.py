@@ -62,6 +62,15 @@ def hang() -> None:
             continue
 
 
+def fork() -> None:
+    os.fork()
+
+
+def shout() -> None:
+    print("HELLO", flush=True)
+    os.write(1, b"HELLO")
+
+
 def eat() -> None:
     eaten = []
     while True:
@@ -70,8 +79,26 @@ def eat() -> None:
 
 DEEDS: dict[str, Callable[[], None]] = {
     deed.__name__: deed
-    for deed in (leave, break_off, fail, want_all_memory, interrupt, vanish, kill, hang, eat)
+    for deed in (
+        leave,
+        break_off,
+        fail,
+        want_all_memory,
+        interrupt,
+        vanish,
+        kill,
+        hang,
+        eat,
+        fork,
+        shout,
+    )
 }
+ANSWERS = (
+    *("good", "nothing", "nan", "infinite", "complex", "words", "short", "flat", "listed"),
+    *("negative", "indefinite", "asymmetric", "errorless", "reversed", "countless", "outcome"),
+    *("vaf", "message", "draws", "signs"),
+)
+HOWS = (*DEEDS, *ANSWERS, "objection", "scribble")
 
 
 def _answers(good: Estimate) -> dict[str, Any]:
@@ -120,6 +147,9 @@ class Hostile:
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Any:
         if self.how in DEEDS:
             DEEDS[self.how]()
+        if self.how == "scribble":
+            recording.u.flags.writeable = True
+            recording.u[:] *= 2.0
         values = model.start.copy()
         good = Estimate(
             self.name,
@@ -130,4 +160,4 @@ class Hostile:
             intervals=np.stack([0.8 * values, 1.2 * values], axis=1),
             vaf=50.0,
         )
-        return _answers(good)[self.how]
+        return _answers(good).get(self.how, good)

@@ -14,7 +14,8 @@ from pilotid.estimates.estimate import Outcome
 from pilotid.estimates.method import identify
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.pilot.catalogue import MULTI
+from pilotid.pilot.catalogue import MULTI, SINGLE
+from pilotid.recordings.checks import remarks
 from pilotid.solve.covariance import covariance_at_bounds
 from pilotid.solve.intervals import find_profile_end, profile_intervals
 from pilotid.solve.least_squares import minimise
@@ -294,3 +295,20 @@ def test_standard_errors_are_those_of_the_intervals_and_products_those_of_the_cu
     scaled = np.array([estimate.values[1], estimate.values[0]])
     expected = np.sqrt(scaled @ estimate.covariance[:2, :2] @ scaled)
     assert estimate["Kvis*tlead"].std_error == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize(("factor", "offset"), [(1e99, 0.0), (1e-99, 0.0), (1.0, 1e8)])
+def test_neither_unit_nor_offset_of_signals_matters(factor: float, offset: float) -> None:
+    recording = simulate(SCENARIOS["single"], np.random.default_rng(1))
+    signals = {name: factor * getattr(recording, name) for name in recording.signals}
+    signals["e"] = signals["e"] + offset * signals["e"].std()
+    there, here = (
+        identify(MLE(), r, SINGLE, np.random.default_rng(1))
+        for r in (replace(recording, **signals), recording)
+    )
+    assert there.outcome is here.outcome
+    errors = np.abs(there.values - here.values) / here.std_error
+    assert errors.max() < (0.05 if offset else 1e-6)
+    np.testing.assert_allclose(there.std_error, here.std_error, rtol=0.02)
+    assert [remark.code for remark in there.remarks] == [remark.code for remark in here.remarks]
+    assert offset or remarks(replace(recording, **signals)) == remarks(recording)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from collections.abc import Mapping
 from dataclasses import FrozenInstanceError
+from typing import Any
 
 import numpy as np
 import pytest
@@ -121,7 +124,7 @@ def test_one_run_of_a_measured_signal_does_not_serve_all_runs(name: str) -> None
 
 @pytest.mark.parametrize("dt", [0.0, -0.02, np.nan, np.inf])
 def test_sampling_interval_must_be_positive(dt: float) -> None:
-    refused("the sampling interval must be a positive number", dt=dt)
+    refused("must be a number", dt=dt)
 
 
 @pytest.mark.parametrize("name", ["e", "x", "ft", "fd"])
@@ -187,7 +190,7 @@ def test_control_that_is_constant_but_for_the_run_in_is_refused() -> None:
     assert make(u=u, run_in=20).samples == 220
 
 
-@pytest.mark.parametrize("run_in", [-1, SAMPLES, SAMPLES + 1])
+@pytest.mark.parametrize("run_in", [SAMPLES, SAMPLES + 1])
 def test_run_in_must_be_shorter_than_the_recording(run_in: int) -> None:
     refused(rf"the run-in \({run_in} samples\) must be shorter", run_in=run_in)
 
@@ -267,3 +270,41 @@ def test_a_run_counts_once() -> None:
         InputError, match=r"run 1 of one.csv has the same control as run 1 of one.csv"
     ):
         joined([one, two, one])
+
+
+# ------------------------------------------------------------------ what Python may hand over
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"u": np.ma.masked_array(signals()["u"], mask=np.eye(2, SAMPLES))},
+        {"u": signals()["u"] + 1j},
+        {"u": signals()["u"] > 0.0},
+        {"u": (1e6 * signals()["u"]).astype("datetime64[us]")},
+        {"u": signals()["u"].astype(str)},
+        {"u": [[1.0, 2.0], [3.0]]},
+        *({"dt": dt} for dt in ("0.02", None, 0.02 + 0j, np.array(0.02), True)),
+        *({"run_in": n} for n in ("40", 1.5, True, -1)),
+        *({"lead_in": s} for s in (None, "3", -1.0, 1e308, np.nan)),
+        *({"lines": x} for x in (None, {"ft": "abc"}, {"ft": 5}, {"ft": (1, -2)})),
+        {"units": None},
+        {"origin": None},
+        {"treatment": 3},
+    ],
+)
+def test_what_is_of_another_type_is_refused_in_a_sentence(changed: dict[str, Any]) -> None:
+    refused("must be", **changed)
+
+
+def test_a_recording_can_be_pickled_and_copied() -> None:
+    recording = make(lines={"ft": (1, 2)}, units={"u": "cm"}, run_in=20)
+    for other in (pickle.loads(pickle.dumps(recording)), copy.deepcopy(recording)):
+        assert other.to_dict() == recording.to_dict()
+        np.testing.assert_array_equal(other.u, recording.u)
+        assert not other.u.flags.writeable
+
+
+def test_nothing_cannot_be_joined() -> None:
+    with pytest.raises(InputError):
+        joined([])

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import sqlite3
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from stores import finish
 
 from pilotid.database import DamagedError
 from pilotid.study.entries import (
@@ -133,16 +136,59 @@ def test_a_pilot_that_was_drawn_is_kept_once_for_all_methods(tmp_path: Path) -> 
         assert [e.population for e in store.scenarios()] == [False, False, True]
 
 
-@pytest.mark.parametrize("number", [FORMAT - 1, FORMAT + 1])
-def test_a_store_of_another_format_is_refused_in_a_sentence(tmp_path: Path, number: int) -> None:
+def test_a_store_of_a_later_format_is_refused_by_its_number(tmp_path: Path) -> None:
     filled(tmp_path).close()
     with closing(sqlite3.connect(tmp_path / STORE)) as base:
-        base.execute("DROP TABLE counts")
-        base.execute(f"PRAGMA user_version = {number}")
-        base.commit()
+        base.execute(f"PRAGMA user_version = {FORMAT + 1}")
     for create in (False, True):
-        with pytest.raises(InputError, match="another version of pilotid"):
+        with pytest.raises(InputError, match=f"later version .*format {FORMAT + 1}"):
             Store(tmp_path, create=create)
+
+
+def test_the_rows_of_a_store_of_an_earlier_format_are_read(tmp_path: Path) -> None:
+    """The tables of formats 5 and 6 had a column for each number, and tables of parts."""
+    finish(tmp_path, 2).close()
+    with Store(tmp_path) as store:
+        facts, whole = store.about(), list(store.results())
+    with closing(sqlite3.connect(tmp_path / STORE)) as base:
+        rows: dict[str, list[Any]] = {
+            kind: [] for kind in ("scenarios", "methods", "draws", "fits", "estimates")
+        }
+        rows |= {"parameters": [], "estimates": [], "about": list(facts.items())}
+        for kind, content in base.execute("SELECT kind, content FROM rows WHERE kind != 'about'"):
+            row, parts = json.loads(content)
+            rows[kind].append([*row, 0])
+            rows["parameters"] += parts if kind == "scenarios" else []
+            rows["estimates"] += [[*row[:3], *part] for part in parts] if kind == "fits" else []
+        base.executescript("DROP TABLE rows; DROP TABLE counts; PRAGMA user_version = 0")
+        for name, own in rows.items():
+            columns = [f"c{i}" for i in range(len(own[0]))]
+            columns = ["key", "value"] if name == "about" else columns
+            base.execute(f"CREATE TABLE {name} ({', '.join(columns)})")
+            marks = ", ".join("?" * len(columns))
+            base.executemany(f"INSERT INTO {name} VALUES ({marks})", own)
+        base.commit()
+    with Store(tmp_path) as store:
+        assert list(store.results()) == whole
+        assert store.about() == facts
+    with pytest.raises(InputError, match="earlier version"):
+        Store(tmp_path, create=True)
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "CREATE VIEW v AS WITH RECURSIVE c AS (SELECT 1 UNION ALL SELECT * FROM c) SELECT * FROM c",
+        "CREATE TABLE t (a, CHECK (length(zeroblob(900000000)) > 0))",
+        "CREATE TRIGGER t AFTER INSERT ON rows BEGIN DELETE FROM rows; END",
+    ],
+)
+def test_a_store_that_computes_is_none(tmp_path: Path, statement: str) -> None:
+    filled(tmp_path).close()
+    with closing(sqlite3.connect(tmp_path / STORE)) as base:
+        base.execute(statement)
+    with pytest.raises(InputError, match="no store"):
+        Store(tmp_path)
 
 
 def test_numbers_are_found_among_the_settings() -> None:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from types import UnionType
+from typing import TYPE_CHECKING, Literal, TypeVar
 
 import numpy as np
 
 from pilotid.datasets.named import AnyScenario, scenario_named
+from pilotid.datasets.population import Population
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.simulation import simulate as simulated
 from pilotid.estimates.estimate import Estimate
@@ -18,6 +20,7 @@ from pilotid.methods import label_of, method_named
 from pilotid.pilot.catalogue import model_named
 from pilotid.pilot.element import ControlledElement, as_element
 from pilotid.pilot.model import PilotModel
+from pilotid.ranges import ranged
 from pilotid.recordings.recording import Recording
 from pilotid.seeds import DEFAULT_SEED, draw_rng, fit_rng, recording_rng
 from pilotid.types import InputError
@@ -30,8 +33,10 @@ if TYPE_CHECKING:
     from pilotid.study.trust import Trust
 
 DEFAULT_METHOD = "mle"
+T = TypeVar("T")
 
 
+@ranged
 def identify(
     method: Method | str = DEFAULT_METHOD,
     recording: Recording | None = None,
@@ -63,8 +68,20 @@ def identify(
     chosen = method_named(method) if isinstance(method, str) else method
     if not isinstance(rng, np.random.Generator):
         rng = fit_rng(rng, label_of(chosen))
-    known = model_named(model) if isinstance(model, str) else model
-    return run_method(chosen, recording, known, rng)
+    _require(recording, Recording, "recording")
+    return run_method(chosen, recording, _model(model), rng)
+
+
+def _model(given: PilotModel | str) -> PilotModel:
+    return _require(model_named(given) if isinstance(given, str) else given, PilotModel, "model")
+
+
+def _require(thing: T, kind: type | UnionType, name: str) -> T:
+    """Refuse a thing of another kind in a sentence."""
+    if not isinstance(thing, kind):
+        wanted = str(getattr(kind, "__name__", "Scenario"))
+        raise InputError(f"{name} {thing!r:.50}: must be a {wanted}, not {type(thing).__name__}")
+    return thing
 
 
 def check(
@@ -91,11 +108,13 @@ def check(
     """
     from pilotid.report.check import check_all
 
-    named = [model_named(m) if isinstance(m, str) else m for m in models]
+    named = [_model(m) for m in models]
+    _require(recording, Recording, "recording")
     (found,) = check_all([recording], named, as_element(element) if element else None)
     return found
 
 
+@ranged
 def which_model(
     recording: Recording, *models: PilotModel | str, seed: int = DEFAULT_SEED
 ) -> Selection:
@@ -118,10 +137,12 @@ def which_model(
     """
     from pilotid.model_choice import select
 
-    named = [model_named(m) if isinstance(m, str) else m for m in models]
+    named = [_model(m) for m in models]
+    _require(recording, Recording, "recording")
     return select(recording, named, seed)
 
 
+@ranged
 def simulate(
     scenario: AnyScenario | str = "nominal", rng: np.random.Generator | int = DEFAULT_SEED
 ) -> Recording:
@@ -141,12 +162,14 @@ def simulate(
     Recording
     """
     chosen = scenario_named(scenario) if isinstance(scenario, str) else scenario
+    _require(chosen, Scenario | Population, "scenario")
     if isinstance(rng, np.random.Generator):
         return simulated(chosen.drawn(rng), rng)
     drawn = chosen.drawn(draw_rng(rng, chosen.name))
     return simulated(drawn, recording_rng(rng, chosen.name))
 
 
+@ranged
 def compare(
     scenarios: Iterable[AnyScenario | str] = ("nominal",),
     methods: Iterable[Method | str] = ("mle-white", "mle"),
@@ -183,6 +206,7 @@ def compare(
     return Study(scenarios, methods, replications, seed).run_in(Path(out), workers)
 
 
+@ranged
 def trust(
     recording: Recording,
     model: PilotModel | str | None = None,
@@ -216,11 +240,11 @@ def trust(
     from pilotid.study.trust import trial_of
 
     chosen = which_model(recording, seed=seed).model if model is None else model
-    named = model_named(chosen) if isinstance(chosen, str) else chosen
-    trial = trial_of(recording, named, methods, seed)
+    trial = trial_of(recording, _model(chosen), methods, seed)
     return trial.run(Path(out), replications, seed, workers)
 
 
+@ranged
 def design(
     scenario: Scenario | str = "nominal",
     minimise: str = "A",

@@ -8,6 +8,7 @@ and by the checksums that its rows have.
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import sqlite3
 from collections.abc import Iterator
@@ -23,6 +24,16 @@ PATIENCE = 60.0  # seconds to wait for another process
 BUSY, LOCKED, FULL = 5, 6, 13
 DAMAGED = (11, 26)  # malformed, no database
 READ_ONLY = (3, 8, 14)  # no permission, read-only, cannot be opened
+LARGEST_ROW = 2**26  # bytes
+#: The triggers that a store may have: they count its rows.
+TRIGGERS = (
+    """CREATE TRIGGER added AFTER INSERT ON rows BEGIN
+        UPDATE counts SET rows = rows + 1 WHERE kind = NEW.kind; END""",
+    """CREATE TRIGGER removed AFTER DELETE ON rows BEGIN
+        UPDATE counts SET rows = rows - 1 WHERE kind = OLD.kind; END""",
+)
+#: What a plain table has not.
+COMPUTES = re.compile(r"\b(CHECK|AS|GENERATED|DEFAULT|VIRTUAL|TRIGGER)\b", re.IGNORECASE)
 
 
 class DamagedError(InputError):
@@ -100,6 +111,7 @@ def connect(path: Path, mode: str) -> sqlite3.Connection:
     base = sqlite3.connect(
         f"{path.resolve().as_uri()}?mode={mode}", uri=True, isolation_level=None, timeout=PATIENCE
     )
+    base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_ROW)
     base.text_factory = lambda content: content.decode("utf-8", "surrogateescape")
     return base
 
@@ -110,8 +122,14 @@ def beside(path: Path, ending: str) -> Path:
 
 
 def _check(path: Path, base: sqlite3.Connection) -> sqlite3.Connection:
-    """A connection to a file that is not damaged."""
+    """A connection to a file that is not damaged, and that holds plain tables alone.
+
+    What else a schema may have computes when it is read or written, without end or memory.
+    """
     try:
+        for kind, sql in base.execute("SELECT type, sql FROM sqlite_master WHERE sql IS NOT NULL"):
+            if kind not in ("table", "trigger") or (COMPUTES.search(sql) and sql not in TRIGGERS):
+                raise InputError(f"{path}: is no store of results; name another file")
         if base.execute("PRAGMA quick_check(1)").fetchone() != ("ok",):
             raise damaged(path, "SQLite's check fails")
     except BaseException:

@@ -261,6 +261,15 @@ def _end_with_parent() -> None:
 
 def _run_limited(gigabytes: float | None, function: Callable[[Task], Answer], task: Task) -> Answer:
     """Do a task with no more memory than it may have, where the system can limit that."""
+    own = os.getpid()
+    try:
+        return _limited(gigabytes, function, task)
+    finally:
+        if os.getpid() != own:  # a task that forked would answer twice
+            os._exit(1)
+
+
+def _limited(gigabytes: float | None, function: Callable[[Task], Answer], task: Task) -> Answer:
     try:
         import resource
     except ImportError:

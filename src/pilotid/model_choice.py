@@ -28,7 +28,7 @@ from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
 from pilotid.recordings.contents import listed
-from pilotid.recordings.recording import Recording
+from pilotid.recordings.recording import Recording, unit_sized
 from pilotid.seeds import DEFAULT_SEED, fit_rng
 from pilotid.time_domain.constancy import changes
 from pilotid.time_domain.information_criteria import Evidence, evidence
@@ -171,6 +171,7 @@ def compare_models(
     InputError
         If no model has all its inputs in the recording.
     """
+    recording = unit_sized(recording)
     models = [model for model in models if motionless_input(recording, model) is None]
     if not models:
         raise InputError(f"{recording.source}: none of the models has its inputs in the recording")

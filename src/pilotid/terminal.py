@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from pilotid.types import one_line
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -65,3 +68,9 @@ def with_bar(items: Iterable[T], what: str, total: int) -> Iterator[T]:
     console = make_console(errors=True)
     hidden = not console.is_terminal or total < 2
     yield from track(items, what, total, console=console, transient=True, disable=hidden)
+
+
+def show_warning(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+    """Print a warning as one sentence; a plug-in's needs no name."""
+    kind = "" if category.__name__ == "PluginWarning" else f"{category.__name__}: "
+    sys.stderr.write(f"pilotid: {kind}{one_line(str(message))}\n")

@@ -20,7 +20,7 @@ from pilotid.analysis.recordings import Excluded, Part, Source
 from pilotid.analysis.responses import responses_of
 from pilotid.analysis.rows import CONDITION, SUBJECT, Row, in_order, rows_of
 from pilotid.analysis.sharing import require_keys, share_fits
-from pilotid.database import DamagedError, checksum, in_words, open_to_write
+from pilotid.database import DamagedError, beside, checksum, in_words, open_to_write
 from pilotid.disk import make_folder, write_file
 from pilotid.element.fit import chosen_element
 from pilotid.estimates.estimate import Outcome, failed
@@ -51,7 +51,15 @@ from pilotid.types import InputError, one_line
 
 #: What is done already, as JSON by the key of its task.
 STORE = "analysis.sqlite"
-TABLE = "results (key TEXT PRIMARY KEY, content TEXT, checksum INTEGER)"
+TABLE = "results"
+COLUMNS = "key TEXT PRIMARY KEY, content TEXT, checksum INTEGER"
+#: What the contents of tasks have.
+CONTENTS = {
+    "look": {"recording", "remarks", "fingerprints", "candidates", "performance"},
+    "fit": {"model", "element", "estimates"},
+    "share": {"model", "element", "estimates"},
+    "left-out": {"model", "left_out"},
+}
 #: The folder of the recordings' pages.
 PAGES = "recordings"
 
@@ -343,7 +351,10 @@ def _whole_content(task: Task, part: Part, fitted: Fitted) -> Content:
     if task.folder is not None:
         points = first_step_of(fitted.recording, fitted.model)
         content["responses"] = responses_of(fitted, points)
-        content["page"] = _write_page(task, part, task.folder, fitted, points)
+        try:
+            content["page"] = _write_page(task, part, task.folder, fitted, points)
+        except InputError as error:  # the fit is kept
+            content["unwritten"] = str(error)
     return content
 
 
@@ -454,13 +465,21 @@ class _Work:
 
     def held(self, task: Task) -> Content | None:
         """What is held of a task."""
-        found = self.base.execute("SELECT * FROM results WHERE key = ?", (task.key,)).fetchone()
-        if found is None or found[2] != checksum(*found[:2]):
-            return None
-        content: Content = json.loads(found[1])
-        # A page that was moved away is made again.
-        pages = [page for own in content.get("fits", [content]) if (page := own.get("page"))]
-        return content if all((self.path.parent / page).exists() for page in pages) else None
+        try:
+            query = f"SELECT * FROM {TABLE} WHERE key = ?"
+            found = self.base.execute(query, (task.key,)).fetchone()
+            if found is None or found[2] != checksum(*found[:2]):
+                return None
+            content: Content = json.loads(found[1])
+            parts = content.get("fits", [content])
+            whole = all(CONTENTS[task.what] <= own.keys() for own in parts)
+            # A page that was moved away, or could not be written, is made again.
+            pages = [page for own in parts if (page := own.get("page"))]
+            whole &= not any("unwritten" in own for own in parts)
+            whole &= all((self.path.parent / page).exists() for page in pages)
+        except (sqlite3.DatabaseError, ValueError, AttributeError, TypeError):
+            return None  # it is done again
+        return content if whole else None
 
     def keep(self, key: str, content: Content) -> None:
         """Keep a content, complete or not at all."""
@@ -482,6 +501,8 @@ class _Work:
             if content is not None:
                 held[task.key] = content
                 self.keep(task.key, content)
+                parts = content.get("fits", [content])
+                self.refused |= {own["unwritten"]: None for own in parts if "unwritten" in own}
             elif task.what == "look":
                 self.refused[why] = None
             else:
@@ -654,8 +675,15 @@ def _opened(path: Path) -> sqlite3.Connection:
     """The file of what is done; one that is damaged costs the time to do it again."""
     try:
         base = open_to_write(path)
+        with in_words(path):
+            base.execute(f"CREATE TABLE IF NOT EXISTS {TABLE} ({COLUMNS})")
+            held = base.execute("SELECT sql FROM sqlite_master WHERE name = ?", (TABLE,)).fetchall()
+        if held == [(f"CREATE TABLE {TABLE} ({COLUMNS})",)]:
+            return base
+        base.close()
     except DamagedError:
-        path.unlink()
-        base = open_to_write(path)
-    base.execute(f"CREATE TABLE IF NOT EXISTS {TABLE}")
-    return base
+        pass
+    path.replace(beside(path, ".damaged"))
+    for ending in ("-wal", "-shm"):
+        beside(path, ending).unlink(missing_ok=True)
+    return _opened(path)

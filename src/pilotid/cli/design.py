@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -121,13 +120,6 @@ def design(
     from pilotid.naming.settings import configured
     from pilotid.pilot.catalogue import model_named
 
-    positive = {"--at-most": at_most, "--period": period, "--seconds": seconds, "--rate": rate}
-    for option, value in positive.items():
-        if value is not None and not 0.0 < value < math.inf:
-            raise InputError(f"{option} {value:g}: must be a number above 0")
-    for option, value in (("--between", between), ("--within", within), ("--fade", fade)):
-        if not 0.0 <= value < math.inf:
-            raise InputError(f"{option} {value:g}: must be a number of at least 0")
     read = [Path(path) for path in (scenario, estimates) if path is not None]
     require_folder(out, ("design.json", "forcing.csv", "report.html"), read, force=force)
     own = model_named(model) if model is not None else None
@@ -144,7 +136,7 @@ def design(
     made = designing.design(
         chosen,
         minimise,
-        wanted=_wishes(wanted),
+        wanted=numbers_in("--wanted", wanted) if wanted else None,
         limits=configured(Limits, limit, f"--limit {limit}"),
         lines=chosen_lines(reference_lines(chosen), lines, pick, period, shared=shared),
         pilots=everyone if pilots is not None or len(everyone) > 1 else (),
@@ -211,13 +203,3 @@ def _changed(
     if seconds is not None:
         chosen = replace(with_held_remnant(chosen), duration=seconds, family="", varied="")
     return replace(chosen, runs=runs or chosen.runs)
-
-
-def _wishes(text: str | None) -> dict[str, float]:
-    if text is None:
-        return {}
-    wishes = numbers_in("--wanted", text)
-    for key, share in wishes.items():
-        if not 0.0 < share < 1.0:
-            raise InputError(f"--wanted {text}: {key} must be between 0 and 100 %, as in {key}=3%")
-    return wishes

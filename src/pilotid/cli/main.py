@@ -6,13 +6,14 @@ Heavy libraries are imported by the commands that need them: `pilotid list` is i
 from __future__ import annotations
 
 import inspect
+import os
 import sys
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, NoReturn, TextIO
 
 import typer
 
@@ -21,7 +22,7 @@ from pilotid.cli.analyse import analyse
 from pilotid.cli.check import check
 from pilotid.cli.design import design
 from pilotid.cli.posterior import posterior
-from pilotid.cli.running import STATUS, heeding_interruptions
+from pilotid.cli.running import STATUS, announce, heeding_interruptions
 from pilotid.disk import strict_json, write_file
 from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.method import Method
@@ -31,12 +32,13 @@ from pilotid.outputs import is_ours, require_free
 from pilotid.pilot.catalogue import AUTO, MODELS, model_named, with_held
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
+from pilotid.ranges import ranged
 from pilotid.recordings.files import read_with, save_recording
 from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.recordings.text import sidecar_path
 from pilotid.remarks import OF_STICK
 from pilotid.seeds import DEFAULT_SEED, draw_rng, recording_rng
-from pilotid.terminal import make_console, with_bar
+from pilotid.terminal import make_console, show_warning, with_bar
 from pilotid.types import InputError, one_line
 
 app = typer.Typer(
@@ -48,6 +50,8 @@ app = typer.Typer(
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line; bad input is one sentence on standard error and status 2."""
+    # Where output was closed, no file that is opened later may take its place.
+    sys.stdout, sys.stderr = sys.stdout or _nowhere(), sys.stderr or _nowhere()
     for stream in (sys.stdout, sys.stderr):
         # A terminal that lacks a sign is no reason to stop.
         getattr(stream, "reconfigure", lambda **_: None)(errors="replace")
@@ -55,8 +59,14 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     with heeding_interruptions(), _warnings_as_sentences():
         try:
             status = app(given or ["--help"], prog_name="pilotid", standalone_mode=False)
+            sys.stdout.flush()
         except InputError as error:
             _refuse(str(error))
+        except OSError as error:  # of files it is a sentence already
+            sys.stdout = _nowhere()  # what is left cannot be written either
+            _refuse(f"the output cannot be written ({error.strerror or error}); make room for it")
+        except MemoryError as error:
+            _refuse(f"out of memory {error}".rstrip() + "; cut the recording, or do less at once")
         except typer.TyperException as error:  # a wrong option or value
             context = getattr(error, "ctx", None)
             command = context.command_path if context else "pilotid"
@@ -72,16 +82,18 @@ def _warnings_as_sentences() -> Iterator[None]:
     with warnings.catch_warnings():
         warnings.simplefilter("always", PluginWarning)
 
-        def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
-            kind = "" if issubclass(category, PluginWarning) else f"{category.__name__}: "
-            sys.stderr.write(f"pilotid: {kind}{one_line(str(message))}\n")
-
-        warnings.showwarning = show
+        warnings.showwarning = show_warning
         yield
 
 
+def _nowhere() -> TextIO:
+    return Path(os.devnull).open("w")
+
+
 def _refuse(sentence: str) -> NoReturn:
-    sys.stderr.write(f"pilotid: {' '.join(sentence.split())}\n")
+    with suppress(OSError):
+        sys.stderr.write(f"pilotid: {' '.join(sentence.split())}\n")
+        sys.stderr.flush()
     raise SystemExit(2) from None
 
 
@@ -128,7 +140,6 @@ def _first_line(method: Method) -> str:
     return " ".join(part for part in (one_line(line), labelled("", method), origin) if part)
 
 
-@app.command()
 def simulate(
     out: Annotated[Path, typer.Option(metavar="F.csv", help="Recording to write, .csv or .mat.")],
     scenario: Annotated[
@@ -165,7 +176,6 @@ def simulate(
     console.print(f"{truth_file}: its truth, which no method reads", soft_wrap=True)
 
 
-@app.command()
 def fit(
     files: options.FilesArgument,
     model: options.ModelOption = AUTO,
@@ -206,6 +216,7 @@ def fit(
     recordings, refused = options.recordings_of(
         files, mapping, dt, detrend, lead_in, runs, span, joint=joint
     )
+    announce(recordings, len(methods) * max(1, len(named)))
     todo = with_bar(recordings, "fitting", len(recordings))
     fits = [f for own in todo for f in _fitted(own, named, fix, start, methods, seed, plant)]
     if truth is not None and not named:
@@ -260,7 +271,17 @@ def _fitted(
 
 
 for command in (
-    *(check, posterior, analyse, design, studies.compare, studies.trust, studies.report),
+    *(
+        simulate,
+        fit,
+        check,
+        posterior,
+        analyse,
+        design,
+        studies.compare,
+        studies.trust,
+        studies.report,
+    ),
     *(studies.publish, studies.compare_studies),
 ):
-    app.command()(command)
+    app.command()(ranged(command, lambda name: f"--{name.replace('_', '-')}"))

@@ -53,7 +53,8 @@ ElementOption = Annotated[
 ]
 
 FilesArgument = Annotated[
-    list[Path], typer.Argument(metavar="F.csv|F.mat ...", help="Recordings to read.")
+    list[Path],
+    typer.Argument(metavar="F.csv|F.mat ...", help="Recordings to read.", readable=False),
 ]
 ModelOption = Annotated[
     str,

@@ -6,7 +6,7 @@ import os
 import signal
 import sys
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from threading import current_thread, main_thread
 from types import FrameType
@@ -15,9 +15,12 @@ from typing import TYPE_CHECKING
 from pilotid.terminal import make_console
 
 if TYPE_CHECKING:
+    from pilotid.recordings.recording import Recording
     from pilotid.study.entries import Result
 
 
+SECONDS_A_SAMPLE = 2e-4  # of a fit by mle: 160 s for 24 h at 10 Hz
+LONG = 10.0  # minutes from which a job says what would make it shorter
 STATUS = 130  # what shells say of a program that Ctrl-C ended
 
 
@@ -51,6 +54,16 @@ def heeding_interruptions() -> Iterator[None]:
     else:
         if ours:
             signal.signal(signal.SIGINT, usual)
+
+
+def announce(recordings: Sequence[Recording], fits: int) -> None:
+    """Say how long fits of very long recordings will take, and what takes less."""
+    for recording in recordings:
+        minutes = fits * recording.u.size * SECONDS_A_SAMPLE / 60.0
+        if minutes > 1.0:
+            words = f"{recording.source}: {recording.u.size} samples, about {minutes:.0f} min; "
+            words += "--span or a lower rate takes less"
+            make_console(errors=True).print(words, soft_wrap=True)
 
 
 def with_progress(
@@ -112,5 +125,7 @@ def _with_forecast(
             minutes = sum(took.get(name, 0.0) * n for name, n in counts.items()) / processes / 60.0
             long = f"{minutes:.0f} min" if minutes < 2880.0 else f"{minutes / 1440.0:.0f} days"
             words = f"{sum(counts.values())} fits, about {long} on {processes} processes"
+            if minutes > LONG:
+                words += "; fewer --replications or methods take less, and what is done is kept"
             if minutes > 1.0:
                 make_console(errors=True).print(words, soft_wrap=True)

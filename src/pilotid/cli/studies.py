@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -90,9 +89,6 @@ def compare(
         raise InputError(f"unknown profile '{profile}': choose from {', '.join(PROFILES)}")
     if workers is not None and scheduler is not None:
         raise InputError("--workers and --scheduler exclude each other; leave one out")
-    for option, number in (("--time-limit", time_limit), ("--memory", memory)):
-        if not 0.0 <= number < math.inf:
-            raise InputError(f"{option} {number}: must be a number of at least 0")
     default, count = PROFILES[profile]
     like_it = [] if like is None else [scenario_like(like, seed)]
     study = Study(
@@ -273,7 +269,9 @@ def scenario_like(path: Path, seed: int) -> Scenario:
 def trust(
     files: Annotated[
         list[Path],
-        typer.Argument(metavar="F.csv|F.mat", help="Recording; several are runs of one."),
+        typer.Argument(
+            metavar="F.csv|F.mat", help="Recording; several are runs of one.", readable=False
+        ),
     ],
     out: options.OutOption,
     model: Annotated[

@@ -31,9 +31,11 @@ from pilotid.designing.lines import (
     with_shared_remnant,
 )
 from pilotid.designing.optimum import Optimum, Over, gains_of, goal_of, minimise_within
+from pilotid.ranges import Range, in_range
 from pilotid.seeds import DEFAULT_SEED, draw_rng
 from pilotid.types import ComplexArray, FloatArray, InputError
 
+WISH = Range(1e-6, 1.0)
 NORMS = (4, 16, 64, 256)
 STEPS = 40  # for each norm
 STARTS = 4
@@ -331,6 +333,8 @@ def design(
     unit = np.ones(lines.omega.size)
     for name, at in lines.signals:
         unit[at] = usual[dict(known.signals)[name]].sum()
+    for key, share in (wanted or {}).items():
+        in_range(share, WISH, f"the standard error wanted of {key}, as a share,")
     goal = goal_of(minimise, wanted or {}, loops, references, usual, unit, over)
     rows = linear(limits, loops, references, usual, over=over)
     rows = [replace(row, gradient=row.gradient * unit) for row in rows]

@@ -2,27 +2,34 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Container, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from multiprocessing import parent_process
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pilotid.document import Bullets, Table, Text, print_blocks
-from pilotid.estimates.estimate import Estimate
+from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.loops import LoopElement, Loops, loops_of
 from pilotid.estimates.method import Method, identify
 from pilotid.estimates.quantities import abreast, quantity_tables
+from pilotid.naming.code import packed, reason, unpacked
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import NotMultisineError, forcing_sines
 from pilotid.remarks import Remark, gravest_first, remark_of, remarks_json
 from pilotid.seeds import fit_rng
+from pilotid.terminal import show_warning
+from pilotid.types import one_line
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+    from pilotid.jobs import Loss
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,8 +205,45 @@ def fit_all(
     """
     closed = recording if loop_element is None else loop_element.named_in(recording)
     estimates = (
-        replace(identify(method, closed, model, fit_rng(seed, label)), method=label)
+        replace(_identified(method, label, closed, model, seed), method=label)
         for label, method in methods.items()
     )
     found = (*remarks(closed), *(loop_element.remarks if loop_element else ()))
     return Fitted(recording, model, tuple(estimates), found, loop_element)
+
+
+def _identified(
+    method: Method, label: str, recording: Recording, model: PilotModel, seed: int
+) -> Estimate:
+    """An estimate; a method of others runs in a process of its own, on a copy of the recording.
+
+    What it prints, changes or ends is that process's alone.
+    """
+    rng = fit_rng(seed, label)
+    if type(method).__module__.partition(".")[0] == "pilotid" or parent_process() is not None:
+        return identify(method, recording, model, rng)
+    from pilotid.jobs import run_tasks
+
+    try:
+        task = packed((method, recording, model, rng))
+    except Exception as error:
+        why = f"it cannot be handed to another process ({reason(error)})"
+        return failed(label, model, Outcome.CRASHED, why)
+    (answer,) = run_tasks(_identify_packed, [task], _lost, 1)
+    if isinstance(answer, bytes):
+        estimate: Estimate = unpacked(answer)
+        return replace(estimate, model=model)
+    outcome, why = answer
+    return failed(label, model, outcome, why)
+
+
+def _identify_packed(task: bytes) -> bytes | tuple[Outcome, str]:
+    warnings.showwarning = show_warning
+    try:
+        return packed(identify(*unpacked(task)))
+    except BaseException as error:  # an interruption too: the user's go to another process
+        return Outcome.CRASHED, one_line(reason(error))
+
+
+def _lost(_: bytes, loss: Loss, why: str) -> tuple[Outcome, str]:
+    return Outcome[loss.name], why

@@ -29,7 +29,8 @@ from pilotid.estimates.parts import (
 from pilotid.estimates.warnings import all_remarks
 from pilotid.naming.code import reason
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
+from pilotid.ranges import require_settings
+from pilotid.recordings.recording import Recording, unit_sized
 from pilotid.types import FloatArray, InputError, one_line
 
 #: The environment variable that asks for tracebacks of methods that raise.
@@ -147,7 +148,9 @@ def identify(
     that makes no sense, are outcomes.  Only an interruption by the user passes through.
     """
     name, begin = method.name, None
+    recording = unit_sized(recording)
     try:
+        require_settings(method)
         objection = motionless_input(recording, model) or method.objection(recording, model)
         if objection:
             why = one_line(str(objection))

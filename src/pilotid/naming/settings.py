@@ -23,6 +23,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 import numpy as np
 
+from pilotid.ranges import require_settings
 from pilotid.types import InputError
 
 T = TypeVar("T")
@@ -129,8 +130,11 @@ def configured(thing: Any, text: str | None, given: str) -> Any:
     try:
         values = _values(kind, text or "")
         if isinstance(thing, type):
-            return thing(**values)
-        return dataclasses.replace(thing, **values) if values else thing
+            made = thing(**values)
+        else:
+            made = dataclasses.replace(thing, **values) if values else thing
+        require_settings(made)
+        return made
     except Exception as error:
         fields = _settings(kind).items()
         usual = ((n, _usual(f) if kind is thing else getattr(thing, n)) for n, f in fields)

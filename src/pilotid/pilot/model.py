@@ -66,6 +66,8 @@ class Channel:
                 f"channel {self.name}: the sign must be 1 or -1, not {self.sign!r}; "
                 "its size belongs to a gain"
             )
+        if not self.factors:
+            raise InputError(f"channel {self.name}: has no factors; give it one at least")
         for factor in self.factors:
             if not isinstance(factor, Factor | Changing):
                 raise ValueError(

@@ -22,7 +22,7 @@ from pilotid.recordings.plant import (
     plant_of,
     unrelated,
 )
-from pilotid.recordings.recording import ABSENT, Recording, remembered
+from pilotid.recordings.recording import ABSENT, Recording, remembered, unit_sized
 from pilotid.recordings.spectra import (
     NotMultisineError,
     answers,
@@ -42,9 +42,10 @@ def remarks(recording: Recording) -> tuple[Remark, ...]:
 
     Empty for a sound one that is as it was recorded.
     """
+    sized = unit_sized(recording)
     found = [check(recording) for check in CHECKS]
-    named = _names(recording)
-    faults = [f for f in findings(recording) if f.grade != "note"]
+    named = _names(sized)
+    faults = [f for f in findings(sized) if f.grade != "note"]
     shifted = any(f.code in LATE for f in faults)
     if named and named.code in ("not-the-error", "wrong-unit") and shifted:
         named = None  # that tells why e is not ft - x

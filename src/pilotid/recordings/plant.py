@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pilotid.limits import ELEMENT
-from pilotid.recordings.recording import Recording, remembered
+from pilotid.recordings.recording import Recording, remembered, unit_sized
 from pilotid.recordings.spectra import at_lines, target_lines
 from pilotid.remarks import Remark
 from pilotid.types import ComplexArray, FloatArray, IntArray
@@ -88,6 +88,7 @@ def plant_of(recording: Recording, run: int | None = None) -> Plant | None:
     run
         One of its runs alone; None for all.
     """
+    recording = unit_sized(recording)
     rows = slice(None) if run is None else slice(run, run + 1)
     spectra = {name: spectrum[rows] for name, spectrum in _spectra(recording).items()}
     output, control = spectra["x"], spectra["u"]
@@ -290,6 +291,7 @@ def late(recording: Recording) -> Remark | None:
     At the target's lines x is the controlled element's answer to u alone.  Of all times the one
     sought makes the phase from line to line the smoothest.
     """
+    recording = unit_sized(recording)
     told = None if recording.duration < ELEMENT.late_from else _at_target(recording)
     if told is None:
         return None

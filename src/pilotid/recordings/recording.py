@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import wraps
 from types import MappingProxyType
@@ -13,6 +14,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pilotid.ranges import Range, in_range
 from pilotid.types import FloatArray, InputError, printable
 
 P = ParamSpec("P")
@@ -32,6 +34,10 @@ SHORTEST = 10.0  # seconds of measurement window that an identification needs
 COARSEST = 0.1  # seconds between samples: half that rate is just above the pilot's band
 LARGEST = 1e100  # of a signal in any unit; squares and their sums must not overflow
 SMALLEST = 1e-100  # of the peak of a signal that is not zero; nor must they vanish
+FAR_OFF, LARGE_MEAN = 40, 30.0
+LEAST = 5.0  # s that must be left to score
+DT, RUN_IN = Range(1e-6, 100.0), Range(0, 10**9, True)
+LEAD, LINE = Range(0.0, 3600.0), Range(1, 10**7, True)
 LONGEST_UNIT = 40  # characters
 LONGEST_ELEMENT = 200
 
@@ -109,28 +115,16 @@ class Recording:
     lead_in: float = LEAD_IN
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "source", printable(self.source))
-        if not (np.isfinite(self.dt) and self.dt > 0.0):
-            raise InputError(f"{self.source}: the sampling interval must be a positive number")
+        self._check_types()
         if self.dt > COARSEST:
             raise InputError(
                 f"{self.source}: the sampling interval is {self.dt:.3g} s; a pilot's control needs "
                 f"at most {COARSEST:g} s between samples"
             )
-        shape = np.shape(self.u)
-        if len(shape) != 2 or shape[0] == 0:
-            raise InputError(f"{self.source}: signal u must have the shape (runs, samples)")
-        for name in SIGNALS:
+        for name in ("u", *SIGNALS):
             value = getattr(self, name)
-            if value is not None:
-                object.__setattr__(self, name, self._checked(name, value, shape))
-        object.__setattr__(
-            self, "lines", MappingProxyType({k: tuple(v) for k, v in self.lines.items() if v})
-        )
-        object.__setattr__(self, "units", MappingProxyType(dict(self.units)))
-        object.__setattr__(self, "origin", MappingProxyType(dict(self.origin)))
-        if not 0.0 <= self.lead_in < np.inf:
-            raise InputError(f"{self.source}: the lead-in must be a number of seconds, 0 or more")
+            if value is not None or name in "eux":
+                object.__setattr__(self, name, self._checked(name, value))
         for name, unit in self.units.items():
             if not is_unit(unit):
                 raise InputError(
@@ -152,6 +146,12 @@ class Recording:
                 f"{self.source}: the measurement window lasts {self.duration:.3g} s; at least "
                 f"{SHORTEST:g} s are needed (is each signal stored as one column a run?)"
             )
+        scored = self.duration - max(0.0, self.lead_in - self.run_in * self.dt)
+        if scored < LEAST:
+            raise InputError(
+                f"{self.source}: a lead-in of {self.lead_in:g} s leaves {scored:.3g} s to score; "
+                f"at least {LEAST:g} s are needed"
+            )
         still = np.ptp(self.u[:, self.run_in :], axis=1) == 0.0
         if still.any():
             raise InputError(
@@ -159,12 +159,51 @@ class Recording:
                 "map u to the recorded control, or leave that run out"
             )
 
-    def _checked(self, name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-        array = np.asarray(value, dtype=float)
-        if array.ndim != 2:
+    def _check_types(self) -> None:
+        """Numbers in their ranges, and texts and mappings that are such, as Python's own."""
+        if not isinstance(self.source, str):
+            raise InputError(f"source {self.source!r:.50}: must be a text")
+        source = printable(self.source)
+        found: dict[str, object] = {"source": source}
+        try:
+            for name, known in (("dt", DT), ("run_in", RUN_IN), ("lead_in", LEAD)):
+                found[name] = in_range(getattr(self, name), known, name)
+            for name in ("lines", "units", "origin"):
+                found[name] = MappingProxyType(dict(getattr(self, name)))
+            name = "lines"
+            numbers = {k: [int(in_range(n, LINE, name)) for n in v] for k, v in self.lines.items()}
+            found[name] = MappingProxyType({k: tuple(v) for k, v in numbers.items() if v})
+            name = "treatment"
+            found[name] = tuple(self.treatment)
+        except InputError as error:
+            raise InputError(f"{source}: {error}") from None
+        except (TypeError, ValueError):
+            given = getattr(self, name)
+            raise InputError(f"{source}: {name} {given!r:.50}: must be of another type") from None
+        for name, value in found.items():
+            object.__setattr__(self, name, value)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        values = (getattr(self, name) for name in self.__dataclass_fields__)
+        return type(self), tuple(dict(v) if isinstance(v, Mapping) else v for v in values)
+
+    def _checked(self, name: str, value: ArrayLike) -> FloatArray:
+        try:
+            given = np.asarray(value)
+            real = given.dtype.kind in "fiuO" and not np.ma.is_masked(value)
+            array = given.astype(float, order="C") if real else None
+        except (TypeError, ValueError):
+            array = None
+        if array is None:
+            raise InputError(
+                f"{self.source}: signal {name} must be an array of real numbers, none of them "
+                "masked; repair or cut the recording there"
+            )
+        shape = array.shape if name == "u" else self.u.shape
+        if array.ndim != 2 or not len(array):
             raise InputError(f"{self.source}: signal {name} must have the shape (runs, samples)")
         if name in ("ft", "fd") and array.shape == (1, *shape[1:]):
-            array = np.broadcast_to(array, shape)  # the same forcing function in every run
+            array = np.repeat(array, shape[0], axis=0)  # the same function in every run
         if array.shape != shape:
             raise InputError(
                 f"{self.source}: signal {name} has {array.shape[0]} runs of {array.shape[1]} "
@@ -178,7 +217,6 @@ class Recording:
                 f"{run + 1}; repair or cut the recording there"
             )
         self._check_scale(name, array)
-        array = array.copy()
         array.flags.writeable = False
         return array
 
@@ -322,7 +360,7 @@ class Recording:
         }
 
 
-def joined(recordings: Sequence[Recording]) -> Recording:
+def joined(recordings: Iterable[Recording]) -> Recording:
     """Several recordings of one condition as the runs of one recording.
 
     Raises
@@ -331,6 +369,9 @@ def joined(recordings: Sequence[Recording]) -> Recording:
         If the sampling interval, length, run-in or forcing signals present differ, or if a run
         is there twice.
     """
+    recordings = list(recordings)
+    if not recordings or not all(isinstance(own, Recording) for own in recordings):
+        raise InputError("joined takes recordings, one at least")
     first = recordings[0]
     for other in recordings[1:]:
         for what, a, b in (
@@ -422,3 +463,27 @@ def remembered(
         return own[key]
 
     return recalled
+
+
+@remembered
+def unit_sized(recording: Recording) -> Recording:
+    """The recording as what computes takes it: signals near unit size, and without large means.
+
+    All signals are multiplied by one power of 2, so that no digit changes, where the control is
+    `FAR_OFF` powers of 2 from unit size; means over `LARGE_MEAN` standard deviations are taken out.
+    Other recordings stay as they are.
+    """
+    held = {name: getattr(recording, name) for name in recording.signals}
+    for name, signal in held.items():
+        mean = float(signal.mean())
+        if abs(mean) > LARGE_MEAN * signal.std() > 0.0:
+            held[name] = signal - mean
+    power = -round(math.log2(float(held["u"].std()) or 1.0))
+    if abs(power) > FAR_OFF:
+        held = {name: np.ldexp(signal, power) for name, signal in held.items()}
+    if all(held[name] is getattr(recording, name) for name in held):
+        return recording
+    peaks = [float(np.abs(signal).max()) for signal in held.values()]
+    if not all(SMALLEST <= peak <= LARGEST for peak in peaks if peak):
+        return recording  # signals of which one is far from the others
+    return replace(recording, **held)

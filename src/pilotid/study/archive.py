@@ -14,18 +14,20 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from pilotid.disk import require_file
 from pilotid.types import InputError
 
 #: The file, beside or in place of a store.
 KEPT = "study.rows.xz"
 #: Significant digits of a fit's numbers.
 DIGITS = 6
-#: Bytes that rows may take when they are unpacked; a million fits take half of it.
-LARGEST = 2**30
+#: Bytes of the file, of its rows unpacked, and of a line of these; a fit takes 100 of them.
+LARGEST, UNPACKED, LONGEST_LINE = 2**27, 2**28, 2**24
 #: Of the rows; that of a store may be higher.
 FORMAT = 5
 
 HEAD = {"pilotid": "rows of a study", "format": FORMAT, "digits": DIGITS}
+UNREADABLE = (ValueError, TypeError, KeyError, EOFError, RecursionError, lzma.LZMAError)
 CELL = 2  # columns in front of a fit's row that a line says once
 
 Row = tuple[Any, ...]
@@ -48,10 +50,13 @@ def from_archive(path: Path) -> tuple[dict[str, str], Iterator[tuple[str, Row, l
         If the file cannot be read, is damaged, or is of another version of pilotid.
     """
     try:
-        head, about, *lines = map(json.loads, _text(path).splitlines())
+        lines = _lines_in(path)
+        head, about = next(lines), next(lines)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
-    except (ValueError, EOFError, RecursionError, lzma.LZMAError) as error:
+    except StopIteration:
+        raise not_an_archive(path) from None
+    except UNREADABLE as error:
         raise not_an_archive(path) from error
     if isinstance(head, dict) and head.get("format") not in (None, FORMAT):
         raise InputError(
@@ -70,12 +75,16 @@ def not_an_archive(path: Path) -> InputError:
     )
 
 
-def _text(path: Path) -> str:
-    unpacking = lzma.LZMADecompressor()
-    content = unpacking.decompress(path.read_bytes(), LARGEST)
-    if not unpacking.eof:
-        raise EOFError
-    return content.decode("utf-8", "surrogateescape")
+def _lines_in(path: Path) -> Iterator[Any]:
+    """The lines of a file, one at a time: a small file can say that it is a large one."""
+    require_file(path, LARGEST)
+    left = UNPACKED
+    with lzma.open(path) as stream:
+        while line := stream.readline(LONGEST_LINE):
+            left -= len(line)
+            if left < 0 or len(line) == LONGEST_LINE:
+                raise EOFError
+            yield json.loads(line.decode("utf-8", "surrogateescape"))
 
 
 def _lines(about: Mapping[str, str], rows: Mapping[str, Rows]) -> Iterator[object]:

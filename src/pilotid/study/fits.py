@@ -28,8 +28,6 @@ from pilotid.study.tracks import tracks_of
 from pilotid.theory.bounds import bounds
 from pilotid.types import one_line
 
-LOST = {Loss.DIED: Outcome.DIED, Loss.TIMED_OUT: Outcome.TIMED_OUT}
-
 #: Outcomes that another try may mend; an error that the code makes comes again.
 OUTSIDE = (Outcome.CRASHED, Outcome.OUT_OF_MEMORY, Outcome.TIMED_OUT, Outcome.DIED)
 
@@ -148,7 +146,7 @@ def started(scenario: Scenario, seed: int, replication: int) -> PilotModel:
 
 def given_up(task: Task, loss: Loss, why: str) -> Result:
     """The row of a fit that gave no estimate at all."""
-    return Result(task.unit, LOST[loss].slug, why)
+    return Result(task.unit, Outcome[loss.name].slug, why)
 
 
 def _result(unit: Unit, estimate: Estimate, excess: float | None, draw: Draw | None) -> Result:

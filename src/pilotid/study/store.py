@@ -15,13 +15,14 @@ import sqlite3
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from dataclasses import astuple
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from pilotid import database
 from pilotid.database import DamagedError, beside, checksum, damaged, in_words
 from pilotid.disk import write_file
-from pilotid.study.archive import KEPT, Row, from_archive, not_an_archive, to_archive
+from pilotid.study.archive import KEPT, UNREADABLE, Row, from_archive, not_an_archive, to_archive
 from pilotid.study.entries import (
     Draw,
     MethodEntry,
@@ -42,14 +43,18 @@ SCHEMA = (
     """CREATE TABLE rows (kind TEXT, key TEXT, content TEXT, checksum INTEGER,
         PRIMARY KEY (kind, key)) WITHOUT ROWID""",
     "CREATE TABLE counts (kind TEXT PRIMARY KEY, rows INTEGER) WITHOUT ROWID",
-    """CREATE TRIGGER added AFTER INSERT ON rows BEGIN
-        UPDATE counts SET rows = rows + 1 WHERE kind = NEW.kind; END""",
-    """CREATE TRIGGER removed AFTER DELETE ON rows BEGIN
-        UPDATE counts SET rows = rows - 1 WHERE kind = OLD.kind; END""",
+    *database.TRIGGERS,
     f"PRAGMA user_version = {FORMAT}",
 )
 #: How many columns of a row are its key, by kind.
+#: Tables of earlier formats, 5 and 6; those of parts, and the columns that say whose they are.
+EARLIER = {"about", "scenarios", "parameters", "methods", "draws", "fits", "estimates"}
+PARTS = {"scenarios": ("parameters", 0), "fits": ("estimates", 3)}
 KINDS = {"about": 0, "scenarios": 1, "methods": 1, "draws": 2, "fits": 3}
+
+
+Num = float | None
+Parameter = tuple[str, str, float, Num]
 
 
 class Entry(NamedTuple):
@@ -89,8 +94,7 @@ class Store:
             )
         if missing or small:
             self.path = folder / KEPT
-            self._base = sqlite3.connect(":memory:", isolation_level=None)
-            _create(self._base)
+            self._base = _temporary()
             self._restore(self.path)
             return
         opened = database.open_to_write if create else database.open_to_read
@@ -103,15 +107,40 @@ class Store:
             with in_words(self.path):
                 (version,) = self._base.execute("PRAGMA user_version").fetchone()
             if version != FORMAT:
-                raise InputError(
-                    f"{self.path}: was written by another version of pilotid, whose rows differ, "
-                    "or holds nothing; name another folder with --out"
-                )
+                self._base = self._of_other_format(version, create)
             if "seed" not in self.about() and create and kept:
                 self._restore(folder / KEPT)
         except BaseException:
             self._base.close()
             raise
+
+    def _of_other_format(self, version: int, create: bool) -> sqlite3.Connection:
+        """The rows of a store that an earlier version wrote, in this version's form."""
+        old = self._base
+        with in_words(self.path):
+            names = {name for (name,) in old.execute("SELECT name FROM sqlite_master")}
+            if version > FORMAT:
+                raise InputError(
+                    f"{self.path}: was written by a later version of pilotid (format {version}; "
+                    f"this one reads up to {FORMAT}); install that version"
+                )
+            if create or not names >= EARLIER:
+                raise InputError(
+                    f"{self.path}: was written by an earlier version of pilotid, or holds nothing; "
+                    "`pilotid report` reads it: name another folder with --out to compare again"
+                )
+            new = _temporary()
+            facts = dict(old.execute("SELECT key, value FROM about").fetchall())
+            _describe(new, {k: v for k, v in facts.items() if k not in ("format", "checksum")})
+            for kind in ("scenarios", "methods", "draws", "fits"):
+                parts: dict[Row, list[Row]] = {}
+                length, table, start = KINDS[kind], *PARTS.get(kind, ("", 0))
+                for part in old.execute(f"SELECT * FROM {table}") if table else ():
+                    parts.setdefault(part[:length], []).append(part[start:])
+                for *row, _ in old.execute(f"SELECT * FROM {kind}"):
+                    _put(new, kind, tuple(row), parts.get(tuple(row[:length]), ()))
+        old.close()
+        return new
 
     def close(self) -> None:
         """Close the file, which then holds everything."""
@@ -206,7 +235,7 @@ class Store:
                 _describe(self._base, about)
                 for kind, row, parts in rows:
                     _put(self._base, kind, row, parts)
-        except (InputError, ValueError, TypeError, KeyError) as error:
+        except (InputError, *UNREADABLE) as error:
             raise not_an_archive(path) from error
 
     # ----------------------------------------------------------------------------- reading
@@ -270,7 +299,10 @@ class Store:
             raise damaged(self.path, f"a checksum of {kind} does not hold")
         if count != len(found):
             raise damaged(self.path, f"rows of {kind} are missing")
-        return sorted(_entry(content) for _, content, _ in found)
+        try:
+            return sorted(_checked(kind, content) for _, content, _ in found)
+        except (ValueError, TypeError, RecursionError) as error:
+            raise damaged(self.path, f"rows of {kind} are none") from error
 
 
 def salvage(folder: Path) -> str:
@@ -356,6 +388,13 @@ def _copy_whole(base: sqlite3.Connection, copy: sqlite3.Connection) -> tuple[int
 # ----------------------------------------------------------------------------------- rows
 
 
+def _temporary() -> sqlite3.Connection:
+    """A store of its own for rows from elsewhere, which leaves the memory where they are many."""
+    base = sqlite3.connect("", isolation_level=None)
+    _create(base)
+    return base
+
+
 def _create(base: sqlite3.Connection) -> None:
     """Make the tables; the caller has a transaction."""
     for statement in SCHEMA:
@@ -379,6 +418,37 @@ def _put(base: sqlite3.Connection, kind: str, row: Row, parts: Iterable[Row] = (
 
 def _key(columns: Row) -> str:
     return json.dumps(columns)
+
+
+@cache
+def _adapter(kind: str) -> Any:
+    """Checks a row and its parts, in the types that they are written in."""
+    from pydantic import Json, TypeAdapter
+
+    row: Any = tuple  # of which types are made here, as pydantic is imported here
+    several: Any = list
+    settings, drawn, none = Json[dict[str, Any]], Json[list[Parameter]], row[()]
+    words = (str, str, str)
+    entry, parts = {
+        "about": (row[row[str, str], ...], none),
+        "scenarios": (
+            row[str, int, str, str, settings, *words],
+            row[str, str, int, str, float, Num],
+        ),
+        "methods": (row[str, int, settings, str, str], none),
+        "draws": (row[str, int, str, drawn, settings], none),
+        "fits": (
+            row[str, str, int, str, str, int, Num, int, int, Num, Num, str, str],
+            row[str, Num, Num, Num, Num],
+        ),
+    }[kind]
+    return TypeAdapter[Any](row[entry, several[parts]])
+
+
+def _checked(kind: str, content: str) -> Entry:
+    """A row and its parts of the types that they should have."""
+    _adapter(kind).validate_json(content)
+    return _entry(content)
 
 
 def _entry(content: str) -> Entry:

@@ -19,6 +19,7 @@ from pilotid.datasets import CATALOGUE, AnyScenario, Population, Scenario, scena
 from pilotid.datasets.named import sound
 from pilotid.datasets.simulation import remnant_ratio
 from pilotid.disk import make_folder
+from pilotid.estimates.estimate import Outcome
 from pilotid.estimates.method import Method, follows
 from pilotid.jobs import USUAL_LIMITS, Limits, run_tasks
 from pilotid.methods import label_of, method_named, methods
@@ -272,11 +273,21 @@ class Study:
         scheduler: str | None = None,
         limits: Limits = USUAL_LIMITS,
     ) -> Iterator[Result]:
-        """Fit what is pending; each result is in the store before it comes out."""
+        """Fit what is pending; each result is in the store before it comes out.
+
+        A fit that nobody answered, or for which an answer to another came, is one that failed.
+        """
+        answered: set[Unit] = set()
         for found in run_tasks(run_task, self.tasks(pending), given_up, workers, scheduler, limits):
+            answered.add(found.unit)
             result = self._with_draw(found)
             store.add(result)
             yield result
+        for unit in pending:
+            if unit not in answered:
+                result = self._with_draw(Result(unit, Outcome.DIED.slug, "no answer came"))
+                store.add(result)
+                yield result
 
     def _with_draw(self, result: Result) -> Result:
         """A fit whose process died could not say which pilot a population drew for it."""
