@@ -3,12 +3,25 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from helpers import Answer, Run
 
 from pilotid.cli.main import main
+
+
+@pytest.fixture(scope="session", autouse=True)
+def quick_pdf(pytestconfig: pytest.Config) -> Iterator[None]:
+    """Everyday tests write empty files of figures as PDF, most of whose time goes into fonts.
+
+    Tests that look at them take `pilotid.document.pdf` itself, or are long.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        if pytestconfig.getoption("markexpr") == "not long":
+            patch.setattr("pilotid.document.pdf", lambda drawing: b"%PDF-")
+        yield
 
 
 @pytest.fixture

@@ -343,7 +343,7 @@ def test_a_page_of_several_recordings_has_contents_and_loops_where_there_are_som
     known = replace(fit, loop_element=LoopElement(ELEMENT, "given"))
     page = html_report([fit, known])
     assert '<a href="#recording-2">' in page
-    assert page.count(">Loops</p>") == page.count(">target_crossover</th>") == 1
+    assert page.count(">Loops</p>") == page.count("(target_crossover)</th>") == 1
     assert page.count("loops with the controlled element 4/s^2, as given") == 1
     assert page.count("Open loops of the pilot (mle) with the controlled element 4/s^2") == 2
     none = replace(fit, loop_element=LoopElement(why="x does not tell the element"))
