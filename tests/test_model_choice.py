@@ -109,6 +109,18 @@ def test_a_single_run_is_judged_by_a_criterion() -> None:
         assert choose_model([[simple, richer]]).model == taken
 
 
+@pytest.mark.parametrize(
+    ("varies", "bic", "taken"),
+    [(False, 10.0, "lead-lag"), (True, 10.0, "single"), (True, -90.0, "lead-lag")],
+)
+def test_a_time_of_change_has_to_win_by_bic(varies: bool, bic: float, taken: str) -> None:
+    """A constant pilot leaves it free, so that it fits what is largest by chance."""
+    simple = replace(candidate("single", 5, ()), chi_squared=float("nan"), freedom=0)
+    richer = replace(simple, model="lead-lag", pilot_parameters=9, varies=varies)
+    richer = replace(richer, aicc=simple.aicc - 11.0, bic=simple.bic + bic)
+    assert choose_model([[simple, richer]]).model == taken
+
+
 def test_what_describes_the_loop_and_not_the_pilot_is_not_taken() -> None:
     """Where no line judges, a likelihood without a simulated response counts for nothing."""
     pilot = replace(candidate("single", 5, ()), chi_squared=float("nan"), freedom=0)

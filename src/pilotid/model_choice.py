@@ -80,6 +80,8 @@ class Candidate:
         How often a pilot whose gains and leads are constant would seem to change as this one
         does, by how much of its value a gain or lead changes at most, and when that is seen best
         [s]; NaN for a model that varies.
+    varies
+        Whether the model varies in time.
     """
 
     model: str
@@ -102,6 +104,7 @@ class Candidate:
     change_p: float = math.nan
     change_size: float = math.nan
     change_time: float = math.nan
+    varies: bool = False
 
     @property
     def changes(self) -> bool:
@@ -205,6 +208,7 @@ def _by_likelihood(found: Evidence) -> Candidate:
         change_p=math.nan if found.constancy is None else found.constancy.p,
         change_size=math.nan if found.constancy is None else found.constancy.size,
         change_time=math.nan if found.constancy is None else found.constancy.time,
+        varies=found.model.changes,
     )
 
 
@@ -360,7 +364,11 @@ class _Judged:
         runs = sum(len(own[self.names[0]].left_out) for own in self.held)
         told = all(own[name].left_out for own in self.held for name in self.names)
         self.many = runs >= RUNS and told
-        deficits = _deficits(self.held, self.credible, by_lines=self.by_lines, left_out=self.many)
+        # A constant pilot does not say when it changes: the time of change takes what is largest
+        # by chance over all times, and a criterion that counts it as a parameter falls for it.
+        varies = any(c.varies for own in self.held for c in own.values())
+        self.criterion = "chi_squared" if self.by_lines else "bic" if varies else "aicc"
+        deficits = _deficits(self.held, self.credible, self.criterion, left_out=self.many)
         best = min(self.credible, key=lambda name: (sum(deficits[name]), self.parameters(name)))
         self.least = {
             name: [a - b for a, b in zip(own, deficits[best], strict=True)]
@@ -387,7 +395,7 @@ class _Judged:
 
     def reason(self, taken: str) -> str:
         """Why a model is taken, in sentences."""
-        told = _reason(self.held, taken, self.least, by_lines=self.by_lines, left_out=self.many)
+        told = _reason(self.held, taken, self.least, self.criterion, left_out=self.many)
         return " ".join([*told, *_warnings(self.held, self.names, self.credible, taken)])
 
 
@@ -480,9 +488,10 @@ def _credible(held: Sequence[Mapping[str, Candidate]], names: Sequence[str]) -> 
 
 
 def _deficits(
-    held: Sequence[Mapping[str, Candidate]], names: Sequence[str], *, by_lines: bool, left_out: bool
+    held: Sequence[Mapping[str, Candidate]], names: Sequence[str], criterion: str, *, left_out: bool
 ) -> dict[str, list[float]]:
     """What each model leaves unexplained, in units of deviance: by run left out, else by file."""
+    by_lines = criterion == "chi_squared"
     found: dict[str, list[float]] = {name: [] for name in names}
     for own in held:
         # What even the best candidate cannot follow counts as noise.
@@ -494,7 +503,7 @@ def _deficits(
             elif by_lines:
                 found[name].append(candidate.chi_squared / size + 2.0 * candidate.pilot_parameters)
             else:
-                found[name].append(candidate.aicc)
+                found[name].append(getattr(candidate, criterion))
     return found
 
 
@@ -518,15 +527,16 @@ def _reason(
     held: Sequence[Mapping[str, Candidate]],
     taken: str,
     least: Mapping[str, Sequence[float]],
+    criterion: str,
     *,
-    by_lines: bool,
     left_out: bool,
 ) -> list[str]:
     if all(len(candidates) == 1 for candidates in held):
         return []
+    by_lines = criterion == "chi_squared"
     what = "at the lines of the forcing functions" if by_lines else "by the errors of prediction"
-    criterion = "a quasi-likelihood criterion" if by_lines else "AICc"
-    judge = f"{len(least[taken])} runs, each left out of its fit" if left_out else criterion
+    name = {"chi_squared": "a quasi-likelihood criterion", "aicc": "AICc", "bic": "BIC"}[criterion]
+    judge = f"{len(least[taken])} runs, each left out of its fit" if left_out else name
     names = sorted(least, key=lambda name: sum(least[name]))
     told = [f"{taken} was chosen among {listed(names)} {what} ({judge})."]
     own, pilot = held[0], held[0][taken].pilot_parameters
