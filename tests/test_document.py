@@ -6,6 +6,7 @@ import io
 import math
 import re
 from html.parser import HTMLParser
+from pathlib import Path
 
 import pytest
 from rich.console import Console
@@ -21,6 +22,7 @@ from pilotid.document import (
     Text,
     pdf,
     print_blocks,
+    save_figures,
     table_html,
     table_latex,
     to_html,
@@ -152,3 +154,22 @@ def test_an_axis_shows_one_and_all_values() -> None:
     assert axis.place(24.0) == pytest.approx(97.0, abs=3.5)  # one wild end is cut
     assert axis.whisker(math.nan, 1.0, 2.0) is None
     assert "1" in [label for _, label in axis.ticks]
+
+
+def test_a_figure_that_is_there_is_not_written_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[bytes] = []
+    monkeypatch.setattr("pilotid.document.pdf", lambda _: drawn.append(b"") or b"%PDF")
+
+    def saved(title: str) -> int:
+        from matplotlib.figure import Figure as Drawing
+
+        drawing = Drawing()
+        drawing.suptitle(title)
+        save_figures(tmp_path, [Figure("one", drawing, "A figure.")])
+        return len(drawn)
+
+    assert [saved("a"), saved("a"), saved("b")] == [1, 1, 2]
+    (tmp_path / "one.pdf").unlink()
+    assert saved("b") == 3

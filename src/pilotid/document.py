@@ -20,6 +20,7 @@ from importlib.resources import files
 from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, TypeVar
+from weakref import WeakSet
 from xml.etree import ElementTree
 
 from pilotid.disk import write_file
@@ -578,17 +579,28 @@ def save_figures(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder}: cannot be made ({error.strerror}); free the name") from error
-    written = []
+    written: list[Path] = []
     for figure in figures:
-        for kind in kinds:
-            path = folder / f"{prefix}{figure.file}.{kind}"
-            write_file(path, pdf(figure.drawing) if kind == "pdf" else figure.svg.encode())
-            written.append(path)
+        paths = {kind: folder / f"{prefix}{figure.file}.{kind}" for kind in kinds}
+        # Of a figure whose SVG is there already, byte by byte, the PDF is as well.
+        content = figure.svg.encode() if "svg" in kinds else b""
+        same = "svg" in kinds and all(path.is_file() for path in paths.values())
+        if not (same and paths["svg"].read_bytes() == content):
+            for kind, path in paths.items():
+                write_file(path, pdf(figure.drawing) if kind == "pdf" else content)
+        written += paths.values()
     return written
+
+
+#: Figures whose axes have their places already.
+_LAID_OUT: WeakSet[Drawing] = WeakSet()
 
 
 def _lay_out(drawing: Drawing) -> None:
     """Find places for all axes once and for all: each drawing would find them anew."""
+    if drawing in _LAID_OUT:
+        return
+    _LAID_OUT.add(drawing)
     clean_drawing(drawing)
     engine = drawing.get_layout_engine()
     if engine is not None:
