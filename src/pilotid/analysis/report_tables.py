@@ -363,7 +363,7 @@ def model_table(analysis: Analysis) -> Table[Model]:
         "the chosen one is marked"
     )
     items = [model for group in analysis.choices for model in _models(analysis, group)]
-    return Table(caption, columns, items, heads=2)
+    return Table(caption, columns, items, heads=2, folded=True)
 
 
 def _models(analysis: Analysis, group: tuple[tuple[str, str], ...]) -> list[Model]:
