@@ -27,7 +27,10 @@ LARGEST, UNPACKED, LONGEST_LINE = 2**27, 2**28, 2**24
 FORMAT = 5
 
 HEAD = {"pilotid": "rows of a study", "format": FORMAT, "digits": DIGITS}
-UNREADABLE = (ValueError, TypeError, KeyError, EOFError, RecursionError, lzma.LZMAError)
+UNREADABLE = (
+    *(ValueError, TypeError, LookupError, ArithmeticError, AttributeError),
+    *(EOFError, RecursionError, lzma.LZMAError),
+)
 CELL = 2  # columns in front of a fit's row that a line says once
 
 Row = tuple[Any, ...]

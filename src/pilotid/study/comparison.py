@@ -219,7 +219,8 @@ class MethodResults:
         place = {key: index for index, key in enumerate(self.keys)}
         for row, result in zip(table, self.results, strict=True):
             for p in self.parameters_of(result):
-                row[place[p.parameter], 4:] = p.truth, p.bound or math.nan
+                if p.parameter in place:
+                    row[place[p.parameter], 4:] = p.truth, p.bound or math.nan
             for key, *numbers in result.estimates:
                 if key in place:
                     row[place[key], :4] = [math.nan if x is None else x for x in numbers]

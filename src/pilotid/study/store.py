@@ -212,7 +212,7 @@ class Store:
         held = self._base.execute(
             "SELECT content FROM rows WHERE kind = 'draws' AND key = ?", (_key(key),)
         ).fetchone()
-        if held and not draw.same(_draw(json.loads(held[0])[0])):
+        if held and not draw.same(_draw(_loaded(held[0])[0])):
             raise InputError(
                 f"{self.path}: holds fits of another pilot for replication {unit.replication} of "
                 f"{unit.scenario}, drawn by other code; name another folder with --out"
@@ -255,14 +255,14 @@ class Store:
             parts = sorted(parts, key=lambda part: part[2])
             known = tuple(ParameterTruth(key, *numbers) for _, key, _, *numbers in parts)
             entries.append(
-                ScenarioEntry(name, position, words, model, json.loads(settings), known, *others)
+                ScenarioEntry(name, position, words, model, _loaded(settings), known, *others)
             )
         return sorted(entries, key=lambda entry: (entry.position, entry.name))
 
     def methods(self) -> dict[str, MethodEntry]:
         """The methods by their labels, in the order of the catalogue."""
         entries = [
-            MethodEntry(label, position, json.loads(settings), *others)
+            MethodEntry(label, position, _loaded(settings), *others)
             for (label, position, settings, *others), _ in self._rows("methods")
         ]
         entries.sort(key=lambda entry: (entry.position, entry.label))
@@ -452,7 +452,7 @@ def _checked(kind: str, content: str) -> Entry:
 
 
 def _entry(content: str) -> Entry:
-    row, parts = json.loads(content)
+    row, parts = _loaded(content)
     return Entry(tuple(row), [tuple(part) for part in parts])
 
 
@@ -472,14 +472,19 @@ def _result(row: Row, parts: list[Row], draw: Draw | None, order: list[str]) -> 
         excess,
         draw,
         remarks,
-        tuple(Track(*(*own, tuple(values))) for *own, values in json.loads(tracks or "[]")),
+        tuple(Track(*(*own, tuple(values))) for *own, values in _loaded(tracks or "[]")),
     )
 
 
 def _draw(row: Row) -> Draw:
     _, _, model, parameters, facts = row
-    known = tuple(ParameterTruth(*parameter) for parameter in json.loads(parameters))
-    return Draw(model, known, json.loads(facts))
+    known = tuple(ParameterTruth(*parameter) for parameter in _loaded(parameters))
+    return Draw(model, known, _loaded(facts))
+
+
+def _loaded(text: str) -> Any:
+    """Plain objects; a whole number that no float holds becomes one that is about as large."""
+    return json.loads(text, parse_int=lambda d: int(d) if len(d) < 17 else float(d))
 
 
 def _json(settings: Mapping[str, Any]) -> str:

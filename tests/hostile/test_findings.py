@@ -1,0 +1,232 @@
+"""What a hostile trial found, each as a test: of files, stores, numbers, outputs and Ctrl-C."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import Run
+from stores import finish
+
+import pilotid
+from pilotid.database import checksum
+from pilotid.datasets import scenario_named, simulate
+from pilotid.pilot.model import Channel
+from pilotid.recordings.files import save_recording
+from pilotid.study.study import Study
+from pilotid.types import InputError
+
+RECORDING = simulate(scenario_named("single"), np.random.default_rng(1))
+FIT = ("--model", "single", "--method", "mle-white")
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    save_recording(RECORDING, tmp_path / "s.csv")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def started(*arguments: str, **options: Any) -> subprocess.Popen[str]:
+    program = [sys.executable, "-c", "from pilotid.cli import start; start()", *arguments]
+    options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **options}
+    return subprocess.Popen(program, text=True, **options)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("damage", ["bytes", "content", "json", "table"])
+def test_a_damaged_store_of_an_analysis_is_made_again(run: Run, place: Path, damage: str) -> None:
+    given = ("analyse", "s.csv", *FIT, "--out", "o", "--workers", "1")
+    assert run(*given).status == 0
+    before, path = (place / "o" / "estimates.csv").read_bytes(), place / "o" / "analysis.sqlite"
+    if damage == "bytes":
+        path.write_bytes(path.read_bytes()[:4096] + b"\xff" * 8192)
+    else:
+        with closing(sqlite3.connect(path)) as base:
+            if damage == "table":
+                base.execute("DROP TABLE results")
+                base.execute("CREATE TABLE results (a)")
+            else:
+                text = "{}" if damage == "content" else '{"a'
+                for (key,) in base.execute("SELECT key FROM results").fetchall():
+                    row = (text, checksum(key, text), key)
+                    base.execute("UPDATE results SET content=?, checksum=? WHERE key=?", row)
+            base.commit()
+    assert run(*given).status == 0
+    assert (place / "o" / "estimates.csv").read_bytes() == before
+
+
+@pytest.mark.long
+def test_a_name_that_is_not_utf8_costs_nothing(run: Run, place: Path) -> None:
+    name = os.fsdecode(b"x\xffy.csv")
+    (place / "s.csv").rename(name)
+    assert run("analyse", name, *FIT, "--out", "o", "--workers", "1").status == 0
+    assert b"mle-white" in (place / "o" / "estimates.csv").read_bytes()
+
+
+@pytest.mark.long
+def test_fits_are_kept_where_pages_cannot_be_written(run: Run, place: Path) -> None:
+    (place / "o").mkdir()
+    (place / "o" / "recordings").touch()  # where the pages go
+    answer = run("analyse", "s.csv", *FIT, "--out", "o", "--workers", "1")
+    assert answer.status == 2
+    assert b"converged" in (place / "o" / "estimates.csv").read_bytes()
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes with names")
+def test_a_pipe_in_place_of_rows_is_not_waited_for(run: Run, place: Path) -> None:
+    os.mkfifo(place / "study.rows.xz")
+    assert run("report", ".").status == 2
+
+
+def test_a_file_without_rights_costs_no_other(
+    run: Run, place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (place / "closed.csv").write_bytes((place / "s.csv").read_bytes())
+    (place / "closed.csv").chmod(0)
+    usual = os.access
+    monkeypatch.setattr(  # root may read all
+        os, "access", lambda path, mode, **_: "closed" not in str(path) and usual(path, mode)
+    )
+    answer = run("fit", "closed.csv", "s.csv", *FIT)
+    assert "mle-white: converged" in answer.out
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        *(f"fit s.csv --lead-in {s}" for s in ("1e308", "-1", "nan", "86")),
+        "fit s.csv --method mle(band=0)",
+        "fit s.csv --method arx(memory=-1)",
+        "fit s.csv --method arx(memory=1e9)",
+        *(f"design nominal --out d --seconds {s}" for s in ("1e308", "1e23")),
+        "design nominal --out d --pilots 1000000",
+        "design nominal --out d --wanted tdvest=-3%",
+        "compare --out c --replications 1000000000",
+        "compare --out c --workers 100000",
+        "compare --out c --memory 1e300",
+        "simulate single --out x.csv --runs 1000000000",
+    ],
+)
+def test_numbers_out_of_range_are_refused_at_once(run: Run, place: Path, command: str) -> None:
+    answer = run(*command.split())
+    assert (answer.status, len(answer.err.splitlines())) == (2, 1)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: pilotid.design(over="median"),  # type: ignore[arg-type]
+        lambda: pilotid.design(remnant="foo"),  # type: ignore[arg-type]
+        lambda: pilotid.design(wanted={"tdvest": -1.0}),
+        lambda: pilotid.design(wanted={"tdvest": float("nan")}),
+        lambda: pilotid.compare(["single"], ["mle-white"], 0, out="c"),
+        lambda: pilotid.compare(["single"], ["mle-white"], 1, workers=0, out="c"),
+        lambda: pilotid.identify("mle-white", RECORDING, "single", -1),
+        lambda: pilotid.identify("mle-white", RECORDING, "single", "a"),  # type: ignore[arg-type]
+        lambda: pilotid.identify("mle-white", 3, "single"),  # type: ignore[arg-type]
+        lambda: pilotid.identify("mle-white", RECORDING, 3),  # type: ignore[arg-type]
+        lambda: pilotid.simulate(3),  # type: ignore[arg-type]
+        lambda: Channel("v", "error", 1, ()),
+    ],
+)
+def test_python_is_as_careful(call: Any, place: Path) -> None:
+    with pytest.raises(InputError):
+        call()
+
+
+@dataclass(frozen=True)
+class Silent:
+    """Stands in for processes that answer nothing."""
+
+    def __call__(self, *_: Any, **__: Any) -> list[Any]:
+        return []
+
+
+def test_a_fit_that_nobody_answered_is_a_row(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pilotid.study.study.run_tasks", Silent())
+    study = Study(["single"], ["mle-white"], 2)
+    (cell,) = study.run_in(place / "o").cells
+    assert [result.outcome for result in cell.results] == ["died", "died"]
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no full device")
+def test_full_and_closed_outputs_are_a_sentence(place: Path) -> None:
+    with open("/dev/full", "w") as full:
+        process = started("list", stdout=full)
+        _, told = process.communicate(timeout=60)
+    assert (process.returncode, len(told.splitlines())) == (2, 1)
+    # Nothing can be said where standard error is closed.
+    words = "import os, sys; os.close(2); sys.stderr = None; from pilotid.cli import start; start()"
+    done = subprocess.run([sys.executable, "-c", words, "fit", "nowhere.csv"], timeout=60)
+    assert done.returncode == 2
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("after", [0.15, 0.3, 0.6, 1.2])
+def test_an_interruption_is_a_sentence_at_any_moment(place: Path, after: float) -> None:
+    process = started("check", "s.csv")
+    time.sleep(after)
+    process.send_signal(signal.SIGINT)
+    _, told = process.communicate(timeout=60)
+    early = process.returncode == -signal.SIGINT  # Python itself was not there yet
+    assert early or (process.returncode in (0, 130) and "Traceback" not in told)
+
+
+def test_a_forecast_comes_before_long_fits(capsys: pytest.CaptureFixture[str]) -> None:
+    from pilotid.cli.running import announce
+
+    class Day:
+        source, u = "day.csv", np.zeros((1, 864000))
+
+    announce([Day()], 1)  # type: ignore[list-item]
+    announce([RECORDING], 1)
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_a_small_file_of_rows_is_not_a_large_one(run: Run, place: Path) -> None:
+    import lzma
+
+    head = {"pilotid": "rows of a study", "format": 5, "digits": 6}
+    packing = lzma.LZMACompressor(preset=0)
+    text = [packing.compress(json.dumps(head).encode() + b"\n{}\n[")]
+    text += [packing.compress(b"[],[],[],[]," * 10**5) for _ in range(60)]
+    (place / "study.rows.xz").write_bytes(b"".join(text) + packing.flush())
+    assert run("report", ".").status == 2
+
+
+@pytest.mark.long
+def test_text_of_a_strangers_store_is_text(run: Run, place: Path) -> None:
+    (place / "A").mkdir()
+    finish(place / "A", 1).close()
+    evil = "<script>alert(1)</script>\x1b[31m$\\frac{$[x](javascript:x)"
+    with closing(sqlite3.connect(place / "A" / "study.sqlite")) as base:
+        query = "SELECT kind, key, content FROM rows WHERE kind IN ('methods', 'scenarios')"
+        for kind, key, content in base.execute(query).fetchall():
+            first, parts = json.loads(content)
+            row = [evil if part in ("words", "") else part for part in first]
+            new = json.dumps([row, parts])
+            changed = (new, checksum(kind, key, new), kind, key)
+            base.execute("UPDATE rows SET content=?, checksum=? WHERE kind=? AND key=?", changed)
+        base.commit()
+    answer = run("report", "A")
+    assert answer.status == 0
+    page = (place / "A" / "report.html").read_text("utf-8")
+    assert page.count("<script") == 1
+    assert "Content-Security-Policy" in page
+    markdown = (place / "A" / "report.md").read_text("utf-8")
+    markdown = re.sub("^    .*", "", markdown, flags=re.M)  # what is to type is code
+    assert "\x1b" not in answer.out + page + markdown
+    assert not re.search(r"(?<!\\)\]\(javascript", markdown)
