@@ -26,6 +26,7 @@ from pilotid.datasets import scenario_named, simulate
 from pilotid.pilot.model import Channel
 from pilotid.recordings.files import save_recording
 from pilotid.study.study import Study
+from pilotid.terminal import with_bar
 from pilotid.types import InputError
 
 RECORDING = simulate(scenario_named("single"), np.random.default_rng(1))
@@ -155,11 +156,15 @@ class Silent:
         return []
 
 
-def test_a_fit_that_nobody_answered_is_a_row(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fit_that_nobody_answered_is_a_row(
+    run: Run, place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("pilotid.study.study.run_tasks", Silent())
     study = Study(["single"], ["mle-white"], 2)
     (cell,) = study.run_in(place / "o").cells
     assert [result.outcome for result in cell.results] == ["died", "died"]
+    given = ("--scenario", "single", "--method", "mle-white", "--replications", "1")
+    assert run("compare", *given, "--out", "p").status == 1
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no full device")
@@ -194,6 +199,15 @@ def test_a_forecast_comes_before_long_fits(capsys: pytest.CaptureFixture[str]) -
     announce([Day()], 1)  # type: ignore[list-item]
     announce([RECORDING], 1)
     assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_a_long_job_says_so_once(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ticks = iter(range(0, 10**6, 30))
+    monkeypatch.setattr("pilotid.terminal.time.monotonic", lambda: float(next(ticks)))
+    assert list(with_bar(range(100), "fitting", 100)) == list(range(100))
+    assert "about 50 min more" in capsys.readouterr().err
 
 
 def test_a_small_file_of_rows_is_not_a_large_one(run: Run, place: Path) -> None:

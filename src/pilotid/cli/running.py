@@ -7,7 +7,7 @@ import signal
 import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from threading import current_thread, main_thread
 from types import FrameType
 from typing import TYPE_CHECKING
@@ -46,8 +46,9 @@ def heeding_interruptions() -> Iterator[None]:
     try:
         yield
     except (KeyboardInterrupt, StoppedError) as stop:
-        sys.stderr.write(f"pilotid: {str(stop) or 'stopped'}\n")
-        sys.stderr.flush()
+        with suppress(OSError):
+            sys.stderr.write(f"pilotid: {str(stop) or 'stopped'}\n")
+            sys.stderr.flush()
         if ours:  # all that is left is to end
             signal.signal(signal.SIGINT, signal.SIG_IGN)
         raise SystemExit(STATUS) from None

@@ -83,7 +83,7 @@ def compare(
     from pilotid.jobs import Limits
     from pilotid.methods import methods
     from pilotid.study.store import Store
-    from pilotid.study.study import PROFILES, Study
+    from pilotid.study.study import PROFILES, UNANSWERED, Study
 
     if profile not in PROFILES:
         raise InputError(f"unknown profile '{profile}': choose from {', '.join(PROFILES)}")
@@ -109,9 +109,12 @@ def compare(
             make_console().print(words, soft_wrap=True)
         limits = Limits(time_limit or None, memory or None)
         results = study.run(store, pending, workers, scheduler, limits)
-        for _ in with_progress(results, pending.counts, workers):
-            pass
+        told = with_progress(results, pending.counts, workers)
+        unanswered = sum(result.message == UNANSWERED for result in told)
         _finish(out, store)
+        if unanswered:
+            make_console(errors=True).print(f"pilotid: {unanswered} fits gave no answer")
+            raise typer.Exit(1)
 
 
 def report(

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
+UNANSWERED = "no answer came"
 LIBRARIES = ("numpy", "scipy", "control", "pysindy", "emcee")
 
 
@@ -285,7 +286,7 @@ class Study:
             yield result
         for unit in pending:
             if unit not in answered:
-                result = self._with_draw(Result(unit, Outcome.DIED.slug, "no answer came"))
+                result = self._with_draw(Result(unit, Outcome.DIED.slug, UNANSWERED))
                 store.add(result)
                 yield result
 
