@@ -20,8 +20,10 @@ def start() -> NoReturn:
     """The program: Ctrl-C ends it in a sentence also while it imports, and at its end."""
 
     def end(*_: object) -> None:
-        os.write(2, b"pilotid: stopped\n")
-        os._exit(130)
+        try:
+            os.write(2, b"pilotid: stopped\n")
+        finally:  # whether that can be said or not
+            os._exit(130)
 
     heeded = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     if heeded:
