@@ -48,7 +48,7 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.chance import chi_squared_limit
-from pilotid.estimates.applicability import dependent_signals, varying
+from pilotid.estimates.applicability import dependent_signals, looking_ahead, varying
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.parts import FrequencyResponse
 from pilotid.frequency.regression import (
@@ -182,7 +182,7 @@ class ARX:
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
         """Why least squares cannot tell the pilot: no forcing function, or an output at once."""
-        if unsuited := varying(model) or dependent_signals(model):
+        if unsuited := varying(model) or looking_ahead(model) or dependent_signals(model):
             return unsuited
         signals_used = {c.input for c in model.channels}
         if len(signals_used) > 1:

@@ -87,8 +87,7 @@ class MLEWindowed:
         """
         plain = model.constant
         prediction = weighted(predict(recording, plain, self.band), recording)
-        begin = float((prepared := prepare(recording, plain, self.band)).time[prepared.first])
-        time = begin + np.arange(prediction.scored) * prediction.dt
+        time = prepare(recording, plain, self.band).scored_time
         length = min(self.window, time[-1] - time[0])
         count = 1 + max(1, math.floor((time[-1] - time[0] - length) / self.step + 1e-9))
         middles = np.linspace(time[0] + 0.5 * length, time[-1] - 0.5 * length, count)

@@ -21,7 +21,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from pilotid.estimates.applicability import varying
+from pilotid.estimates.applicability import looking_ahead, varying
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
@@ -63,8 +63,8 @@ class MMLE3:
     libraries: ClassVar[tuple[str, ...]] = ("scipy.signal",)
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
-        """Why it cannot treat a model: it varies in time."""
-        return varying(model)
+        """Why it cannot treat a model: it varies in time, or sees the target ahead."""
+        return varying(model) or looking_ahead(model)
 
     def fit(self, recording: Recording, model: PilotModel, rng: np.random.Generator) -> Estimate:
         """Iterate from the model's start until the cost settles.

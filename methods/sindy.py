@@ -37,7 +37,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from pilotid.estimates.applicability import dependent_signals, varying
+from pilotid.estimates.applicability import dependent_signals, looking_ahead, varying
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.parts import FrequencyResponse
 from pilotid.frequency.regression import (
@@ -101,7 +101,7 @@ class SINDy:
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
         """Why no black box can tell the pilot: the inputs are one signal, or hold the control."""
-        if unsuited := varying(model) or dependent_signals(model):
+        if unsuited := varying(model) or looking_ahead(model) or dependent_signals(model):
             return unsuited
         inputs = {c.input for c in model.channels}
         if len(inputs) > 1 and np.std(recording.e + recording.x) < 1e-6 * np.std(recording.e):

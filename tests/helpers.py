@@ -24,11 +24,13 @@ from pilotid.pilot.catalogue import (
     LEAD2_LAG,
     LEAD_LAG,
     LEAD_LAG_MOTION,
+    MODELS,
     PURSUIT,
     RATE,
 )
 from pilotid.pilot.element import (
     double_integrator,
+    element_named,
     integrator_with_lag,
     single_integrator,
 )
@@ -92,6 +94,27 @@ PILOTS = {
             model=PURSUIT,
             truth=(0.8, 0.35, 0.28, 0.35, 0.16, 0.23, 12.0, 0.35),
             element=single_integrator(2.0),
+        ),
+        replace(
+            NOMINAL,
+            name="preview",
+            model=MODELS["preview"],
+            truth=(0.3, 1.1, 0.26, 0.9, 0.25, 0.7, 0.06, 0.12, 0.3, 11.0, 0.35),
+            element=integrator_with_lag(4.0, 1.5),
+        ),
+        replace(
+            NOMINAL,
+            name="look-ahead",
+            model=MODELS["look-ahead"],
+            truth=(1.2, 0.35, 1.1, 0.2, 0.2, 10.0, 0.4),
+            element=single_integrator(1.2),
+        ),
+        replace(
+            NOMINAL,
+            name="following",
+            model=MODELS["following"],
+            truth=(0.95, 0.12, 0.21, 12.0, 0.5),
+            element=element_named("1"),
         ),
     )
 }

@@ -598,22 +598,61 @@ def paths_of(scenario: Scenario, step: float) -> list[tuple[str, Exact, int]]:
     return found
 
 
-@pytest.mark.parametrize("name", ["lead-lag-motion", "lead2-lag", "lead2-lag-motion", "pursuit"])
+def paths_ahead(scenario: Scenario, step: float) -> list[tuple[str, Exact, int]]:
+    """The paths of pilots who look ahead, or see no error; a negative delay is ahead."""
+    v = dict(zip(scenario.model.keys, scenario.truth, strict=True))
+    ff = v["fnm"] ** 2
+    muscle = [1.0, 2.0 * v["dnm"] * v["fnm"], ff]
+
+    def path(
+        name: str, top: list[float], bottom: list[float], late: float
+    ) -> tuple[str, Exact, int]:
+        below = np.polymul(bottom, muscle).tolist()
+        return name, Exact([ff * c for c in top], below, step), round(late / step)
+
+    match scenario.model.name:
+        case "preview":
+            lead = np.array([v["tlead"], 1.0])
+            return [
+                path(
+                    "ft",
+                    (v["Kvis"] * v["Kf"] * lead).tolist(),
+                    [v["tlagf"], 1.0],
+                    v["tdvis"] - v["tlookf"],
+                ),
+                path("x", (-v["Kvis"] * lead).tolist(), [1.0], v["tdvis"]),
+                path("ft", [v["Kn"], 0.0], [v["tlagn"], 1.0], v["tdvis"] - v["tlookn"]),
+            ]
+        case "look-ahead":
+            return [
+                path("ft", [v["Kt"]], [1.0], -v["tlook"]),
+                path("x", [-v["Kvis"]], [v["tlag"], 1.0], v["tdvis"]),
+            ]
+    return [path("ft", [v["Kt"]], [v["tlagt"], 1.0], v["tdt"])]
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["lead-lag-motion", "lead2-lag", "lead2-lag-motion", "pursuit"]
+    + ["preview", "look-ahead", "following"],
+)
 def test_simulation_of_other_pilots_agrees_with_an_independent_one(name: str) -> None:
     scenario = without_remnant(PILOTS[name])
     step, begin = 1e-3, -120.0
-    time = np.arange(round(begin / step), round(scenario.duration / step)) * step
+    beyond = scenario.duration + scenario.model.ahead
+    time = np.arange(round(begin / step), round(beyond / step)) * step
     signals = {"e": np.zeros(time.size), "x": np.zeros(time.size)}
     signals["ft"] = fine_samples(scenario.target, time)
     fd, u = fine_samples(scenario.disturbance, time), np.zeros(time.size)
-    paths = paths_of(scenario, step)
+    is_new = scenario.model.ahead or scenario.model.name == "following"
+    paths = paths_ahead(scenario, step) if is_new else paths_of(scenario, step)
     element = scenario.element
     vehicle = Exact(list(element.numerator), list(element.denominator), step)
-    block = min(late for _, _, late in paths)
+    block = min((late for given, _, late in paths if given != "ft"), default=time.size)
     for start in range(0, time.size, block):
         now = np.arange(start, min(start + block, time.size))
         for given, transfer, late in paths:
-            before = signals[given][np.maximum(now - late, 0)]
+            before = signals[given][np.clip(now - late, 0, time.size - 1)]
             u[now] += transfer(np.where(now >= late, before, 0.0))
         signals["x"][now] = vehicle(u[now] + fd[now])
         signals["e"][now] = signals["ft"][now] - signals["x"][now]

@@ -166,7 +166,7 @@ def test_jacobian_of_a_model_equals_central_differences(model: PilotModel) -> No
         assert jacobian.shape == (len(model.channels), len(point), OMEGA.size)
         for index in range(len(point)):
             h = np.zeros_like(point)
-            h[index] = 2e-4 * point[index]
+            h[index] = 1e-4 * point[index]
             # Five points, so that the difference itself errs by the fourth power of the step.
             expected = (
                 8.0 * (model.response(OMEGA, point + h) - model.response(OMEGA, point - h))
@@ -319,7 +319,8 @@ def test_linear_parameters_are_those_that_the_response_is_proportional_to(
         for i in range(len(model.keys))
         if any(np.allclose(jacobian[c, i] * model.start[i], base[c]) for c in range(len(base)))
     ]
-    assert list(model.linear) == proportional
+    searched = [model.index[key] for key in ("Kf",) if key in model.index]  # one gain a channel
+    assert sorted([*model.linear, *searched]) == proportional
 
 
 # ------------------------------------------------------------------ rational forms
@@ -337,7 +338,7 @@ def test_rational_form_of_a_factor_without_delay_is_exact(factor: Factor) -> Non
         )
 
 
-@pytest.mark.parametrize("model", EVERY_MODEL, ids=name_of)
+@pytest.mark.parametrize("model", [m for m in EVERY_MODEL if not m.ahead], ids=name_of)
 def test_rational_form_approaches_the_exact_response_as_the_pade_order_rises(
     model: PilotModel,
 ) -> None:

@@ -35,6 +35,7 @@ SEED = 1
 STEPPED = "stepped"
 NAMES = ("usual", "single", "exotic", "aperiodic", "rates", "recorded", "inner", "short")
 BATCH = 50
+FAR = 3.0  # claimed errors
 
 
 def holds(estimate: Estimate, remark: str, truth: dict[str, float]) -> bool | None:
@@ -83,7 +84,7 @@ def of_simulations(name: str, first: int, count: int) -> None:
     found: Counter[tuple[str, str]] = Counter()
     held: dict[str, list[bool]] = defaultdict(list)
     outcomes: Counter[str] = Counter()
-    alarmed = covered = known = 0
+    alarmed = rightly = covered = known = 0
     for i, (recording, model, truth) in enumerate(drawn(name, first, count), first):
         estimate = identify(method, recording, model, fit_rng(SEED, "mle", name, i))
         outcomes[estimate.outcome.slug] += 1
@@ -95,6 +96,8 @@ def of_simulations(name: str, first: int, count: int) -> None:
         alarm = [code for code, remark in said.items() if remark.grade != "note"]
         alarmed += bool(alarm)
         if alarm:
+            off = np.abs(estimate.values - [truth[key] for key in model.keys])
+            rightly += not bool(np.all(off <= FAR * estimate.std_error))
             print(f"    {name} {i}: {', '.join(sorted(alarm))}", flush=True)
         elif estimate.outcome is Outcome.CONVERGED:
             inside = [
@@ -107,7 +110,8 @@ def of_simulations(name: str, first: int, count: int) -> None:
     error = np.sqrt(share * (1.0 - share) / count)
     print(
         f"{name}: {count} recordings, {dict(outcomes)}; wrong or doubt is said of {alarmed} "
-        f"({100 * share:.1f} +- {100 * error:.1f} %); of the others {covered / max(known, 1):.3f} "
+        f"({100 * share:.1f} +- {100 * error:.1f} %), where {rightly} fits are off by more "
+        f"than {FAR:g} claimed errors; of the others {covered / max(known, 1):.3f} "
         f"of {known} intervals hold the truth",
         flush=True,
     )

@@ -89,6 +89,16 @@ def varying(model: PilotModel) -> str | None:
     )
 
 
+def looking_ahead(model: PilotModel) -> str | None:
+    """Why a method of causal systems cannot treat a model: it sees the target ahead."""
+    if not model.ahead:
+        return None
+    return (
+        f"model {model.name} looks ahead, and this method is of systems that answer after their "
+        "input; use mle or fourier"
+    )
+
+
 def one_signal(recording: Recording, model: PilotModel) -> str | None:
     """Why channels on error and output can hardly be told apart: there is no target."""
     if len({channel.input for channel in model.channels}) < 2:

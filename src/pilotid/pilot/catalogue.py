@@ -22,6 +22,7 @@ from pilotid.pilot.factors import (
     Gain,
     Lag,
     Lead,
+    LookAhead,
     Neuromuscular,
 )
 from pilotid.pilot.model import Channel, PilotModel
@@ -71,6 +72,10 @@ FEEDFORWARD = Channel(
     (Differentiator(1), Gain("Kt", 0.25), Lag("tlagt", 0.25), Delay("tdt", 0.2), Neuromuscular()),
 )
 
+#: How far ahead the two viewpoints of a previewed target lie.
+FAR = LookAhead("tlookf", 0.8, usual=(0.3, 1.5))
+NEAR = LookAhead("tlookn", 0.25, bounds=(0.0, 1.0), usual=(0.05, 0.6))
+
 SINGLE = PilotModel(
     "single",
     (LED,),
@@ -119,6 +124,42 @@ PURSUIT = PilotModel(
     "visual channel and feedforward s Kt e^{-tdt s}/(1 + tlagt s) of the target in view, an "
     "integrator inverted (Drop et al. 2013)",
 )
+LOOK_AHEAD = PilotModel(
+    "look-ahead",
+    (
+        Channel("target", "target", 1, (Gain("Kt"), LookAhead(), Neuromuscular())),
+        Channel("feedback", "output", -1, (Gain("Kvis", 0.5), Lag("tlag", 0.25), *SLOW)),
+    ),
+    "response Kt e^{+tlook s} to a target displayed ahead, and a lagged one to the output "
+    "(after Yamagami et al. 2019)",
+)
+FOLLOWING = PilotModel(
+    "following",
+    (
+        Channel(
+            *("target", "target", 1),
+            (Gain("Kt"), Lag("tlagt", 0.25), Delay("tdt", 0.2), Neuromuscular()),
+        ),
+    ),
+    "target followed by hand, Kt e^{-tdt s}/(1 + tlagt s) and neuromuscular dynamics, without a "
+    "displayed error (after Bonnen et al. 2015)",
+)
+#: The error that is responded to is that of the target some time ahead, low-passed.
+PREVIEW = PilotModel(
+    "preview",
+    (
+        Channel("far", "target", 1, (*LED.factors, Gain("Kf", 1.0), Lag("tlagf", 0.3), FAR)),
+        Channel("feedback", "output", -1, LED.factors),
+        Channel(
+            *("near", "target", 1),
+            (Differentiator(1), Gain("Kn", 0.05), Lag("tlagn", 0.1), NEAR, *SLOW),
+        ),
+    ),
+    "response Kvis (1 + tlead s) to the target tlookf ahead, low-passed, less the output, and to "
+    "the rate of the target tlookn ahead (after van der El et al. 2016)",
+    # Channels are linear in Kf and Kvis each, but not in both together: Kf is searched.
+    (replace(Gain("Kf").parameters[0], linear=False, usual=(0.5, 1.5)),),
+)
 #: Gain and lead pass from one value to another along one sigmoid, as where the element changes.
 ADAPTING = PilotModel(
     "adapting",
@@ -151,6 +192,9 @@ MODELS: dict[str, PilotModel] = {
         LEAD_LAG_MOTION,
         LEAD2_LAG_MOTION,
         PURSUIT,
+        LOOK_AHEAD,
+        PREVIEW,
+        FOLLOWING,
         ADAPTING,
         ADAPTING_FREE,
     )

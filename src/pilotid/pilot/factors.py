@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from pilotid.types import ComplexArray, FloatArray
+from pilotid.types import ComplexArray, FloatArray, InputError
 
 #: Parameters of a factor: one array each, which broadcasts against s, so that many
 #: parameter sets are evaluated at once with arrays of shape (sets, 1).
@@ -113,6 +113,11 @@ class Factor:
     def fixed_poles(self) -> tuple[float, ...]:
         """Real poles that do not depend on parameters [rad/s, negative]."""
         return ()
+
+    @property
+    def ahead(self) -> float:
+        """How far the factor looks ahead at most [s]."""
+        return 0.0
 
     @property
     def derivative(self) -> int:
@@ -228,6 +233,10 @@ class Held(Factor):
     @property
     def derivative(self) -> int:
         return self.factor.derivative
+
+    @property
+    def ahead(self) -> float:
+        return self.factor.ahead
 
     @cached_property
     def _constants(self) -> tuple[FloatArray | None, ...]:
@@ -410,6 +419,49 @@ class Delay(Factor):
 
     def rational(self, values: Sequence[float], pade_order: int) -> Rational:
         return pade(float(values[0]), pade_order)
+
+
+@dataclass(frozen=True)
+class LookAhead(Factor):
+    """What is seen T seconds before it comes: e^{+T s}, for targets displayed ahead.
+
+    Attributes
+    ----------
+    key
+        Key of the parameter.
+    start
+        Initial guess [s].
+    bounds, usual
+        Bounds of the search, and the range of published values [s].  The upper bound is how much
+        of the recording's end is not scored, for what was seen beyond it was not recorded.
+    """
+
+    key: str = "tlook"
+    start: float = 0.5
+    bounds: tuple[float, float] = (0.0, 2.0)
+    usual: tuple[float, float] = (0.1, 1.2)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter(self.key, "s", *self.bounds, self.start, self.usual, positive=False),)
+
+    @property
+    def ahead(self) -> float:
+        return self.bounds[1]
+
+    def seconds(self, values: Values) -> FloatArray:
+        return -values[0]
+
+    def response(self, s: ComplexArray, values: Values) -> ComplexArray:
+        return np.exp(values[0] * s)
+
+    def log_derivative(self, s: ComplexArray, values: Values) -> tuple[ComplexArray]:
+        return (s,)
+
+    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
+        raise InputError(
+            "what is seen ahead has no transfer function: no system answers before its input"
+        )
 
 
 @dataclass(frozen=True)

@@ -84,6 +84,11 @@ class Channel:
         """Order of the input's derivative that the channel acts on."""
         return sum(f.derivative for f in self.factors if isinstance(f, Factor))
 
+    @property
+    def ahead(self) -> float:
+        """How far the channel looks ahead at most [s]."""
+        return sum(f.ahead for f in self.factors if isinstance(f, Factor))
+
     @cached_property
     def dynamics(self) -> tuple[Factor, ...]:
         """The factors apart from the differentiators and from what varies in time."""
@@ -197,6 +202,11 @@ class PilotModel:
         """Poles that no parameter moves [rad/s]; their free decay is a nuisance term."""
         poles = {p for c in self.channels for f in c.factors for p in f.fixed_poles}
         return tuple(sorted(poles))
+
+    @property
+    def ahead(self) -> float:
+        """How far the model looks ahead at most [s]."""
+        return max(c.ahead for c in self.channels)
 
     @cached_property
     def changes(self) -> bool:

@@ -122,7 +122,7 @@ def simulated(
     prepared = prepare(recording, estimate.model)
     problem = OutputErrors(predict(recording, estimate.model))
     left = problem.residual(estimate.values)
-    return prepared.time[prepared.first :], problem.prediction.control - left, left
+    return prepared.scored_time, problem.prediction.control - left, left
 
 
 def _inside(time: FloatArray, ends: tuple[float, float]) -> BoolArray:

@@ -123,8 +123,9 @@ class Prepared:
         from the input itself (less its mean) upwards; shape (derivative, 2, runs).
     control
         The control on the same samples, shape (runs, samples).
-    first
-        Index of the first scored sample.
+    first, scored
+        Index of the first scored sample, and how many there are.  At the end of the recording as
+        many samples are not scored as a model looks ahead.
     time
         Time of the samples [s], shape (samples,).
     """
@@ -134,7 +135,13 @@ class Prepared:
     edges: tuple[FloatArray, ...]
     control: FloatArray
     first: int
+    scored: int
     time: FloatArray
+
+    @property
+    def scored_time(self) -> FloatArray:
+        """Time of the scored samples [s], shape (scored,)."""
+        return self.time[self.first : self.first + self.scored]
 
 
 def decimation(dt: float, band: float | None) -> int:
@@ -171,7 +178,8 @@ def prepare(
     total = recording.u.shape[1]
     lead_in = recording.lead_in if unscored is None else unscored
     first_scored = max(recording.run_in, round(lead_in / recording.dt), half)
-    if total - 1 - half - first_scored < SHORTEST_SCORED / recording.dt:
+    unseen = round(model.ahead / recording.dt)
+    if total - 1 - half - first_scored - unseen < SHORTEST_SCORED / recording.dt:
         raise InputError(
             f"{recording.source}: {total * recording.dt:.3g} s of recording leave less than "
             f"{SHORTEST_SCORED:g} s to score in the analysis band; "
@@ -180,6 +188,8 @@ def prepare(
     before = (first_scored - half) // factor
     after = (total - 1 - half - first_scored) // factor
     centres = slice(first_scored - before * factor, first_scored + after * factor + 1, factor)
+
+    seen_to = (total - 1 - half - first_scored - unseen) // factor
 
     def filtered(signal: FloatArray, order: int, step: int = factor) -> FloatArray:
         kernel = kernels[order] / recording.dt**order
@@ -203,6 +213,7 @@ def prepare(
         edges=tuple(edges(recording.input(c.input), c.derivative) for c in model.channels),
         control=filtered(recording.u, 0),
         first=before,
+        scored=seen_to + 1,
         time=recording.time[centres],
     )
 

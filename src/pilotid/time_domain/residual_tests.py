@@ -101,7 +101,7 @@ def prediction_errors(recording: Recording, estimate: Estimate) -> Whitened:
         name, taps = guess.model.name, guess.whitener(band)
     errors = prediction.without_nuisance(prediction.residual(estimate.values, taps))
     prepared = prepare(recording, estimate.model, rate)
-    scored = np.round(prepared.time[prepared.first :] / recording.dt).astype(int) + recording.run_in
+    scored = np.round(prepared.scored_time / recording.dt).astype(int) + recording.run_in
     inputs = {}
     for key in dict.fromkeys(channel.input for channel in estimate.model.channels):
         own = _low_passed(recording.input(key), band)[:, scored]
