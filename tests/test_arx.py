@@ -92,7 +92,11 @@ def test_runs_are_stacked() -> None:
     assert 0.2 < np.median(ratio) < 0.6
 
 
-@pytest.mark.parametrize("name", [m.name for m in MODELS.values() if not m.changes])
+#: What follows a target moves a cursor at once, which ARX refuses.
+CAUSAL = [m.name for m in MODELS.values() if not (m.changes or m.ahead or m.name == "following")]
+
+
+@pytest.mark.parametrize("name", CAUSAL)
 def test_any_channels_will_do(name: str) -> None:
     # A pilot of each model: whether a lag that is not there can be told is for rounding to say.
     scenario = PILOTS[name]

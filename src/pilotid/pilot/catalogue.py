@@ -148,11 +148,22 @@ FOLLOWING = PilotModel(
 PREVIEW = PilotModel(
     "preview",
     (
-        Channel("far", "target", 1, (*LED.factors, Gain("Kf", 1.0), Lag("tlagf", 0.3), FAR)),
+        Channel(
+            "far",
+            "target",
+            1,
+            (*LED.factors, Gain("Kf", 1.0), Lag("tlagf", 0.3, usual=(0.1, 2.0)), FAR),
+        ),
         Channel("feedback", "output", -1, LED.factors),
         Channel(
             *("near", "target", 1),
-            (Differentiator(1), Gain("Kn", 0.05), Lag("tlagn", 0.1), NEAR, *SLOW),
+            (
+                Differentiator(1),
+                Gain("Kn", 0.05),
+                Lag("tlagn", 0.1, usual=(0.02, 0.5)),
+                NEAR,
+                *SLOW,
+            ),
         ),
     ),
     "response Kvis (1 + tlead s) to the target tlookf ahead, low-passed, less the output, and to "
