@@ -1,7 +1,8 @@
 """Simulation by time stepping, of loops that are not linear or not constant.
 
-Every channel of a pilot answers after a delay: what it commands within a block of time as
-long as the shortest delay follows from signals that are known already, whatever the stick does.
+Every channel of a pilot on the error or the output answers after a delay: what it commands
+within a block of time as long as the shortest delay follows from signals that are known already,
+whatever the stick does.  The target is known beforehand, so a channel on it may look ahead.
 So the loop is open within a block, and every linear part runs through it at once, discretised
 exactly but for signals that are taken to be straight between steps (first-order hold).
 """
@@ -29,6 +30,7 @@ STENCILS = {
     1: (1 / 12, -8 / 12, 0.0, 8 / 12, -1 / 12),
     2: (-1 / 12, 16 / 12, -30 / 12, 16 / 12, -1 / 12),
 }
+BLOCK = 1000  # steps at once, where no channel answers to the loop
 PASSING = 2.0  # seconds in which a pilot who changes passes from one to the other
 
 
@@ -57,7 +59,7 @@ def stepped(
     Raises
     ------
     InputError
-        If a channel of the pilot answers at once.
+        If a channel of the pilot on the error or the output answers at once.
     """
     dt = scenario.dt
     fine = math.ceil(dt / step - 1e-9)  # steps a sample
@@ -65,7 +67,8 @@ def stepped(
     samples = round(scenario.run_in / dt) + round(scenario.duration / dt)
     before = min(round(RUN_UP / dt), remnant.shape[1] - samples)
     count = (before + samples) * fine
-    time = np.arange(count) * h - (before + round(scenario.run_in / dt)) * dt
+    seen = count + math.ceil(scenario.model.ahead / h)  # the target goes on for who looks ahead
+    time = np.arange(seen) * h - (before + round(scenario.run_in / dt)) * dt
     noise = _finer(remnant, fine)[:, np.arange(-before * fine, samples * fine)]
     target, disturbance = _at(scenario.target, time), _at(scenario.disturbance, time)
 
@@ -89,7 +92,7 @@ def stepped(
     late = scenario.element.delay / h
     e, u, y = (np.zeros((len(noise), count)) for _ in range(3))
     x = y if late == 0.0 else np.zeros_like(y)
-    given = {"error": e, "output": x, "target": np.broadcast_to(target, e.shape)}
+    given = {"error": e, "output": x, "target": np.broadcast_to(target, (len(e), seen))}
     for begin in range(0, count, block):
         now = np.arange(begin, min(begin + block, count))
         command = noise[:, now]
@@ -188,6 +191,8 @@ class _Path:
     @property
     def block(self) -> int:
         """Steps that it can answer without knowing what comes."""
+        if self.input == "target":
+            return BLOCK
         ahead = REACH + 1 if self.changing else 0
         return math.floor(self.delay + 1e-9) - ahead
 
