@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Container, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import compress
 from multiprocessing import parent_process
 from typing import TYPE_CHECKING, Any
 
@@ -150,7 +152,8 @@ class Fitted:
         ]
         if not pairs:
             return []
-        shown = [(method, loops.quantities) for method, loops in pairs]
+        known = [any(math.isfinite(q.value) for q in loops.quantities) for _, loops in pairs]
+        shown = [(method, loops.quantities) for method, loops in compress(pairs, known)]
         notes = [f"{method}: {note}" for method, loops in pairs for note in loops.notes]
         tables = quantity_tables(shown, abreast, "loop")
         return [Text(self.loop_element.words), *tables, Bullets(notes)]
