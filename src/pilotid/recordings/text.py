@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import chain, islice
+from itertools import chain, compress, islice
 from pathlib import Path
 
 import numpy as np
@@ -22,13 +22,16 @@ from pilotid.recordings.contents import (
     READERS,
     Contents,
     Notes,
+    Parts,
     Place,
     bare,
     common_run,
     common_time,
+    is_level,
     lacking,
     listed,
     matching,
+    no_level,
     required,
     seconds_in,
     shown,
@@ -52,7 +55,9 @@ def sidecar_path(path: Path) -> Path:
     return path.with_suffix(".json")
 
 
-def read_text(path: Path, source: str, places: Mapping[str, Place], *, timed: bool) -> Contents:
+def read_text(
+    path: Path, source: str, places: Mapping[str, Place], parts: Parts, *, timed: bool
+) -> Contents | list[str]:
     """Read a text file and its sidecar.
 
     Parameters
@@ -61,6 +66,8 @@ def read_text(path: Path, source: str, places: Mapping[str, Place], *, timed: bo
         The file, and its name in messages.
     places
         Where it keeps each signal.
+    parts
+        Which rows of it are meant.
     timed
         Whether the sampling interval is known, so that no column of times is needed.
 
@@ -72,16 +79,42 @@ def read_text(path: Path, source: str, places: Mapping[str, Place], *, timed: bo
         If the file cannot be read.
     """
     require_file(path, LARGEST_FILE)
-    sidecar = sidecar_path(path)
-    notes = _read_sidecar(sidecar) if os.path.exists(sidecar) else Notes()
+    notes = read_sidecar(path)
     with path.open(encoding=_encoding(path, source), newline="") as stream:
-        table = _Table(stream, source)
-        columns = {signal: _columns(table, signal, place) for signal, place in places.items()}
-        found = {signal: names for signal, names in columns.items() if names}
-        notes = _with_comments(notes, table.comments, timed="t" in found)
-        _require(table, places, found, timed=timed or notes.dt is not None)
-        needed = list(dict.fromkeys(chain.from_iterable(found.values())))
-        values = dict(zip(needed, table.read(needed).T, strict=True))
+        return read_table(stream, source, places, parts, notes, timed=timed)
+
+
+def read_table(
+    lines: Iterable[str],
+    source: str,
+    places: Mapping[str, Place],
+    parts: Parts,
+    notes: Notes | None = None,
+    *,
+    timed: bool,
+) -> Contents | list[str]:
+    """Read a table; see `read_text`.
+
+    Returns
+    -------
+    What it holds, or the parts that a ``*`` stands for.
+    """
+    if parts.path:
+        raise InputError(
+            f"{source}: a table has no part {shown(parts.path)}; choose rows by the value in a "
+            "column, as in FILE::subject=3"
+        )
+    table = _Table(lines, source)
+    levels = {table.column(name): wanted for name, wanted in parts.levels.items()}
+    if parts.is_several:
+        name = next(name for name, wanted in levels.items() if wanted == "*")
+        return [f"{name}={value}" for value in dict.fromkeys(table.cells(name))]
+    columns = {signal: _columns(table, signal, place) for signal, place in places.items()}
+    found = {signal: names for signal, names in columns.items() if names}
+    notes = _with_comments(notes or Notes(), table.comments, timed="t" in found)
+    _require(table, places, found, timed=timed or notes.dt is not None)
+    needed = list(dict.fromkeys(chain.from_iterable(found.values())))
+    values = dict(zip(needed, table.read(needed, levels).T, strict=True))
     signals = {
         signal: places[signal].signed(np.array([values[name] for name in names]))
         for signal, names in found.items()
@@ -182,11 +215,35 @@ class _Table:
                 return
             yield rows, starts
 
-    def read(self, names: Sequence[str]) -> FloatArray:
-        """Some columns as finite numbers, shape (rows, columns)."""
+    def column(self, name: str) -> str:
+        """The column of a name, for choosing rows by it."""
+        if len(found := matching(name, self.header)) != 1:
+            raise InputError(
+                f"{self.source}: line {self.line} has no column {shown(name)}, only "
+                f"{listed(self.header)}; choose rows by one of them"
+            )
+        return found[0]
+
+    def cells(self, name: str) -> Iterator[str]:
+        """The cells of a column that are not empty."""
+        place = self.header.index(name)
+        for rows, _ in self._blocks(BLOCK):
+            yield from (row[place].strip() for row in rows if len(row) > place and row[place])
+
+    def read(self, names: Sequence[str], levels: Mapping[str, str]) -> FloatArray:
+        """Some columns as finite numbers, shape (rows, columns).
+
+        Parameters
+        ----------
+        names
+            The columns.
+        levels
+            Cells by column that a row must have.
+        """
         index = {name: i for i, name in enumerate(self.header)}
         places = [index[name] for name in names]
         pieces = [np.zeros((0, len(names)))]
+        there: dict[str, None] = {}  # cells in the columns that choose rows
         blank = 0  # the line of the first row without content: such are allowed at the end only
         for number, (rows, starts) in enumerate(self._blocks(max(1, BLOCK // len(self.header)))):
             while (
@@ -202,6 +259,10 @@ class _Table:
             if blank and blank < starts[-1]:
                 raise self._not_a_number("", blank, names[0])
             self._require_width(rows, starts)
+            for name, wanted in levels.items():
+                there |= dict.fromkeys(row[index[name]] for row in rows)
+                kept = [is_level(row[index[name]], wanted) for row in rows]
+                rows, starts = (list(compress(own, kept)) for own in (rows, starts))
             self.lines += starts
             if len(self.lines) * len(names) > MOST_VALUES:
                 raise InputError(
@@ -211,6 +272,8 @@ class _Table:
             pieces.append(self._numbers(rows, starts, names, places))
             if RUN in index:
                 self.labels += [row[index[RUN]].strip() for row in rows]
+        if levels and not self.lines:
+            raise no_level(self.source, *next(iter(levels.items())), there)
         return np.concatenate(pieces)
 
     def _is_comment(self, row: list[str]) -> bool:
@@ -466,7 +529,17 @@ def _split_runs(
     )
 
 
-def _read_sidecar(path: Path) -> Notes:
+def read_sidecar(file: Path) -> Notes:
+    """The notes beside a file; none if there are none.
+
+    Raises
+    ------
+    InputError
+        With the line of what is wrong in them.
+    """
+    path = sidecar_path(file)
+    if not os.path.exists(path):
+        return Notes()
     source = path_shown(path)
     require_file(path, LARGEST_SIDECAR)
     try:
