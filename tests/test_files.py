@@ -19,7 +19,7 @@ import pytest
 from matlab_files import USERBLOCK, save_v73
 from scipy.io import loadmat, savemat
 
-from pilotid.recordings import matlab_process
+from pilotid.recordings import reader_process
 from pilotid.recordings.contents import refuse_codes
 from pilotid.recordings.files import Reading, load_recording, parse_mapping, save_recording
 from pilotid.recordings.recording import SIGNALS, Recording
@@ -283,7 +283,7 @@ REFUSED: list[tuple[str, Writer, list[str]]] = [
      ["the time of variable d(2).t differs from that of variable d(1).t"]),
     ("MATLAB two arrays of structs",
      saved({"a": structs([run(0)] * 2), "b": structs([run(1)] * 2)}),
-     ["the structs a, b all hold t, e, u, x", "--map t=a.t,e=a.e,u=a.u,x=a.x"]),
+     ["the structs a, b all hold t, e, u, x", "F.mat::a, or each"]),
     ("MATLAB several missing", saved({"time": T, "err": E[0]}),
      ["no variables 't', 'e', 'u', 'x'"]),
 ]  # fmt: skip
@@ -679,13 +679,13 @@ def test_notes_in_v73(tmp_path: Path) -> None:
 def test_one_process_reads_all_files_and_is_started_anew_when_it_dies(tmp_path: Path) -> None:
     path = saved(ONE)(tmp_path)
     good = load_recording(path)
-    process = matlab_process._process(os.getpid())
+    process = reader_process._process(os.getpid())
     load_recording(path)
-    assert matlab_process._process(os.getpid()) is process
+    assert reader_process._process(os.getpid()) is process
     process.kill()
     process.wait()
     assert_equal(load_recording(path), good)
-    assert matlab_process._process(os.getpid()) is not process
+    assert reader_process._process(os.getpid()) is not process
 
 
 def test_changed_bytes_end_no_more_than_that_process(tmp_path: Path) -> None:
@@ -895,8 +895,9 @@ def test_advice_of_a_refusal_can_be_followed(tmp_path: Path) -> None:
     path = saved({"a": structs([run(0), run(1)]), "b": structs([run(1), run(0)])})(tmp_path)
     with pytest.raises(InputError) as caught:
         load_recording(path)
-    mapping = parse_mapping(str(caught.value).rpartition("--map ")[2].replace("a.", "b."))
-    np.testing.assert_array_equal(load_recording(path, mapping).u, U[::-1])
+    advised = str(caught.value).rpartition("as in ")[2].partition(",")[0]
+    np.testing.assert_array_equal(load_recording(advised).u, U)
+    np.testing.assert_array_equal(load_recording(advised[:-1] + "b").u, U[::-1])
 
 
 def test_a_recording_without_x_suits_models_that_act_on_e(tmp_path: Path) -> None:

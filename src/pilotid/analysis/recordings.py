@@ -11,7 +11,7 @@ from pathlib import Path
 from pilotid.analysis.rows import in_order
 from pilotid.recordings.files import Reading
 from pilotid.recordings.recording import Recording
-from pilotid.recordings.selection import of_runs
+from pilotid.recordings.selection import file_of, of_runs, stem_of
 from pilotid.recordings.text import sidecar_path
 from pilotid.types import InputError
 
@@ -75,7 +75,8 @@ class Pattern:
     def match(self, path: Path) -> dict[str, str] | None:
         """The values of the fields in a file's name, None where it does not fit."""
         whole = "/" in self.text
-        name = path.with_suffix("").as_posix() if whole else path.stem
+        own = stem_of(path)
+        name = (file_of(path).parent / own).as_posix() if whole else own
         parts = FIELD.split(self.text)
         expression = "".join(
             f"(?P<{part}>[^_/]+?)" if index % 2 else re.escape(part)
@@ -112,7 +113,8 @@ class Part:
     @property
     def words(self) -> str:
         """The fields, or else the file's name, as headings have it."""
-        return " ".join(f"{field} {value}" for field, value in self.fields) or self.files[0].stem
+        fields = " ".join(f"{field} {value}" for field, value in self.fields)
+        return fields or stem_of(self.files[0])
 
 
 def parts_of(files: Sequence[Path], pattern: Pattern | None) -> tuple[list[Part], list[str]]:
@@ -193,8 +195,8 @@ class Source:
         digest = hashlib.sha256(repr(self).encode("utf-8", "replace"))
         for file in self.part.files:
             try:
-                digest.update(file.read_bytes())
-                side = sidecar_path(file)
+                digest.update(file_of(file).read_bytes())
+                side = sidecar_path(file_of(file))
                 digest.update(side.read_bytes() if side.exists() else b"")
             except OSError as error:
                 raise InputError(

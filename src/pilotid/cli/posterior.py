@@ -16,8 +16,9 @@ from pilotid.outputs import require_folder
 from pilotid.pilot.catalogue import AUTO, model_named
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.files import read_with
+from pilotid.recordings.files import expanded, read_with
 from pilotid.recordings.recording import LEAD_IN, Recording
+from pilotid.recordings.selection import stem_of
 from pilotid.seeds import DEFAULT_SEED, fit_rng
 from pilotid.terminal import make_console
 from pilotid.types import InputError
@@ -49,6 +50,7 @@ def posterior(
 
     plant = element_named(element) if element else None
     named = None if model == AUTO else model_named(model)
+    files = expanded(files)
     folders = folders_of(files, out) if len(files) > 1 and not joint else {}
     for folder in folders.values() or [out] * (out is not None):
         assert folder is not None
@@ -74,7 +76,7 @@ def folders_of(files: Sequence[Path], out: Path | None) -> dict[str, Path]:
         return {}
     taken: dict[Path, Path] = {}
     for file in files:
-        folder = out / file.stem
+        folder = out / stem_of(file)
         if folder in taken:
             raise InputError(
                 f"{file}: its results would go to {folder} as those of {taken[folder]}; rename one "

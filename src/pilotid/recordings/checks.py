@@ -52,7 +52,10 @@ def remarks(recording: Recording) -> tuple[Remark, ...]:
     if named:  # explains what times and gains seem to be
         faults = [f for f in faults if f.code not in (*LATE, "gain-differs", "includes-fd")]
     told = [named, *found, *(Remark(f.code, f.sentence, f.grade) for f in faults)]
-    treated = (Remark("preprocessed", sentence) for sentence in recording.treatment)
+    treated = (
+        sentence if isinstance(sentence, Remark) else Remark("preprocessed", sentence)
+        for sentence in recording.treatment
+    )
     return (*treated, *gravest_first(remark for remark in told if remark))
 
 

@@ -7,7 +7,7 @@ A format's reader turns a file into `Contents`; `assembled` makes the
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -265,6 +265,55 @@ def shown(text: object) -> str:
     return repr(words if len(words) <= 40 else f"{words[:40]}...")
 
 
+@dataclass(frozen=True)
+class Parts:
+    """The part of a file that is meant, as in ``F.mat::identification`` or ``F.csv::sigma=17``.
+
+    Attributes
+    ----------
+    path
+        Name of the struct, group or cell that holds the recording, ``*`` for each; empty for all.
+    levels
+        Values of variables or columns by whose values runs are chosen, ``*`` for each.
+    """
+
+    path: str = ""
+    levels: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, texts: Sequence[str]) -> Parts:
+        """The part that texts between ``::`` name."""
+        pairs = [text.partition("=") for text in texts]
+        levels = {name.strip(): value.strip() for name, equals, value in pairs if equals}
+        return cls(".".join(name for name, equals, _ in pairs if not equals), levels)
+
+    @property
+    def is_several(self) -> bool:
+        """Whether a ``*`` stands for several parts."""
+        return "*" in (self.path, *self.levels.values())
+
+
+def is_level(value: object, wanted: str) -> bool:
+    """Whether a value in a file is the one in a text; numbers are compared as such."""
+    try:
+        return float(str(value)) == float(wanted)
+    except ValueError:
+        return str(value).strip() == wanted
+
+
+def no_level(source: str, name: str, wanted: str, there: Iterable[object]) -> InputError:
+    """The refusal of a value that no run has."""
+    return InputError(
+        f"{source}: no run has {shown(name)} = {shown(wanted)}; there are "
+        f"{listed(level_text(value) for value in dict.fromkeys(there))}"
+    )
+
+
+def level_text(value: object) -> str:
+    """A value as it is typed: whole numbers without a point."""
+    return f"{value:.12g}" if isinstance(value, float) else str(value).strip()
+
+
 def listed(names: Iterable[object]) -> str:
     """Names found in a file, for a message."""
     texts = [shown(name)[1:-1] for name in names]
@@ -411,6 +460,8 @@ class Contents:
         What the file says beside the signals.
     origin
         The file's names of the signals.
+    treatment
+        What was done to them, a sentence each.
     """
 
     t: FloatArray | None
@@ -418,6 +469,7 @@ class Contents:
     where: Callable[[int], str]
     notes: Notes = field(default_factory=Notes)
     origin: Mapping[str, str] = field(default_factory=dict)
+    treatment: tuple[str, ...] = ()
 
 
 def assembled(contents: Contents, source: str, dt: float | None = None) -> Recording:
@@ -467,6 +519,7 @@ def assembled(contents: Contents, source: str, dt: float | None = None) -> Recor
         source=source,
         controlled_element=notes.controlled_element or "",
         origin=origin,
+        treatment=contents.treatment,
     )
 
 

@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pilotid.disk import path_shown, write_file
-from pilotid.recordings.contents import assembled, shown, signal_places
+from pilotid.recordings.contents import (
+    Contents,
+    Notes,
+    Parts,
+    assembled,
+    shown,
+    signal_places,
+)
 from pilotid.recordings.recording import LEAD_IN, Recording, joined
-from pilotid.recordings.selection import chosen_runs, span_of
-from pilotid.recordings.text import csv_bytes, read_text, sidecar_path
+from pilotid.recordings.selection import INSIDE, chosen_runs, file_and_parts, file_of, span_of
+from pilotid.recordings.text import csv_bytes, read_sidecar, read_text, sidecar_path
+from pilotid.recordings.windows import spanned, whole_periods
 from pilotid.types import InputError
 
-READ = (".csv", ".txt", ".tsv", ".dat", ".mat")
+TEXTS = (".csv", ".txt", ".tsv", ".dat")
+READ = (*TEXTS, ".mat", ".h5", ".hdf5", ".hdf", ".npz", ".npy", ".parquet")
 WRITTEN = (".csv", ".mat")
 
 
@@ -51,40 +61,85 @@ def load_recording(
     path: str | os.PathLike[str],
     mapping: Mapping[str, str] | None = None,
     dt: float | None = None,
+    *,
+    periods: bool = True,
 ) -> Recording:
-    """Read a recording from a CSV or MATLAB file.
+    """Read a recording from a file: text, MATLAB, HDF5, numpy or parquet.
 
     Parameters
     ----------
     path
-        The file; its suffix tells the format.
+        The file; its suffix tells the format.  A part of one is named behind it, as in
+        ``F.mat::identification``, and runs by the value of a variable, as in ``F.mat::sigma=17``.
     mapping
         The file's names for our signals t, e, u, x, ft, fd where they differ,
         with a leading minus to flip the sign.
     dt
         Sampling interval [s], for a file without times.
+    periods
+        Whether the window is cut to whole periods of the forcing functions where these repeat
+        themselves, and the file does not say how long its run-in is; `Recording.treatment` tells.
 
     Raises
     ------
     InputError
         If the file cannot be used; the message says where it goes wrong.
     """
-    source = path_shown(path)
-    file = Path(path)
-    suffix, places = _suffix(file, source, READ), signal_places(mapping)
-    try:
-        if suffix == ".mat":
-            from pilotid.recordings.matlab_process import read_mat
+    contents, source = _read(path, mapping, dt)
+    if isinstance(contents, list):
+        raise InputError(
+            f"{source}: stands for {', '.join(contents[:20])}; name one of them in place of the *"
+        )
+    recording = assembled(contents, source, dt)
+    return whole_periods(recording) if periods and contents.notes.run_in is None else recording
 
-            contents = read_mat(file, source, places, timed=dt is not None)
-        else:
-            contents = read_text(file, source, places, timed=dt is not None)
+
+def _read(
+    path: str | os.PathLike[str], mapping: Mapping[str, str] | None, dt: float | None
+) -> tuple[Contents | list[str], str]:
+    """What a file holds, or the parts that a ``*`` stands for, and its name in messages."""
+    source = path_shown(path)
+    file, names = file_and_parts(path)
+    suffix, places, parts = _suffix(file, source, READ), signal_places(mapping), Parts.of(names)
+    try:
+        if suffix in TEXTS:
+            return read_text(file, source, places, parts, timed=dt is not None), source
+        from pilotid.recordings.reader_process import read_apart
+
+        notes = Notes() if suffix == ".mat" else read_sidecar(file)
+        timed = dt is not None or notes.dt is not None
+        contents = read_apart(file, source, places, parts, timed=timed)
     except OSError as error:
         raise InputError(
             f"{path_shown(error.filename or source)}: cannot be read ({error.strerror or error}); "
             "check the file and its rights"
         ) from error
-    return assembled(contents, source, dt)
+    if isinstance(contents, Contents) and notes.where:
+        contents = replace(contents, notes=notes)
+    return contents, source
+
+
+def expanded(
+    files: Iterable[Path], mapping: Mapping[str, str] | None = None, dt: float | None = None
+) -> list[Path]:
+    """Files, with a path for each part where a ``*`` stands for several.
+
+    What cannot be read stays as it is, and is refused where it is read.
+    """
+    found: list[Path] = []
+    for path in files:
+        file, names = file_and_parts(path)
+        found.append(path)
+        if any(name.endswith("*") for name in names):
+            with suppress(InputError):
+                contents, _ = _read(path, mapping, dt)
+                assert isinstance(contents, list)
+                star = next(n for n, name in enumerate(names) if name.endswith("*"))
+                found[-1:] = [
+                    Path(INSIDE.join([str(file), *names[:star], own, *names[star + 1 :]]))
+                    for own in contents
+                ]
+    return found
 
 
 def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
@@ -118,14 +173,18 @@ def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
 
 def _suffix(file: Path, source: str, known: Collection[str]) -> str:
     suffix = file.suffix.lower()
+    others = "" if known == WRITTEN else f", or one of {' '.join(READ[1:])}"
     if suffix not in known:
-        raise InputError(f"{source}: a recording must be a .csv or a .mat file; convert it to one")
+        raise InputError(
+            f"{source}: a recording must be a .csv or a .mat file{others}; convert it to one"
+        )
     return suffix
 
 
 def read_with(files: Sequence[Path]) -> list[Path]:
     """Recordings, and the files beside them that belong to them."""
-    beside = ((file, sidecar_path(file), file.with_suffix(".truth.json")) for file in files)
+    real = map(file_of, files)
+    beside = ((file, sidecar_path(file), file.with_suffix(".truth.json")) for file in real)
     return [path for own in beside for path in own]
 
 
@@ -154,14 +213,19 @@ class Reading:
     runs: str = ""
     span: str = ""
 
+    @property
+    def names(self) -> dict[str, str] | None:
+        """The file's names by our signals; None for our own."""
+        return parse_mapping(",".join(self.mapping)) if self.mapping else None
+
     def one(self, file: Path) -> Recording:
         """The recording in a file."""
-        names = parse_mapping(",".join(self.mapping)) if self.mapping else None
         if self.dt is not None and not 0.0 < self.dt < 1.0:
             raise InputError(f"--dt {self.dt:g}: give seconds between samples, as in --dt 0.01")
-        recording = replace(load_recording(file, names, self.dt), lead_in=self.lead_in)
+        recording = load_recording(file, self.names, self.dt, periods=not self.span)
+        recording = replace(recording, lead_in=self.lead_in)
         if self.span:
-            recording = recording.cut(*span_of(self.span))
+            recording = spanned(recording, *span_of(self.span))
         return detrended(recording) if self.detrend else recording
 
     def all(self, files: Sequence[Path], *, joint: bool) -> tuple[list[Recording], list[str]]:
@@ -171,6 +235,7 @@ class Reading:
         one recording, there is nothing to go on with.
         """
         recordings, refused = [], []
+        files = expanded(files, self.names, self.dt)
         together = joint and len(files) > 1
         for file in files:
             try:

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from functools import wraps
 from types import MappingProxyType
 from typing import Any, Concatenate, ParamSpec, TypeVar
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pilotid.ranges import Range, in_range
+from pilotid.recordings.resampling import resampled
 from pilotid.types import FloatArray, InputError, printable
 
 P = ParamSpec("P")
@@ -35,6 +37,7 @@ COARSEST = 0.1  # seconds between samples: half that rate is just above the pilo
 LARGEST = 1e100  # of a signal in any unit; squares and their sums must not overflow
 SMALLEST = 1e-100  # of the peak of a signal that is not zero; nor must they vanish
 FAR_OFF, LARGE_MEAN = 40, 30.0
+FINEST_RATIO = 1000  # of two sampling rates, as whole numbers
 LEAST = 5.0  # s that must be left to score
 DT, RUN_IN = Range(1e-6, 100.0), Range(0, 10**9, True)
 LEAD, LINE = Range(0.0, 3600.0), Range(1, 10**7, True)
@@ -316,6 +319,49 @@ class Recording:
             source=f"{self.source}, {start:g} to {end:g} s",
         )
 
+    def resample(self, dt: float) -> Recording:
+        """All signals at another sampling rate, behind one low-pass filter without delay.
+
+        Forcing lines stay where the window keeps its length to the sample.
+
+        Parameters
+        ----------
+        dt
+            The sampling interval [s]; its ratio to the present one must be one of whole numbers.
+
+        Raises
+        ------
+        InputError
+            If it is none that the signals can be brought to.
+        """
+        ratio = self.dt / in_range(dt, DT, "dt")
+        change = Fraction(ratio).limit_denominator(FINEST_RATIO)
+        if not change or abs(float(change) / ratio - 1.0) > 1e-6:
+            raise InputError(
+                f"dt {dt:g}: its ratio to the sampling interval of {self.source} ({self.dt:.6g} s) "
+                f"is none of whole numbers up to {FINEST_RATIO}; choose another"
+            )
+        up, down = change.numerator, change.denominator
+        skipped = self.run_in % down  # t = 0 stays a sample
+        run_in = (self.run_in - skipped) * up // down
+        samples = self.samples * up // down
+        signals = {name: getattr(self, name) for name in SIGNALS}
+        some = {
+            name: resampled(signal[:, skipped:], up, down)[:, : run_in + samples]
+            for name, signal in signals.items()
+            if signal is not None
+        }
+        kept = self.lines if samples * down == self.samples * up else {}
+        words = f"all signals were brought from {1.0 / self.dt:.4g} Hz to {1.0 / dt:.4g} Hz"
+        return replace(
+            self,
+            **some,
+            dt=float(dt),
+            run_in=run_in,
+            lines={name: own for name, own in kept.items() if max(own) < samples / 2},
+            treatment=(*self.treatment, words),
+        )
+
     def flipped(self, *names: str) -> str:
         """What --map takes to turn the signs of signals round."""
         return ",".join(self.scaled(name, -1.0) for name in names)
@@ -474,10 +520,12 @@ def unit_sized(recording: Recording) -> Recording:
     Other recordings stay as they are.
     """
     held = {name: getattr(recording, name) for name in recording.signals}
-    for name, signal in held.items():
-        mean = float(signal.mean())
-        if abs(mean) > LARGE_MEAN * signal.std() > 0.0:
-            held[name] = signal - mean
+    means = {name: float(signal.mean()) for name, signal in held.items()}
+    large = {n for n, mean in means.items() if abs(mean) > LARGE_MEAN * held[n].std() > 0.0}
+    if large & {"e", "x", "ft"}:  # of which one is what the other two make it
+        large |= held.keys() & {"e", "x", "ft"}
+    for name in large:
+        held[name] = held[name] - means[name]
     power = -round(math.log2(float(held["u"].std()) or 1.0))
     if abs(power) > FAR_OFF:
         held = {name: np.ldexp(signal, power) for name, signal in held.items()}

@@ -1,13 +1,36 @@
-"""Parts of a recording: some of its runs, or a span of its time."""
+"""Parts of files and of recordings: some of its runs, or a span of its time."""
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from pilotid.recordings.recording import SIGNALS, Recording
 from pilotid.types import InputError
+
+#: What stands between a file and the part of it that is meant.
+INSIDE = "::"
+
+
+def file_and_parts(path: str | os.PathLike[str]) -> tuple[Path, list[str]]:
+    """The file of a path such as ``F.mat::identification``, and the names of the part."""
+    whole = Path(path)
+    file, *parts = str(path).split(INSIDE)
+    return (Path(file), parts) if parts and not os.path.exists(whole) else (whole, [])
+
+
+def file_of(path: str | os.PathLike[str]) -> Path:
+    """The file of a path such as ``F.mat::identification``."""
+    return file_and_parts(path)[0]
+
+
+def stem_of(path: str | os.PathLike[str]) -> str:
+    """The name of a recording: that of its file without the suffix, and of the part."""
+    file, parts = file_and_parts(path)
+    return INSIDE.join([file.stem, *parts])
 
 
 def of_runs(recording: Recording, runs: Sequence[int], words: str) -> Recording:

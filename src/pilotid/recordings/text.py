@@ -9,8 +9,9 @@ import os
 import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
-from itertools import chain, islice
+from itertools import chain, compress, islice
 from pathlib import Path
 
 import numpy as np
@@ -18,15 +19,19 @@ import numpy as np
 from pilotid.disk import path_shown, require_file
 from pilotid.recordings.contents import (
     MOST_VALUES,
+    READERS,
     Contents,
     Notes,
+    Parts,
     Place,
     bare,
     common_run,
     common_time,
+    is_level,
     lacking,
     listed,
     matching,
+    no_level,
     required,
     seconds_in,
     shown,
@@ -38,6 +43,8 @@ LARGEST_FILE = 2**30  # bytes
 LARGEST_SIDECAR = 2**22
 RUN = "run"  # the column that numbers the runs of a file in long format
 BLOCK = 2**16  # cells that are turned into numbers at once
+COMMENT = ("#", "%")
+MORE = "..."  # behind the last name, where more columns follow than there are names
 SWAPPED = str.maketrans(",.", ".,")  # where decimals have commas
 #: What is no UTF-8 and free of these bytes is taken for Latin-1.
 CONTROLS = bytes(b for b in range(32) if b not in b"\t\n\v\f\r") + b"\x7f"
@@ -48,7 +55,9 @@ def sidecar_path(path: Path) -> Path:
     return path.with_suffix(".json")
 
 
-def read_text(path: Path, source: str, places: Mapping[str, Place], *, timed: bool) -> Contents:
+def read_text(
+    path: Path, source: str, places: Mapping[str, Place], parts: Parts, *, timed: bool
+) -> Contents | list[str]:
     """Read a text file and its sidecar.
 
     Parameters
@@ -57,6 +66,8 @@ def read_text(path: Path, source: str, places: Mapping[str, Place], *, timed: bo
         The file, and its name in messages.
     places
         Where it keeps each signal.
+    parts
+        Which rows of it are meant.
     timed
         Whether the sampling interval is known, so that no column of times is needed.
 
@@ -68,15 +79,42 @@ def read_text(path: Path, source: str, places: Mapping[str, Place], *, timed: bo
         If the file cannot be read.
     """
     require_file(path, LARGEST_FILE)
-    sidecar = sidecar_path(path)
-    notes = _read_sidecar(sidecar) if os.path.exists(sidecar) else Notes()
+    notes = read_sidecar(path)
     with path.open(encoding=_encoding(path, source), newline="") as stream:
-        table = _Table(stream, source)
-        columns = {signal: _columns(table, signal, place) for signal, place in places.items()}
-        found = {signal: names for signal, names in columns.items() if names}
-        _require(table, places, found, timed=timed or notes.dt is not None)
-        needed = list(dict.fromkeys(chain.from_iterable(found.values())))
-        values = dict(zip(needed, table.read(needed).T, strict=True))
+        return read_table(stream, source, places, parts, notes, timed=timed)
+
+
+def read_table(
+    lines: Iterable[str],
+    source: str,
+    places: Mapping[str, Place],
+    parts: Parts,
+    notes: Notes | None = None,
+    *,
+    timed: bool,
+) -> Contents | list[str]:
+    """Read a table; see `read_text`.
+
+    Returns
+    -------
+    What it holds, or the parts that a ``*`` stands for.
+    """
+    if parts.path:
+        raise InputError(
+            f"{source}: a table has no part {shown(parts.path)}; choose rows by the value in a "
+            "column, as in FILE::subject=3"
+        )
+    table = _Table(lines, source)
+    levels = {table.column(name): wanted for name, wanted in parts.levels.items()}
+    if parts.is_several:
+        name = next(name for name, wanted in levels.items() if wanted == "*")
+        return [f"{name}={value}" for value in dict.fromkeys(table.cells(name))]
+    columns = {signal: _columns(table, signal, place) for signal, place in places.items()}
+    found = {signal: names for signal, names in columns.items() if names}
+    notes = _with_comments(notes or Notes(), table.comments, timed="t" in found)
+    _require(table, places, found, timed=timed or notes.dt is not None)
+    needed = list(dict.fromkeys(chain.from_iterable(found.values())))
+    values = dict(zip(needed, table.read(needed, levels).T, strict=True))
     signals = {
         signal: places[signal].signed(np.array([values[name] for name in names]))
         for signal, names in found.items()
@@ -120,13 +158,15 @@ class _Table:
 
     def __init__(self, stream: Iterable[str], source: str) -> None:
         self.source = source
-        separator, self.line, lines = _layout(iter(stream), source)
+        separator, self.line, lines, self.comments = _layout(iter(stream))
         if separator == " ":  # any number of them, but none at the ends
             lines = (f"{line.strip()}\n" for line in lines)
         self._rows = csv.reader(lines, delimiter=separator, skipinitialspace=True, strict=True)
         self._is_comma_separated = separator == ","
         (row,), _ = next(self._blocks(1), ([[]], []))
-        self.header = [name.strip() for name in row]
+        self.repeated: set[str] = set()  # names of several columns, of which the first keeps it
+        self.named = [name.strip() for name in row]
+        self.header = self._told_apart()
         if not any(self.header):
             raise InputError(
                 f"{source}: line {self.line} must be a header row with the columns t, e, u, x"
@@ -135,6 +175,18 @@ class _Table:
         self._has_commas: bool | None = None  # in decimals; unknown until a cell has a sign
         self.lines: list[int] = []  # on which rows start: a quoted cell may hold line breaks
         self.labels: list[str] = []  # of the runs, by rows
+
+    def _told_apart(self) -> list[str]:
+        """Names with a number where they were there before: state, state.1, as pandas has them."""
+        found: list[str] = []
+        for name in self.named:
+            own, number = name, 0
+            while own and own in found:
+                number += 1
+                own = f"{name}.{number}"
+                self.repeated.add(name)
+            found.append(own)
+        return found
 
     def unit(self, column: str) -> str | None:
         """The unit of a column, in its name or in the row below the header; None if unsaid."""
@@ -163,21 +215,42 @@ class _Table:
                 return
             yield rows, starts
 
-    def read(self, names: Sequence[str]) -> FloatArray:
-        """Some columns as finite numbers, shape (rows, columns)."""
-        count = Counter(self.header)
-        for name in [*names, RUN]:
-            if count[name] > 1:
-                raise InputError(
-                    f"{self.source}: line {self.line} has more than one column {shown(name)}; "
-                    "rename all but one"
-                )
+    def column(self, name: str) -> str:
+        """The column of a name, for choosing rows by it."""
+        if len(found := matching(name, self.header)) != 1:
+            raise InputError(
+                f"{self.source}: line {self.line} has no column {shown(name)}, only "
+                f"{listed(self.header)}; choose rows by one of them"
+            )
+        return found[0]
+
+    def cells(self, name: str) -> Iterator[str]:
+        """The cells of a column that are not empty."""
+        place = self.header.index(name)
+        for rows, _ in self._blocks(BLOCK):
+            yield from (row[place].strip() for row in rows if len(row) > place and row[place])
+
+    def read(self, names: Sequence[str], levels: Mapping[str, str]) -> FloatArray:
+        """Some columns as finite numbers, shape (rows, columns).
+
+        Parameters
+        ----------
+        names
+            The columns.
+        levels
+            Cells by column that a row must have.
+        """
         index = {name: i for i, name in enumerate(self.header)}
         places = [index[name] for name in names]
         pieces = [np.zeros((0, len(names)))]
+        there: dict[str, None] = {}  # cells in the columns that choose rows
         blank = 0  # the line of the first row without content: such are allowed at the end only
         for number, (rows, starts) in enumerate(self._blocks(max(1, BLOCK // len(self.header)))):
-            if not number and self._holds_units(rows[0], names, places):
+            while (
+                not number
+                and rows
+                and (self._is_comment(rows[0]) or self._holds_units(rows[0], names, places))
+            ):
                 del rows[0], starts[0]
             while rows and not any(map(str.strip, rows[-1])):
                 blank, _ = starts.pop(), rows.pop()
@@ -186,6 +259,10 @@ class _Table:
             if blank and blank < starts[-1]:
                 raise self._not_a_number("", blank, names[0])
             self._require_width(rows, starts)
+            for name, wanted in levels.items():
+                there |= dict.fromkeys(row[index[name]] for row in rows)
+                kept = [is_level(row[index[name]], wanted) for row in rows]
+                rows, starts = (list(compress(own, kept)) for own in (rows, starts))
             self.lines += starts
             if len(self.lines) * len(names) > MOST_VALUES:
                 raise InputError(
@@ -195,7 +272,16 @@ class _Table:
             pieces.append(self._numbers(rows, starts, names, places))
             if RUN in index:
                 self.labels += [row[index[RUN]].strip() for row in rows]
+        if levels and not self.lines:
+            raise no_level(self.source, *next(iter(levels.items())), there)
         return np.concatenate(pieces)
+
+    def _is_comment(self, row: list[str]) -> bool:
+        """Whether a row under the header is for people; numbers behind its sign are none."""
+        if not row or row[0].lstrip()[:1] not in COMMENT:
+            return False
+        numbers = len(row) == len(self.header) and np.isfinite([*map(_number_or_nan, row[1:])])
+        return not np.any(numbers)
 
     def _holds_units(self, row: list[str], names: Sequence[str], places: Sequence[int]) -> bool:
         """Whether a row under the header holds the units, which are noted then."""
@@ -254,27 +340,82 @@ class _Table:
         return InputError(f"{self.source}: line {line}, column {listed([name])}: {what}; {remedy}")
 
 
-def _layout(lines: Iterator[str], source: str) -> tuple[str, int, Iterator[str]]:
-    """The separator, the number of the header's line, and the lines from there on.
+def _layout(lines: Iterator[str]) -> tuple[str, int, Iterator[str], list[str]]:
+    """The separator, the number of the header's line, the lines from there on, and comments.
 
-    Before the header there may be a line ``sep=;`` and lines that begin with # or %; the last of
-    these is the header itself if numbers follow at once.
+    Before the header there may be a line ``sep=;`` and lines that begin with # or %.  One of these
+    is the header itself if numbers follow at once: the last with a name for each, or the one above
+    it if that holds units.  Names that end in ``...`` stand for as many as there are columns.
     """
-    separator, number, comment = "", 1, ""
+    separator, number, comments = "", 1, list[str]()
     first = next(lines, "")
     if match := re.fullmatch(r'"?sep=([,;\t ])"?\s*', first, re.IGNORECASE):
         separator, first, number = match[1], next(lines, ""), 2
-    while first.lstrip().startswith(("#", "%")):
-        comment, first, number = first, next(lines, ""), number + 1
+    while first.lstrip()[:1] in COMMENT and first:
+        comments.append(first.strip("#% \t\r\n"))
+        first, number = next(lines, ""), number + 1
     begin = [first]
-    if comment and re.match(r"\s*[-+]?[.,]?[0-9]", first):
-        begin, number = [comment.lstrip("#% \t"), first], number - 1
-    if not separator:
-        # Spreadsheets in countries with a decimal comma separate the cells by semicolons.
-        separator = max((",", ";", "\t"), key=begin[0].count)
-        if separator not in begin[0] and " " in begin[0].strip():
-            separator = " "
-    return separator, number, chain(begin, lines)
+    if any(comments) and re.match(r"\s*[-+]?[.,]?[0-9]", first):
+        place = _header_among(comments, first, separator)
+        header = comments.pop(place)
+        separator = separator or _separator(header)
+        if header.endswith(MORE):
+            name = _cells(header, separator)[-1]
+            missing = len(_cells(first, separator)) - len(_cells(header, separator))
+            header = header.removesuffix(MORE) + (separator + name.removesuffix(MORE)) * missing
+        under = [] if place == len(comments) else [comments.pop(place)]
+        begin = [f"{line}\n" for line in (header, *under)] + [first]
+        number -= len(begin) - 1
+    return separator or _separator(begin[0]), number, chain(begin, lines), comments
+
+
+def _separator(line: str) -> str:
+    """What separates the cells of a header."""
+    # Spreadsheets in countries with a decimal comma separate the cells by semicolons.
+    separator = max((",", ";", "\t"), key=line.count)
+    return " " if separator not in line and " " in line.strip() else separator
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    """The cells of a line without quotes."""
+    return line.split() if separator == " " else line.strip("\r\n").split(separator)
+
+
+def _header_among(comments: Sequence[str], first: str, separator: str) -> int:
+    """Which of the comments above a row of numbers names its columns."""
+
+    def fits(comment: str) -> bool:
+        own = separator or _separator(comment)
+        names = len(_cells(comment, own))
+        return len(_cells(first, own)) == names or comment.endswith(MORE)
+
+    last = max(n for n, comment in enumerate(comments) if comment)
+    place = max(
+        (n for n, comment in enumerate(comments) if comment and fits(comment)), default=last
+    )
+    units = [_unit_in(cell) for cell in _cells(comments[place], _separator(comments[place]))]
+    above = place - 1
+    is_units = place and comments[above] and fits(comments[above]) and None not in units
+    return above if is_units else place
+
+
+def _with_comments(notes: Notes, comments: Iterable[str], *, timed: bool) -> Notes:
+    """Notes with what comments such as ``dt: 0.01`` say and the sidecar does not.
+
+    Comments are for people: what is not understood is left aside, and times count for more.
+    """
+    for comment in comments:
+        match = re.fullmatch(r"\W*(\w+)\s*[:=]\s*(.*\S)\s*", comment)
+        key = match[1].casefold() if match else ""
+        if match is None or key not in READERS or (key == "dt" and timed) or key == "runs":
+            continue
+        if getattr(notes, key) is not None:
+            continue
+        text: object = match[2]
+        with suppress(ValueError, RecursionError):
+            text = json.loads(re.sub(r"(?<=[0-9])\s*(s|sec|seconds)$", "", match[2]))
+        notes = replace(notes, where=notes.where or "its comments", **{key: READERS[key][0](text)})
+    return notes
 
 
 def _unit_in(cell: str) -> str | None:
@@ -305,6 +446,15 @@ def _columns(table: _Table, signal: str, place: Place) -> list[str]:
             numbered.setdefault(int(match[1]), []).append(column)
     several = [column for _, columns in sorted(numbered.items()) for column in columns]
     place_of_header = f"{table.source}: line {table.line}"
+    for name in several or own:
+        if name in table.repeated and (several or not place.chosen):
+            pick = "" if several else f", or pick one, as in --map {signal}={name}.1"
+            raise InputError(
+                f"{place_of_header} has more than one column {shown(name)}; rename all but one"
+                f"{pick}"
+            )
+    if RUN in table.repeated:
+        raise InputError(f"{place_of_header} has more than one column {RUN}; rename all but one")
     if own and several:
         raise InputError(
             f"{place_of_header} has the column {shown(own[0])} and also {listed(several)} for "
@@ -335,7 +485,7 @@ def _require(
     absent = required(places, found, timed=timed)
     if not absent:
         return
-    if all(np.isfinite(_number_or_nan(cell.replace(",", "."))) for cell in table.header):
+    if all(np.isfinite(_number_or_nan(cell.replace(",", "."))) for cell in table.named):
         raise InputError(
             f"{table.source}: line {table.line} holds numbers but must be a header row that names "
             "the columns t, e, u, x"
@@ -379,7 +529,17 @@ def _split_runs(
     )
 
 
-def _read_sidecar(path: Path) -> Notes:
+def read_sidecar(file: Path) -> Notes:
+    """The notes beside a file; none if there are none.
+
+    Raises
+    ------
+    InputError
+        With the line of what is wrong in them.
+    """
+    path = sidecar_path(file)
+    if not os.path.exists(path):
+        return Notes()
     source = path_shown(path)
     require_file(path, LARGEST_SIDECAR)
     try:

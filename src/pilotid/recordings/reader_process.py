@@ -1,4 +1,4 @@
-"""The process that reads MATLAB files: a damaged one can end it, and nothing else.
+"""The process that reads all files but text: a damaged one can end it, and nothing else.
 
 It is started for the first file, within limits of memory and time, and reads all others as well.
 """
@@ -19,8 +19,8 @@ from functools import cache
 from pathlib import Path
 
 from pilotid.disk import require_file
-from pilotid.recordings.contents import Contents, Place
-from pilotid.recordings.matlab import damage_error, read_contents
+from pilotid.recordings.containers import damage_error, read_container
+from pilotid.recordings.contents import Contents, Parts, Place
 from pilotid.types import InputError
 
 LARGEST_FILE = 2**32  # bytes
@@ -66,8 +66,10 @@ def _ask(request: bytes) -> object:
         raise
 
 
-def read_mat(path: Path, source: str, places: Mapping[str, Place], *, timed: bool) -> Contents:
-    """Read a MATLAB file; see `pilotid.recordings.text.read_text`.
+def read_apart(
+    path: Path, source: str, places: Mapping[str, Place], parts: Parts, *, timed: bool
+) -> Contents | list[str]:
+    """Read a file that is no text; see `pilotid.recordings.containers.read_container`.
 
     Raises
     ------
@@ -77,13 +79,13 @@ def read_mat(path: Path, source: str, places: Mapping[str, Place], *, timed: boo
         If the file cannot be read.
     """
     require_file(path, LARGEST_FILE)
-    request = pickle.dumps((path.absolute(), source, dict(places), timed))
+    request = pickle.dumps((path.absolute(), source, dict(places), parts, timed))
     with _LOCK:
         answer = _ask(request) or _ask(request)  # a file read before may have harmed the first
     if isinstance(answer, Exception):
         raise answer
-    if not isinstance(answer, Contents):
-        raise damage_error(source, "reading it failed")
+    if not isinstance(answer, Contents | list):
+        raise damage_error(source, path.suffix.lower(), "reading it failed")
     return answer
 
 
@@ -100,10 +102,10 @@ def _serve() -> None:
     alarm = getattr(signal, "alarm", int)  # not every system has one
     with suppress(EOFError):
         while True:
-            path, source, places, timed = pickle.load(sys.stdin.buffer)
+            path, source, places, parts, timed = pickle.load(sys.stdin.buffer)
             alarm(SECONDS)
             try:
-                answer: object = read_contents(path, source, places, timed=timed)
+                answer: object = read_container(path, source, places, parts, timed=timed)
             except (InputError, OSError) as error:
                 answer = error
             alarm(0)

@@ -1,0 +1,163 @@
+"""Files that hold named variables: MATLAB, HDF5, numpy and parquet.
+
+What is damaged may end the process in a library: `pilotid.recordings.reader_process` calls this in
+a process of its own.
+"""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pilotid.recordings import matlab
+from pilotid.recordings.contents import Contents, Parts, Place, shown
+from pilotid.recordings.text import read_table
+from pilotid.recordings.variables import Variables, contents_of, parts_of
+from pilotid.types import InputError
+
+HDF5 = (".h5", ".hdf5", ".hdf")
+NUMPY = (".npz", ".npy")
+PARQUET = (".parquet",)
+SUFFIXES = (".mat", *HDF5, *NUMPY, *PARQUET)
+#: How a good file is made.
+SAVED = {
+    ".mat": "save it again with save -v7",
+    ".npz": "save it again with numpy.savez",
+    ".npy": "save it again with numpy.save",
+}
+#: The variable in a file of one array.
+ARRAY = "data"
+
+
+def read_container(
+    path: Path, source: str, places: Mapping[str, Place], parts: Parts, *, timed: bool
+) -> Contents | list[str]:
+    """What a file holds, or the parts of it that a ``*`` stands for.
+
+    Parameters
+    ----------
+    path, source
+        The file, and its name in messages.
+    places
+        Where it keeps each signal.
+    parts
+        Which part of it is meant.
+    timed
+        Whether the sampling interval is known, so that no times are needed.
+    """
+    suffix = path.suffix.lower()
+    try:
+        table = _table(path, suffix, source)
+        if table is not None:
+            return read_table(io.StringIO(table), source, places, parts, timed=timed)
+        with _opened(path, suffix, source) as variables:
+            if parts.is_several:
+                return parts_of(variables, source, places, parts, timed=timed)
+            return contents_of(variables, source, places, parts, timed=timed)
+    except InputError:
+        raise
+    except MemoryError:
+        raise InputError(
+            f"{source}: takes too much memory; save t, e, u, x in a file of their own"
+        ) from None
+    except Exception as error:  # what is damaged fails in any way whatsoever
+        raise damage_error(source, suffix, f"{type(error).__name__}: {error}") from None
+
+
+def damage_error(source: str, suffix: str, what: str) -> InputError:
+    """The refusal of a file that is not what its format wants."""
+    kind = "MATLAB" if suffix == ".mat" else suffix
+    return InputError(
+        f"{source}: is no {kind} file, damaged or cut short ({shown(what)[1:-1]}); "
+        f"{SAVED.get(suffix, 'save it again')}"
+    )
+
+
+@contextmanager
+def _opened(path: Path, suffix: str, source: str) -> Iterator[Variables]:
+    """The variables of a file."""
+    if suffix == ".npz":
+        with zipfile.ZipFile(path) as archive:
+            yield dict(_in_npz(archive, source))
+    elif suffix == ".npy":
+        yield {ARRAY: np.load(path, allow_pickle=False).squeeze()}
+    else:
+        with matlab.opened(path) as variables:
+            yield variables
+
+
+def _in_npz(archive: zipfile.ZipFile, source: str) -> Iterator[tuple[str, Any]]:
+    """The variables of an archive of arrays, each read when asked for."""
+    for file in archive.namelist():
+        name = file.removesuffix(".npy")
+        with archive.open(file) as stream:
+            dtype = _dtype_of(stream)
+        if dtype.hasobject:
+            yield name, partial(_refuse_objects, name, source)
+        elif dtype.names:
+            for own in dtype.names:
+                yield f"{name}.{own}", partial(_member, archive, file, own)
+        else:
+            yield name, partial(_member, archive, file, None)
+
+
+def _dtype_of(stream: Any) -> np.dtype[Any]:
+    """What the numbers in a file of numpy are, from its header."""
+    version = np.lib.format.read_magic(stream)
+    old = version == (1, 0)
+    read = np.lib.format.read_array_header_1_0 if old else np.lib.format.read_array_header_2_0
+    return read(stream)[2]
+
+
+def _member(archive: zipfile.ZipFile, file: str, field: str | None) -> Any:
+    with archive.open(file) as stream:
+        array = np.lib.format.read_array(stream, allow_pickle=False)
+    array = array if field is None else array[field]
+    return array.squeeze() if array.dtype.kind in "fiub" else _text(array)
+
+
+def _text(array: Any) -> str | None:
+    return str(array.item()) if array.dtype.kind == "U" and array.size == 1 else None
+
+
+def _refuse_objects(name: str, source: str) -> None:
+    """Objects of Python could run a program when they are read."""
+    raise InputError(
+        f"{source}: variable {shown(name)} holds objects of Python, which are not read because "
+        "they can run programs; save it as an array of numbers"
+    )
+
+
+def _table(path: Path, suffix: str, source: str) -> str | None:
+    """A table with named columns as text; None for a file of another kind."""
+    if suffix == ".npy":
+        with path.open("rb") as stream:
+            dtype = _dtype_of(stream)
+        if dtype.hasobject:
+            _refuse_objects(ARRAY, source)
+        if not dtype.names:
+            return None
+    elif suffix not in PARQUET:
+        return None
+    import pandas as pd
+
+    if suffix == ".npy":
+        frame = pd.DataFrame(np.load(path, allow_pickle=False).ravel())
+    else:
+        try:
+            frame = pd.read_parquet(path)
+        except ImportError:
+            raise InputError(
+                f"{source}: reading parquet needs the package pyarrow; install it with "
+                "`pip install pyarrow`, or save the table as CSV"
+            ) from None
+        if not isinstance(frame.index, pd.RangeIndex):
+            frame = frame.reset_index()
+    return str(frame.to_csv(index=False))
