@@ -121,7 +121,7 @@ def test_the_residual_is_that_of_the_lines_less_the_trend_beside_them() -> None:
         beside = bins[np.argsort(np.abs(bins - line), kind="stable")[:10]]
         trend = np.polynomial.Polynomial.fit(beside - line, residual[beside], 1)
         expected = residual[line] - trend(0.0)
-        turned = expected * coefficients.phases[0, number]
+        turned = expected * coefficients.weights[0, number]
         assert found[number] == pytest.approx(turned, rel=1e-6)
 
 
@@ -155,7 +155,7 @@ def test_the_residual_in_the_loop_is_the_control_less_its_forced_part() -> None:
     )
     forced = pilot * (ft - element * fd) / (1.0 + pilot * element)
     # The weights have the size of the sensitivity.
-    expected = (u - forced) * coefficients.phases[0] * np.abs(1.0 + pilot * element)
+    expected = (u - forced) * coefficients.weights[0] * np.abs(1.0 + pilot * element)
     np.testing.assert_allclose(left, expected, rtol=0.03, atol=0.01 * np.abs(expected).max())
 
 

@@ -293,11 +293,13 @@ def _left_out_misfits(fit: LinesFit) -> tuple[float, ...]:
 
 def _of_runs(coefficients: Coefficients, runs: list[int]) -> Coefficients:
     """The coefficients of some runs alone."""
+    weights = coefficients.weights[runs]
+    size = np.sqrt(np.mean(np.abs(weights) ** 2, axis=0))
     return replace(
         coefficients,
         control=coefficients.control[runs],
         inputs=coefficients.inputs[:, runs],
-        phases=coefficients.phases[runs],
+        weights=weights / np.where(size == 0.0, 1.0, size),  # zero at lines they do not have
     )
 
 

@@ -18,7 +18,7 @@ from pilotid.analysis.cross_validation import LeftOut, failed_rows, left_out_row
 from pilotid.analysis.performance import performance_content, performance_rows
 from pilotid.analysis.recordings import Excluded, Part, Source
 from pilotid.analysis.responses import responses_of
-from pilotid.analysis.rows import CONDITION, SUBJECT, Row, in_order, rows_of
+from pilotid.analysis.rows import CONDITION, PERSON, SUBJECT, Row, in_order, rows_of
 from pilotid.analysis.sharing import require_keys, share_fits
 from pilotid.database import DamagedError, beside, checksum, in_words, open_to_write
 from pilotid.disk import make_folder, write_file
@@ -219,7 +219,7 @@ def group_of(part: Part) -> Group:
     """The recordings that a recording is judged with: those of other subjects, else none."""
     if SUBJECT not in dict(part.fields):
         return (*part.fields, ("file", part.name))
-    return tuple(pair for pair in part.fields if pair[0] != SUBJECT)
+    return tuple(pair for pair in part.fields if pair[0] not in PERSON)
 
 
 # ----------------------------------------------------------------------------------- tasks

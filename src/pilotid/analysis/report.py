@@ -11,12 +11,14 @@ from pilotid.analysis.board import group_words, left_out_blocks
 from pilotid.analysis.contrasts import LEVEL
 from pilotid.analysis.figures import (
     estimates_figure,
+    learning_figure,
     normal_figure,
     parts_figure,
     responses_figure,
     spread_figure,
     standardised,
 )
+from pilotid.analysis.learning import Learning
 from pilotid.analysis.report_tables import (
     FEW,
     alarms,
@@ -24,7 +26,9 @@ from pilotid.analysis.report_tables import (
     counted,
     estimate_groups,
     factor_table,
+    group_table,
     is_significant,
+    learning_table,
     means_table,
     model_table,
     recording_table,
@@ -33,7 +37,7 @@ from pilotid.analysis.report_tables import (
 )
 from pilotid.analysis.responses import LINES, Response
 from pilotid.analysis.results import Results
-from pilotid.analysis.rows import MEASURED, SUBJECT
+from pilotid.analysis.rows import GROUP, MEASURED, SUBJECT
 from pilotid.analysis.spread import ConditionSpread, spread_sentence
 from pilotid.document import Block, Bullets, Command, Figure, Section, Text, write_page
 from pilotid.limits import ESTIMATE
@@ -63,6 +67,19 @@ OTHER_MODELS = (
     "Across models: the parameter stands in another channel in one condition than in the other, "
     "so that it need not mean the same. Such rows count in no summary. Without "
     "`--model-per-condition` one model is chosen for conditions that are compared."
+)
+GROUPS = (
+    "Groups of subjects in each condition, b less a: Welch's t-test, which assumes no equal "
+    "variances, p after Holm's correction for the number of pairs and conditions, effect size "
+    "(Hedges' g). "
+    "Below, over the subjects with an estimate in every condition: the group, and whether "
+    "conditions differ otherwise in one group than in another (`groups.csv`, `factors.csv`)."
+)
+LEARNING = (
+    "Quantities over the order of runs and sessions, for all subjects together: an exponential "
+    "from start to end, whose distance falls to 37 % in so many runs (constant), with errors from "
+    "leaving subjects out one by one; and the change from run to run by a straight line, whose p "
+    "says whether anything changes at all. `learning.csv` has each subject's curve."
 )
 RUNS = (
     "A claimed error says what the same pilot would scatter who did the same again. Runs "
@@ -106,6 +123,12 @@ def report_sections(
         yield Section("responses", "Frequency responses", responses)
     if results.contrasts:
         yield _conditions(results)
+    if results.groups:
+        groups = [e for e in results.effects if e.effect.startswith(GROUP)]
+        tables = [group_table(results.groups), factor_table(groups)]
+        yield Section("groups", "Groups compared", [Text(GROUPS), *tables])
+    if results.learning:
+        yield Section("learning", "Learning", [Text(LEARNING), *_learning(results)])
     if results.by_condition:
         yield Section("runs", "From run to run", [Text(RUNS), *_runs(results)])
     if results.tried:
@@ -129,7 +152,8 @@ def _clear(folder: Path, analysis: Analysis) -> None:
 
 def _summary(results: Results) -> Section:
     analysis = results.analysis
-    subjects = {dict(part.fields).get(SUBJECT) for part in analysis.parts} - {None}
+    fields = [dict(part.fields) for part in analysis.parts]
+    subjects = {(own.get(GROUP), own[SUBJECT]) for own in fields if SUBJECT in own}
     runs = sum(int(look["recording"]["runs"]) for look in analysis.looks.values())
     of = f" of {len(subjects)} subjects" if subjects else ""
     told = [f"{len(analysis.parts)} recordings{of}, {runs} runs."]
@@ -281,8 +305,8 @@ def _conditions(results: Results) -> Section:
     blocks: list[Block] = [Text(PAIRED), *contrast_tables(results)]
     if any(c.across for c in results.contrasts):
         blocks.append(Text(OTHER_MODELS))
-    if results.effects:
-        blocks.append(factor_table(results.effects))
+    if factors := [e for e in results.effects if not e.effect.startswith(GROUP)]:
+        blocks.append(factor_table(factors))
     if residuals := standardised(results.contrasts):
         caption = (
             "Differences between conditions, each less its mean over the subjects and over their "
@@ -293,6 +317,18 @@ def _conditions(results: Results) -> Section:
     if results.repeated:
         blocks.append(repeated_table(results.repeated))
     return Section("conditions", "Conditions compared", blocks)
+
+
+def _learning(results: Results) -> Iterator[Block]:
+    """Quantities over runs: a table, and a figure for each condition and method."""
+    yield learning_table([c for c in results.learning if not c.subject] or results.learning)
+    groups: dict[str, list[Learning]] = {}
+    for curve in results.learning:
+        title = table_title(curve.stratum, curve.method, curve.model)
+        groups.setdefault(", ".join(filter(None, (title, curve.condition))), []).append(curve)
+    for place, (title, own) in enumerate(groups.items(), start=1):
+        caption = f"Over runs, {title}. Thin: subjects; black: their mean, and the common curve."
+        yield Figure(f"learning-{place}", learning_figure(own), caption)
 
 
 def _runs(results: Results) -> Iterator[Block]:

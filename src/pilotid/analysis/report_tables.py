@@ -11,6 +11,8 @@ from pilotid.analysis.analyse import Analysis, group_of
 from pilotid.analysis.board import group_words
 from pilotid.analysis.contrasts import LEVEL, Contrast
 from pilotid.analysis.factors import Effect
+from pilotid.analysis.groups import GroupDifference
+from pilotid.analysis.learning import Learning
 from pilotid.analysis.repeated import Repeated
 from pilotid.analysis.results import Results
 from pilotid.analysis.rows import (
@@ -305,6 +307,46 @@ def factor_table(found: Sequence[Effect]) -> Table[Effect]:
         Column("notes", lambda e: "; ".join(e.notes) or NONE),
     ]
     return Table("Effects of the factors: analysis of variance", columns, found, heads=3)
+
+
+def group_table(found: Sequence[GroupDifference]) -> Table[GroupDifference]:
+    """Groups compared in each condition."""
+    columns: list[Column[GroupDifference]] = [
+        Column("condition", lambda g: group_words((*g.stratum, ("condition", g.condition)))),
+        Column("method", lambda g: g.method),
+        Column("groups", lambda g: f"{g.group_a}:{g.group_b}"),
+        Column("parameter", lambda g: g.parameter, symbol=symbol),
+        Column("unit", lambda g: g.unit),
+        Column("n", lambda g: f"{g.subjects_a}, {g.subjects_b}", str, "subjects"),
+        Column("difference", lambda g: (g.difference, g.std_error), to_error),
+        Column("t (df)", lambda g: f"{g.t:.2f} ({g.freedom:.1f})" if g.t == g.t else None, str),
+        Column("p", lambda g: g.p, p_value),
+        Column("p Holm", lambda g: g.p_holm, p_value, "for all comparisons"),
+        Column("g", lambda g: (g.effect_size, 2), number, "Hedges'"),
+    ]
+    return Table("Differences between groups", columns, found, heads=4)
+
+
+def learning_table(found: Sequence[Learning]) -> Table[Learning]:
+    """Curves over runs."""
+
+    def shown(name: str) -> Callable[[Learning], tuple[float, float]]:
+        return lambda c: (getattr(c.curve, name), getattr(c.errors, name))
+
+    columns: list[Column[Learning]] = [
+        Column("condition", lambda c: group_words((*c.stratum, ("condition", c.condition)))),
+        Column("method", lambda c: c.method),
+        Column("parameter", lambda c: c.parameter, symbol=symbol),
+        Column("unit", lambda c: c.unit),
+        Column("subjects", lambda c: c.subjects, str),
+        Column("start", shown("start"), unsigned),
+        Column("end", shown("end"), unsigned),
+        Column("constant", shown("constant"), unsigned, "runs"),
+        Column("change a run", shown("slope"), unsigned, "of a straight line"),
+        Column("p", lambda c: c.p, p_value, "of no change"),
+        Column("notes", lambda c: "; ".join(c.notes) or NONE),
+    ]
+    return Table("Learning curves", columns, found, heads=3)
 
 
 # ------------------------------------------------------------------- models and recordings

@@ -10,9 +10,11 @@ from pilotid.analysis.analyse import Analysis
 from pilotid.analysis.board import Board
 from pilotid.analysis.contrasts import Contrast, contrasts, split_pairs, within_fits
 from pilotid.analysis.factors import Effect, effects
+from pilotid.analysis.groups import GroupDifference, group_differences, group_effects
+from pilotid.analysis.learning import Learning, learning
 from pilotid.analysis.recordings import Excluded
 from pilotid.analysis.repeated import Repeated, repeated
-from pilotid.analysis.rows import CONDITION, SUBJECT, Chosen, Row
+from pilotid.analysis.rows import CONDITION, GROUP, PERSON, SUBJECT, Chosen, Row
 from pilotid.analysis.spread import (
     ConditionSpread,
     RunSpread,
@@ -43,6 +45,17 @@ FACTOR_COLUMNS = (
     *("method", "parameter", "unit", "effect", "subjects", "F", "df1", "df2", "p", "epsilon"),
     *("p_corrected", "eta_squared", "notes"),
 )
+#: Columns of the table of groups, and of that of learning curves.
+GROUP_COLUMNS = (
+    *("condition", "method", "parameter", "unit", "group_a", "group_b", "subjects_a", "subjects_b"),
+    *("mean_a", "mean_b", "difference", "std_error", "t", "freedom", "p", "p_holm", "lower_95"),
+    *("upper_95", "effect_size"),
+)
+LEARNING_COLUMNS = (
+    *("condition", "model", "method", "parameter", "unit", "subject", "points", "subjects"),
+    *("start", "start_std_error", "end", "end_std_error", "constant", "constant_std_error"),
+    *("slope", "slope_std_error", "p", "notes"),
+)
 #: Columns of the table of spreads from run to run.
 SPREAD_COLUMNS = (
     *("file", "condition", "model", "method", "parameter", "unit", "runs", "ratio"),
@@ -56,11 +69,14 @@ PLACES = {
     "ratio_lower_95": "ratio.lower",
     "ratio_upper_95": "ratio.upper",
     "ratio_p": "ratio.p",
+    **{name: f"curve.{name}" for name in ("start", "end", "constant", "slope")},
+    **{f"{name}_std_error": f"errors.{name}" for name in ("start", "end", "constant", "slope")},
 }
 
 
 def table_of(
-    lines: Sequence[Contrast | Repeated | RunSpread | Effect], columns: Sequence[str]
+    lines: Sequence[Contrast | Repeated | RunSpread | Effect | GroupDifference | Learning],
+    columns: Sequence[str],
 ) -> tuple[list[str], list[list[object]]]:
     """A table for a CSV file, behind the fields of the strata; several notes are one text."""
     fields = list(dict.fromkeys(name for line in lines for name, _ in line.stratum))
@@ -104,7 +120,11 @@ class Results:
     contrasts, repeated
         Conditions compared, in pairs and all together.
     effects
-        Effects of the factors that conditions are combinations of.
+        Effects of the factors that conditions are combinations of, and of groups.
+    groups
+        Groups compared, in pairs in each condition.
+    learning
+        Quantities over runs and sessions.
     spreads, by_condition
         Runs compared, of each recording and over subjects.
     notes
@@ -121,6 +141,8 @@ class Results:
     contrasts: Sequence[Contrast]
     repeated: Sequence[Repeated]
     effects: Sequence[Effect]
+    groups: Sequence[GroupDifference]
+    learning: Sequence[Learning]
     spreads: Sequence[RunSpread]
     by_condition: Sequence[ConditionSpread]
     notes: Sequence[str]
@@ -195,6 +217,8 @@ def results_of(
         differences += within_fits(both, within, chosen)
         together = repeated(free, chosen)
         crossed = effects(free, analysis.settings.factors, chosen, analysis.settings.known)
+    if GROUP in fields:
+        crossed = [*crossed, *group_effects(both, chosen, analysis.settings.known)]
     return Results(
         analysis=analysis,
         chosen=chosen,
@@ -204,6 +228,8 @@ def results_of(
         contrasts=differences,
         repeated=together,
         effects=crossed,
+        groups=group_differences(both, chosen),
+        learning=learning([*seen, *rows, *loops]),
         spreads=spreads,
         by_condition=condition_spreads(spreads),
         notes=notes,
@@ -217,8 +243,8 @@ def excluded_rows(rows: Sequence[Row], excluded: Sequence[Excluded]) -> list[Row
     for own in excluded:
         fields = own.part.fields
         for row in rows:
-            here = [pair for pair in row.fields if pair[0] != SUBJECT]
-            if row.run is None and here == [pair for pair in fields if pair[0] != SUBJECT]:
+            here = [pair for pair in row.fields if pair[0] not in PERSON]
+            if row.run is None and here == [pair for pair in fields if pair[0] not in PERSON]:
                 found[fields, row.model, row.method, row.parameter] = replace(
                     row, file=own.part.name, fields=fields, outcome=own.fault, usable=False
                 )

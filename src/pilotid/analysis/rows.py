@@ -16,6 +16,9 @@ from pilotid.remarks import Remark
 
 #: The field of a pattern that names who was recorded, and the one that names under what.
 SUBJECT, CONDITION = "subject", "condition"
+#: The field that names a group of subjects, and both fields that say who somebody is.
+GROUP = "group"
+PERSON = (GROUP, SUBJECT)
 #: The method of what signals show without any model.
 MEASURED = "measured"
 
@@ -70,9 +73,14 @@ class Row:
         return dict(self.fields).get(name, "")
 
     @property
+    def person(self) -> str:
+        """The subject, with the group where there are groups: each may number its own."""
+        return "/".join(filter(None, (self.field(name) for name in PERSON)))
+
+    @property
     def stratum(self) -> tuple[tuple[str, str], ...]:
-        """All fields but subject and condition: contrasts are made within each value of them."""
-        return tuple(pair for pair in self.fields if pair[0] not in (SUBJECT, CONDITION))
+        """All fields but who and under what: contrasts are made within each value of them."""
+        return tuple(pair for pair in self.fields if pair[0] not in (*PERSON, CONDITION))
 
 
 def rows_of(
@@ -134,7 +142,7 @@ def in_order(values: Sequence[str]) -> list[str]:
     return sorted(set(values), key=key)
 
 
-#: All fields of a row but subject and condition.
+#: All fields of a row but group, subject and condition.
 Stratum = tuple[tuple[str, str], ...]
 #: The model that is believed of a condition within a stratum.
 Chosen = Mapping[tuple[Stratum, str], str]
@@ -215,6 +223,11 @@ class Layout:
         return whole, out
 
 
+def group_in(subject: str) -> str:
+    """The group of a subject, see `Row.person`."""
+    return subject.rpartition("/")[0]
+
+
 def who(subject: str) -> str:
     """A subject in words."""
     return f"subject {subject}" if subject else "a subject without a name"
@@ -256,8 +269,8 @@ def _layout(stratum: Stratum, method: str, parameter: str, rows: Sequence[Row]) 
         here = [row for row in rows if row.field(CONDITION) == condition]
         models[condition] = here[0].model
         cells[condition] = {
-            subject: _cell([row for row in here if row.field(SUBJECT) == subject])
-            for subject in in_order([row.field(SUBJECT) for row in here])
+            subject: _cell([row for row in here if row.person == subject])
+            for subject in in_order([row.person for row in here])
         }
     units = ", ".join(dict.fromkeys(row.unit for row in rows))
     return Layout(stratum, method, parameter, units, models, cells)

@@ -15,6 +15,8 @@ from pilotid.analysis.responses import response_cells
 from pilotid.analysis.results import (
     CONTRAST_COLUMNS,
     FACTOR_COLUMNS,
+    GROUP_COLUMNS,
+    LEARNING_COLUMNS,
     REPEATED_COLUMNS,
     SPREAD_COLUMNS,
     Results,
@@ -26,7 +28,11 @@ from pilotid.disk import table_bytes, write_file
 ESTIMATES, MODELS, LOOPS, CONTRASTS = "estimates.csv", "models.csv", "loops.csv", "contrasts.csv"
 CONDITIONS, RUNS, TEX = "conditions.csv", "runs.csv", "tables.tex"
 LEFT_OUT, FACTORS, FRF = "left_out.csv", "factors.csv", "frf.csv"
-TABLES = ESTIMATES, MODELS, LOOPS, CONTRASTS, CONDITIONS, RUNS, TEX, LEFT_OUT, FACTORS, FRF
+GROUPS, LEARNING = "groups.csv", "learning.csv"
+TABLES = (
+    *(ESTIMATES, MODELS, LOOPS, CONTRASTS, CONDITIONS, RUNS, TEX, LEFT_OUT, FACTORS, FRF),
+    *(GROUPS, LEARNING),
+)
 
 QUANTITY_COLUMNS = ("unit", "value", "std_error", "lower_95", "upper_95", "outcome", "remarks")
 
@@ -77,6 +83,8 @@ def table_cells(results: Results) -> dict[str, Cells]:
             ],
         ),
         FACTORS: table_of(results.effects, FACTOR_COLUMNS),
+        GROUPS: table_of(results.groups, GROUP_COLUMNS),
+        LEARNING: table_of(results.learning, LEARNING_COLUMNS),
         RUNS: table_of(results.spreads, SPREAD_COLUMNS),
         LEFT_OUT: (
             ["file", *names, *LEFT_OUT_COLUMNS],

@@ -8,7 +8,7 @@ from pilotid.limits import SIGNAL
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
 from pilotid.recordings.recording import INPUTS, Recording
-from pilotid.recordings.spectra import NotMultisineError, forcing_lines
+from pilotid.recordings.spectra import NotMultisineError, forcing_lines, told_apart
 from pilotid.types import FloatArray
 
 #: What to do where channels cannot be told apart.
@@ -138,8 +138,8 @@ def lines_objection(recording: Recording, model: PilotModel) -> str | None:
     fewest = min(own.size for own in lines.values())
     if len(inputs) == 2 and len(lines) < 2:
         return "two channels need both a target and a disturbance forcing function"
-    if len(inputs) == 2 and np.intersect1d(lines["ft"], lines["fd"]).size:
-        return "two channels need forcing functions without common lines"
+    if len(inputs) == 2 and not told_apart(recording):
+        return "two channels need forcing functions without common lines in a run"
     if fewest < 2:
         return "a forcing function has a single line, where two or more are needed"
     count = sum(own.size for own in lines.values())

@@ -9,7 +9,7 @@ import numpy as np
 from pilotid.estimates.parts import FrequencyResponse, circular
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.recordings.spectra import forcing_lines
+from pilotid.recordings.spectra import coefficients_at, forcing_lines
 from pilotid.types import BoolArray, ComplexArray, FloatArray, IntArray
 
 #: Least power of the remnant at a line as a share of the control's there: far below what
@@ -44,8 +44,9 @@ class Coefficients:
         are made; shape (signals, runs, all).
     mixing
         What turns responses to `inputs` into those to `seen`, shape (signals, channels).
-    phases
-        What turns every run's forcing function to phase zero at the lines, (runs, n).
+    weights
+        What averages runs in phase: the conjugate of each run's forcing function at the lines, of
+        mean square 1 over the runs; zero in runs without the line, (runs, n).
     beside
         For each line, the indices of the bins beside it, shape (n, beside).
     trend
@@ -66,7 +67,7 @@ class Coefficients:
     inputs: ComplexArray
     seen: ComplexArray
     mixing: FloatArray
-    phases: ComplexArray
+    weights: ComplexArray
     beside: IntArray
     trend: FloatArray
     detrend: FloatArray
@@ -86,7 +87,7 @@ class Coefficients:
         coefficients
             Shape (..., runs, n).
         """
-        return np.asarray(np.mean(coefficients * self.phases, axis=-2))
+        return np.asarray(np.mean(coefficients * self.weights, axis=-2))
 
     def leakage(self, residuals: ComplexArray) -> ComplexArray:
         """What transients leak to the lines, shape (..., runs, n).
@@ -121,26 +122,33 @@ class Coefficients:
     def power(self, residuals: ComplexArray) -> FloatArray:
         """Power of the remnant in the averaged coefficients at the lines, shape (n,).
 
-        The bins beside a line tell it.  The differences between runs, which a pilot who
-        changes makes larger, scale it; adjacent lines share that factor, which one line
+        The bins beside a line tell it.  The differences between runs with that line, which a pilot
+        who changes makes larger, scale it; adjacent lines share that factor, which one line
         alone would tell with few degrees of freedom.
         """
         runs = len(residuals)
-        freedom = self.freedom if runs == 1 else POOLED * (runs - 1)
+        freedom = np.full(self.lines, float(self.freedom))
         bins = residuals[:, self.beside]
         left = np.einsum("rnb,nbc,rnc->n", bins.conj(), self.detrend, bins).real / runs
         power = left * (1.0 + np.sum(self.trend**2, axis=1)) / runs
         least = QUIETEST * np.abs(self.at_lines(self.control[:, : self.lines])) ** 2
         power = np.maximum(power, least)
-        if runs > 1:
-            own = (residuals[:, : self.lines] - self.leakage(residuals)) * self.phases
-            scatter = np.mean(np.abs(own - own.mean(axis=0)) ** 2, axis=0) / (runs - 1)
+        having = self.weights != 0.0  # the runs that have each line
+        free = having.sum(axis=0) - 1
+        if free.any():
+            own = residuals[:, : self.lines] - self.leakage(residuals)
+            own = np.where(having, own - self.weights.conj() * self.at_lines(own), 0.0)
             window = np.ones(POOLED)
             ascending = np.argsort(self.omega[: self.lines], kind="stable")
-            ratio = (scatter / power)[ascending]
-            shared = np.convolve(ratio, window, "same")
-            shared /= np.convolve(np.ones_like(ratio), window, "same")
-            power[ascending] *= shared
+
+            def pooled(values: FloatArray) -> FloatArray:
+                return np.convolve(values[ascending], window, "same")
+
+            scatter, count = pooled(np.sum(np.abs(own) ** 2, axis=0) / (power * runs)), pooled(free)
+            near = POOLED * count / pooled(np.ones(self.lines))
+            told = near >= POOLED
+            power[ascending[told]] *= scatter[told] / count[told]
+            freedom[ascending[told]] = near[told]
             power = np.maximum(power, least)
         # Right weights would do with freedom - 1, which makes the information right on average
         # (for complex normal residuals); estimated ones scatter, and cost as much again.
@@ -160,7 +168,7 @@ class Coefficients:
         known = self.disturbance if self.disturbance.any() else ~self.disturbance
         omega = self.omega[: self.lines][known]
         reference = self.seen[0]
-        leakage = np.zeros_like(self.phases)
+        leakage = np.zeros_like(self.weights)
         for _ in range(3):
             control = self.at_lines(self.control[:, : self.lines] - leakage)
             ratio = control / self.at_lines(reference[:, : self.lines])
@@ -214,8 +222,11 @@ class Coefficients:
         value, both = np.array([first, second]), np.array([on_first, on_second])
         if not np.array_equal(self.mixing, np.eye(2)):
             value, both = (np.linalg.solve(self.mixing, v.reshape(2, -1)) for v in (value, both))
-        both = both.reshape(2 * omega.size, -1)
-        return FrequencyResponse(omega, value.reshape(2, -1), circular(both @ both.conj().T))
+        both, value = both.reshape(2, omega.size, -1), value.reshape(2, -1)
+        # Where runs exchange their lines, both equations of a frequency give the same responses.
+        omega, once = np.unique(omega, return_index=True)
+        both = both[:, once].reshape(2 * omega.size, -1)
+        return FrequencyResponse(omega, value[:, once], circular(both @ both.conj().T))
 
 
 def coefficients_of(
@@ -273,7 +284,7 @@ def coefficients_of(
         inputs=inputs,
         seen=seen,
         mixing=mixing,
-        phases=_phases(recording, by_signal),
+        weights=_weights(recording, by_signal),
         beside=beside,
         trend=weights,
         detrend=(np.eye(neighbours) - powers @ fitting) / (neighbours - orders.size),
@@ -312,16 +323,16 @@ def _paths(
     return np.array([(found @ way)[:, 0, 0] for way in ways])
 
 
-def _phases(recording: Recording, by_signal: dict[str, IntArray]) -> ComplexArray:
-    """What turns each run's forcing function to phase zero at its lines, (runs, n)."""
+def _weights(recording: Recording, by_signal: dict[str, IntArray]) -> ComplexArray:
+    """What averages runs in phase at the lines, see `Coefficients`, (runs, n)."""
     parts = []
     for name, lines in by_signal.items():
-        signal = getattr(recording, name)
-        if signal is None:
-            parts.append(np.ones((recording.runs, lines.size), dtype=complex))
-        else:
-            forcing = np.fft.rfft(recording.window(signal))[:, lines]
-            parts.append(np.exp(-1j * np.angle(forcing)))
+        forcing = coefficients_at(recording, name, lines)
+        if forcing is None:
+            forcing = np.ones((recording.runs, lines.size), dtype=complex)
+        size = np.sqrt(np.mean(np.abs(forcing) ** 2, axis=0))
+        forcing[:, size == 0.0] = 1.0
+        parts.append(forcing.conj() / np.where(size == 0.0, 1.0, size))
     return np.concatenate(parts, axis=1)
 
 

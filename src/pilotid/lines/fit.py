@@ -192,8 +192,9 @@ class Equations(Problem):
         def beside(signal: ComplexArray) -> ComplexArray:
             """What multiplies it at the bins beside them, shape (n, bins)."""
             matrix = np.zeros((lines, coefficients.omega.size), dtype=complex)
-            near = np.mean(coefficients.phases[:, :, None] * signal[:, coefficients.beside], axis=0)
-            matrix[np.arange(lines)[:, None], coefficients.beside] = -coefficients.trend * near
+            turned = coefficients.weights[:, :, None] * signal[:, coefficients.beside]
+            near = -coefficients.trend * np.mean(turned, axis=0)
+            matrix[np.arange(lines)[:, None], coefficients.beside] = near
             return scale[:, None] * matrix[:, lines:]
 
         self._control = at_lines(coefficients.control) + beside(coefficients.control).sum(axis=1)

@@ -23,11 +23,13 @@ from pilotid.recordings.plant import (
     unrelated,
 )
 from pilotid.recordings.recording import ABSENT, Recording, remembered, unit_sized
+from pilotid.recordings.selection import of_runs
 from pilotid.recordings.spectra import (
     NotMultisineError,
     answers,
     at_lines,
     forcing_lines,
+    same_lines,
     target_lines,
 )
 from pilotid.remarks import Remark, gravest_first
@@ -44,7 +46,7 @@ def remarks(recording: Recording) -> tuple[Remark, ...]:
     """
     sized = unit_sized(recording)
     found = [check(recording) for check in CHECKS]
-    named = _names(sized)
+    named = _names_by_lines(sized)
     faults = [f for f in findings(sized) if f.grade != "note"]
     shifted = any(f.code in LATE for f in faults)
     if named and named.code in ("not-the-error", "wrong-unit") and shifted:
@@ -100,6 +102,18 @@ def _still(recording: Recording) -> Remark | None:
     return Remark(
         "motionless", f"{which} does not move: map it to the recorded signal, or record it"
     )
+
+
+def _names_by_lines(recording: Recording) -> Remark | None:
+    """`_names` of runs whose forcing functions have the same lines, which it takes for granted."""
+    groups = same_lines(recording)
+    if len(groups) == 1:
+        return _names(recording)
+    for group in groups:
+        words = f"{'run' if len(group) == 1 else 'runs'} {', '.join(str(1 + run) for run in group)}"
+        if told := _names(of_runs(recording, [1 + run for run in group], words)):
+            return Remark(told.code, f"{words}: {told}", told.grade)
+    return None
 
 
 def _names(recording: Recording) -> Remark | None:
@@ -386,7 +400,7 @@ def _other_element(recording: Recording) -> Remark | None:
 
 def _other_size(recording: Recording) -> Remark | None:
     """A run in which a signal is far larger or smaller than in the others."""
-    if recording.runs < BY_SIZE:
+    if recording.runs < BY_SIZE or len(same_lines(recording)) > 1:
         return None
     for name in ("u", "e", "x"):
         if name not in recording.signals:

@@ -407,17 +407,21 @@ class Recording:
 
 
 def joined(recordings: Iterable[Recording]) -> Recording:
-    """Several recordings of one condition as the runs of one recording.
+    """Several recordings of one subject and condition as the runs of one recording.
+
+    Their forcing functions may differ in lines, amplitudes and phases; one that only some of them
+    have is zero in the others.
 
     Raises
     ------
     InputError
-        If the sampling interval, length, run-in or forcing signals present differ, or if a run
+        If the sampling interval, length, run-in or the signals recorded differ, or if a run
         is there twice.
     """
     recordings = list(recordings)
     if not recordings or not all(isinstance(own, Recording) for own in recordings):
         raise InputError("joined takes recordings, one at least")
+    recordings, added = _with_all_forcing(recordings)
     first = recordings[0]
     for other in recordings[1:]:
         for what, a, b in (
@@ -450,9 +454,36 @@ def joined(recordings: Iterable[Recording]) -> Recording:
     return replace(
         first,
         **signals,
+        lines=_all_lines(recordings),
         source=f"{first.source} and {len(recordings) - 1} more",
-        treatment=tuple(dict.fromkeys(s for r in recordings for s in r.treatment)),
+        treatment=tuple(dict.fromkeys([*(s for r in recordings for s in r.treatment), *added])),
     )
+
+
+def _with_all_forcing(recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
+    """The same with zeros for forcing functions that others have, and a sentence on each."""
+    found, added = list(recordings), []
+    for name in ("ft", "fd"):
+        without = [i for i, own in enumerate(found) if getattr(own, name) is None]
+        if not 0 < len(without) < len(found):
+            continue
+        for i in without:
+            lines = {key: own for key, own in found[i].lines.items() if key != name}
+            zero = np.zeros_like(found[i].u)
+            found[i] = replace(found[i], **{name: zero, "lines": lines})
+        which = ", ".join(found[i].source for i in without)
+        added.append(f"{name} is taken for zero in {which}, where it is not recorded")
+    return found, added
+
+
+def _all_lines(recordings: Sequence[Recording]) -> dict[str, tuple[int, ...]]:
+    """The lines of all recordings; of a forcing function for which one names none, none."""
+    found = {}
+    for name in ("ft", "fd"):
+        moved = [r for r in recordings if name in r.lines or np.any(getattr(r, name))]
+        if moved and all(name in r.lines for r in moved):
+            found[name] = tuple(sorted({line for r in moved for line in r.lines[name]}))
+    return found
 
 
 def _require_different_runs(recordings: Sequence[Recording]) -> None:

@@ -21,6 +21,7 @@ SMALLEST = 1e-3
 SAME = 0.02  # e + x below this share of e is no target
 #: A multisine leaves most of the bins between its first and last line to the remnant.
 CROWDED = 0.34
+ALIKE = 0.1  # share in which a line of both functions may go together over the runs
 FEWEST = 5  # lines of a target that tell which signal is which
 MEDIAN = 0.64  # of the power of eight bins of noise less their own median, over its mean
 BESIDE = 8  # bins beside a line that tell leakage and noise in it
@@ -83,6 +84,56 @@ def lines_of(recording: Recording, name: str) -> IntArray:
             f"{lines.size} of the {lines[-1]} bins up to its highest hold power"
         )
     return lines
+
+
+def coefficients_at(recording: Recording, name: str, lines: IntArray) -> ComplexArray | None:
+    """Transform of a forcing function at its lines in each run, shape (runs, lines).
+
+    Zero where a run does not have the line; None where the function was not recorded.
+    """
+    forcing = getattr(recording, name)
+    if forcing is None:
+        return None
+    found = np.fft.rfft(recording.window(forcing))[:, lines]
+    size = np.abs(found)
+    return np.where(size < SMALLEST * size.max(initial=0.0), 0.0, found)
+
+
+@remembered
+def same_lines(recording: Recording) -> tuple[tuple[int, ...], ...]:
+    """Runs, from 0, whose forcing functions have the same lines, in the order of the first ones.
+
+    All runs are together where forcing functions are no multisines.
+    """
+    try:
+        every = forcing_lines(recording)
+    except NotMultisineError:
+        every = {}
+    groups: dict[bytes, list[int]] = {}
+    each = [coefficients_at(recording, name, lines) for name, lines in every.items()]
+    having = [own != 0.0 for own in each if own is not None]
+    for run in range(recording.runs):
+        key = b"".join(own[run].tobytes() for own in having)
+        groups.setdefault(key, []).append(run)
+    return tuple(map(tuple, groups.values()))
+
+
+@remembered
+def told_apart(recording: Recording) -> bool:
+    """Whether answers to target and disturbance differ at every line that both have.
+
+    They do where no run has the line in both, and where phases or signs between runs differ.
+    """
+    every = forcing_lines(recording)
+    common = np.intersect1d(*every.values()) if len(every) == 2 else np.zeros(0, dtype=int)
+    if not common.size:
+        return True
+    both = [coefficients_at(recording, name, common) for name in every]
+    if both[0] is None or both[1] is None:
+        return False
+    size = [np.linalg.norm(own, axis=0) for own in both]
+    shared = np.abs(np.sum(both[0] * both[1].conj(), axis=0))
+    return bool(np.all(shared <= ALIKE * size[0] * size[1]))
 
 
 def forcing_sines(recording: Recording) -> dict[str, dict[str, object]]:

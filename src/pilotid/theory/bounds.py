@@ -206,8 +206,11 @@ class Bounds:
     autoregressive: FloatArray
 
 
-def bounds(experiment: Experiment, band: float | None = None, order: int = 8) -> Bounds:
-    """Cramer-Rao bounds.
+def bounds(*experiments: Experiment, band: float | None = None, order: int = 8) -> Bounds:
+    """Cramer-Rao bounds, of several experiments with one pilot together.
+
+    Recordings have independent remnants, so that their informations add up, whatever the lines,
+    amplitudes and phases of each.
 
     After a step the forced control holds more than a low-pass remnant up to any frequency,
     and the full-rate bound of a delay rests on what lies near half the sampling rate.  A
@@ -215,13 +218,19 @@ def bounds(experiment: Experiment, band: float | None = None, order: int = 8) ->
 
     Parameters
     ----------
-    experiment
-        The loop and its excitation.
+    experiments
+        The loops and their excitation, at least one.
     band
         What lies above this frequency [rad/s] is not used; None for the whole record.
     order
         Number of the autoregressive coefficients, at the sampling rate of the band.
     """
+    each = [own.runs * _informations(own, band, order) for own in experiments]
+    return Bounds(*map(_inverse, np.sum(each, axis=0)))
+
+
+def _informations(experiment: Experiment, band: float | None, order: int) -> FloatArray:
+    """Information of one run: in the order of `Bounds`, shape (4, parameters, parameters)."""
     view = View(experiment, band)
     circulation = view.circulation
     gradient = view.gradient(view.omega, circulation.error, circulation.output, experiment.values)
@@ -234,8 +243,7 @@ def bounds(experiment: Experiment, band: float | None = None, order: int = 8) ->
 
     low_pass = full - view.samples * nuisance_share(view, gradient)
     autoregressive = full - view.samples * _taken(view, gradient, by_coefficient)
-    informations = full, forcing, low_pass, autoregressive
-    return Bounds(*(_inverse(experiment.runs * i) for i in informations))
+    return np.array([full, forcing, low_pass, autoregressive])
 
 
 def nuisance_share(view: View, gradient: ComplexArray) -> FloatArray:
