@@ -57,8 +57,8 @@ NOT_CLOSED = Remark(
 #: Said there of an element that changes during the recording.
 VARYING = Remark(
     "element-unknown",
-    "no one controlled element closes the loop, since it changes during the recording: noise of "
-    "the recorder on e and x counts as signal and delays may be biased; fit the parts with --span",
+    "the controlled element changes during the recording: noise of the recorder on e and x "
+    "counts as signal, and delays may be biased; fit the parts with --span",
 )
 #: Said where nothing stands above the recorder's floor.
 HIDDEN = Remark(
@@ -191,10 +191,9 @@ def _not_followed(found: Maximum) -> list[Remark]:
     return [
         Remark(
             "inverse-plant",
-            "the likelihood is largest where the model predicts the control as the inverse of the "
-            f"controlled element, not as a pilot: its response explains {own:.0f} % of the "
-            f"control, that of a pilot fitted to the forcing functions' lines {lines:.0f} %; the "
-            "values mean nothing, choose a simpler model or the method fourier",
+            "the best fit is the inverse of the controlled element, not a pilot: it explains "
+            f"{own:.0f} % of the control, a pilot fitted at the forcing frequencies {lines:.0f} %; "
+            "choose a simpler model or the method fourier",
         )
     ]
 

@@ -36,7 +36,7 @@ from pilotid.ranges import ranged
 from pilotid.recordings.files import read_with, save_recording
 from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.recordings.text import sidecar_path
-from pilotid.remarks import OF_STICK
+from pilotid.remarks import OF_STICK, codes_in
 from pilotid.seeds import DEFAULT_SEED, draw_rng, recording_rng
 from pilotid.terminal import make_console, show_warning, with_bar
 from pilotid.types import InputError, one_line
@@ -193,6 +193,7 @@ def fit(
         str | None, typer.Option(metavar="Kvis=0.2,tlead=1.5", help="Initial guesses.")
     ] = None,
     seed: options.SeedOption = DEFAULT_SEED,
+    ignore: options.IgnoreOption = None,
     json: options.JsonOption = None,
     report: Annotated[
         Path | None, typer.Option(metavar="F.html", help="Write a report with figures.")
@@ -204,7 +205,7 @@ def fit(
     force: options.ForceOption = False,
 ) -> None:
     """Identify a pilot model from recordings."""
-    plant = element_named(element) if element else None
+    plant, ignored = element_named(element) if element else None, codes_in(ignore or ())
     names = [] if model == AUTO else split_list(model, names=True) or [model]
     named = with_held([model_named(name) for name in dict.fromkeys(names)], fix) if names else []
     named = [options.with_start(own, start) for own in named]
@@ -219,6 +220,7 @@ def fit(
     announce(recordings, len(methods) * max(1, len(named)))
     todo = with_bar(recordings, "fitting", len(recordings))
     fits = [f for own in todo for f in _fitted(own, named, fix, start, methods, seed, plant)]
+    fits = [own.without(ignored) for own in fits] if ignored else fits
     if truth is not None and not named:
         true = options.read_truth(truth, fits[0].model)
     entries = [f.to_dict() for f in fits]

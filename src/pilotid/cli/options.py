@@ -115,6 +115,12 @@ FixOption = Annotated[
 ForceOption = Annotated[
     bool, typer.Option("--force", help="Write over files that pilotid did not write.")
 ]
+IgnoreOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--ignore", metavar="CODE", help="Code of a warning that is left out; repeat, or commas."
+    ),
+]
 RunsOption = Annotated[
     str | None, typer.Option("--runs", metavar="2-5", help="The runs to use, as in 2-5 or 1,3.")
 ]
