@@ -11,6 +11,11 @@ delays are longer than the sampling interval of the analysis band.  Gain and lea
 are skewed for short recordings; the profile-likelihood intervals say so, and are widened
 for what pilot and remnant, estimated from the same few seconds, take from one another.
 What is left is tested; remarks say what the pilot did that no such model does.
+
+Use it for results: it is the default.
+
+Do not use it when the pilot changes during the recording, unless with a model that says how
+(`adapting`, `adapting-free`).
 """
 
 from __future__ import annotations

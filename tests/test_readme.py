@@ -63,7 +63,8 @@ def test_the_tables_name_every_model_and_method() -> None:
         row[0]: re.sub(r"([a-z]+)00 \.\. \1(\d\d)", knots, row[2], flags=re.I)
         for row in rows(models, "All models")
     } == {name: ", ".join(model.keys) for name, model in MODELS.items()}
-    assert {row[0] for row in rows(methods, "All methods")} == {m.name for m in METHODS}
+    names = [re.match(r"\[`(.+)`\]", row[0]) for row in rows(methods, "All methods")]
+    assert {name[1] for name in names if name} == {m.name for m in METHODS}
 
 
 def test_ci_runs_the_readme_s_test_command() -> None:
