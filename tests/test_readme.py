@@ -40,6 +40,8 @@ def test_the_ranking_is_that_of_the_reference() -> None:
         for row in every
     ]
     assert rows(README, "Which method?") == expected
+    paper = (ROOT / "paper/paper.md").read_text(encoding="utf-8")
+    assert rows(paper.replace("# What it does\n", "## What it does\n"), "What it does") == expected
 
 
 def rows(text: str, title: str) -> list[list[str]]:
