@@ -18,7 +18,7 @@ MADE = ("_build", "auto_gallery", "generated")  # by the build
 PAGES = sorted(
     page for page in DOCS.rglob("*.md") if not set(page.relative_to(DOCS).parts) & set(MADE)
 )
-TEXTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *PAGES]
+TEXTS = [*ROOT.glob("*.md"), ROOT / "paper/paper.md", *PAGES]
 FENCE = re.compile(r"^(`{3,}|:{3,})(\S*)[^\n]*\n(.*?)^\1\s*$", flags=re.DOTALL | re.MULTILINE)
 #: Fences that hold text instead of an example that is run, and the pages that need them: commands
 #: of a cluster, installation, another language.

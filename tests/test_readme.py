@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from pilotid.methods import METHODS
 from pilotid.pilot.catalogue import MODELS
 
@@ -25,6 +27,15 @@ def test_the_example_runs() -> None:
     )
     assert done.returncode == 0, done.stderr
     assert "mle: converged" in done.stdout
+
+
+@pytest.mark.numerical
+def test_the_method_in_contributing_keeps_what_methods_promise() -> None:
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    assert example.count("\n") < 40
+    done = subprocess.run([sys.executable, "-c", example], capture_output=True, timeout=120)
+    assert done.returncode == 0, done.stderr.decode()
 
 
 def test_the_ranking_is_that_of_the_reference() -> None:
