@@ -8,6 +8,7 @@ from __future__ import annotations
 import inspect
 import os
 import sys
+import tempfile
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -194,6 +195,7 @@ def fit(
     ] = None,
     seed: options.SeedOption = DEFAULT_SEED,
     ignore: options.IgnoreOption = None,
+    plot: options.PlotOption = False,
     json: options.JsonOption = None,
     report: Annotated[
         Path | None, typer.Option(metavar="F.html", help="Write a report with figures.")
@@ -225,6 +227,8 @@ def fit(
         true = options.read_truth(truth, fits[0].model)
     entries = [f.to_dict() for f in fits]
     printed = options.write_json(json, entries[0] if len(entries) == 1 else entries)
+    if plot and report is None:
+        report = Path(tempfile.mkdtemp(prefix="pilotid-")) / "report.html"
     if report is not None:
         from pilotid.methods.fourier import first_step_of
         from pilotid.report.fit import html_report
@@ -241,6 +245,12 @@ def fit(
                 console.print()
             fitted.print(console, said)
             said |= {remark.code for remark in fitted.graded} & set(OF_STICK)
+    if plot and report is not None:
+        from pilotid.show.text_figures import fit_text, opened
+
+        if not opened(report):
+            figures = "\n\n".join(map(fit_text, fits))
+            make_console(errors=printed).print(f"\n{figures}\nreport: {report}", soft_wrap=True)
     options.raise_refused(refused)
 
 

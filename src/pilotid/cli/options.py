@@ -115,6 +115,10 @@ FixOption = Annotated[
 ForceOption = Annotated[
     bool, typer.Option("--force", help="Write over files that pilotid did not write.")
 ]
+PlotOption = Annotated[
+    bool,
+    typer.Option("--plot", help="Open the report, or draw in the terminal without a display."),
+]
 IgnoreOption = Annotated[
     list[str] | None,
     typer.Option(
