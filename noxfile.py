@@ -29,6 +29,16 @@ def groups(*names: str) -> list[str]:
 @nox.session
 def tests(session: nox.Session) -> None:
     """Run the everyday tests on two processes; `-- --all` runs the long ones too."""
+    run_tests(session)
+
+
+@nox.session(python=["3.12", "3.13", "3.14"], download_python="never")
+def newer(session: nox.Session) -> None:
+    """Run the everyday tests on newer versions of Python; those that are not there are skipped."""
+    run_tests(session)
+
+
+def run_tests(session: nox.Session) -> None:
     session.install("-e", ".", *groups("tests"))
     part = () if "--all" in session.posargs else ("-m", "not long")
     session.run(
@@ -137,6 +147,15 @@ def fuzz(session: nox.Session) -> None:
     session.run(
         "python", "tests/checks/fuzz_files.py", *session.posargs, env={"OMP_NUM_THREADS": "1"}
     )
+
+
+@nox.session
+def release(session: nox.Session) -> None:
+    """Check that a release can be tagged: versions, dates, citation, paper; then build and docs."""
+    session.notify("build")
+    session.notify("docs")
+    session.install(*groups("release"))
+    session.run("python", "tests/checks/release.py", "--pdf", "paper/paper.pdf")
 
 
 @nox.session

@@ -12,6 +12,7 @@ sys.path.insert(0, str(HERE / "_ext"))
 # Pages and gallery are executed in processes of their own, which read this.
 os.environ |= {
     "IPYTHONDIR": str(HERE / "_ipython"),
+    "COLUMNS": "100",  # of the tables that commands print
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
     "PYDEVD_DISABLE_FILE_VALIDATION": "1",
@@ -24,6 +25,7 @@ version = release = installed("pilotid")
 
 extensions = [
     "mathml",
+    "methods",
     "names",
     "offline",
     "outside",

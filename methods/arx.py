@@ -33,8 +33,12 @@ Shorter lags, finer sampling, more poles and a longer memory, on pilots drawn at
 make up for it.
 
 Assumes at least as many forcing functions as signals that the channels act on, and a
-controlled element that is no mere gain.  Use `mle` for Kvis and tlead, which a memory of
-1.4 s tells apart less well.
+controlled element that is no mere gain.
+
+Use it as a second opinion on delays, vestibular gain and neuromuscular parameters, without a
+model of the remnant.
+
+Do not use it for Kvis and tlead, which a memory of 1.4 s tells apart less well than `mle` does.
 """
 
 from __future__ import annotations

@@ -10,9 +10,13 @@ Priors are proper and weak, see `pilotid.posterior.priors` and docs/posterior.md
 The value of a parameter is its posterior mean on the scale it is sampled on, the logarithm
 for positive parameters; standard errors are posterior standard deviations.
 
-Assumes what `mle` assumes.  Do not use it for a quick look: `mle` gives the same numbers
-wherever a recording says much, and is ten times faster.  What it adds is the whole
-distribution: skewed parameters (gain, lead time), and functions of several parameters.
+Assumes what `mle` assumes.
+
+Use it for the whole distribution: skewed parameters (gain, lead time), and functions of several
+parameters, such as phase margins.
+
+Do not use it for a quick look: `mle` gives the same numbers wherever a recording says much, in
+less time.  `bayes-white` is there for comparison only.
 
 With ``likelihood="white"`` the residual is taken for white, as in AIAA 2008-7109: its
 posterior is far too narrow when the remnant is coloured, and lies in the wrong place.

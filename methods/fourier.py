@@ -14,7 +14,13 @@ the local polynomial method; Pintelon & Schoukens, *System Identification*, 2nd 
 sec. 7.2).  With `trend=None` it stays in, as in 1998.
 
 Assumes whole periods of the forcing in the window, a pilot who does not change, and, for
-two channels, both a target and a disturbance.  It uses the lines alone: the remnant that
+two channels, both a target and a disturbance.
+
+Use it to see frequency responses with error bars, and to check `mle` against a method that
+shares nothing with it.
+
+Do not use it for gain and lead time where the remnant exceeds the forced response at low
+frequency, of which the lines know little.  It uses the lines alone: the remnant that
 circulates between them excites the pilot as well, so that methods which use all of the
 recording know gain and lead time better.
 

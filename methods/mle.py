@@ -11,6 +11,11 @@ delays are longer than the sampling interval of the analysis band.  Gain and lea
 are skewed for short recordings; the profile-likelihood intervals say so, and are widened
 for what pilot and remnant, estimated from the same few seconds, take from one another.
 What is left is tested; remarks say what the pilot did that no such model does.
+
+Use it for results: it is the default.
+
+Do not use it when the pilot changes during the recording, unless with a model that says how
+(`adapting`, `adapting-free`).
 """
 
 from __future__ import annotations
@@ -57,8 +62,8 @@ NOT_CLOSED = Remark(
 #: Said there of an element that changes during the recording.
 VARYING = Remark(
     "element-unknown",
-    "no one controlled element closes the loop, since it changes during the recording: noise of "
-    "the recorder on e and x counts as signal and delays may be biased; fit the parts with --span",
+    "the controlled element changes during the recording: noise of the recorder on e and x "
+    "counts as signal, and delays may be biased; fit the parts with --span",
 )
 #: Said where nothing stands above the recorder's floor.
 HIDDEN = Remark(
@@ -191,10 +196,9 @@ def _not_followed(found: Maximum) -> list[Remark]:
     return [
         Remark(
             "inverse-plant",
-            "the likelihood is largest where the model predicts the control as the inverse of the "
-            f"controlled element, not as a pilot: its response explains {own:.0f} % of the "
-            f"control, that of a pilot fitted to the forcing functions' lines {lines:.0f} %; the "
-            "values mean nothing, choose a simpler model or the method fourier",
+            "the best fit is the inverse of the controlled element, not a pilot: it explains "
+            f"{own:.0f} % of the control, a pilot fitted at the forcing frequencies {lines:.0f} %; "
+            "choose a simpler model or the method fourier",
         )
     ]
 

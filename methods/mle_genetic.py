@@ -8,7 +8,13 @@ model's start; the second is that of `mle-white`.
 It shows what a global search alone buys: wrong optima are rare without any start, bias stays.
 Several random starts do as well, in a tenth of the time: mostly it ends where `mle-white` does,
 and for a coloured remnant it is biased and claims too small standard errors just as that one
-is.  Use `mle` for results.
+is.
+
+Assumes that the remnant is white.
+
+Use it to compare with papers that used a genetic search, without giving it a start.
+
+Do not use it for results: it is biased as `mle-white` is.
 
 References
 ----------

@@ -14,6 +14,12 @@ their intervals are wide.
 
 Assumes recorded forcing functions, a controlled element that is named or found, and a pilot who
 does not change.
+
+Use it to check `mle` without trusting its model of the remnant, also where the forcing functions
+are no sums of sines.
+
+Do not use it for gain and lead time where the remnant exceeds, at low frequency, what the forcing
+functions make of the control.
 """
 
 from __future__ import annotations

@@ -4,10 +4,13 @@ The likelihood of AIAA 2008-7109 (output error, residual assumed white), without
 route's approximations: exact delays, bounds, several starts, transients handled, runs
 fitted jointly.
 
-Assumes that the remnant is white.  For a coloured remnant the estimate is biased in a
-closed loop, however long the recording, and its standard errors are far too small; use
-`mle` then.  The sandwich covariance mends the standard errors, not the bias: intervals
-are then honest about where the biased estimate lies.
+Assumes that the remnant is white.  The sandwich covariance mends the standard errors, not the
+bias: intervals are then honest about where the biased estimate lies.
+
+Use it when the remnant is white within the pilot's band, or to compare with earlier papers.
+
+Do not use it for a coloured remnant: the estimate is then biased in a closed loop, however long
+the recording, and its standard errors are far too small.
 """
 
 from __future__ import annotations

@@ -10,8 +10,13 @@ A model's own parameters are fitted to the trajectory (`pilotid.time_domain.over
 of a constant one are weighted means over time.
 
 A change that takes less than a window is smeared over it, and a short window knows little: the
-band is that of a pilot who was constant.  Use `mle` with a model that changes where a sigmoid
-will do, and this to see whether it does.
+band is that of a pilot who was constant.
+
+Assumes a pilot who is constant within a window, and a remnant that does not change.
+
+Use it to see whether a pilot changes, and how, without saying so beforehand.
+
+Do not use it for changes faster than a window, or where `mle` has a model that changes.
 """
 
 from __future__ import annotations

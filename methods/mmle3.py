@@ -8,8 +8,12 @@ A fit fails, as the paper's did, when a step drives a time delay negative.  Ther
 start, the model's; the paper starts within 40 % of the truth.  From further off it may stop
 early, in the valley of gain and lead.
 
-Kept for comparison only: hold, Pade and zero initial state each bias the estimate,
-and the white residual makes it inconsistent for a coloured remnant.  Use `mle`.
+Assumes a white remnant, and a start near the optimum.
+
+Use it to compare with that paper, and for nothing else.
+
+Do not use it for results: hold, Pade and zero initial state each bias the estimate, and the white
+residual makes it inconsistent for a coloured remnant.
 """
 
 from __future__ import annotations

@@ -15,8 +15,13 @@ of a constant one are weighted means over time.
 
 Three things come with it.  A serves pilot and remnant, so that damping and lead are biased
 by a remnant that is not white through 1/A.  What is estimated is what was some seconds ago.  And
-a short memory scatters: the band says how far, for an equation error that is white.  Use `mle`
-with a model that changes.
+a short memory scatters: the band says how far, for an equation error that is white.
+
+Assumes an equation error that is white, and one channel on the error.
+
+Use it to compare with work on that method.
+
+Do not use it for results: use `mle` with a model that changes.
 """
 
 from __future__ import annotations

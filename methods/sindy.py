@@ -23,8 +23,10 @@ What a pilot makes of the textbook's recipe:
 
 Assumes that the lags describe the remnant as well.  Two channels need two forcing functions, and
 no black box can do with a controlled element that is a mere gain.
-Do not use it for results, where `mle` is more accurate; use it to see what sparse regression
-makes of a pilot.
+
+Use it to see what sparse regression makes of a pilot.
+
+Do not use it for results, where `mle` is more accurate.
 """
 
 from __future__ import annotations

@@ -20,7 +20,13 @@ A walk is no sigmoid: before and after a change it wanders, and a step it rounds
 that the interval of a rate has no upper end.
 Where the filter starts far from the pilot it may diverge; by default it starts at the constant
 pilot of best fit, and a course that describes the control worse than that one is called diverged.
-Use `mle` with a model that changes where its form is known.
+
+Assumes one channel on the error, without lags.
+
+Use it to follow a pilot over time without saying how he changes.
+
+Do not use it for fast changes; where the form of the change is known, use `mle` with a model that
+has it.
 """
 
 from __future__ import annotations

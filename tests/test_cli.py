@@ -547,13 +547,13 @@ def test_remarks_are_printed_and_written(run: Run, simulated: Path) -> None:
     options = ("--method", "mle-white", "--model", "multi", "--map", "e=-e")
     lines = run("fit", simulated, *options).out.splitlines()
     remark = "e is not ft - x: e has the wrong sign; flip it with --map e=e"
-    assert f"recording: {remark}" in lines
+    assert f"wrong [wrong-sign] recording: {remark}" in lines
     result = strict(run("fit", simulated, *options, "--json", "-").out)
     assert result["recording"]["remarks"] == [remark]
     estimate = result["estimates"][0]
     told = list(zip(estimate["codes"], estimate["remarks"], strict=True))
-    loud = [f"mle-white: {text}" for code, text in told if CODES[code][0] != "note"]
-    assert [line for line in lines if line in loud] == loud
+    shown = re.findall(r"(?m)^(?:wrong|doubt) \[([\w-]+)\] mle-white: ", "\n".join(lines))
+    assert shown == [code for code, _ in told if CODES[code][0] != "note"]
     notes = [code for code, _ in told if CODES[code][0] == "note"]
     (line,) = [line for line in lines if line.startswith("notes")]
     assert line.endswith(": " + ", ".join(dict.fromkeys(notes)))

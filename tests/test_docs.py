@@ -18,7 +18,7 @@ MADE = ("_build", "auto_gallery", "generated")  # by the build
 PAGES = sorted(
     page for page in DOCS.rglob("*.md") if not set(page.relative_to(DOCS).parts) & set(MADE)
 )
-TEXTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *PAGES]
+TEXTS = [*ROOT.glob("*.md"), ROOT / "paper/paper.md", *PAGES]
 FENCE = re.compile(r"^(`{3,}|:{3,})(\S*)[^\n]*\n(.*?)^\1\s*$", flags=re.DOTALL | re.MULTILINE)
 #: Fences that hold text instead of an example that is run, and the pages that need them: commands
 #: of a cluster, installation, another language.
@@ -133,7 +133,8 @@ def test_tables_of_contents_name_pages() -> None:
             for line in re.findall(r"(?m)^(?!:)(\S.*)$", body):
                 entry = re.sub(r".*<(.+)>", r"\1", line)
                 made = set(Path(entry).parts) & set(MADE)
-                assert made or (page.parent / f"{entry}.md").exists(), f"{page}: no page {entry}"
+                found = [*page.parent.glob(f"{entry}.md"), *page.parent.glob(f"{entry}.ipynb")]
+                assert made or found, f"{page}: no page {entry}"
 
 
 def test_examples_are_run() -> None:
@@ -155,3 +156,14 @@ def test_examples_run(name: str, tmp_path: Path) -> None:
         cwd=tmp_path,
     )
     assert done.returncode == 0, done.stderr
+
+
+def test_each_method_says_what_it_assumes_and_when_to_use_it() -> None:
+    from pilotid.methods import METHODS
+
+    for method in METHODS:
+        text = sys.modules[type(method).__module__].__doc__ or ""
+        paragraphs = text.split("\n\n")
+        for beginning in ("Assumes ", "Use it ", "Do not use it "):
+            found = [p for p in paragraphs if p.startswith(beginning)]
+            assert len(found) == 1, f"{method.name}: paragraphs that begin with {beginning}"

@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from pilotid.methods import METHODS
 from pilotid.pilot.catalogue import MODELS
 
@@ -27,6 +29,15 @@ def test_the_example_runs() -> None:
     assert "mle: converged" in done.stdout
 
 
+@pytest.mark.numerical
+def test_the_method_in_contributing_keeps_what_methods_promise() -> None:
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    assert example.count("\n") < 40
+    done = subprocess.run([sys.executable, "-c", example], capture_output=True, timeout=120)
+    assert done.returncode == 0, done.stderr.decode()
+
+
 def test_the_ranking_is_that_of_the_reference() -> None:
     with (ROOT / "results/reference/summary.csv").open(encoding="utf-8", newline="") as file:
         every = [r for r in csv.DictReader(file) if (r["scenario"], r["parameter"]) == NOMINAL]
@@ -40,6 +51,8 @@ def test_the_ranking_is_that_of_the_reference() -> None:
         for row in every
     ]
     assert rows(README, "Which method?") == expected
+    paper = (ROOT / "paper/paper.md").read_text(encoding="utf-8")
+    assert rows(paper.replace("# What it does\n", "## What it does\n"), "What it does") == expected
 
 
 def rows(text: str, title: str) -> list[list[str]]:
@@ -63,7 +76,8 @@ def test_the_tables_name_every_model_and_method() -> None:
         row[0]: re.sub(r"([a-z]+)00 \.\. \1(\d\d)", knots, row[2], flags=re.I)
         for row in rows(models, "All models")
     } == {name: ", ".join(model.keys) for name, model in MODELS.items()}
-    assert {row[0] for row in rows(methods, "All methods")} == {m.name for m in METHODS}
+    names = [re.match(r"\[`(.+)`\]", row[0]) for row in rows(methods, "All methods")]
+    assert {name[1] for name in names if name} == {m.name for m in METHODS}
 
 
 def test_ci_runs_the_readme_s_test_command() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+import json
 import re
 import tomllib
 from collections.abc import Iterator
@@ -178,6 +179,10 @@ def test_the_citation_is_of_this_version() -> None:
     assert citation["version"] == pilotid.__version__
     assert citation["license"] == project["license"]
     assert citation["authors"] == project["authors"]
+    archive = json.loads((ROOT / ".zenodo.json").read_text("utf-8"))
+    assert archive["version"] == pilotid.__version__
+    assert archive["creators"] == project["authors"]
+    assert archive["license"] == project["license"]
 
 
 def test_pages_cite_what_the_references_have() -> None:

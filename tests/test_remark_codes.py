@@ -2,10 +2,25 @@
 
 from __future__ import annotations
 
+import ast
 import copy
+import json
 import pickle
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from importlib.resources import files
+from pathlib import Path
 
-from pilotid.remarks import CODES, OTHER, Remark, codes_of, remark_of
+import pytest
+
+from pilotid import save_recording, simulate
+from pilotid.cli.main import main
+from pilotid.naming.symbols import with_symbols
+from pilotid.remarks import CODES, OTHER, Remark, codes_in, codes_of, remark_of
+from pilotid.types import InputError
+
+ROOT = Path(__file__).parent.parent
 
 
 def test_a_remark_is_its_sentence_with_a_code_and_a_grade() -> None:
@@ -33,3 +48,67 @@ def test_codes_are_words_joined_by_hyphens() -> None:
         assert code.islower()
         assert grade in ("wrong", "doubt", "note")
         assert words
+
+
+def literals(path: Path) -> Iterator[tuple[int, str]]:
+    """The texts of a module that are no docstrings; a value in a text counts as a word."""
+    tree = ast.parse(path.read_text("utf-8"))
+    inside = {id(part) for n in ast.walk(tree) if isinstance(n, ast.JoinedStr) for part in n.values}
+    inside |= {id(n.value) for n in ast.walk(tree) if isinstance(n, ast.Expr)}
+    constants = (n for n in ast.walk(tree) if isinstance(n, ast.Constant) and id(n) not in inside)
+    yield from ((n.lineno, n.value) for n in constants if isinstance(n.value, str))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.JoinedStr):
+            parts = [str(p.value) if isinstance(p, ast.Constant) else "x" for p in node.values]
+            yield node.lineno, "".join(parts)
+
+
+def test_no_message_is_longer_than_40_words() -> None:
+    pages = ("report", "board", "judge", "paper")  # text to read at leisure
+    for package in ("pilotid", "pilotid.methods", "pilotid.datasets"):
+        folder = Path(str(files(package)))
+        for path in folder.rglob("*.py"):
+            if any(page in part for page in pages for part in path.relative_to(folder).parts):
+                continue
+            for line, text in literals(path):
+                assert len(text.split()) <= 40, f"{path}:{line}: {text}"
+
+
+def test_the_guide_has_cause_check_and_cure_of_every_code() -> None:
+    page = (ROOT / "docs/guide/warnings.md").read_text("utf-8")
+    entries = dict(re.findall(r"(?ms)^### ([\w-]+)\n\n(.*?)(?=^##|\Z)", page))
+    assert set(entries) == set(CODES)
+    for code, (grade, words) in CODES.items():
+        lines = entries[code].strip().splitlines()
+        assert lines[0] == f"{grade}: {words}."
+        assert [line.split(":")[0] for line in lines[2:]] == [
+            f"- **{part}**" for part in ("Cause", "Check", "Cure")
+        ]
+
+
+def test_an_unknown_code_is_refused_with_the_nearest() -> None:
+    assert codes_in(["drift,offset", "spike"]) == {"drift", "offset", "spike"}
+    with pytest.raises(InputError, match="did you mean drift"):
+        codes_in(["dritf"])
+
+
+def test_sentences_show_the_symbols_of_keys_once() -> None:
+    words = with_symbols("tdvis is short, and tdvis*2 or --fix dnm=0.2 and Kvis0 stay; fnm")
+    assert words == (
+        "tdvis (τ_v) is short, and tdvis*2 or --fix dnm=0.2 and Kvis0 (K_v,0) stay; fnm (ω_nm)"
+    )
+
+
+def test_ignored_warnings_are_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recording = simulate("single", 1)
+    save_recording(replace(recording, u=recording.u + 3.0), tmp_path / "run.csv")
+    for command in ("check", "fit"):
+        codes = {}
+        for extra in ([], ["--ignore", "offset"]):
+            words = [command, str(tmp_path / "run.csv"), "--model", "single", "--json", "-", *extra]
+            with pytest.raises(SystemExit):
+                main(words)
+            found = json.loads(capsys.readouterr().out)["recording"]
+            codes[bool(extra)] = found["codes"]
+        assert "offset" in codes[False]
+        assert codes[True] == [code for code in codes[False] if code != "offset"]

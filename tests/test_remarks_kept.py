@@ -89,7 +89,7 @@ def test_remarks_of_a_study_are_in_its_store(tmp_path: Path) -> None:
     with Store(tmp_path) as store:
         kept = {result.unit.scenario: result.remarks for result in store.results()}
     assert kept["nominal"] == ""
-    assert kept["violation-lost"].startswith("u has the value of the sample before")
+    assert kept["violation-lost"].startswith("u keeps its value at")
 
 
 def test_the_full_profile_has_the_family_and_the_quick_one_has_not() -> None:

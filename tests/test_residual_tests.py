@@ -117,7 +117,7 @@ def told(recording: Recording, method: MLE | None = None) -> str:
 def test_a_pilot_who_changes_much_is_remarked_on() -> None:
     change = (("Kvis", -0.4), ("Kvest", -0.3), ("tdvis", 0.15))
     own: Scenario = replace(NOMINAL, violation=Violation("change", change=change))
-    assert "the first half of the recording asks for another pilot" in told(recording_of(own))
+    assert "the two halves of the recording differ" in told(recording_of(own))
 
 
 def test_a_remnant_that_grows_is_remarked_on() -> None:

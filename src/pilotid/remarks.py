@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
+from difflib import get_close_matches
 from typing import Literal, Self
 
-from pilotid.types import one_line
+from pilotid.types import InputError, one_line
 
 Grade = Literal["wrong", "doubt", "note"]
 GRADES: tuple[Grade, ...] = ("wrong", "doubt", "note")
@@ -109,6 +110,10 @@ class Remark(str):
         remark.code, remark.grade = code, grade or CODES[code][0]
         return remark
 
+    def line(self, about: str) -> str:
+        """Grade, code, what it is about, and the sentence, as terminals and reports show them."""
+        return f"{self.grade} [{self.code}] {about}: {self}"
+
     def __getnewargs__(self) -> tuple[str, str, Grade]:  # type: ignore[override]
         """What copies and other processes make it of."""
         return self.code, str(self), self.grade
@@ -123,6 +128,22 @@ def remarks_json(remarks: Iterable[str]) -> dict[str, list[str]]:
 def codes_of(remarks: Iterable[str]) -> list[str]:
     """The codes of remarks, of plain sentences as well."""
     return [getattr(remark, "code", OTHER) for remark in remarks]
+
+
+def codes_in(texts: Iterable[str]) -> frozenset[str]:
+    """The codes in texts such as ``drift,offset``; one that is none is refused."""
+    found = [code.strip() for text in texts for code in text.split(",")]
+    for code in found:
+        if code not in CODES:
+            near = get_close_matches(code, CODES, 1)
+            other = f"did you mean {near[0]}?" if near else "the guide lists them under Warnings"
+            raise InputError(f"--ignore: there is no warning with the code '{code}'; {other}")
+    return frozenset(found)
+
+
+def without(remarks: Iterable[str], ignored: Collection[str]) -> tuple[Remark, ...]:
+    """Remarks but for those with certain codes."""
+    return tuple(r for r in map(remark_of, remarks) if r.code not in ignored)
 
 
 def gravest_first(remarks: Iterable[Remark]) -> tuple[Remark, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -25,9 +26,9 @@ def make_console(*, errors: bool = False) -> Console:
 
     console = Console(stderr=errors, highlight=False, markup=False, emoji=False)
     if not console.is_terminal:
-        console = Console(
-            stderr=errors, highlight=False, markup=False, emoji=False, width=PLAIN_WIDTH
-        )
+        asked = os.environ.get("COLUMNS", "")
+        width = int(asked) if asked.isdecimal() and int(asked) else PLAIN_WIDTH
+        console = Console(stderr=errors, highlight=False, markup=False, emoji=False, width=width)
     return console
 
 

@@ -8,7 +8,7 @@ import re
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -153,6 +153,8 @@ class Analysis:
         A sentence for each file that was left out.
     left_out
         Runs predicted by the fits of the others.
+    ignored
+        Codes of remarks that the user does not want to see.
     """
 
     settings: Settings
@@ -161,6 +163,25 @@ class Analysis:
     fits: Sequence[Fit]
     refused: Sequence[str]
     left_out: Sequence[LeftOut] = ()
+    ignored: frozenset[str] = frozenset()
+
+    def without(self, codes: frozenset[str]) -> Analysis:
+        """The same without remarks of these codes."""
+
+        def kept(content: Content) -> Content:
+            own = {
+                name: [told for told in content[name] if told[0] not in codes]
+                for name in ("remarks", "loop_remarks")
+                if name in content
+            }
+            return {**content, **own}
+
+        looks = {part: kept(look) for part, look in self.looks.items()}
+        fits = [
+            replace(f, content={**f.content, "estimates": [*map(kept, f.content["estimates"])]})
+            for f in self.fits
+        ]
+        return replace(self, looks=looks, fits=fits, ignored=codes)
 
     @property
     def parts(self) -> list[Part]:

@@ -29,6 +29,7 @@ from pilotid.pilot.element import ControlledElement, as_element
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.files import Reading, expanded, read_with
 from pilotid.recordings.selection import span_of
+from pilotid.remarks import codes_in
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.study.study import Bar, about_this
 from pilotid.terminal import with_bar
@@ -136,6 +137,7 @@ def analyse(
     fix: str | None = None,
     share: Sequence[str] = (),
     reading: Reading | None = None,
+    ignore: Sequence[str] = (),
     seed: int = DEFAULT_SEED,
     workers: int | None = None,
     force: bool = False,
@@ -175,6 +177,8 @@ def analyse(
         Parameters that the conditions of a subject have in common, such as ``["fnm", "dnm"]``.
     reading
         How files are read, a `pilotid.recordings.files.Reading`.
+    ignore
+        Codes of warnings that tables and report leave out; the pages of recordings keep them.
     seed
         Seed of all random numbers.
     workers
@@ -202,6 +206,7 @@ def analyse(
     shared = list(dict.fromkeys(k.strip() for text in _several(share) for k in text.split(",")))
     require_keys(every, shared)
     known = [method_named(m) if isinstance(m, str) else m for m in methods]
+    ignored = codes_in(_several(ignore))
     reading, folder = reading or Reading(), Path(out)
     if reading.span:
         span_of(reading.span)
@@ -238,6 +243,7 @@ def analyse(
     analysis = analysed(list(sources.values()), settings, folder, with_bar, workers, refused)
     if not analysis.parts:
         raise InputError("; ".join(analysis.refused))
+    analysis = analysis.without(ignored) if ignored else analysis
     if not trust:
         return Experiment(results_of(analysis), folder)
     places = {model_named(name).name: model_place(name) for name in names}

@@ -199,6 +199,8 @@ def alarms(analysis: Analysis, worst: int = 3) -> list[str]:
     for code in dict.fromkeys(remark.code for _, remark in stick):
         own = [(place, remark) for place, remark in stick if remark.code == code]
         found.append(f"{code}, of the stick: {own[0][1]} ({len(own)} fits).")
+    if analysis.ignored:
+        found.append(f"Left out by --ignore: {', '.join(sorted(analysis.ignored))}.")
     return found
 
 
@@ -430,7 +432,7 @@ class Fit(NamedTuple):
     model: str
     runs: int
     estimate: Mapping[str, Any]
-    remarks: Sequence[str]
+    remarks: Sequence[Remark]
     candidate: Candidate | None
 
 
@@ -450,7 +452,7 @@ def recording_table(analysis: Analysis) -> Table[Fit]:
         Column("by %", change("change_size"), percent, "how much a gain or lead changes at most"),
         Column("at s", _change_time, number, "when that is seen best"),
         Column("outcome", lambda f: f.estimate["outcome"]),
-        Column("remarks", lambda f: "; ".join(f.remarks) or NONE),
+        Column("remarks", lambda f: "; ".join(f"[{r.code}] {r}" for r in f.remarks) or NONE),
     ]
     items = []
     for fit in analysis.fits:

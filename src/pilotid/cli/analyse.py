@@ -93,6 +93,7 @@ def analyse(
             metavar="fnm,dnm", help="Parameters that a subject's conditions have in common."
         ),
     ] = None,
+    ignore: options.IgnoreOption = None,
     seed: options.SeedOption = DEFAULT_SEED,
     workers: options.WorkersOption = None,
     force: options.ForceOption = False,
@@ -123,6 +124,7 @@ def analyse(
             fix=fix,
             share=share or (),
             reading=reading,
+            ignore=ignore or (),
             seed=seed,
             workers=workers,
             force=force,

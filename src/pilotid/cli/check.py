@@ -12,6 +12,7 @@ from pilotid.naming.settings import split_list
 from pilotid.pilot.catalogue import model_named
 from pilotid.pilot.element import element_named
 from pilotid.recordings.recording import LEAD_IN
+from pilotid.remarks import codes_in
 from pilotid.report.check import check_all, summary_of
 from pilotid.terminal import make_console
 
@@ -36,17 +37,19 @@ def check(
     brief: Annotated[
         bool, typer.Option("--brief", help="One line a file, and a summary of many.")
     ] = False,
+    ignore: options.IgnoreOption = None,
     json: options.JsonOption = None,
     force: options.ForceOption = False,
 ) -> None:
     """Summarise recordings and report problems."""
     plant = element_named(element) if element else None
+    ignored = codes_in(ignore or ())
     models = [model_named(name) for name in split_list(model, names=True)]
     options.require_free(files, json, force=force)
     recordings, refused = options.recordings_of(
         files, mapping, dt, detrend, lead_in, runs, span, joint=joint
     )
-    found = check_all(recordings, models, plant)
+    found = check_all(recordings, models, plant, ignored)
     console, summary = make_console(), [Text(summary_of(found))] if len(found) > 1 else []
     if brief and json is None:
         print_blocks(console, *(own.brief for own in found), *summary)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import inspect
 import os
 import sys
+import tempfile
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -36,7 +37,7 @@ from pilotid.ranges import ranged
 from pilotid.recordings.files import read_with, save_recording
 from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.recordings.text import sidecar_path
-from pilotid.remarks import OF_STICK
+from pilotid.remarks import OF_STICK, codes_in
 from pilotid.seeds import DEFAULT_SEED, draw_rng, recording_rng
 from pilotid.terminal import make_console, show_warning, with_bar
 from pilotid.types import InputError, one_line
@@ -193,6 +194,8 @@ def fit(
         str | None, typer.Option(metavar="Kvis=0.2,tlead=1.5", help="Initial guesses.")
     ] = None,
     seed: options.SeedOption = DEFAULT_SEED,
+    ignore: options.IgnoreOption = None,
+    plot: options.PlotOption = False,
     json: options.JsonOption = None,
     report: Annotated[
         Path | None, typer.Option(metavar="F.html", help="Write a report with figures.")
@@ -204,7 +207,7 @@ def fit(
     force: options.ForceOption = False,
 ) -> None:
     """Identify a pilot model from recordings."""
-    plant = element_named(element) if element else None
+    plant, ignored = element_named(element) if element else None, codes_in(ignore or ())
     names = [] if model == AUTO else split_list(model, names=True) or [model]
     named = with_held([model_named(name) for name in dict.fromkeys(names)], fix) if names else []
     named = [options.with_start(own, start) for own in named]
@@ -219,10 +222,13 @@ def fit(
     announce(recordings, len(methods) * max(1, len(named)))
     todo = with_bar(recordings, "fitting", len(recordings))
     fits = [f for own in todo for f in _fitted(own, named, fix, start, methods, seed, plant)]
+    fits = [own.without(ignored) for own in fits] if ignored else fits
     if truth is not None and not named:
         true = options.read_truth(truth, fits[0].model)
     entries = [f.to_dict() for f in fits]
     printed = options.write_json(json, entries[0] if len(entries) == 1 else entries)
+    if plot and report is None:
+        report = Path(tempfile.mkdtemp(prefix="pilotid-")) / "report.html"
     if report is not None:
         from pilotid.methods.fourier import first_step_of
         from pilotid.report.fit import html_report
@@ -239,6 +245,12 @@ def fit(
                 console.print()
             fitted.print(console, said)
             said |= {remark.code for remark in fitted.graded} & set(OF_STICK)
+    if plot and report is not None:
+        from pilotid.show.text_figures import fit_text, opened
+
+        if not opened(report):
+            figures = "\n\n".join(map(fit_text, fits))
+            make_console(errors=printed).print(f"\n{figures}\nreport: {report}", soft_wrap=True)
     options.raise_refused(refused)
 
 

@@ -115,6 +115,16 @@ FixOption = Annotated[
 ForceOption = Annotated[
     bool, typer.Option("--force", help="Write over files that pilotid did not write.")
 ]
+PlotOption = Annotated[
+    bool,
+    typer.Option("--plot", help="Open the report, or draw in the terminal without a display."),
+]
+IgnoreOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--ignore", metavar="CODE", help="Code of a warning that is left out; repeat, or commas."
+    ),
+]
 RunsOption = Annotated[
     str | None, typer.Option("--runs", metavar="2-5", help="The runs to use, as in 2-5 or 1,3.")
 ]

@@ -74,6 +74,7 @@ def compare(
     mix: Annotated[
         bool, typer.Option("--mix", help="Append to a study made with different code or settings.")
     ] = False,
+    plot: options.PlotOption = False,
     force: options.ForceOption = False,
     out: options.OutOption = Path("results/compare"),
 ) -> None:
@@ -111,7 +112,7 @@ def compare(
         results = study.run(store, pending, workers, scheduler, limits)
         told = with_progress(results, pending.counts, workers)
         unanswered = sum(result.message == UNANSWERED for result in told)
-        _finish(out, store)
+        _finish(out, store, plot=plot)
         if unanswered:
             make_console(errors=True).print(f"pilotid: {unanswered} fits gave no answer")
             raise typer.Exit(1)
@@ -156,7 +157,7 @@ def _salvage(folder: Path) -> None:
     make_console(errors=True).print(f"pilotid: {salvage(folder)}", soft_wrap=True)
 
 
-def _finish(folder: Path, store: Store) -> None:
+def _finish(folder: Path, store: Store, *, plot: bool = False) -> None:
     from pilotid.document import Bullets, print_blocks
     from pilotid.report.study import compared, overview, write_report
     from pilotid.study.comparison import comparison_of
@@ -166,6 +167,11 @@ def _finish(folder: Path, store: Store) -> None:
     path = write_report(folder, store, study)
     words, tables = overview(study, widest=5 if len(compared(study)) <= 5 else 0)
     print_blocks(make_console(), *tables, Bullets([*words, f"report: {path}"]))
+    if plot:
+        from pilotid.show.text_figures import losses_text, opened
+
+        if not opened(path):
+            make_console().print(f"\n{losses_text(study, compared(study))}", soft_wrap=True)
 
 
 def publish(

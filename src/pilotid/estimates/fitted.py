@@ -19,11 +19,12 @@ from pilotid.estimates.loops import LoopElement, Loops, loops_of
 from pilotid.estimates.method import Method, identify
 from pilotid.estimates.quantities import abreast, quantity_tables
 from pilotid.naming.code import packed, reason, unpacked
+from pilotid.naming.symbols import with_symbols
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import NotMultisineError, forcing_sines
-from pilotid.remarks import Remark, gravest_first, remark_of, remarks_json
+from pilotid.remarks import Remark, gravest_first, remark_of, remarks_json, without
 from pilotid.seeds import fit_rng
 from pilotid.terminal import show_warning
 from pilotid.types import one_line
@@ -52,6 +53,8 @@ class Fitted:
         Why the model was chosen, in sentences; empty where it was named.
     compared
         Plain objects on the models that were compared.
+    ignored
+        Codes of remarks that the user does not want to see.
     """
 
     recording: Recording
@@ -61,6 +64,13 @@ class Fitted:
     loop_element: LoopElement | None = None
     choice: str = ""
     compared: tuple[Mapping[str, object], ...] = ()
+    ignored: frozenset[str] = frozenset()
+
+    def without(self, codes: frozenset[str]) -> Fitted:
+        """The same without remarks of these codes."""
+        estimates = tuple(replace(e, remarks=without(e.remarks, codes)) for e in self.estimates)
+        remarks = without(self.remarks, codes)
+        return replace(self, estimates=estimates, remarks=remarks, ignored=codes)
 
     @cached_property
     def loops(self) -> tuple[Loops, ...]:
@@ -68,7 +78,8 @@ class Fitted:
         if self.loop_element is None or self.loop_element.element is None:
             return ()
         element = self.loop_element.element
-        return tuple(loops_of(e, element).excited_by(self.recording) for e in self.estimates)
+        every = (loops_of(e, element).excited_by(self.recording) for e in self.estimates)
+        return tuple(replace(own, remarks=without(own.remarks, self.ignored)) for own in every)
 
     @property
     def heading(self) -> str:
@@ -83,6 +94,7 @@ class Fitted:
                 "forcing": self._forcing(),
                 **remarks_json(self.remarks),
             },
+            **({"ignored": sorted(self.ignored)} if self.ignored else {}),
             "model": self.model.name,
             **({"choice": self.choice, "models": list(self.compared)} if self.choice else {}),
             "estimates": [
@@ -123,7 +135,7 @@ class Fitted:
     @property
     def warnings(self) -> list[str]:
         """All remarks in words, those that say what is wrong first."""
-        return [f"{about}: {remark}" for remark, about in self.graded.items()]
+        return [with_symbols(remark.line(about)) for remark, about in self.graded.items()]
 
     def tables(self, abreast: int) -> list[Table[Any]]:
         """The quantities of all estimates that have values, so many side by side."""
@@ -171,7 +183,7 @@ class Fitted:
         side = abreast(console.width)
         shown = {r: about for r, about in self.graded.items() if r.code not in said}
         notes = dict.fromkeys(remark.code for remark in shown if remark.grade == "note")
-        loud = [f"{about}: {r}" for r, about in shown.items() if r.grade != "note"]
+        loud = [with_symbols(r.line(about)) for r, about in shown.items() if r.grade != "note"]
         verdicts = (
             Text(e.verdict(), "" if e.outcome.usable else "failure") for e in self.estimates
         )

@@ -85,9 +85,9 @@ def loops_of(estimate: Fit, element: ControlledElement) -> Loops:
         remarks.append(
             Remark(
                 "unstable-loop",
-                f"the fitted loop with {element.name or 'this element'} is unstable, which a "
-                "recording cannot be of: the model, the controlled element or a sign is wrong, or "
-                "the estimate is poor; its margins mean little",
+                f"the fitted loop with {element.name or 'this element'} is unstable, though "
+                "the recorded one was not: the model, the controlled element or a sign is wrong, "
+                "or the estimate is poor; do not use its margins",
             )
         )
     if estimate.draws is None:

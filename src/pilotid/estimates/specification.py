@@ -49,9 +49,9 @@ class Specification:
         return (
             Remark(
                 "misspecified",
-                f"the forcing functions say otherwise (p = {self.p_value:.1g}): the "
-                f"model, or the recording, is not what the method takes it for; set {self.against} "
-                "beside it, and do not believe what differs",
+                f"the estimate contradicts the forcing functions (p = {self.p_value:.1g}): the "
+                f"model or the recording is not as the method assumes; fit with {self.against} as "
+                "well, and do not use what differs",
             ),
         )
 

@@ -270,7 +270,7 @@ class _Look:
             words = (
                 f"x jumps at {count} samples, first at t = {sample * self.dt:.4g} s of run "
                 f"{run + 1}, by up to {100.0 * share:.2g} % of its rms where u + fd do not: "
-                "samples are lost or spiked; leave those parts or runs out"
+                "samples are lost or spiked; leave these parts out"
             )
             yield Finding("lost-samples", "x", "wrong", float(count), "samples", words)
 
@@ -371,9 +371,8 @@ class _Look:
         if left < RECORDER.left[0] and error < RECORDER.told and abs(late) > least:
             words = (
                 f"x answers {1e3 * abs(late):.3g} ms {'later' if late > 0 else 'earlier'} than the "
-                f"controlled element {element.name} that is named: u, or x and e, passed a filter "
-                "or are shifted in time, and delays are wrong by as much; or name the element with "
-                "that delay"
+                f"controlled element {element.name} says: signals passed a filter or are shifted "
+                "in time, and delays are wrong by as much; or name the element with that delay"
             )
             yield Finding("late-signal", "x", "wrong", late, "s", words)
 

@@ -264,9 +264,9 @@ def element_changes(recording: Recording) -> Remark | None:
     return Remark(
         "element-varies",
         "the controlled element of the second half differs from that of the first by a factor of "
-        f"{float(np.exp(np.max(np.abs(np.log(np.abs(ratio)))))):.2g} at some frequencies: it "
-        "is not time-invariant; a single transfer function does not describe it; fit the halves "
-        "separately, or use a time-varying model",
+        f"{float(np.exp(np.max(np.abs(np.log(np.abs(ratio)))))):.2g} at some frequencies: no "
+        "single transfer function describes it; fit the halves separately, or use a time-varying "
+        "model",
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
@@ -21,7 +21,7 @@ from pilotid.recordings.checks import remarks
 from pilotid.recordings.detectors import Finding, copies_among, findings, fingerprints
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.understood import REST, Forcing, Signal, Understood, understood
-from pilotid.remarks import GRADES, Remark, codes_of, gravest_first, remark_of, remarks_json
+from pilotid.remarks import GRADES, Remark, codes_of, gravest_first, remarks_json, without
 from pilotid.seeds import DEFAULT_SEED, fit_rng
 from pilotid.time_domain.constancy import constancy_of
 from pilotid.types import InputError
@@ -115,7 +115,7 @@ class Checked:
             Text(self.recording.description, "heading"),
             Table("", columns, facts.signals),
             Bullets(lines),
-            *(Text(f"recording: {remark}", "warning") for remark in self.remarks),
+            *(Text(remark.line("recording"), "warning") for remark in self.remarks),
             Bullets([*sound, *(_methods(name, able) for name, able in self.methods.items())]),
         ]
 
@@ -142,6 +142,7 @@ def check_all(
     recordings: Sequence[Recording],
     models: Sequence[PilotModel],
     element: ControlledElement | None = None,
+    ignored: Collection[str] = (),
 ) -> list[Checked]:
     """Check recordings, also for copies of one another.
 
@@ -153,6 +154,8 @@ def check_all(
         Models of which is told what methods can do.
     element
         The controlled element, to compare with what is seen.
+    ignored
+        Codes of remarks that are left out.
     """
     choices = [chosen_element(recording, element) for recording in recordings]
     copies = copies_among([r.source for r in recordings], [fingerprints(r) for r in recordings])
@@ -160,7 +163,7 @@ def check_all(
         Checked(
             recording,
             choice,
-            tuple(map(remark_of, (*copies.get(n, ()), *remarks(recording), *choice.remarks))),
+            without((*copies.get(n, ()), *remarks(recording), *choice.remarks), ignored),
             models,
         )
         for n, (recording, choice) in enumerate(zip(recordings, choices, strict=True))

@@ -121,8 +121,8 @@ class Restricted:
 #: What must be known of curves whose smoothness was judged by a white residual.
 AGAINST_WHITE = Remark(
     "white-remnant",
-    "how smooth the curves are was judged as if the remnant were white, so that they follow the "
-    "remnant and their bands are far too narrow; use mle or bayes",
+    "the smoothness of the curves was chosen for a white remnant: they follow the remnant, and "
+    "their bands are far too narrow; use mle or bayes",
 )
 
 MOST_ROUNDS = 25  # of weights and optimum in turn, at the most

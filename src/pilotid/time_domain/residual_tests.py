@@ -210,9 +210,9 @@ def _dispersed(dispersion: float) -> Remark | None:
         return None
     return Remark(
         "overdispersed",
-        f"segments of {ESTIMATE.segment:g} s ask for pilots that differ by "
-        f"{dispersion**0.5:.2g} times their errors, since the pilot wanders or the model lacks "
-        "something: standard errors and intervals are longer by that factor",
+        f"estimates of segments of {ESTIMATE.segment:g} s scatter {dispersion**0.5:.2g} times as "
+        "much as their errors say: the pilot wanders or the model lacks something; standard errors "
+        "and intervals are widened by that factor",
     )
 
 
@@ -223,9 +223,8 @@ def _held(recording: Recording) -> Remark | None:
         return None  # the steps of a converter, taken at every other sample
     return Remark(
         "held-control",
-        f"u has the value of the sample before at {100.0 * share:.2g} % of the samples: "
-        "a stick with a threshold (breakout), levels or stops, or lost samples; the gains are "
-        "those of pilot and stick together, and the rest is remnant",
+        f"u keeps its value at {100.0 * share:.2g} % of the samples: a stick with a breakout "
+        "force, levels or stops, or lost samples; the gains are those of pilot and stick together",
     )
 
 
@@ -235,9 +234,9 @@ def _answered_at_once(recording: Recording) -> Remark | None:
         return None
     return Remark(
         "gain-element",
-        "the controlled element is a gain, which turns the remnant straight back into the error: "
-        "the values rest on the model of the remnant, and where that is not quite right intervals "
-        "are too short; compare with a method that uses the forcing frequencies alone",
+        "the controlled element is a gain, so that the values rest on the model of the remnant, "
+        "and intervals may be too short; compare with fourier, which uses the forcing frequencies "
+        "alone",
     )
 
 
@@ -254,10 +253,9 @@ def _varying(found: Maximum, rows: FloatArray) -> Remark | None:
     return Remark(
         "gains-change",
         f"{' and '.join(keys)} change during the recording, most about {share:.0f} % through it "
-        f"({in_words(keys, steps)}; score test: "
-        f"{scores.statistics.max():.0f}, where chance gives {scores.freedom} at any one time), "
-        "unless the model lacks a channel or a lag: the estimates are averages over a time-varying "
-        "pilot; fit segments separately, or use a time-varying model",
+        f"({in_words(keys, steps)}; score test {scores.statistics.max():.0f}, {scores.freedom} "
+        "expected), or the model lacks a channel or a lag; fit segments separately, or use a "
+        "time-varying model",
     )
 
 
@@ -271,9 +269,8 @@ def _changed(rows: FloatArray, joint: PredictionErrors) -> Remark | None:
         remedy = "the pilot changes in another way than the model says"
     return Remark(
         "halves-differ",
-        "the first half of the recording asks for another pilot than the second (score test: "
-        f"{statistic:.0f}, where chance gives {freedom}): the pilot or the recorder changed; the "
-        f"estimates are averages, so {remedy}",
+        f"the two halves of the recording differ (score test {statistic:.0f}, {freedom} "
+        f"expected): the pilot or the recorder changed, and the estimates are averages; {remedy}",
     )
 
 
@@ -295,9 +292,8 @@ def _drifting(found: Maximum) -> Remark | None:
     run = int(np.argmax(np.abs(drifts)))
     return Remark(
         "residual-drift",
-        f"u drifts by about {drifts[run]:.2g} over run {run + 1} (F-test: {statistic:.0f}, "
-        f"where chance gives {drifts.size}), which the fit takes for slow remnant and which biases "
-        "gain and lead: take the drift out",
+        f"u drifts by about {drifts[run]:.2g} over run {run + 1} (F-test {statistic:.0f}, "
+        f"{drifts.size} expected), which biases gain and lead: take it out with --detrend",
     )
 
 
@@ -311,8 +307,8 @@ def _coloured(errors: FloatArray, terms: BandTerms | None) -> Remark | None:
     return Remark(
         "residual-not-white",
         f"the prediction errors are not white (portmanteau over {ESTIMATE.lags} lags: "
-        f"{statistic:.0f}, where chance gives {freedom}): neither pilot nor remnant explains "
-        "all of the control, so errors may be larger than claimed; try another model",
+        f"{statistic:.0f}, {freedom} expected): pilot and remnant leave something unexplained, "
+        "and errors may be larger than claimed; try another model",
     )
 
 
