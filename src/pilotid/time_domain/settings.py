@@ -131,7 +131,9 @@ class SearchSettings:
     lines_candidates
         Numerics: random starts screened for the pilot of the forcing lines.
     lines_refined
-        Numerics: starts of these that are minimised.
+        Tuned: starts of these that are minimised: with 8 the optimum depended on the seed in 31 of 175
+        searches of seven pilots in yaw, with 24 in 16, all of one whose weights change from round to
+        round.
     lines_same_cost
         Numerics: relative difference of costs at the lines below which optima are one.
     min_vaf_ratio
@@ -196,7 +198,7 @@ class SearchSettings:
     max_edge_information: float = 0.01
     max_lost_information: float = 0.1
     lines_candidates: int = 96
-    lines_refined: int = 8
+    lines_refined: int = 24
     lines_same_cost: float = 0.01
     min_vaf_ratio: float = 0.8
     first_tolerance: float = 3e-3
