@@ -44,10 +44,10 @@ from pilotid.posterior.likelihood import Likelihood, Posterior
 from pilotid.posterior.priors import Prior, priors_of
 from pilotid.recordings.recording import Recording
 from pilotid.solve.smoothing import AGAINST_WHITE
-from pilotid.time_domain.maximum_likelihood import maximise_likelihood
 from pilotid.time_domain.output_error import make_estimate
 from pilotid.time_domain.remnant_models import LowPass
-from pilotid.time_domain.search import LikelihoodSettings
+from pilotid.time_domain.search import maximise_likelihood
+from pilotid.time_domain.settings import LikelihoodSettings
 from pilotid.types import FloatArray
 
 #: Measured on the scenario disturbance-only: samplers that start from different summits end with
@@ -86,7 +86,7 @@ class Bayes(LikelihoodSettings):
     Attributes
     ----------
     search_band, candidates, refined, band, wide, rounds, noise, loop, weighed
-        See `pilotid.time_domain.search.LikelihoodSettings`.
+        See `pilotid.time_domain.settings.LikelihoodSettings`.
     likelihood
         ``remnant`` whitens by the remnant's spectrum, ``white`` takes the residual for white.
     sampler
@@ -161,7 +161,7 @@ class Bayes(LikelihoodSettings):
         settings = replace(self, noise=LowPass(0), loop=False) if white else self
         found = maximise_likelihood(recording, model, rng, settings)
         joint = found.joint
-        likelihood = Likelihood(joint, 1.0 if white else found.widened)
+        likelihood = Likelihood(joint, 1.0 if white else found.variance_factor)
         posterior = Posterior(likelihood, priors_of(model, joint.noise, self.priors))
         sampled = self._sampled(posterior, posterior.approximation(found), rng, watch)
         draws = sampled.draws

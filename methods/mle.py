@@ -25,54 +25,15 @@ from typing import ClassVar
 
 import numpy as np
 
-from pilotid.chance import CHI_SQUARED_95
-from pilotid.estimates.estimate import Estimate, Outcome, failed, is_at_bound
-from pilotid.limits import ESTIMATE
-from pilotid.lines.fit import specification_of
+from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.plant import element_changes
 from pilotid.recordings.recording import Recording
-from pilotid.remarks import Remark
-from pilotid.solve.covariance import covariance_at_bounds, covariance_of
-from pilotid.solve.intervals import Profile, profile_intervals
-from pilotid.time_domain.competing_optima import (
-    competing_optima,
-    deviances,
-    off_bounds,
-    over_changes,
-)
-from pilotid.time_domain.instruments import specification_by_instruments
-from pilotid.time_domain.maximum_likelihood import (
-    Maximum,
-    criteria_from,
-    in_wide_band,
-    maximise_likelihood,
-)
+from pilotid.time_domain.diagnostics import fit_remarks, tested_specification
 from pilotid.time_domain.output_error import make_estimate
-from pilotid.time_domain.residual_tests import residual_remarks
-from pilotid.time_domain.search import LikelihoodSettings
+from pilotid.time_domain.profile import profile_likelihood, with_profile
+from pilotid.time_domain.search import maxima_from, maximise_likelihood
+from pilotid.time_domain.settings import LikelihoodSettings
 from pilotid.types import FloatArray
-
-#: Said where direct prediction errors take the place of the likelihood of a band.
-NOT_CLOSED = Remark(
-    "element-unknown",
-    "the controlled element is not known, so that noise of the recorder on e and x counts as "
-    "signal and delays may be biased: name the element, for example --element 4/s^2",
-)
-#: Said there of an element that changes during the recording.
-VARYING = Remark(
-    "element-unknown",
-    "the controlled element changes during the recording: noise of the recorder on e and x "
-    "counts as signal, and delays may be biased; fit the parts with --span",
-)
-#: Said where nothing stands above the recorder's floor.
-HIDDEN = Remark(
-    "hidden-signal",
-    "what the pilot acts on (e, x) hardly stands above the noise of the recorder at any frequency: "
-    "the values mean little; record these signals with less noise or more bits",
-)
-#: How often a profile that comes upon a better optimum moves the estimate there.
-MOVES = 3
 
 
 @dataclass(frozen=True)
@@ -82,10 +43,12 @@ class MLE(LikelihoodSettings):
     Attributes
     ----------
     search_band, candidates, refined, band, wide, rounds, noise, loop, weighed
-        See `pilotid.time_domain.search.LikelihoodSettings`.
+        See `pilotid.time_domain.settings.LikelihoodSettings`.
     """
 
     name: ClassVar[str] = "mle"
+    #: The method against which estimates are tested where there are no lines.
+    against: ClassVar[str] = "mle-reference"
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
         """None: any recording and any model will do."""
@@ -103,57 +66,21 @@ class MLE(LikelihoodSettings):
         rng
             Draws the other starts.
         """
-        found = maximise_likelihood(recording, model, rng, self)
-        profile = profile_of(found)
-        for _ in range(MOVES):
-            if profile is None or profile.better is None:
-                break
-            moved = found.moved(profile.better)
-            if found.follows and not moved.follows:
-                break
-            found = in_wide_band(moved, recording, model, rng, self)
-            profile = profile_of(found)
-        joint, end = found.joint, found.end
-        values, gram = end.values[0], end.gram[0]
-        pilot = slice(joint.pilot)
-        variance = found.variance * found.widened
-        covariance = covariance_of(gram[:-1, :-1], variance)
-        if covariance is None:
-            # A remnant without a shape (next to none, or white) leaves its own parameters
-            # open, but not the pilot's.
-            covariance = covariance_of(gram[pilot, pilot], variance)
+        found, profile = profile_likelihood(maximise_likelihood(recording, model, rng, self))
+        covariance = found.covariance
         if covariance is None:
             return failed(self.name, model, Outcome.SINGULAR)
         estimate = make_estimate(
             self.name,
             recording,
             model,
-            values[pilot],
-            covariance[pilot, pilot],
-            converged=bool(end.converged[0]),
+            found.pilot,
+            covariance,
+            converged=bool(found.end.converged[0]),
         )
         if profile is not None:
-            sought = deviances(found)
-            intervals = over_changes(found, profile.intervals, sought)
-            # The length of an interval tells the scatter of skewed estimates; the likelihood's
-            # curvature at its maximum, from which the covariance is, only the middle of it.
-            length = np.diff(profile.intervals, axis=1)[:, 0]
-            widened = found.widened * found.by_element
-            errors = length / (2.0 * np.sqrt(sought / widened))
-            known = errors if (errors > 0.0).all() else None
-            estimate = replace(estimate, intervals=intervals, errors=known)
-            at_bound = is_at_bound(model, estimate.values)
-            if at_bound.any():
-                information = np.asarray(np.linalg.inv(covariance[pilot, pilot]))
-                inside = covariance_at_bounds(information, at_bound, profile.intervals)
-                estimate = estimate if inside is None else replace(estimate, covariance=inside)
-        tested = None
-        enough = recording.runs * recording.duration >= ESTIMATE.tested_from
-        if enough and not is_at_bound(model, estimate.values).any():  # no score is zero there
-            values, covariance = estimate.values, estimate.covariance
-            tested = specification_of(
-                recording, model, values, covariance, found.remnant
-            ) or specification_by_instruments(found, recording, values, covariance, "mle-reference")
+            estimate = with_profile(estimate, found, profile)
+        tested = tested_specification(found, recording, estimate, self.against)
         return replace(
             estimate,
             specification=tested,
@@ -165,63 +92,12 @@ class MLE(LikelihoodSettings):
             message="; ".join(part for part in (estimate.message, found.curves) if part),
             remarks=(
                 *(tested.remarks if tested else ()),
-                *self._not_closed(found, recording),
-                *_not_followed(found),
-                *residual_remarks(found, recording),
+                *fit_remarks(found, recording, asked_for_band=self.loop),
             ),
         )
-
-    def _not_closed(self, found: Maximum, recording: Recording) -> list[Remark]:
-        """What to say where the recording does not allow for the likelihood of a band."""
-        prediction = found.joint.prediction
-        if prediction.weighting is not None:
-            return [HIDDEN] if prediction.weighting.hidden else []
-        if not self.loop or prediction.model.changes:
-            return []
-        return [VARYING if element_changes(recording) else NOT_CLOSED]
 
     def criteria_from(
         self, recording: Recording, model: PilotModel, sets: FloatArray
     ) -> FloatArray:
         """Criteria of the optima reached from pilots alone, see `Searching`."""
-        return criteria_from(recording, model, self, sets)
-
-
-def _not_followed(found: Maximum) -> list[Remark]:
-    """What to say where the likelihood has no optimum that follows the control as a pilot does."""
-    if found.follows or found.following is None:
-        return []
-    own = 100.0 * max(0.0, float(found.following.explained(found.pilot[None])[0]))
-    lines = 100.0 * found.following.lines
-    return [
-        Remark(
-            "inverse-plant",
-            "the best fit is the inverse of the controlled element, not a pilot: it explains "
-            f"{own:.0f} % of the control, a pilot fitted at the forcing frequencies {lines:.0f} %; "
-            "choose a simpler model or the method fourier",
-        )
-    ]
-
-
-def profile_of(found: Maximum) -> Profile | None:
-    """Profile-likelihood intervals; None where the remnant has no shape.
-
-    Parameters
-    ----------
-    found
-        The optimum; its competing optima are held by the intervals as far as they suit.
-    """
-    joint, end = found.joint, found.end
-    if covariance_of(end.gram[0, :-1, :-1], found.variance) is None:
-        return None
-    freedom = joint.residuals - int(end.values.shape[1])
-    return profile_intervals(
-        found.search.gram,
-        joint,
-        end,
-        found.variance,
-        joint.pilot,
-        estimated=freedom,
-        widened=deviances(found) / CHI_SQUARED_95,
-        others=np.concatenate([competing_optima(found), off_bounds(found)]),
-    )
+        return np.array([each.criterion for each in maxima_from(recording, model, self, sets)])

@@ -40,9 +40,9 @@ from pilotid.solve.intervals import profile_intervals
 from pilotid.solve.least_squares import minimise
 from pilotid.time_domain.band_likelihood import closing_element
 from pilotid.time_domain.instruments import Moments, forcing_functions, references
-from pilotid.time_domain.maximum_likelihood import maximise_likelihood
 from pilotid.time_domain.output_error import make_estimate
-from pilotid.time_domain.search import LikelihoodSettings
+from pilotid.time_domain.search import maximise_likelihood
+from pilotid.time_domain.settings import LikelihoodSettings
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class MLEReference(LikelihoodSettings):
     Attributes
     ----------
     search_band, candidates, refined, band, wide, rounds, noise, loop, weighed
-        See `pilotid.time_domain.search.LikelihoodSettings`: of the fit by ``mle`` that gives the
+        See `pilotid.time_domain.settings.LikelihoodSettings`: of the fit by ``mle`` that gives the
         remnant's spectrum and the instruments.
     """
 
@@ -84,8 +84,8 @@ class MLEReference(LikelihoodSettings):
         element, _ = closing_element(recording)
         assert element is not None
         values = found.pilot[None]
-        if not found.follows and found.known is not None:
-            values = found.known
+        if not found.simulates_control and found.lines_pilot is not None:
+            values = found.lines_pilot
         if unstable_poles(model, values[0], element):
             why = f"the loop of the pilot and {element.name} is unstable: there are no instruments"
             return failed(self.name, model, Outcome.NOT_APPLICABLE, why)
@@ -94,11 +94,11 @@ class MLEReference(LikelihoodSettings):
         values = minimise(moments.gram, values, model).values
         moments.weigh_at(values[0])
         end = minimise(moments.gram, values, model)
-        covariance = covariance_of(end.gram[0, :-1, :-1], found.widened)
+        covariance = covariance_of(end.gram[0, :-1, :-1], found.variance_factor)
         if covariance is None:
             return failed(self.name, model, Outcome.SINGULAR)
         profile = profile_intervals(
-            moments.gram, model, end, 1.0, len(values[0]), widened=found.widened
+            moments.gram, model, end, 1.0, len(values[0]), widened=found.variance_factor
         )
         estimate = make_estimate(
             self.name, recording, model, end.values[0], covariance, converged=bool(end.converged[0])

@@ -26,17 +26,17 @@ from pilotid.recordings.recording import Recording
 from pilotid.solve.search import search
 from pilotid.time_domain.output_error import OutputErrors, WhiteLikelihood, record
 from pilotid.time_domain.prediction import predict
-from pilotid.time_domain.search import SearchSettings
+from pilotid.time_domain.settings import StartSettings
 
 
 @dataclass(frozen=True)
-class MLEWhite(WhiteLikelihood, SearchSettings):
+class MLEWhite(WhiteLikelihood, StartSettings):
     """Maximum likelihood under a white residual.
 
     Attributes
     ----------
     search_band, candidates, refined
-        See `pilotid.time_domain.search.SearchSettings`; what the search finds is only
+        See `pilotid.time_domain.settings.StartSettings`; what the search finds is only
         polished in the analysis band.
     band, covariance
         See `pilotid.time_domain.output_error.WhiteLikelihood`.

@@ -47,6 +47,7 @@ from pilotid.recordings.recording import Recording
 from pilotid.remarks import Remark
 from pilotid.solve.least_squares import LogTransform
 from pilotid.solve.search import search
+from pilotid.time_domain.diagnostics import portmanteau, ratio_of_halves
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.over_time import TrajectoryFit, estimated_over_time, no_reduction
 from pilotid.time_domain.prediction import predict
@@ -58,7 +59,6 @@ from pilotid.time_domain.random_walk import (
     unsuited,
     walking_pilot,
 )
-from pilotid.time_domain.residual_tests import portmanteau, ratio_of_halves
 from pilotid.time_domain.unscented import Smoothed, run_smoother
 from pilotid.types import FloatArray
 

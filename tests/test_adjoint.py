@@ -13,15 +13,16 @@ from pilotid.methods.mle import MLE
 from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.model import PilotModel
 from pilotid.solve.least_squares import minimise, resume
+from pilotid.time_domain.likelihood import (
+    AdjointErrors,
+    BinnedPrediction,
+    PredictionErrors,
+    binned,
+    for_search,
+)
+from pilotid.time_domain.noise import JointFit
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction, predict
-from pilotid.time_domain.prediction_errors import (
-    AdjointErrors,
-    PredictionErrors,
-    Reduced,
-    for_search,
-    reduced,
-)
 from pilotid.time_domain.prepare import analysis_band
 from pilotid.time_domain.remnant_models import (
     Autoregressive,
@@ -30,7 +31,7 @@ from pilotid.time_domain.remnant_models import (
     NoiseModel,
     guess_parameters,
 )
-from pilotid.time_domain.search import COMPARED_TOLERANCE, REPORTED_TOLERANCE, JointFit
+from pilotid.time_domain.settings import SEARCH
 from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical
@@ -52,8 +53,8 @@ def problem_of(
 ) -> tuple[PredictionErrors, AdjointErrors, FloatArray]:
     """Exact problem, that of a search, and two points: a pilot with the remnant it leaves."""
     exact = PredictionErrors(prediction, noise, BAND)
-    coarse = reduced(prediction)
-    assert isinstance(coarse, Reduced)
+    coarse = binned(prediction)
+    assert isinstance(coarse, BinnedPrediction)
     pilots = prediction.model.start * np.array([[1.0], [0.9]])
     residual = OutputErrors(prediction).residual(pilots[0])
     remnant = np.tile(guess_parameters(noise, residual, BAND), (2, 1))
@@ -112,16 +113,16 @@ def test_the_hessian_is_that_of_the_exact_problem_but_for_the_edges(noise: Noise
 
 def test_a_search_ends_where_that_with_exact_products_does() -> None:
     exact, adjoint, points = problem_of(prediction_of(NOMINAL.model, RUNS), Autoregressive(6))
-    expected = minimise(exact.gram, points[:1], exact, tolerance=REPORTED_TOLERANCE)
-    end = minimise(adjoint.gram, points[:1], adjoint, tolerance=REPORTED_TOLERANCE)
+    expected = minimise(exact.gram, points[:1], exact, tolerance=SEARCH.reported_tolerance)
+    end = minimise(adjoint.gram, points[:1], adjoint, tolerance=SEARCH.reported_tolerance)
     assert expected.converged[0]
     assert end.converged[0]
     assert expected.apart(end.values[0], exact.residuals) < 1e-4
     # What is reported rests on exact products.
     rough = JointFit(
-        adjoint, minimise(adjoint.gram, points[:1], adjoint, tolerance=COMPARED_TOLERANCE)
+        adjoint, minimise(adjoint.gram, points[:1], adjoint, tolerance=SEARCH.compared_tolerance)
     )
-    fine = rough.refined(REPORTED_TOLERANCE)
+    fine = rough.refined(SEARCH.reported_tolerance)
     assert fine.joint is exact
     np.testing.assert_allclose(fine.end.gram, exact.gram(fine.end.values), rtol=1e-9)
     assert expected.apart(fine.end.values[0], exact.residuals) < 1e-4
@@ -150,7 +151,7 @@ def test_what_is_reported_is_that_of_a_search_with_exact_products(
     scenario = replace(SCENARIOS[name], runs=RUNS)
     recording = simulate(scenario, np.random.default_rng(2))
     found = MLE().fit(recording, scenario.model, np.random.default_rng(3))
-    for place in ("search", "maximum_likelihood"):
+    for place in ("noise", "optimum"):
         monkeypatch.setattr(f"pilotid.time_domain.{place}.for_search", lambda joint, *_: joint)
     expected = MLE().fit(recording, scenario.model, np.random.default_rng(3))
     errors = np.sqrt(np.diag(expected.covariance))

@@ -14,7 +14,6 @@ from pilotid.datasets.population import POPULATIONS
 from pilotid.datasets.scenarios import Scenario
 from pilotid.estimates.method import identify
 from pilotid.methods import MLE
-from pilotid.methods.mle import HIDDEN
 from pilotid.pilot.element import double_integrator
 from pilotid.pilot.loops import pilot_on
 from pilotid.posterior.likelihood import Likelihood
@@ -26,14 +25,13 @@ from pilotid.solve.least_squares import minimise
 from pilotid.theory.bounds import View
 from pilotid.time_domain import band_likelihood
 from pilotid.time_domain.band_likelihood import (
-    OUTSIDE,
     Weighting,
     closing_element,
     weighting_of,
 )
-from pilotid.time_domain.maximum_likelihood import maximum_from
+from pilotid.time_domain.diagnostics import HIDDEN
+from pilotid.time_domain.likelihood import AdjointErrors, BinnedPrediction, PredictionErrors, binned
 from pilotid.time_domain.prediction import Prediction, predict
-from pilotid.time_domain.prediction_errors import AdjointErrors, PredictionErrors, Reduced, reduced
 from pilotid.time_domain.prepare import analysis_band
 from pilotid.time_domain.remnant_models import (
     Autoregressive,
@@ -42,6 +40,8 @@ from pilotid.time_domain.remnant_models import (
     NoiseModel,
     guess_parameters,
 )
+from pilotid.time_domain.search import maxima_from
+from pilotid.time_domain.settings import BAND
 from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical
@@ -90,8 +90,8 @@ def test_gradients_are_those_of_differences(
     band = analysis_band(recording.dt, 50.0)
     joint = PredictionErrors(prediction, noise, band)
     values = near_truth(joint, scenario)
-    coarse = reduced(prediction)
-    assert isinstance(coarse, Reduced)
+    coarse = binned(prediction)
+    assert isinstance(coarse, BinnedPrediction)
     for each in (joint, AdjointErrors(joint, coarse), PredictionErrors(coarse, noise, band)):
         gram = each.gram(values[None])[0]
         steps = 1e-5 * np.maximum(np.abs(values), 1e-3)
@@ -111,8 +111,8 @@ def test_the_adjoint_has_the_sum_and_the_slopes_of_the_rows(noise: NoiseModel) -
     scenario, recording = recorded("nominal(runs=2)", noise=1e-3)
     prediction = banded(recording, scenario, (0.0,))
     joint = PredictionErrors(prediction, noise, analysis_band(recording.dt, 50.0))
-    coarse = reduced(prediction)
-    assert isinstance(coarse, Reduced)
+    coarse = binned(prediction)
+    assert isinstance(coarse, BinnedPrediction)
     values = near_truth(joint, scenario)[None]
     exact, adjoint = joint.gram(values)[0], AdjointErrors(joint, coarse).gram(values)[0]
     np.testing.assert_allclose(adjoint[-1], exact[-1], rtol=1e-9, atol=1e-9 * exact[-1, -1])
@@ -142,7 +142,7 @@ def test_differences_are_those_of_whittles_likelihood_of_the_closed_loop() -> No
     signals = (recording.u, recording.e, recording.x)
     control, error, output = (np.fft.rfft(recording.window(each)[0])[1:] for each in signals)
     omega, weights = omega[1:], weights[1:]
-    described = weights + OUTSIDE * (1.0 - weights)
+    described = weights + BAND.outside_weight * (1.0 - weights)
     element = scenario.element.response(omega)
 
     def whittle(values: FloatArray) -> float:
@@ -202,7 +202,7 @@ def test_the_element_that_closes_the_loop_is_what_signals_show() -> None:
 def test_what_is_not_known_of_the_element_is_in_the_intervals() -> None:
     """To first order: the optimum with an element of 2 % more gain is where the factor says."""
     scenario, recording = recorded("nominal", noise=3e-4)
-    found = maximum_from(recording, scenario.model, MLE(noise=LowPass(2)), scenario.values)
+    found = maxima_from(recording, scenario.model, MLE(noise=LowPass(2)), scenario.values[None])[0]
     prediction, joint = found.joint.prediction, found.joint
     weighting = prediction.weighting
     assert weighting is not None
@@ -215,7 +215,7 @@ def test_what_is_not_known_of_the_element_is_in_the_intervals() -> None:
     errors = np.sqrt(np.diag(covariance_of(found.end.gram[0, :-1, :-1], found.variance))[:7])
     moved = (ends[0] - ends[1]) / errors
     known = replace(found, joint=with_weighting(joint, replace(plain, unknown=0.02)))
-    expected = np.sqrt(known.by_element - 1.0)
+    expected = np.sqrt(known.element_factor - 1.0)
     assert np.abs(moved).max() > 2e-3
     np.testing.assert_allclose(np.abs(moved), expected, atol=0.1 * expected.max())
 

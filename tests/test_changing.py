@@ -35,11 +35,11 @@ from pilotid.report.fit import html_report
 from pilotid.solve.intervals import FixedParameter
 from pilotid.solve.least_squares import minimise
 from pilotid.study.fits import truths_of
-from pilotid.time_domain.competing_optima import over_changes
-from pilotid.time_domain.maximum_likelihood import maximise_likelihood
+from pilotid.time_domain.likelihood import binned
 from pilotid.time_domain.output_error import residual_spectra
 from pilotid.time_domain.prediction import predict
-from pilotid.time_domain.prediction_errors import reduced
+from pilotid.time_domain.profile import over_changes
+from pilotid.time_domain.search import maximise_likelihood
 from pilotid.types import FloatArray, InputError
 
 pytestmark = pytest.mark.numerical
@@ -150,7 +150,7 @@ def test_all_ways_to_the_residual_agree() -> None:
         np.testing.assert_allclose(
             prediction.residual(values), prediction.samples_of(own), atol=1e-12
         )
-    assert reduced(prediction) is prediction
+    assert binned(prediction) is prediction
     second = prediction.of_runs([1])
     np.testing.assert_allclose(second.row_spectra(SETS)[:, -1], spectra[:, 1:], atol=1e-12)
 
@@ -345,7 +345,7 @@ def test_intervals_of_when_go_to_the_joint_level_of_two_parameters() -> None:
             held = minimise(
                 joint.gram, start, FixedParameter(lower, upper, joint.positive), tolerance=1e-5
             )
-            deviance = freedom * np.log(held.cost[0] / end.cost[0]) / found.widened
+            deviance = freedom * np.log(held.cost[0] / end.cost[0]) / found.variance_factor
             assert deviance == pytest.approx(level, rel=0.1)
 
 

@@ -17,21 +17,20 @@ from helpers import (
 
 from pilotid.datasets import Scenario, scenario_named, simulate
 from pilotid.datasets.remnant import Remnant
+from pilotid.limits import constants_of
 from pilotid.lines.fit import fit_lines
 from pilotid.methods.mle import MLE
 from pilotid.pilot.element import position_control
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import Recording
 from pilotid.seeds import recording_rng
 from pilotid.solve.intervals import profile_intervals
 from pilotid.solve.least_squares import Minima, minimise
-from pilotid.time_domain import prediction_errors as reduction
-from pilotid.time_domain.maximum_likelihood import (
-    BARTLETT_SECONDS,
-    LARGEST_EDGE_SHARE,
-    maximise_likelihood,
-)
+from pilotid.time_domain import likelihood as reduction
+from pilotid.time_domain import settings
+from pilotid.time_domain.likelihood import binned
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction, predict
-from pilotid.time_domain.prediction_errors import reduced
 from pilotid.time_domain.prepare import analysis_band
 from pilotid.time_domain.remnant_models import (
     NOISE_MODELS,
@@ -40,7 +39,18 @@ from pilotid.time_domain.remnant_models import (
     criterion,
     neighbours,
 )
-from pilotid.time_domain.search import MOST_CANDIDATES, explore, optima, together
+from pilotid.time_domain.search import (
+    Swept,
+    edge_information,
+    first_fit,
+    lines_pilot,
+    maxima_from,
+    maximise_likelihood,
+    optima,
+    sweep,
+    together,
+)
+from pilotid.time_domain.settings import PROFILE, SEARCH
 from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical
@@ -53,11 +63,16 @@ def prediction_of(scenario: Scenario, seed: int = 1) -> Prediction:
     return predict(recording, scenario.model, BAND)
 
 
+def swept(recording: Recording, model: PilotModel, seed: int, known: FloatArray | None) -> Swept:
+    rng = np.random.default_rng(seed)
+    return sweep(first_fit(recording, model, rng, MLE(wide=()), known), rng, MLE(), known)
+
+
 def test_without_groups_the_reduction_is_the_windowed_transform(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Oracle: one bin a group leaves the sums of squares of the windowed spectra."""
-    monkeypatch.setattr(reduction, "GROUP_WIDEST", 0.0)
+    monkeypatch.setattr(reduction, "SEARCH", replace(SEARCH, max_binned_width=0.0))
     prediction = prediction_of(replace(NOMINAL, runs=2))
     values = 1.1 * NOMINAL.values[None]
     scored = prediction.scored
@@ -70,13 +85,13 @@ def test_without_groups_the_reduction_is_the_windowed_transform(
     for response, signal in zip(NOMINAL.model.responses(s, values[0]), bins[:-1], strict=True):
         left -= response * signal
     expected = 2.0 / scored * np.sum(np.abs(left[:, 2:]) ** 2)
-    found = OutputErrors(reduced(prediction)).gram(values)[0, -1, -1]
+    found = OutputErrors(binned(prediction)).gram(values)[0, -1, -1]
     assert found == pytest.approx(expected, rel=0.02)
 
 
 def test_the_reduction_costs_the_same_for_any_length_and_number_of_runs() -> None:
-    short = reduced(prediction_of(NOMINAL))
-    long = reduced(prediction_of(replace(NOMINAL, duration=4.0 * NOMINAL.duration, runs=5)))
+    short = binned(prediction_of(NOMINAL))
+    long = binned(prediction_of(replace(NOMINAL, duration=4.0 * NOMINAL.duration, runs=5)))
     assert long.control_spectrum.size < 1.5 * short.control_spectrum.size
     assert short.s.size < 200
     assert long.samples > 15 * short.samples
@@ -88,14 +103,13 @@ def test_lines_whose_fit_went_astray_do_not_lead_the_search_astray() -> None:
     model = NOMINAL.model.with_start(start)
     astray = np.array([1.5e4, 0.016, 1.0, 0.013, 1.0, 12.1, 0.02])
     recording = simulate(NOMINAL, recording_rng(1, "nominal", 154))
-    prediction, band = predict(recording, model, BAND), analysis_band(NOMINAL.dt, BAND)
-    found = explore(prediction, band, np.random.default_rng(1), MLE(), astray[None])
+    found = swept(recording, model, 1, astray[None])
     np.testing.assert_allclose(found.candidates[0][2:], NOMINAL.values[2:], rtol=0.3)
 
 
 def test_the_reduction_has_its_optimum_where_the_pilot_is() -> None:
     prediction = prediction_of(without_remnant(NOMINAL))
-    coarse = reduced(prediction)
+    coarse = binned(prediction)
     end = minimise(OutputErrors(coarse).gram, 1.2 * NOMINAL.values[None], NOMINAL.model)
     gain, lead, *others = end.values[0] / NOMINAL.values
     np.testing.assert_allclose([gain * lead, *others], 1.0, atol=0.05)  # the two trade off
@@ -121,13 +135,11 @@ def test_optima_are_told_apart_by_the_information() -> None:
         np.tile(np.eye(2), (20, 1, 1)),
         5,
     )
-    assert len(optima(many, samples=100, far=1.0)[0]) == MOST_CANDIDATES
+    assert len(optima(many, samples=100, far=1.0)[0]) == SEARCH.max_candidates
 
 
-def test_exploration_finds_the_pilot_from_a_start_that_is_nobodys() -> None:
-    prediction = prediction_of(NOMINAL)
-    band = analysis_band(NOMINAL.dt, BAND)
-    found = explore(prediction, band, np.random.default_rng(1), MLE())
+def test_the_sweep_finds_the_pilot_from_a_start_that_is_nobodys() -> None:
+    found = swept(simulate(NOMINAL, np.random.default_rng(1)), NOMINAL.model, 1, None)
     best = found.candidates[0]
     delays = list(NOMINAL.model.delays)
     np.testing.assert_allclose(best[delays], NOMINAL.values[delays], rtol=0.1)
@@ -140,10 +152,8 @@ def test_one_optimum_that_many_starts_end_in_does_not_crowd_out_the_others(seed:
     rng = np.random.default_rng([77, 22])
     scenario = scenario_named("population-usual").drawn(rng)
     recording = simulate(scenario, rng)
-    prediction = predict(recording, scenario.model, BAND)
     known = fit_lines(recording, scenario.model, np.random.default_rng(seed)).values[None]
-    band = analysis_band(recording.dt, BAND)
-    found = explore(prediction, band, np.random.default_rng(seed), MLE(), known)
+    found = swept(recording, scenario.model, seed, known)
     delay = scenario.model.keys.index("tdvis")
     off = np.abs(found.candidates[:, delay] - scenario.truth[delay])
     assert off[0] > 0.1, "the recording is no longer one on which the best start is wrong"
@@ -178,15 +188,24 @@ def position_pilot() -> Scenario:
     )
 
 
-def test_an_optimum_at_a_bound_does_not_decide_on_the_band() -> None:
-    recording = simulate(NOMINAL, np.random.default_rng(1))
-    found = maximise_likelihood(recording, NOMINAL.model, np.random.default_rng(1), MLE())
-    other = found.pilot.copy()
-    frequency = NOMINAL.model.keys.index("fnm")
-    for share, asked in ((0.99, True), (1.0, False)):
-        other[frequency] = share * NOMINAL.model.upper[frequency]
-        assert found.edge_of(other) > LARGEST_EDGE_SHARE > found.edge_of(found.pilot)
-        assert (replace(found, competing=[other]).at_edge > LARGEST_EDGE_SHARE) is asked
+def test_the_faster_the_pilot_the_more_lies_near_the_edge_of_the_band() -> None:
+    prediction = prediction_of(NOMINAL)
+    taps = LowPass(2).filters(np.array([[3.5, 0.7]]), analysis_band(NOMINAL.dt, BAND))[0]
+    fast = NOMINAL.values.copy()
+    fast[NOMINAL.model.keys.index("fnm")] = 40.0
+    own, other = (edge_information(prediction, pilot, taps) for pilot in (NOMINAL.values, fast))
+    assert own < SEARCH.max_edge_information < other
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_every_start_is_judged_in_one_band(seed: int) -> None:
+    """The band follows from the forcing lines, not from where a search ended."""
+    recording = simulate(replace(position_pilot(), dt=0.01), np.random.default_rng(1))
+    model, rng = position_pilot().model, np.random.default_rng(seed)
+    first = first_fit(recording, model, rng, MLE(), lines_pilot(recording, model, rng))
+    assert first.band == analysis_band(0.01, 120.0)
+    near, far = maxima_from(recording, model, MLE(), model.start * np.array([[1.0], [1.3]]))
+    assert near.joint.band == far.joint.band
 
 
 def test_the_band_is_wider_where_the_loop_answers_at_once() -> None:
@@ -198,7 +217,7 @@ def test_the_band_is_wider_where_the_loop_answers_at_once() -> None:
     assert wide.remnant.omega[-1] > 100.0
     direct = fit_of(MLE(loop=False), replace(position_pilot(), dt=0.01))
     assert direct.remnant is not None
-    assert direct.remnant.omega[-1] > 300.0  # all that 100 Hz have, without a filter
+    assert direct.remnant.omega[-1] > 100.0
     narrow = fit_of(MLE(wide=()), position_pilot())
     assert narrow.remnant is not None
     assert narrow.remnant.omega[-1] < 53.0
@@ -211,7 +230,7 @@ def test_short_recordings_have_wider_intervals() -> None:
     prediction = found.joint.prediction
     seconds = prediction.scored * prediction.dt
     assert 81.0 < seconds < 83.0
-    assert found.widened == pytest.approx(1.0 + BARTLETT_SECONDS / seconds)
+    assert found.variance_factor == pytest.approx(1.0 + PROFILE.bartlett_seconds / seconds)
 
 
 def test_a_profile_that_comes_upon_a_better_optimum_says_where() -> None:
@@ -259,3 +278,12 @@ def test_criteria_from_the_optimum_and_from_the_truth_agree() -> None:
     sets = np.array([estimate.values, NOMINAL.values])
     own, true = MLE().criteria_from(recording, NOMINAL.model, sets)
     assert own == pytest.approx(true, abs=0.5)
+
+
+def test_every_constant_of_the_search_says_what_it_is_and_where_it_comes_from() -> None:
+    constants = constants_of(settings.BAND, settings.SEARCH, settings.PROFILE)
+    assert len(constants) > 40
+    for constant in constants:
+        assert constant.source in ("statistics", "numerics", "tuned"), constant.name
+        assert constant.meaning, constant.name
+    assert constants[0][:3] == ("top_share", "0.8", "numerics")

@@ -12,10 +12,12 @@ from pilotid.datasets import simulate
 from pilotid.lines.fit import fit_lines
 from pilotid.methods.mle import MLE
 from pilotid.solve.least_squares import Minima
-from pilotid.time_domain.maximum_likelihood import in_wide_band, maximise_likelihood
+from pilotid.time_domain.likelihood import binned
+from pilotid.time_domain.optimum import SimulationCheck
 from pilotid.time_domain.prediction import predict
-from pilotid.time_domain.prediction_errors import reduced
-from pilotid.time_domain.search import LEAST_EXPLAINED, Following
+from pilotid.time_domain.prepare import analysis_band
+from pilotid.time_domain.search import maximise_likelihood
+from pilotid.time_domain.settings import SEARCH
 
 pytestmark = pytest.mark.numerical
 
@@ -24,9 +26,9 @@ TRUTH = NOMINAL.values
 IDLE = np.concatenate([[1e-3 * TRUTH[0]], TRUTH[1:3], [1e-3 * TRUTH[3]], TRUTH[4:]])
 
 
-def following(known: np.ndarray[tuple[int, ...], np.dtype[np.float64]] | None) -> Following:
+def following(known: np.ndarray[tuple[int, ...], np.dtype[np.float64]] | None) -> SimulationCheck:
     recording = simulate(NOMINAL, np.random.default_rng(1))
-    return Following(reduced(predict(recording, NOMINAL.model, 50.0)), known)
+    return SimulationCheck(binned(predict(recording, NOMINAL.model, 50.0)), known)
 
 
 def test_the_lines_alone_tell_the_pilot_where_there_is_no_remnant() -> None:
@@ -52,7 +54,7 @@ def test_who_explains_far_less_than_the_lines_pilot_does_not_follow() -> None:
     judged = following(TRUTH[None])
     own, idle = judged.explained(np.array([TRUTH, IDLE]))
     assert 0.6 < own < 1.0  # a remnant of 20 % or less is left
-    assert idle < LEAST_EXPLAINED * own
+    assert idle < SEARCH.min_vaf_ratio * own
     np.testing.assert_array_equal(judged(np.array([TRUTH, IDLE])), [True, False])
     # What stands behind the pilot's parameters is not looked at.
     behind = np.hstack([np.array([TRUTH, IDLE]), np.full((2, 3), np.nan)])
@@ -75,18 +77,16 @@ def test_ends_that_do_not_follow_are_left_out_unless_none_does() -> None:
 
 def test_an_estimate_that_does_not_follow_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not any("inverse" in remark for remark in fit_of(MLE(), NOMINAL).remarks)
-    monkeypatch.setattr(
-        "pilotid.time_domain.search.LEAST_EXPLAINED", 2.0
-    )  # nobody explains as much
+    nobody = replace(SEARCH, min_vaf_ratio=2.0)
+    monkeypatch.setattr("pilotid.time_domain.optimum.SEARCH", nobody)
     remarks = fit_of(MLE(), NOMINAL).remarks
     assert any("inverse of the controlled element" in remark for remark in remarks)
 
 
-def test_an_optimum_that_the_usual_band_holds_is_not_sought_in_the_wide_one() -> None:
+def test_the_optimum_keeps_the_pilot_of_the_lines() -> None:
     recording = simulate(NOMINAL, np.random.default_rng(3))
-    rng = np.random.default_rng(1)
-    found = maximise_likelihood(recording, NOMINAL.model, rng, MLE())
-    assert found.follows
-    assert in_wide_band(found, recording, NOMINAL.model, rng, MLE()) is found
-    assert found.known is not None
-    assert found.known.shape == (1, len(TRUTH))
+    found = maximise_likelihood(recording, NOMINAL.model, np.random.default_rng(1), MLE())
+    assert found.simulates_control
+    assert found.joint.band == analysis_band(recording.dt, 50.0)
+    assert found.lines_pilot is not None
+    assert found.lines_pilot.shape == (1, len(TRUTH))

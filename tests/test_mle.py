@@ -19,9 +19,9 @@ from pilotid.recordings.checks import remarks
 from pilotid.solve.covariance import covariance_at_bounds
 from pilotid.solve.intervals import find_profile_end, profile_intervals
 from pilotid.solve.least_squares import minimise
+from pilotid.time_domain.likelihood import PredictionErrors, binned
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
-from pilotid.time_domain.prediction_errors import PredictionErrors, reduced
 from pilotid.time_domain.prepare import Band
 from pilotid.time_domain.remnant_models import Autoregressive, LowPass, NoiseModel
 from pilotid.types import FloatArray
@@ -91,7 +91,7 @@ def test_the_past_of_a_residual_is_what_its_filters_say(
     if way == "circular":  # whose first sample has no samples before it
         prediction = predict_circular(recording, MULTI)
     if way == "reduced":
-        prediction = reduced(prediction)
+        prediction = binned(prediction)
     joint = PredictionErrors(prediction, Autoregressive(6), BAND)
     values = np.array([[*TRUTH, *AR6]])
     found, residual = joint.rows(values), prediction.row_spectra(TRUTH[None])[:, -1:]

@@ -15,7 +15,7 @@ from pilotid.estimates.estimate import Outcome
 from pilotid.methods.mle_reference import MLEReference
 from pilotid.pilot.catalogue import ADAPTING
 from pilotid.time_domain.instruments import Moments, references
-from pilotid.time_domain.maximum_likelihood import maximise_likelihood
+from pilotid.time_domain.search import maximise_likelihood
 
 pytestmark = pytest.mark.numerical
 

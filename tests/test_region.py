@@ -11,14 +11,15 @@ from helpers import NOMINAL
 from pilotid.chance import CHI_SQUARED_95
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.estimates.estimate import Outcome, at_bounds
-from pilotid.methods.mle import MLE, profile_of
+from pilotid.methods.mle import MLE
 from pilotid.pilot.factors import Neuromuscular
 from pilotid.pilot.model import PilotModel
 from pilotid.seeds import recording_rng
 from pilotid.solve.intervals import FixedParameter, profile_intervals
 from pilotid.solve.least_squares import Minima, minimise
-from pilotid.time_domain.competing_optima import off_bounds
-from pilotid.time_domain.maximum_likelihood import Maximum, maximise_likelihood
+from pilotid.time_domain.optimum import Optimum
+from pilotid.time_domain.profile import off_bounds, profile_about
+from pilotid.time_domain.search import maximise_likelihood
 from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical
@@ -139,8 +140,8 @@ def test_intervals_hold_the_other_summits_that_the_search_came_upon() -> None:
     assert any(np.abs(pilot[delays] - truth).max() < 0.03 for pilot in found.competing)
 
 
-def intervals_of(found: Maximum) -> FloatArray:
-    profile = profile_of(found)
+def intervals_of(found: Optimum) -> FloatArray:
+    profile = profile_about(found)
     assert profile is not None
     assert profile.better is None
     return profile.intervals

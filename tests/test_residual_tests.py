@@ -17,15 +17,15 @@ from pilotid.limits import ESTIMATE
 from pilotid.methods.mle import MLE
 from pilotid.recordings.recording import Recording
 from pilotid.remarks import codes_of
-from pilotid.time_domain.maximum_likelihood import maximise_likelihood
-from pilotid.time_domain.remnant_models import LowPass
-from pilotid.time_domain.residual_tests import (
+from pilotid.time_domain.diagnostics import (
     drift_left,
     held_share,
     portmanteau,
     ratio_of_halves,
     score_of_halves,
 )
+from pilotid.time_domain.remnant_models import LowPass
+from pilotid.time_domain.search import maximise_likelihood
 from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical

@@ -71,6 +71,14 @@ def test_aperiodic_forcing_functions_find_a_model_that_lacks_a_channel() -> None
     assert not estimate.specification.agrees
 
 
+def test_direct_prediction_errors_have_no_weights_to_test_with() -> None:
+    recording = simulate(SCENARIOS["disturbance-step"], np.random.default_rng(0))
+    direct = method_named("mle(loop=false)")
+    estimate = identify(direct, recording, MODELS["multi"], np.random.default_rng(0))
+    assert estimate.outcome.usable
+    assert estimate.specification is None
+
+
 def test_an_estimate_at_its_bound_is_not_tested() -> None:
     model = MODELS["multi"]
     narrow = tuple(

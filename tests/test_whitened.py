@@ -14,9 +14,10 @@ from pilotid.estimates.method import identify
 from pilotid.methods.mle import MLE
 from pilotid.pilot.catalogue import MODELS, MULTI
 from pilotid.recordings.recording import Recording
-from pilotid.time_domain.maximum_likelihood import Maximum, maximise_likelihood
+from pilotid.time_domain.diagnostics import correlations, portmanteau, prediction_errors
+from pilotid.time_domain.optimum import Optimum
 from pilotid.time_domain.remnant_models import NOISE_MODELS
-from pilotid.time_domain.residual_tests import correlations, portmanteau, prediction_errors
+from pilotid.time_domain.search import maximise_likelihood
 
 pytestmark = pytest.mark.numerical
 
@@ -27,7 +28,7 @@ def recording() -> Recording:
 
 
 @cache
-def found() -> Maximum:
+def found() -> Optimum:
     return maximise_likelihood(recording(), MULTI, np.random.default_rng(2), MLE())
 
 

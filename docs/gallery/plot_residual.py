@@ -13,7 +13,7 @@ import matplotlib.pyplot as plt
 import pilotid
 from pilotid import plot
 from pilotid.show.style import journal_style
-from pilotid.time_domain.residual_tests import portmanteau, prediction_errors
+from pilotid.time_domain.diagnostics import portmanteau, prediction_errors
 
 LAGS = 40
 recording = pilotid.simulate("nominal", 5)

@@ -22,9 +22,9 @@ from pilotid.pilot.catalogue import MULTI
 from pilotid.posterior.likelihood import Likelihood
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import minimise
-from pilotid.time_domain.maximum_likelihood import maximise_likelihood
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
+from pilotid.time_domain.search import maximise_likelihood
 from pilotid.types import FloatArray
 
 PADE = 5

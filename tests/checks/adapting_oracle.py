@@ -28,9 +28,10 @@ from pilotid.methods.mle import MLE
 from pilotid.seeds import fit_rng
 from pilotid.solve.intervals import FixedParameter
 from pilotid.solve.least_squares import minimise
-from pilotid.time_domain.maximum_likelihood import Maximum, maximum_from
+from pilotid.time_domain.optimum import Optimum
 from pilotid.time_domain.prepare import Band
 from pilotid.time_domain.remnant_models import LowPass
+from pilotid.time_domain.search import maxima_from
 from pilotid.types import BoolArray, FloatArray
 
 #: Changes from which the likelihood at a true value is sought: seconds from the best one's
@@ -83,7 +84,7 @@ class Tried:
     """What was found of one recording."""
 
     estimate: Estimate
-    from_truth: Maximum
+    from_truth: Optimum
     likelier: FloatArray
     ratios: FloatArray
 
@@ -104,7 +105,7 @@ def quieter(scenario: Scenario, by: float) -> Scenario:
 
 
 def ratios_at_truth(
-    found: Maximum, best: FloatArray, truth: FloatArray, keys: tuple[str, ...]
+    found: Optimum, best: FloatArray, truth: FloatArray, keys: tuple[str, ...]
 ) -> FloatArray:
     """Likelihood ratios of the true values, one parameter at a time, shape (parameters,).
 
@@ -138,7 +139,7 @@ def ratios_at_truth(
         held = FixedParameter.at(joint, which, value)
         points = np.clip(starts, held.lower, held.upper)
         cost = minimise(joint.gram, points, held, tolerance=1e-4, iterations=15).cost[0]
-        result[which] = freedom * np.log(cost / lowest) / found.widened
+        result[which] = freedom * np.log(cost / lowest) / found.variance_factor
     return result
 
 
@@ -151,7 +152,7 @@ def tried(
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(replication,)))
         recording = simulate(scenario, rng)
         fit = identify(method, recording, scenario.model, fit_rng(seed + replication, "mle"))
-        near = maximum_from(recording, scenario.model, method, scenario.values)
+        near = maxima_from(recording, scenario.model, method, scenario.values[None])[0]
         better = not fit.outcome.usable or near.criterion < fit.criterion
         best = near.pilot if better else fit.values
         ratios = ratios_at_truth(near, best, scenario.values, keys)

@@ -22,11 +22,12 @@ from pilotid.datasets.population import POPULATIONS
 from pilotid.methods.mle import MLE
 from pilotid.seeds import fit_rng, recording_rng, start_rng
 from pilotid.solve.least_squares import minimise
-from pilotid.time_domain.maximum_likelihood import BARTLETT_SECONDS, maximise_likelihood
+from pilotid.time_domain.likelihood import PredictionErrors
 from pilotid.time_domain.prediction import predict
-from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.prepare import analysis_band
 from pilotid.time_domain.remnant_models import LowPass
+from pilotid.time_domain.search import maximise_likelihood
+from pilotid.time_domain.settings import PROFILE
 from pilotid.types import BoolArray, FloatArray
 
 
@@ -65,7 +66,8 @@ def ratio(name: str, recordings: int, seed: int) -> None:
     error = np.std(ratios) / np.sqrt(recordings)
     print(
         f"{name}: likelihood ratio over chi-squared {np.mean(ratios):.3f} +- {error:.3f}, "
-        f"allowed for {np.mean(1.0 + BARTLETT_SECONDS / seconds):.3f} ({recordings} recordings)"
+        f"allowed for {np.mean(1.0 + PROFILE.bartlett_seconds / seconds):.3f} "
+        f"({recordings} recordings)"
     )
 
 

@@ -20,8 +20,8 @@ from pilotid.datasets import SCENARIOS, Scenario, simulate
 from pilotid.estimates.method import identify
 from pilotid.methods.mle import MLE
 from pilotid.solve.least_squares import minimise
+from pilotid.time_domain.likelihood import PredictionErrors
 from pilotid.time_domain.prediction import predict
-from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.prepare import analysis_band
 from pilotid.time_domain.remnant_models import LowPass
 from pilotid.types import FloatArray

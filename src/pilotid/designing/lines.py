@@ -14,7 +14,7 @@ from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.simulation import closed_loop, remnant_ratio, white_level
 from pilotid.pilot.loops import margins
 from pilotid.theory.bounds import GRID, LineInformation, line_information
-from pilotid.time_domain.maximum_likelihood import BARTLETT_SECONDS
+from pilotid.time_domain.settings import PROFILE
 from pilotid.types import ComplexArray, FloatArray, InputError
 
 Pick = Literal["any", "odd", "prime"]
@@ -327,7 +327,7 @@ def widening(runs: int, seconds: float) -> float:
 
     Bounds hold for long recordings.
     """
-    return 1.0 + BARTLETT_SECONDS / (runs * seconds)
+    return 1.0 + PROFILE.bartlett_seconds / (runs * seconds)
 
 
 def powers_of(scenario: Scenario) -> FloatArray:

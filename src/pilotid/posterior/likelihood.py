@@ -27,9 +27,9 @@ import numpy as np
 from pilotid.posterior.priors import Prior
 from pilotid.solve.least_squares import LogTransform
 from pilotid.time_domain.band_likelihood import BandTerms, most_likely_regression
-from pilotid.time_domain.maximum_likelihood import Maximum
+from pilotid.time_domain.likelihood import PredictionErrors
+from pilotid.time_domain.optimum import Optimum
 from pilotid.time_domain.output_error import residual_spectra
-from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.prepare import shifted_products
 from pilotid.types import BoolArray, FloatArray
 
@@ -45,7 +45,7 @@ class Likelihood:
         Prediction, model of the remnant and analysis band.
     widened
         Factor on the variances that the likelihood stands for, see
-        `pilotid.time_domain.maximum_likelihood.Maximum`: the remnant's model was chosen from the
+        `pilotid.time_domain.optimum.Optimum`: the remnant's model was chosen from the
         same seconds, which integrating over its parameters does not tell.
     """
 
@@ -266,7 +266,7 @@ class Posterior:
             result[inside] = self.likelihood.log(own) + self.log_prior(own) + slope
         return np.where(np.isfinite(result), result, -np.inf)
 
-    def approximation(self, maximum: Maximum) -> tuple[FloatArray, FloatArray]:
+    def approximation(self, maximum: Optimum) -> tuple[FloatArray, FloatArray]:
         """Mode of the likelihood and covariance there, on the inner scale.
 
         Parameters

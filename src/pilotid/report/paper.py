@@ -1,6 +1,6 @@
 """The experiments of the paper that a study repeats, beside the paper's own numbers.
 
-Berger, Zaal, Mulder and van Paassen, *Time Domain Pilot Model Identification Using Maximum
+Berger, Zaal, Mulder and van Paassen, *Time Domain Pilot Model Identification Using Optimum
 Likelihood Estimation*, AIAA 2008-7109.  Its numbers stand beside ours for comparison; nothing is
 tuned to them.
 """
@@ -42,7 +42,7 @@ TABLE_3 = {
 
 TEXT = (
     f"{PAPER}: Berger, Zaal, Mulder and van Paassen, Time Domain Pilot Model Identification Using "
-    "Maximum Likelihood Estimation, 2008. It fits with its own estimator, which `mmle3` repeats, "
+    "Optimum Likelihood Estimation, 2008. It fits with its own estimator, which `mmle3` repeats, "
     "and leaves failed fits out of its means, as bias and standard deviation here do."
 )
 INFERRED = (

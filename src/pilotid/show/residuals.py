@@ -10,7 +10,7 @@ from pilotid.chance import Z95
 from pilotid.estimates.estimate import Estimate
 from pilotid.recordings.recording import INPUTS, Recording
 from pilotid.show.style import INK, SMALLEST, Named, draw_grid, legend, named, new_axes
-from pilotid.time_domain.residual_tests import Whitened, correlations, prediction_errors
+from pilotid.time_domain.diagnostics import Whitened, correlations, prediction_errors
 from pilotid.types import FloatArray, InputError
 
 if TYPE_CHECKING:

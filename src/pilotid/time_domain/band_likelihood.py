@@ -32,27 +32,8 @@ from pilotid.recordings.detectors import band_end
 from pilotid.recordings.recording import INPUTS, Recording, remembered
 from pilotid.recordings.spectra import floors_of, periodogram, running_median
 from pilotid.time_domain.prepare import FAR
+from pilotid.time_domain.settings import BAND
 from pilotid.types import ComplexArray, FloatArray
-
-#: Share of half the analysis band's sampling rate up to which bins count: above, the filter that
-#: all signals pass falls off.
-TOP = 0.8
-#: Weight of what does not count in the remnant's model; from .02 to 1 the coverage is the same.
-OUTSIDE = 0.1
-#: Bins must weigh so much in all; else the recorder hides the pilot, and all up to the top count.
-FEWEST = 20.0
-#: Weights below this are none.
-LEAST = 1e-3
-#: Newton steps to an autoregression, from the one of least squares.
-NEWTON = 4
-#: Share of its own information on a parameter that the squares must keep beside the loop's.
-KEPT = 0.02
-#: A group of bins, over which loop and remnant change little, is this share of its frequency
-#: wide, and at most so many rad/s.
-GROUP_SHARE, GROUP_WIDEST = 1.0 / 30.0, 0.25
-#: An element answers at once whose gain an octave above the band is at least this share of that at
-#: its edge.
-AT_ONCE = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,9 +67,9 @@ class Weighting:
     @property
     def answers_at_once(self) -> bool:
         """Whether the loop does not fall off above the band, and tells of the pilot there."""
-        edge = TOP * float(self.omega[-1])
+        edge = BAND.top_share * float(self.omega[-1])
         gain = np.abs(self.element.response(np.array([edge, 2.0 * edge])))
-        return bool(gain[1] >= AT_ONCE * gain[0])
+        return bool(gain[1] >= BAND.at_once_ratio * gain[0])
 
     def terms(self, dt: float, scored: int, runs: int, poles: tuple[float, ...]) -> BandTerms:
         """The weights of the bins of a window.
@@ -104,8 +85,8 @@ class Weighting:
         """
         omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(scored, dt)[1:], dtype=float)
         weights = self.weights(omega)
-        weights[weights < LEAST] = 0.0
-        outside = OUTSIDE * (1.0 - weights)
+        weights[weights < BAND.min_weight] = 0.0
+        outside = BAND.outside_weight * (1.0 - weights)
         control = np.interp(omega, self.omega, self.control)
         begins = group_begins(omega)
         middle = np.add.reduceat(omega, begins) / np.diff([*begins, omega.size])
@@ -296,7 +277,9 @@ class BandTerms:
         information *= (share * variance)[:, None, None]
         # Far from the optimum it may take more than the squares have: then it is left out.
         own = np.diagonal(products, axis1=1, axis2=2)[:, :-1]
-        unsound = (np.diagonal(information, axis1=1, axis2=2) < (KEPT - 1.0) * own).any(axis=1)
+        unsound = (
+            np.diagonal(information, axis1=1, axis2=2) < (BAND.min_information_share - 1.0) * own
+        ).any(axis=1)
         information[unsound] = 0.0
         found = products.copy()
         found[:, :-1, :-1] += information
@@ -327,7 +310,7 @@ def most_likely_regression(products: FloatArray, terms: BandTerms) -> tuple[Floa
     taps[:, 1:] = -np.linalg.solve(products[:, 1:, 1:], products[:, 1:, :1])[..., 0]
     shifts = terms.shifts[: 2 * order + 1]
     sums = np.add.outer(np.arange(1, order + 1), np.arange(1, order + 1))
-    for _ in range(NEWTON):
+    for _ in range(BAND.newton_steps):
         along = (products @ taps[..., None])[..., 0]
         squares = np.vecdot(along, taps)
         inverse = 1.0 / (taps @ shifts[: order + 1])
@@ -343,7 +326,10 @@ def most_likely_regression(products: FloatArray, terms: BandTerms) -> tuple[Floa
 
 
 def group_begins(
-    omega: FloatArray, share: float = GROUP_SHARE, widest: float = GROUP_WIDEST, first: int = 0
+    omega: FloatArray,
+    share: float = BAND.group_share,
+    widest: float = BAND.max_group_width,
+    first: int = 0,
 ) -> list[int]:
     """First bins of the groups of bins at `omega` [rad/s].
 
@@ -402,9 +388,9 @@ def weighting_of(
     inputs = (INPUTS[channel.input] for channel in model.channels)
     share = floors.share(tuple(dict.fromkeys((*inputs, *others))))[inside]
     power = np.interp(omega, *running_median(*periodogram(control, dt))) * nyquist
-    share = np.where(omega <= min(TOP * nyquist, band_end(recording)), share, 0.0)
-    share[share < LEAST] = 0.0
-    hidden = float(np.mean(share)) * control.shape[1] / 2.0 < FEWEST
+    share = np.where(omega <= min(BAND.top_share * nyquist, band_end(recording)), share, 0.0)
+    share[share < BAND.min_weight] = 0.0
+    hidden = float(np.mean(share)) * control.shape[1] / 2.0 < BAND.min_bins
     if hidden:
-        share = np.where(omega <= TOP * nyquist, 1.0, 0.0)
+        share = np.where(omega <= BAND.top_share * nyquist, 1.0, 0.0)
     return Weighting(omega, share, power, element, unknown, hidden)

@@ -30,13 +30,9 @@ from pilotid.pilot.factors import Polynomial
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import SINGULAR, covariance_of
-from pilotid.time_domain.maximum_likelihood import (
-    Maximum,
-    lines_pilot,
-    maximise_likelihood,
-    maximum_from,
-)
-from pilotid.time_domain.search import LikelihoodSettings
+from pilotid.time_domain.optimum import Optimum
+from pilotid.time_domain.search import lines_pilot, maxima_from, maximise_likelihood
+from pilotid.time_domain.settings import LikelihoodSettings
 from pilotid.types import FloatArray
 
 #: Shares of the scored time at which a change may be.
@@ -166,7 +162,7 @@ def changes(p: float, size: float) -> bool:
     return p < ESTIMATE.changes and size >= ESTIMATE.changes_by
 
 
-def constancy(found: Maximum, recording: Recording, rng: np.random.Generator) -> Constancy | None:
+def constancy(found: Optimum, recording: Recording, rng: np.random.Generator) -> Constancy | None:
     """Test whether gains and leads are constant.
 
     Parameters
@@ -215,7 +211,7 @@ def constancy_of(
     if known is None:
         found = maximise_likelihood(recording, model, rng, settings)
     else:
-        found = maximum_from(recording, model, settings, known[0])
+        found = maxima_from(recording, model, settings, known)[0]
     return constancy(found, recording, rng)
 
 
@@ -231,7 +227,7 @@ def may_vary(model: PilotModel) -> list[int]:
     return [] if model.changes else [i for i, key in enumerate(model.keys) if key in keys]
 
 
-def scores_of(found: Maximum, rows: FloatArray) -> Scores | None:
+def scores_of(found: Optimum, rows: FloatArray) -> Scores | None:
     """Scores of changes in gains and leads; None where there is nothing to tell.
 
     Parameters
@@ -245,7 +241,7 @@ def scores_of(found: Maximum, rows: FloatArray) -> Scores | None:
     return change_scores(rows, varying) if varying else None
 
 
-def relative_steps(found: Maximum, scores: Scores) -> tuple[float, ...]:
+def relative_steps(found: Optimum, scores: Scores) -> tuple[float, ...]:
     """The steps of `Scores` as shares of the constant values."""
     values = found.pilot[may_vary(found.joint.prediction.model)]
     return tuple((scores.steps / values).tolist())

@@ -22,10 +22,11 @@ from pilotid.recordings.recording import INPUTS, Recording
 from pilotid.seeds import fit_rng
 from pilotid.solve.least_squares import minimise
 from pilotid.time_domain.constancy import Constancy, constancy
-from pilotid.time_domain.maximum_likelihood import Maximum, maximise_likelihood, maximum_from
+from pilotid.time_domain.likelihood import PredictionErrors
+from pilotid.time_domain.optimum import Optimum
 from pilotid.time_domain.output_error import OutputErrors, simulated_vaf
-from pilotid.time_domain.prediction_errors import PredictionErrors
-from pilotid.time_domain.search import LikelihoodSettings
+from pilotid.time_domain.search import maxima_from, maximise_likelihood
+from pilotid.time_domain.settings import LikelihoodSettings
 from pilotid.types import FloatArray
 
 #: One band for all models.
@@ -115,12 +116,12 @@ def evidence(
     # A pilot who changes has no likelihood of a band: criteria of the two say nothing.
     loop = not any(model.changes for model in models)
     settings = replace(SETTINGS, weighed=tuple(dict.fromkeys(signals)), loop=loop)
-    maxima: list[Maximum] = []
+    maxima: list[Optimum] = []
     for model, start in zip(models, starts or [None] * len(models), strict=True):
         if start is None:
             found = maximise_likelihood(recording, model, fit_rng(seed, model.name), settings)
         else:
-            found = maximum_from(recording, model, settings, start)
+            found = maxima_from(recording, model, settings, start[None])[0]
         settings = replace(settings, noise=found.joint.noise)
         maxima.append(found)
     terms = tuple(sorted({term for found in maxima for term in found.joint.prediction.terms}))
@@ -129,7 +130,7 @@ def evidence(
     return [_evidence(recording, found, scored, seed) for found in maxima]
 
 
-def _with_terms(found: Maximum, terms: tuple[float, ...]) -> Maximum:
+def _with_terms(found: Optimum, terms: tuple[float, ...]) -> Optimum:
     """The optimum with these nuisance terms."""
     joint = found.joint
     if joint.prediction.terms == terms:
@@ -139,7 +140,7 @@ def _with_terms(found: Maximum, terms: tuple[float, ...]) -> Maximum:
     return changed.moved(found.end.values[0])
 
 
-def _evidence(recording: Recording, found: Maximum, scored: int, seed: int) -> Evidence:
+def _evidence(recording: Recording, found: Optimum, scored: int, seed: int) -> Evidence:
     values = found.end.values[0]
     prediction = replace(found.joint.prediction, scored=scored)
     joint = PredictionErrors(prediction, found.joint.noise, found.joint.band)

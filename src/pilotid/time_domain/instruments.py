@@ -17,7 +17,7 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Problem
 from pilotid.time_domain.band_likelihood import closing_element
-from pilotid.time_domain.maximum_likelihood import Maximum
+from pilotid.time_domain.optimum import Optimum
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prepare import fast_length
 from pilotid.types import FloatArray
@@ -67,7 +67,7 @@ class Moments(Problem):
         Parameters at which the prediction errors tell their power, shape (parameters,).
     """
 
-    def __init__(self, found: Maximum, reference: Recording, values: FloatArray) -> None:
+    def __init__(self, found: Optimum, reference: Recording, values: FloatArray) -> None:
         self._prediction = found.joint.prediction
         self._taps = found.joint.whitener(found.end.values[0])
         rate = None if found.joint.band.factor == 1 else np.pi / self._prediction.dt
@@ -104,13 +104,13 @@ class Moments(Problem):
 
 
 def specification_by_instruments(
-    found: Maximum, recording: Recording, values: FloatArray, covariance: FloatArray, against: str
+    found: Optimum, recording: Recording, values: FloatArray, covariance: FloatArray, against: str
 ) -> Specification | None:
     """An efficient estimate tested against the moments of instruments, where no lines can test it.
 
     Durbin and Wu's test as a score: at an efficient estimate with covariance V the standardised
     moments have mean zero and covariance I - G V G', with G their Jacobian (Hausman, Econometrica
-    46(6), 1978).  None without forcing functions or a controlled element.
+    46(6), 1978).  None without forcing functions, a controlled element or weights in a band.
 
     Parameters
     ----------
@@ -121,8 +121,10 @@ def specification_by_instruments(
     against
         The method whose moments they are.
     """
-    model = found.joint.prediction.model
-    if model.changes or not any(np.ptp(s) > 0.0 for s in forcing_functions(recording)):
+    prediction = found.joint.prediction
+    model = prediction.model
+    driven = any(np.ptp(s) > 0.0 for s in forcing_functions(recording))
+    if model.changes or prediction.band_terms is None or not driven:
         return None
     element, _ = closing_element(recording)
     if element is None or unstable_poles(model, values, element):

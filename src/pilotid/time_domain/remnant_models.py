@@ -252,6 +252,10 @@ class Autoregressive:
 NoiseModel = LowPass | Autoregressive
 
 
+#: The remnant's model before one is chosen: most published remnants are of this kind.
+FIRST_NOISE_MODEL = LowPass(2)
+
+
 @lru_cache(maxsize=32)
 def _catalogue(model: LowPass, band: Band) -> tuple[FloatArray, FloatArray]:
     """A grid of parameter sets of a model and their whitening filters."""
@@ -316,20 +320,6 @@ def lagged_products(residual: FloatArray) -> FloatArray:
     return np.asarray(products / (runs * (samples - FAR)))
 
 
-#: Contenders lie this close: the residual of a first estimate decides no more than that.
-CONTENDER_MARGIN = 20.0
-
-
-#: By how much a band-pass must predict better: its corner and the pilot's gain at low frequencies
-#: explain one another, and where none is needed it would take the gain for its own.
-BAND_PASS_PENALTY = 7.0
-
-
-def selection_penalty(model: NoiseModel) -> float:
-    """By how much the criterion of a model, fitted with the pilot, must be lower to be chosen."""
-    return BAND_PASS_PENALTY if isinstance(model, BandPass) else 0.0
-
-
 def criterion(model: NoiseModel, power: float, samples: int, pilot: int = 0) -> float:
     """Akaike's information criterion of a noise model, corrected for few samples.
 
@@ -371,14 +361,13 @@ def guess_parameters(model: NoiseModel, residual: FloatArray, band: Band) -> Flo
 
 def best_noise_model(residual: FloatArray, band: Band) -> Guess:
     """The noise model that suits a residual (runs, samples) best."""
-    return contenders(lagged_products(residual), residual.size, band)[0]
+    return min(
+        guesses(lagged_products(residual), residual.size, band), key=lambda scored: scored[0]
+    )[1]
 
 
-def contenders(products: FloatArray, samples: int, band: Band) -> list[Guess]:
-    """The noise model that suits a residual best, and the best of the other kind if it is close.
-
-    The kinds are filters of white noise and autoregressions.  Beside a band-pass stands the best
-    low-pass as well: whether there is a corner is for `BAND_PASS_PENALTY` to decide.
+def guesses(products: FloatArray, samples: int, band: Band) -> list[tuple[float, Guess]]:
+    """Every noise model as a residual suggests it, with its criterion.
 
     Parameters
     ----------
@@ -389,20 +378,11 @@ def contenders(products: FloatArray, samples: int, band: Band) -> list[Guess]:
     band
         The analysis band.
     """
-    scored: dict[bool, list[tuple[float, Guess]]] = {False: [], True: []}
+    found = []
     for model in NOISE_MODELS:
         values, power = model.guess(products, band)
-        scored[model.regressive].append((criterion(model, power, samples), Guess(model, values)))
-    best = [min(kind, key=_score) for kind in scored.values()]
-    if isinstance(best[0][1].model, BandPass):
-        plain = [each for each in scored[False] if not isinstance(each[1].model, BandPass)]
-        best.append(min(plain, key=_score))
-    best.sort(key=_score)
-    return [guess for score, guess in best if score < best[0][0] + CONTENDER_MARGIN]
-
-
-def _score(scored: tuple[float, Guess]) -> float:
-    return scored[0]
+        found.append((criterion(model, power, samples), Guess(model, values)))
+    return found
 
 
 def neighbours(model: NoiseModel) -> list[NoiseModel]:

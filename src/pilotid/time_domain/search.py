@@ -1,162 +1,298 @@
-"""Where the optimum of the likelihood lies: starts, competing optima, and the fit of each.
+"""The search for the optimum of the likelihood: band, starts, one sweep, competing optima.
 
-Two ways go wrong on their own.  A remnant taken for white has few wrong optima, but its
-best one need not be where the likelihood's is.  A remnant that is estimated along with the
-pilot makes a wrong pilot look right: what the pilot misses, the remnant explains.  So the
-first optimum is that of the forcing frequencies alone, where there are any, or else one
-with a white residual.  The remnant that it leaves whitens a second sweep, from that optimum
-with each parameter in turn moved to the ends of its usual range, and, without forcing
-frequencies, from usual pilots at random.  What this sweep ends in, each with a remnant of its
-own, are the candidates; optima that do not simulate the control are left out.
+Two ways go wrong on their own.  A remnant taken for white has few wrong optima, but its best one
+need not be where the likelihood's is.  A remnant that is estimated along with the pilot makes a
+wrong pilot look right: what the pilot misses, the remnant explains.  So `maximise_likelihood`
+goes in four steps, of which the first alone decides what is maximised:
+
+1. `first_fit`: the pilot of the forcing frequencies alone, where there are any, or else that of a
+   white residual, with a second-order remnant; in the first analysis band that is wide enough.
+2. `sweep`: whitened by that remnant, from that pilot with each parameter in turn moved to the ends
+   of its usual range and, without forcing frequencies, from usual pilots at random.
+3. Each optimum of the sweep that simulates the control, with remnant models of its own (`noise`).
+4. The best of them, and those that are as likely.
+
+Steps 1 and 2 look at binned spectra, steps 3 and 4 at all samples.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from functools import cached_property
 
 import numpy as np
 
+from pilotid.estimates.applicability import lines_objection
 from pilotid.estimates.estimate import Starts, is_at_bound
+from pilotid.lines.fit import fit_lines
 from pilotid.pilot.model import PilotModel
-from pilotid.solve.least_squares import Minima, minimise, minimise_each, resume, solve_linear
+from pilotid.recordings.recording import Recording
+from pilotid.solve.least_squares import Minima, minimise, minimise_each, solve_linear
 from pilotid.solve.search import draw_starts, search
+from pilotid.solve.smoothing import fit_smooth
+from pilotid.time_domain.likelihood import PredictionErrors, binned
+from pilotid.time_domain.noise import RemnantChoice
+from pilotid.time_domain.optimum import Optimum, SimulationCheck
 from pilotid.time_domain.output_error import OutputErrors
-from pilotid.time_domain.prediction import Prediction
-from pilotid.time_domain.prediction_errors import PredictionErrors, for_search, is_large, reduced
-from pilotid.time_domain.prepare import Band
-from pilotid.time_domain.remnant_models import (
-    Guess,
-    LowPass,
-    NoiseModel,
-    contenders,
-    criterion,
-    guess_parameters,
-    lagged_products,
-    neighbours,
-    selection_penalty,
-)
-from pilotid.types import BoolArray, FloatArray, IntArray
+from pilotid.time_domain.prediction import Prediction, predict, weighted
+from pilotid.time_domain.prepare import Band, analysis_band, decimation
+from pilotid.time_domain.remnant_models import FIRST_NOISE_MODEL, guess_parameters
+from pilotid.time_domain.settings import SEARCH, LikelihoodSettings
+from pilotid.types import FloatArray
 
 
-@dataclass(frozen=True)
-class SearchSettings:
-    """How the optimum is searched.
-
-    Attributes
-    ----------
-    search_band
-        Narrow and cheap band in which the optimum is searched [rad/s].
-    candidates, refined
-        Random starts screened, and starts minimised, see `pilotid.solve.search.search`.
-    """
-
-    search_band: float = 26.0
-    candidates: int = 6
-    refined: int = 2
-
-
-@dataclass(frozen=True)
-class LikelihoodSettings(SearchSettings):
-    """How the likelihood of pilot and remnant is maximised.
-
-    Attributes
-    ----------
-    search_band, candidates, refined
-        See `SearchSettings`.
-    band
-        Analysis band [rad/s]; None uses the full sampling rate.
-    wide
-        Bands that take its place, one after the other, while the recording tells of the pilot
-        near the edge of the one before; empty for none.
-    rounds
-        How often the remnant's model is chosen anew at most.
-    noise
-        The remnant's model, where it is not to be chosen.
-    loop
-        Whether the likelihood is that of the band, which needs the controlled element, or that of
-        direct prediction errors; see `pilotid.time_domain.band_likelihood`.
-    weighed
-        Signals whose floors weigh the frequencies besides those of the model's own inputs.
-    """
-
-    band: float | None = 50.0
-    wide: tuple[float, ...] = (120.0, 300.0)
-    rounds: int = 3
-    noise: NoiseModel | None = None
-    loop: bool = True
-    weighed: tuple[str, ...] = ()
-
-
-#: A pilot's simulated response explains at least this share of what that of the lines' pilot does;
-#: in populations what is right has .90 or more, what has slid to the inverse -100 to .84.
-LEAST_EXPLAINED = 0.8
-
-
-class Following:
-    """Whether parameters follow the control, as the pilot that the lines show does.
+def maximise_likelihood(
+    recording: Recording,
+    model: PilotModel,
+    rng: np.random.Generator,
+    settings: LikelihoodSettings,
+) -> Optimum:
+    """Maximise the likelihood of pilot and remnant parameters.
 
     Parameters
     ----------
-    coarse
-        The prediction at few frequencies.
-    known
-        Pilots of whom the first is that one, shape (sets, parameters); None if there are no
-        lines: then all parameters follow.
+    recording, model
+        What is fitted.
+    rng
+        Draws the random starts.
+    settings
+        Bands, starts, and the remnant's model if it is not to be chosen.
     """
-
-    def __init__(self, coarse: Prediction, known: FloatArray | None) -> None:
-        self._errors = OutputErrors(coarse)
-        self._pilot = len(coarse.model.parameters)
-        self._total = float(np.sum(coarse.samples_of(coarse.control_spectrum) ** 2))
-        self.lines = 0.0 if known is None else float(self.explained(known[:1])[0])
-
-    def explained(self, sets: FloatArray) -> FloatArray:
-        """Share of the control that simulated responses explain, shape (sets,).
-
-        Parameters
-        ----------
-        sets
-            Parameters, the pilot's first, shape (sets, parameters).
-        """
-        left = self._errors.gram(sets[:, : self._pilot])[:, -1, -1]
-        return np.asarray(1.0 - left / self._total)
-
-    def __call__(self, sets: FloatArray) -> BoolArray:
-        """Which parameters do, the pilot's first, shape (sets,)."""
-        if self.lines <= 0.0:
-            return np.ones(len(sets), dtype=bool)
-        return np.asarray(self.explained(sets) >= LEAST_EXPLAINED * self.lines)
-
-    def which(self, ends: Minima) -> IntArray:
-        """Indices of the ends that do, of all if none does."""
-        kept = self(ends.values)
-        return np.flatnonzero(kept if kept.any() else ~kept)
-
-    def only(self, ends: Minima) -> Minima:
-        """The ends that do, all if none does."""
-        which = self.which(ends)
-        return ends if len(which) == len(ends.cost) else ends.only(which)
+    if model.curves:
+        return _smooth(recording, model, rng, settings)
+    lines = lines_pilot(recording, model, rng)
+    first = first_fit(recording, model, rng, settings, lines)
+    swept = sweep(first, rng, settings, lines)
+    prediction = replace(first.prediction, terms=swept.terms)
+    # The lines' pilot rests on no model of the remnant.
+    pilots = [*swept.candidates, *([] if lines is None else lines)]
+    choices = [
+        RemnantChoice(prediction, first.band, pilot, settings.noise, first.coarse)
+        for pilot in pilots
+    ]
+    tried = [_best_of(c, settings, swept.check) for c in _likely(choices, swept.check)]
+    best, competing = _best_and_competing(tried)
+    # The terms were chosen beside a first estimate; at the optimum the choice may be another.
+    whitened = OutputErrors(first.prediction, best.joint.whitener(best.values))
+    terms = whitened.noticeable_terms(best.pilot)
+    if terms != swept.terms:
+        prediction = replace(first.prediction, terms=terms)
+        best = optimum_near(prediction, first.band, best.pilot, settings, swept.check)
+    best = _elsewhere(best)
+    return replace(best, starts=swept.starts, lines_pilot=lines, competing=competing)
 
 
-#: The remnant's model before one is chosen: most published remnants are of this kind.
-FIRST_NOISE_MODEL = LowPass(2)
+def maxima_from(
+    recording: Recording, model: PilotModel, settings: LikelihoodSettings, sets: FloatArray
+) -> list[Optimum]:
+    """The optima that are reached from pilots alone.
 
-#: Deviance by which a candidate may be worse than the best one.  The sweep's whitening is that
-#: of one pilot and favours it; with a remnant of its own each candidate has the same chance, but
-#: for what the few frequencies do not tell (170 was seen, and the right one left out for it).
-SWEEP_MARGIN, CANDIDATE_MARGIN = 1000.0, 300.0
-MOST_CANDIDATES = 5  # candidates that are looked at closely
-SWEEP_ITERATIONS = 8  # iterations of the sweep, after which the `SWEEP_SURVIVORS` best go on
-SWEEP_SURVIVORS = 9
-#: Ends are one optimum where they lie so close, in squared standard errors.
-SAME_OPTIMUM = 4.0
+    Parameters
+    ----------
+    recording, model, settings
+        As for `maximise_likelihood`.
+    sets
+        Pilot parameters, shape (sets, parameters); band and nuisance terms suit the first.
+    """
+    for rate in _rates(recording, settings):
+        first = _fitted(recording, model, settings, rate, sets[:1])
+        if first.wide_enough:
+            break
+    terms = OutputErrors(first.prediction, first.taps).noticeable_terms(sets[0])
+    prediction = replace(first.prediction, terms=terms)
+    return [optimum_near(prediction, first.band, pilot, settings) for pilot in sets]
+
+
+def lines_pilot(
+    recording: Recording, model: PilotModel, rng: np.random.Generator
+) -> FloatArray | None:
+    """The pilot that the forcing frequencies show, shape (1, parameters), if they do."""
+    if lines_objection(recording, model):
+        return None
+    fit = fit_lines(
+        recording,
+        model,
+        rng,
+        candidates=SEARCH.lines_candidates,
+        refined=SEARCH.lines_refined,
+        same=SEARCH.lines_same_cost,
+    )
+    return fit.values[None] if np.isfinite(fit.values).all() else None
+
+
+def is_sound(model: PilotModel, lines: FloatArray | None) -> bool:
+    """Whether the lines' pilot can guide a search: a fit that ended at a bound may be astray."""
+    return lines is not None and not is_at_bound(model, lines[0]).any()
+
+
+# ------------------------------------------------------------- 1. the first pilot, and the band
 
 
 @dataclass(frozen=True, eq=False)
-class Explored:
-    """What a search found.
+class FirstFit:
+    """Pilots with a second-order remnant, in an analysis band.
+
+    Attributes
+    ----------
+    prediction, band
+        The prediction in the analysis band.
+    coarse
+        The same with binned spectra.
+    joint
+        Pilot and remnant there.
+    end
+        The pilots, each with its remnant, best first.
+    """
+
+    prediction: Prediction
+    band: Band
+    coarse: Prediction
+    joint: PredictionErrors
+    end: Minima
+
+    @property
+    def pilot(self) -> FloatArray:
+        """The best pilot, shape (parameters,)."""
+        return self.end.values[0, : self.joint.pilot]
+
+    @cached_property
+    def taps(self) -> FloatArray:
+        """The filter that whitens its remnant."""
+        return self.joint.whitener(self.end.values[0])
+
+    @property
+    def wide_enough(self) -> bool:
+        """Whether the band holds what the recording tells of the pilot."""
+        return is_wide_enough(self.prediction, self.pilot, self.taps)
+
+    def own_remnants(self, pilots: FloatArray) -> Minima:
+        """Each pilot with the remnant that it leaves, both estimated together."""
+        return _own_remnants(self.joint, self.prediction, pilots)
+
+
+def first_fit(
+    recording: Recording,
+    model: PilotModel,
+    rng: np.random.Generator,
+    settings: LikelihoodSettings,
+    lines: FloatArray | None,
+) -> FirstFit:
+    """The first pilot, in the first band that is wide enough for it, or else in the last one.
+
+    Parameters
+    ----------
+    recording, model, rng, settings
+        As for `maximise_likelihood`.
+    lines
+        The pilot of the forcing functions' lines, see `lines_pilot`.
+    """
+    pilots = lines if is_sound(model, lines) else None
+    for rate in _rates(recording, settings):
+        if pilots is None:
+            coarse = binned(_prediction(recording, model, settings, rate))
+            white = OutputErrors(coarse.below(settings.search_band))
+            ends = search(
+                white.gram, model, rng, candidates=settings.candidates, refined=settings.refined
+            )
+            pilots = np.concatenate([ends.distinct(), *([] if lines is None else [lines])])
+        first = _fitted(recording, model, settings, rate, pilots)
+        if first.wide_enough:
+            break
+    return first
+
+
+def _fitted(
+    recording: Recording,
+    model: PilotModel,
+    settings: LikelihoodSettings,
+    rate: float | None,
+    pilots: FloatArray,
+) -> FirstFit:
+    prediction, band = (
+        _prediction(recording, model, settings, rate),
+        analysis_band(recording.dt, rate),
+    )
+    coarse = binned(prediction)
+    joint = PredictionErrors(coarse, settings.noise or FIRST_NOISE_MODEL, band)
+    return FirstFit(prediction, band, coarse, joint, _own_remnants(joint, prediction, pilots))
+
+
+def _own_remnants(joint: PredictionErrors, prediction: Prediction, pilots: FloatArray) -> Minima:
+    residuals = [OutputErrors(prediction).residual(pilot) for pilot in pilots]
+    guesses = [guess_parameters(joint.noise, residual, joint.band) for residual in residuals]
+    return minimise(
+        joint.gram,
+        np.hstack([pilots, guesses]),
+        joint,
+        tolerance=SEARCH.first_tolerance,
+        iterations=SEARCH.first_iterations,
+    )
+
+
+def _rates(recording: Recording, settings: LikelihoodSettings) -> Iterator[float | None]:
+    """The analysis bands to choose from [rad/s], each with less decimation than the one before."""
+    yield settings.band
+    if settings.band is None:
+        return
+    factor = decimation(recording.dt, settings.band)
+    for rate in settings.wide:
+        if rate > settings.band and (own := decimation(recording.dt, rate)) < factor:
+            yield rate
+            factor = own
+
+
+def _prediction(
+    recording: Recording, model: PilotModel, settings: LikelihoodSettings, rate: float | None
+) -> Prediction:
+    """The prediction in a band, weighted for its likelihood where that is to be had."""
+    prediction = predict(recording, model, rate)
+    if not settings.loop:
+        return prediction
+    return weighted(prediction, recording, settings.weighed)
+
+
+def edge_information(prediction: Prediction, pilot: FloatArray, taps: FloatArray) -> float:
+    """Largest share of what is known of a parameter that lies near the band's edge.
+
+    Parameters
+    ----------
+    prediction
+        The prediction in the band.
+    pilot, taps
+        A pilot, shape (parameters,), and the filter that whitens its remnant, shape (taps,).
+    """
+    rows = prediction.row_spectra(pilot[None], taps)[0, :-1]
+    # A step has all frequencies: when it was, the band need not tell in full.
+    when = [i for indices in prediction.model.whens for i in indices]
+    rows = np.delete(rows, when, axis=0)
+    power = np.sum(np.abs(rows) ** 2, axis=1)
+    if prediction.weighting is not None:  # a recorder's noise tells nothing
+        power = power * prediction.weighting.weights(prediction.s.imag)
+    upper = prediction.s.imag > SEARCH.edge_share * np.pi / prediction.dt
+    return float(np.max(np.sum(power[:, upper], axis=1) / np.sum(power, axis=1)))
+
+
+def is_wide_enough(prediction: Prediction, pilot: FloatArray, taps: FloatArray) -> bool:
+    """Whether a band holds what the recording tells of a pilot, see `edge_information`.
+
+    Filter and decimation reach into the future a little; in a loop that answers at once (position
+    control) the remnant there, which the error shows too, would otherwise bias delays and
+    neuromuscular parameters.  In the likelihood of a band whose loop falls off above it nothing is
+    biased, and information is lost.
+    """
+    weighting = prediction.weighting
+    biased = weighting is None or weighting.answers_at_once
+    most = SEARCH.max_edge_information if biased else SEARCH.max_lost_information
+    return edge_information(prediction, pilot, taps) <= most
+
+
+# ------------------------------------------------------------------------------ 2. the sweep
+
+
+@dataclass(frozen=True, eq=False)
+class Swept:
+    """What a sweep found.
 
     Attributes
     ----------
@@ -166,101 +302,71 @@ class Explored:
         The nuisance terms that the recording shows.
     starts
         How many starts ended in the best optimum.
-    following
-        Which parameters follow the control as a pilot does.
-    coarse
-        The prediction, reduced.
+    check
+        Which parameters simulate the control as a pilot does.
     """
 
     candidates: FloatArray
     terms: tuple[float, ...]
     starts: Starts
-    following: Following
-    coarse: Prediction
+    check: SimulationCheck
 
 
-def explore(
-    prediction: Prediction,
-    band: Band,
+def sweep(
+    first: FirstFit,
     rng: np.random.Generator,
     settings: LikelihoodSettings,
-    known: FloatArray | None = None,
-    beside: Sequence[FloatArray] = (),
-) -> Explored:
-    """Search the candidates.
+    lines: FloatArray | None = None,
+) -> Swept:
+    """Search the candidates, whitened by the remnant of the first pilot.
 
     Parameters
     ----------
-    prediction
-        Prediction in the analysis band.
-    band
-        The analysis band.
+    first
+        The first pilot.
     rng
         Draws the random starts.
     settings
-        Number of starts, and the remnant's model if it is not to be chosen.
-    known
-        The pilot fitted to the forcing functions' lines alone, shape (1, parameters); None where
-        there are no such lines.
-    beside
-        Pilots that are known of another band.
+        Number of starts.
+    lines
+        The pilot of the forcing functions' lines, shape (1, parameters); None without lines.
     """
-    model = prediction.model
-    none = np.zeros((0, len(model.parameters)))
-    near = np.concatenate([none if known is None else known, *(pilot[None] for pilot in beside)])
-    coarse = reduced(prediction)
-    following = Following(coarse, known)
-    # A fit of the lines that ended at a bound may have gone astray.
-    guided = known is not None and not is_at_bound(model, known[0]).any()
-    firsts = near
-    if not guided:
-        white = OutputErrors(coarse.below(settings.search_band))
-        ends = search(
-            white.gram, model, rng, candidates=settings.candidates, refined=settings.refined
-        )
-        firsts = np.concatenate([ends.distinct(), near])
-    joint = PredictionErrors(coarse, settings.noise or FIRST_NOISE_MODEL, band)
-    end = _own_remnant(joint, prediction, firsts)
-    taps = joint.whitener(end.values[0])
-    best = end.values[0, : joint.pilot]
-    whitened = OutputErrors(coarse, taps)
-    starts = _starts(model, best, rng, 0 if guided else settings.candidates)
+    model, samples = first.prediction.model, first.coarse.samples
+    near = np.zeros((0, len(model.parameters))) if lines is None else lines
+    check = SimulationCheck(first.coarse, lines)
+    whitened = OutputErrors(first.coarse, first.taps)
+    count = 0 if is_sound(model, lines) else settings.candidates
+    starts = _starts(model, first.pilot, rng, count)
     starts, _ = solve_linear(whitened.gram(starts), starts, model.linear, model.lower)
-    starts = np.concatenate([best[None], near, starts])
-    first = minimise(whitened.gram, starts, model, tolerance=1e-3, iterations=SWEEP_ITERATIONS)
-    # What is far behind by then is given up, and of starts that met one goes on for all.
-    met = together(first, coarse.samples)[:SWEEP_SURVIVORS]
-    swept = minimise_each(
-        lambda values, _: whitened.gram(values),
-        first.values[[group[0] for group in met]],
+    starts = np.concatenate([first.pilot[None], near, starts])
+    rough = minimise(
+        whitened.gram,
+        starts,
         model,
-        tolerance=1e-3,
-        iterations=2 * SWEEP_ITERATIONS,
+        tolerance=SEARCH.sweep_tolerance,
+        iterations=SEARCH.sweep_iterations,
+    )
+    # What is far behind by then is given up, and of starts that met one goes on for all.
+    met = together(rough, samples)[: SEARCH.sweep_survivors]
+    ends = minimise_each(
+        lambda values, _: whitened.gram(values),
+        rough.values[[group[0] for group in met]],
+        model,
+        tolerance=SEARCH.sweep_tolerance,
+        iterations=2 * SEARCH.sweep_iterations,
     )
     sizes = np.array([len(group) for group in met])
-    kept = following.which(swept)
-    followed = swept.only(np.repeat(kept, sizes[kept])).best_first()
-    candidates, agreeing = optima(followed, coarse.samples, SWEEP_MARGIN)
+    kept = check.which(ends)
+    passed = ends.only(np.repeat(kept, sizes[kept])).best_first()
+    candidates, agreeing = optima(passed, samples, SEARCH.sweep_deviance)
     candidates = np.concatenate([candidates, near])
     if len(candidates) > 1:
-        ends = following.only(_own_remnant(joint, prediction, candidates))
-        candidates = optima(ends, coarse.samples, CANDIDATE_MARGIN)[0][:, : joint.pilot]
-    if beside:
-        # What is known of another band may be nearer than where the first remnant leads.
-        candidates = np.concatenate([candidates, near])
-    terms = OutputErrors(prediction, taps).noticeable_terms(candidates[0])
-    given_up = np.delete(first.cost, [start for group in met for start in group])
-    cost = np.sort(np.concatenate([np.repeat(swept.cost, sizes), given_up]))
-    return Explored(candidates, terms, Starts(cost / cost[0], agreeing), following, coarse)
-
-
-def terms_at(
-    prediction: Prediction, band: Band, pilot: FloatArray, settings: LikelihoodSettings
-) -> tuple[float, ...]:
-    """The nuisance terms that the recording shows beside a pilot, shape (parameters,)."""
-    joint = PredictionErrors(reduced(prediction), settings.noise or FIRST_NOISE_MODEL, band)
-    end = _own_remnant(joint, prediction, pilot[None])
-    return OutputErrors(prediction, joint.whitener(end.values[0])).noticeable_terms(pilot)
+        own = check.only(first.own_remnants(candidates))
+        candidates = optima(own, samples, SEARCH.candidate_deviance)[0][:, : first.joint.pilot]
+    terms = OutputErrors(first.prediction, first.taps).noticeable_terms(candidates[0])
+    given_up = np.delete(rough.cost, [start for group in met for start in group])
+    cost = np.sort(np.concatenate([np.repeat(ends.cost, sizes), given_up]))
+    return Swept(candidates, terms, Starts(cost / cost[0], agreeing), check)
 
 
 def _starts(
@@ -282,18 +388,13 @@ def _starts(
     return np.array([*moved, *draw_starts(model, rng, count), model.start])
 
 
-def _own_remnant(joint: PredictionErrors, prediction: Prediction, pilots: FloatArray) -> Minima:
-    """Each pilot with the remnant that it leaves, both estimated together."""
-    residuals = [OutputErrors(prediction).residual(pilot) for pilot in pilots]
-    guesses = [guess_parameters(joint.noise, residual, joint.band) for residual in residuals]
-    return minimise(joint.gram, np.hstack([pilots, guesses]), joint, tolerance=3e-3, iterations=12)
-
-
 def together(ends: Minima, samples: int) -> list[list[int]]:
     """Which ends are in one optimum, the best one's first; `ends`, `samples` as in `optima`."""
     return grouped(
         range(len(ends.values)),
-        lambda first, index: ends.apart(ends.values[index], samples, first) <= SAME_OPTIMUM,
+        lambda first, index: (
+            ends.apart(ends.values[index], samples, first) <= SEARCH.same_optimum_distance
+        ),
     )
 
 
@@ -309,12 +410,11 @@ def grouped(indices: Iterable[int], near: Callable[[int, int], bool]) -> list[li
     """
     groups: list[list[int]] = []
     for index in indices:
-        for group in groups:
-            if near(group[0], index):
-                group.append(index)
-                break
-        else:
+        own = next((group for group in groups if near(group[0], index)), None)
+        if own is None:
             groups.append([index])
+        else:
+            own.append(index)
     return groups
 
 
@@ -332,203 +432,137 @@ def optima(ends: Minima, samples: int, far: float) -> tuple[FloatArray, int]:
     """
     near = ends.only(ends.cost <= ends.cost[0] * np.exp(far / samples))
     groups = together(near, samples)
-    return near.values[[group[0] for group in groups[:MOST_CANDIDATES]]], len(
+    return near.values[[group[0] for group in groups[: SEARCH.max_candidates]]], len(
         groups[0]
     ) if groups else 0
 
 
-#: By how much the criterion of a longer or shorter autoregression must be lower.
-NEIGHBOUR_MARGIN = 0.1
-
-#: Relative decrease of the cost at which a search ends: of a first look, and of what is reported.
-FIRST_LOOK_TOLERANCE, REPORTED_TOLERANCE = 1e-3, 1e-10
-#: Tolerance of what is compared, and at which a search has converged that creeps along a flat
-#: valley.
-COMPARED_TOLERANCE = 1e-6
-#: What such a search is still short of, in steps of its tolerance: those ahead add up.
-STEPS_AHEAD = 10.0
+# ------------------------------------------------------- 3. and 4. pilot and remnant together
 
 
-def optimum(
-    joint: PredictionErrors, starts: FloatArray, tolerance: float = REPORTED_TOLERANCE
-) -> Minima:
-    """The best optimum that starts lead to, shape (starts, parameters), to a tolerance.
-
-    Along a flat valley the search creeps; where it got is then good enough if
-    `COMPARED_TOLERANCE` is met.
-    """
-    end = minimise(joint.gram, starts, joint, tolerance=tolerance)
-    if end.converged[0]:
-        return end
-    return resume(joint.gram, end, joint, tolerance=max(tolerance, COMPARED_TOLERANCE))
-
-
-@dataclass(frozen=True, eq=False)
-class JointFit:
-    """The optimum with one model of the remnant.
-
-    Attributes
-    ----------
-    joint
-        The problem.
-    end
-        Its optimum, whose first entry counts.
-    """
-
-    joint: PredictionErrors
-    end: Minima
-
-    @property
-    def pilot(self) -> FloatArray:
-        """The pilot's parameters, shape (parameters,)."""
-        return self.end.values[0, : self.joint.pilot]
-
-    @property
-    def criterion(self) -> float:
-        """The criterion that chooses the remnant's model, of pilot and remnant together."""
-        power = float(self.end.cost[0]) / self.joint.residuals
-        own = criterion(self.joint.noise, power, self.joint.residuals, self.joint.pilot)
-        return own + selection_penalty(self.joint.noise)
-
-    @property
-    def short(self) -> float:
-        """Possible further decrease of the criterion after a fit to `COMPARED_TOLERANCE`."""
-        return STEPS_AHEAD * COMPARED_TOLERANCE * self.joint.residuals
-
-    def is_near(self, pilot: FloatArray) -> bool:
-        """Whether a pilot, shape (parameters,), differs by no more than its errors."""
-        return self.end.apart(pilot, self.joint.residuals) <= SAME_OPTIMUM
-
-    def refined(self, tolerance: float = REPORTED_TOLERANCE) -> Self:
-        """The same to another tolerance, or to `COMPARED_TOLERANCE` as in `optimum`."""
-        joint, end = self.joint, self.end
-        if tolerance < COMPARED_TOLERANCE and joint.exact is not joint:
-            joint = joint.exact
-            end = minimise(joint.gram, end.values[:1], joint, tolerance=tolerance)
-        else:
-            end = resume(joint.gram, end, joint, tolerance=tolerance)
-        if tolerance < COMPARED_TOLERANCE and not end.converged[0]:
-            end = resume(joint.gram, end, joint, tolerance=COMPARED_TOLERANCE)
-        return replace(self, joint=joint, end=end)
-
-
-class JointFits:
-    """Optima near one pilot, of each model of the remnant that came into question.
-
-    Every model is fitted once, from the pilot at which it first did and from where all began: one
-    model may lose a channel, which does not come back of itself, where another does not.  What is
-    asked for again is there already.
+def optimum_near(
+    prediction: Prediction,
+    band: Band,
+    pilot: FloatArray,
+    settings: LikelihoodSettings,
+    check: SimulationCheck | None = None,
+) -> Optimum:
+    """Pilot and remnant together from one pilot, the remnant's model chosen as they move.
 
     Parameters
     ----------
-    prediction
-        The prepared prediction.
-    band
-        The analysis band that it was prepared in.
+    prediction, band
+        The prediction in the analysis band.
     pilot
         Where to begin, shape (parameters,).
-    noise
+    settings
         The remnant's model if it is not to be chosen.
-    coarse
-        The prediction, reduced, if that is there already.
+    check
+        Which parameters simulate the control.
     """
+    if prediction.model.curves and prediction.penalty is None:
+        return _smooth_near(prediction, band, pilot, settings)
+    choice = RemnantChoice(prediction, band, pilot, settings.noise)
+    return _best_of(choice, settings, check).refined()
 
-    def __init__(
-        self,
-        prediction: Prediction,
-        band: Band,
-        pilot: FloatArray,
-        noise: NoiseModel | None,
-        coarse: Prediction | None = None,
-    ) -> None:
-        self.prediction, self.band, self.noise = prediction, band, noise
-        # For all models once, and only where a search wants it.
-        if coarse is None and is_large(prediction):
-            coarse = reduced(prediction)
-        self.coarse = coarse
-        self.pilot = self._first = pilot
-        self.iterations = 0
-        self._fits: dict[NoiseModel, tuple[JointFit, float]] = {}
 
-    def look(self) -> JointFit:
-        """A first look: the model that suits what the pilot leaves, roughly fitted."""
-        return self._chosen(FIRST_LOOK_TOLERANCE)
+def _best_of(
+    choice: RemnantChoice, settings: LikelihoodSettings, check: SimulationCheck | None
+) -> Optimum:
+    """The best of all models of the remnant near one pilot."""
+    best = choice.best(settings.rounds)
+    return Optimum(best.joint, best.end, iterations=choice.iterations, check=check)
 
-    def best(self, rounds: int) -> JointFit:
-        """The best of all to `COMPARED_TOLERANCE`.
 
-        Its model is chosen anew as the pilot moves, in as many rounds at most.
-        """
-        found = self._chosen(COMPARED_TOLERANCE)
-        if self.noise:
-            return found
-        for _ in range(rounds - 1):
-            before, found = found, self._chosen(COMPARED_TOLERANCE)
-            if found.joint.noise == before.joint.noise:
-                break
-        # Of many long autoregressions the first that suits depends on where the search came from.
-        while others := neighbours(found.joint.noise):
-            better = self._best(self._guesses(others, self._products()), COMPARED_TOLERANCE)
-            if abs(better.criterion - found.criterion + NEIGHBOUR_MARGIN) < found.short:
-                found, better = (
-                    self._to(found, REPORTED_TOLERANCE),
-                    self._to(better, REPORTED_TOLERANCE),
-                )
-            if not better.criterion < found.criterion - NEIGHBOUR_MARGIN:
-                break
-            found = self._moved(better)
+def _likely(choices: list[RemnantChoice], check: SimulationCheck) -> list[RemnantChoice]:
+    """Candidates whose criterion is low on a first look, one of each optimum, best first."""
+    if len(choices) == 1:
+        return choices
+    firsts = [choice.look() for choice in choices]
+    reached = np.array([first.criterion for first in firsts])
+    kept = check(np.array([first.pilot for first in firsts]))
+    if kept.any():
+        reached[~kept] = np.inf
+    near = np.flatnonzero(reached < np.min(reached) + SEARCH.look_criterion)
+    ranked = near[np.argsort(reached[near], kind="stable")].tolist()
+    met = grouped(ranked, lambda first, index: firsts[first].is_near(firsts[index].pilot))
+    return [choices[group[0]] for group in met]
+
+
+def _best_and_competing(tried: Sequence[Optimum]) -> tuple[Optimum, list[FloatArray]]:
+    """The best optimum that simulates the control, and pilots of those that are as likely."""
+    passed = [each for each in tried if each.simulates_control] or list(tried)
+    lowest = min(each.criterion for each in passed)
+    # What is far behind where fits are compared does not compete.
+    far = lowest + 2.0 * SEARCH.competing_criterion
+    passed = [each.refined() for each in passed if not each.criterion > far]
+    best = min(passed, key=lambda each: each.criterion)
+    reached, competing = [best.criterion], []
+    for other in passed:
+        criterion = other.criterion
+        apart = min(abs(criterion - known) for known in reached)
+        if criterion < reached[0] + SEARCH.competing_criterion and apart > SEARCH.same_criterion:
+            reached.append(criterion)
+            competing.append(other.pilot)
+    return best, competing
+
+
+def _elsewhere(found: Optimum) -> Optimum:
+    """The optimum, or a better one where a change in time lies elsewhere."""
+    pilot = found.joint.pilot
+    others = found.joint.prediction.model.elsewhere(found.pilot)
+    if not others:
         return found
+    starts = np.array([np.concatenate([other, found.values[pilot:]]) for other in others])
+    ends = minimise(
+        found.joint.gram,
+        starts,
+        found.joint,
+        tolerance=SEARCH.change_tolerance,
+        iterations=SEARCH.change_iterations,
+    )
+    return found.moved(ends.values[0]) if ends.cost[0] < found.end.cost[0] else found
 
-    def _chosen(self, tolerance: float) -> JointFit:
-        products = self._products()
-        samples = self.prediction.runs * self.prediction.scored
-        guesses = (
-            self._guesses([self.noise], products)
-            if self.noise
-            else contenders(products, samples, self.band)
+
+# ------------------------------------------------------------------ pilots who vary freely
+
+
+def _smooth(
+    recording: Recording,
+    model: PilotModel,
+    rng: np.random.Generator,
+    settings: LikelihoodSettings,
+) -> Optimum:
+    """The optimum of a model with curves, from that of the constant model."""
+    for rate in _rates(recording, settings):
+        plain = replace(settings, band=rate, wide=())
+        first = maximise_likelihood(recording, model.constant, rng, plain)
+        prediction = _prediction(recording, model, settings, rate)
+        pilot = prediction.model.of_constant(first.pilot)
+        if is_wide_enough(prediction, pilot, first.joint.whitener(first.values)):
+            break
+    prediction = replace(prediction, terms=first.joint.prediction.terms)
+    found = _smooth_near(prediction, first.joint.band, pilot, settings)
+    return replace(_elsewhere(found), starts=first.starts)
+
+
+def _smooth_near(
+    prediction: Prediction, band: Band, pilot: FloatArray, settings: LikelihoodSettings
+) -> Optimum:
+    """As `optimum_near`, for a model with curves: how smooth they are is found on the way."""
+    curves, residual = prediction.model.curves, OutputErrors(prediction).residual(pilot)
+    # What the first pilot leaves is not the remnant alone: a long autoregression would keep it.
+    noise = settings.noise or FIRST_NOISE_MODEL
+    joint = PredictionErrors(prediction, noise, band)
+    values = np.concatenate([pilot, guess_parameters(noise, residual, band)])
+    joint, end = fit_smooth(joint, joint, curves, values, SEARCH.reported_tolerance)
+    iterations = end.iterations
+    for _ in range(settings.rounds):
+        other = optimum_near(joint.prediction, band, end.values[0, : joint.pilot], settings)
+        if other.joint.noise == joint.noise:
+            break
+        joint, end = fit_smooth(
+            other.joint, other.joint, curves, other.values, SEARCH.reported_tolerance
         )
-        return self._moved(self._best(guesses, tolerance))
-
-    def _guesses(self, models: Sequence[NoiseModel], products: FloatArray) -> list[Guess]:
-        return [Guess(model, model.guess(products, self.band)[0]) for model in models]
-
-    def _moved(self, fit: JointFit) -> JointFit:
-        self.pilot = fit.pilot
-        return fit
-
-    def _products(self) -> FloatArray:
-        """Lagged products of what the pilot leaves."""
-        return lagged_products(OutputErrors(self.prediction).residual(self.pilot))
-
-    def _best(self, guesses: Sequence[Guess], tolerance: float) -> JointFit:
-        """The best of some models, each with the pilot that goes with it."""
-        fits = [self._fitted(guess, tolerance) for guess in guesses]
-        best = min(fits, key=_criterion)
-        near = [fit for fit in fits if not fit.criterion > best.criterion + best.short]
-        if tolerance > COMPARED_TOLERANCE or len(near) == 1:
-            return best
-        return min((self._to(fit, REPORTED_TOLERANCE) for fit in near), key=_criterion)
-
-    def _fitted(self, guess: Guess, tolerance: float) -> JointFit:
-        """A model fitted to a tolerance, if it is not yet."""
-        model, values = guess
-        if model in self._fits:
-            return self._to(self._fits[model][0], tolerance)
-        joint = for_search(PredictionErrors(self.prediction, model, self.band), self.coarse)
-        pilots = [self.pilot] if self.pilot is self._first else [self.pilot, self._first]
-        starts = np.array([np.concatenate([pilot, values]) for pilot in pilots])
-        return self._kept(JointFit(joint, optimum(joint, starts, tolerance)), tolerance)
-
-    def _to(self, fit: JointFit, tolerance: float) -> JointFit:
-        """A fit that was made before, to a tolerance."""
-        reached = self._fits[fit.joint.noise][1]
-        return fit if reached <= tolerance else self._kept(fit.refined(tolerance), tolerance)
-
-    def _kept(self, fit: JointFit, tolerance: float) -> JointFit:
-        self.iterations += fit.end.iterations
-        self._fits[fit.joint.noise] = fit, tolerance
-        return fit
-
-
-def _criterion(fit: JointFit) -> float:
-    return fit.criterion
+        iterations += other.iterations + end.iterations
+    return Optimum(joint, end, iterations=iterations)

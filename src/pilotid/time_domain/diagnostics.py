@@ -14,10 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pilotid.chance import chi_squared_limit
-from pilotid.estimates.estimate import Estimate
+from pilotid.estimates.estimate import Estimate, is_at_bound
 from pilotid.estimates.parts import RemnantEstimate
+from pilotid.estimates.specification import Specification
 from pilotid.limits import ESTIMATE
-from pilotid.recordings.plant import is_gain
+from pilotid.lines.fit import specification_of
+from pilotid.recordings.plant import element_changes, is_gain
 from pilotid.recordings.recording import INPUTS, Recording
 from pilotid.remarks import Remark
 from pilotid.solve.covariance import covariance_of
@@ -29,10 +31,11 @@ from pilotid.time_domain.constancy import (
     relative_steps,
     scores_of,
 )
-from pilotid.time_domain.maximum_likelihood import Maximum
+from pilotid.time_domain.instruments import specification_by_instruments
+from pilotid.time_domain.likelihood import PredictionErrors
+from pilotid.time_domain.optimum import Optimum
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
-from pilotid.time_domain.prediction_errors import PredictionErrors
 from pilotid.time_domain.prepare import (
     Band,
     analysis_band,
@@ -190,10 +193,63 @@ def drift_left(joint: PredictionErrors, values: FloatArray) -> tuple[float, Floa
     return float(explained * freedom / (rest @ rest - explained)), drifts
 
 
-def residual_remarks(found: Maximum, recording: Recording) -> tuple[Remark, ...]:
-    """What speaks against the fit of pilot and remnant, a sentence each; empty for nothing."""
+#: Said where direct prediction errors take the place of the likelihood of a band.
+NOT_CLOSED = Remark(
+    "element-unknown",
+    "the controlled element is not known, so that noise of the recorder on e and x counts as "
+    "signal and delays may be biased: name the element, for example --element 4/s^2",
+)
+#: Said there of an element that changes during the recording.
+VARYING = Remark(
+    "element-unknown",
+    "the controlled element changes during the recording: noise of the recorder on e and x "
+    "counts as signal, and delays may be biased; fit the parts with --span",
+)
+#: Said where nothing stands above the recorder's floor.
+HIDDEN = Remark(
+    "hidden-signal",
+    "what the pilot acts on (e, x) hardly stands above the noise of the recorder at any frequency: "
+    "the values mean little; record these signals with less noise or more bits",
+)
+
+
+def tested_specification(
+    found: Optimum, recording: Recording, estimate: Estimate, against: str
+) -> Specification | None:
+    """The estimate tested against a consistent one: the forcing lines, or else instruments.
+
+    Parameters
+    ----------
+    found, recording, estimate
+        The optimum, what was fitted, and the estimate that it became.
+    against
+        The method whose moments the instruments are.
+    """
+    enough = recording.runs * recording.duration >= ESTIMATE.tested_from
+    model, values, covariance = estimate.model, estimate.values, estimate.covariance
+    if not enough or is_at_bound(model, values).any():  # no score is zero there
+        return None
+    return specification_of(
+        recording, model, values, covariance, found.remnant
+    ) or specification_by_instruments(found, recording, values, covariance, against)
+
+
+def fit_remarks(
+    found: Optimum, recording: Recording, *, asked_for_band: bool = True
+) -> tuple[Remark, ...]:
+    """What speaks against the fit of pilot and remnant, a sentence each; empty for nothing.
+
+    Parameters
+    ----------
+    found, recording
+        The optimum, and what was fitted.
+    asked_for_band
+        Whether the likelihood of a band was asked for.
+    """
     rows = found.tested_rows
     remarks = [
+        _not_closed(found, recording) if asked_for_band else None,
+        _not_simulated(found),
         _dispersed(found.dispersion),
         _held(recording),
         _changed(rows, found.joint) or _varying(found, rows),
@@ -203,6 +259,30 @@ def residual_remarks(found: Maximum, recording: Recording) -> tuple[Remark, ...]
         _answered_at_once(recording),
     ]
     return tuple(remark for remark in remarks if remark)
+
+
+def _not_closed(found: Optimum, recording: Recording) -> Remark | None:
+    """What to say where the recording does not allow for the likelihood of a band."""
+    prediction = found.joint.prediction
+    if prediction.weighting is not None:
+        return HIDDEN if prediction.weighting.hidden else None
+    if prediction.model.changes:
+        return None
+    return VARYING if element_changes(recording) else NOT_CLOSED
+
+
+def _not_simulated(found: Optimum) -> Remark | None:
+    """What to say where no optimum of the likelihood simulates the control as a pilot does."""
+    if found.simulates_control or found.check is None:
+        return None
+    own = 100.0 * max(0.0, float(found.check.explained(found.pilot[None])[0]))
+    lines = 100.0 * found.check.of_lines
+    return Remark(
+        "inverse-plant",
+        "the best fit is the inverse of the controlled element, not a pilot: it explains "
+        f"{own:.0f} % of the control, a pilot fitted at the forcing frequencies {lines:.0f} %; "
+        "choose a simpler model or the method fourier",
+    )
 
 
 def _dispersed(dispersion: float) -> Remark | None:
@@ -240,7 +320,7 @@ def _answered_at_once(recording: Recording) -> Remark | None:
     )
 
 
-def _varying(found: Maximum, rows: FloatArray) -> Remark | None:
+def _varying(found: Optimum, rows: FloatArray) -> Remark | None:
     scores = scores_of(found, rows)
     if scores is None or scores.bound >= ESTIMATE.seldom:
         return None
@@ -285,8 +365,8 @@ def _uneven(errors: FloatArray) -> Remark | None:
     )
 
 
-def _drifting(found: Maximum) -> Remark | None:
-    statistic, drifts = drift_left(found.joint, found.end.values[0])
+def _drifting(found: Optimum) -> Remark | None:
+    statistic, drifts = drift_left(found.joint, found.values)
     if statistic <= chi_squared_limit(drifts.size, ESTIMATE.seldom):
         return None
     run = int(np.argmax(np.abs(drifts)))

@@ -21,16 +21,12 @@ from pilotid.time_domain.band_likelihood import group_begins
 from pilotid.time_domain.prediction import Prediction
 from pilotid.time_domain.prepare import Band
 from pilotid.time_domain.remnant_models import NoiseModel
+from pilotid.time_domain.settings import SEARCH
 from pilotid.types import BoolArray, ComplexArray, FloatArray
-
-#: A group of bins is this share of its frequency wide, and at most so many rad/s.
-GROUP_SHARE, GROUP_WIDEST = 1.0 / 15.0, 0.35
-
-SETS_AT_ONCE = 12  # parameter sets evaluated at once: a hundred frequencies of each fit the cache
 
 
 @dataclass(frozen=True)
-class Reduced(Prediction):
+class BinnedPrediction(Prediction):
     """A prediction whose samples are weighted spectra at few frequencies.
 
     Attributes
@@ -50,7 +46,7 @@ class Reduced(Prediction):
 
     @property
     def block(self) -> int:
-        return SETS_AT_ONCE
+        return SEARCH.sets_at_once
 
     def samples_of(self, spectrum: ComplexArray) -> FloatArray:
         weighted = np.ascontiguousarray(spectrum * self.weights)
@@ -64,11 +60,11 @@ class Reduced(Prediction):
         """The rows: `weights` are those of the band already."""
         return rows
 
-    def below(self, band: float) -> Reduced:
+    def below(self, band: float) -> BinnedPrediction:
         """The same with what lies above a frequency [rad/s] left out."""
         return self._with(self.s.imag < band)
 
-    def _with(self, chosen: BoolArray) -> Reduced:
+    def _with(self, chosen: BoolArray) -> BinnedPrediction:
         return replace(
             self,
             s=self.s[chosen],
@@ -78,7 +74,7 @@ class Reduced(Prediction):
         )
 
 
-def reduced(prediction: Prediction) -> Prediction:
+def binned(prediction: Prediction) -> Prediction:
     """The prediction at few frequencies; the mean and what the window makes of it are left out.
 
     One whose inputs vary in time has no such form, and stays as it is.
@@ -91,7 +87,7 @@ def reduced(prediction: Prediction) -> Prediction:
     signals = np.fft.rfft(prediction.samples_of(given) * window)
     omega = np.asarray(2.0 * np.pi * np.fft.rfftfreq(scored, prediction.dt), dtype=float)
     groups = group_begins(
-        omega, GROUP_SHARE, GROUP_WIDEST, 2
+        omega, SEARCH.binned_share, SEARCH.max_binned_width, 2
     )  # the mean and what the window makes of it go
     sizes = np.sqrt(np.mean(np.abs(signals) ** 2, axis=(1, 2)))
     sizes[sizes == 0.0] = 1.0
@@ -113,10 +109,10 @@ def reduced(prediction: Prediction) -> Prediction:
     # Parseval: bins stand for two, but for the one at half the sampling rate.
     weights = np.full(len(counts), np.sqrt(2.0 / scored))
     if prediction.weighting is None or prediction.band_terms is None:
-        return Reduced(**held, counted=prediction.runs * scored, weights=weights)
+        return BinnedPrediction(**held, counted=prediction.runs * scored, weights=weights)
     weights = weights * np.sqrt(prediction.weighting.weights(middle))
     counted = prediction.band_terms.residuals
-    return Reduced(**held, counted=counted, weights=weights)._with(weights > 0.0)
+    return BinnedPrediction(**held, counted=counted, weights=weights)._with(weights > 0.0)
 
 
 class PredictionErrors(Problem):
@@ -201,7 +197,7 @@ class PredictionErrors(Problem):
         """Weighted inner products of `rows` in the band, and of the remnant's model outside it."""
         prediction = self.prediction
         regressed = self.noise.regressive and prediction.block > 1 and not any(prediction.terms)
-        if regressed and not isinstance(prediction, Reduced):
+        if regressed and not isinstance(prediction, BinnedPrediction):
             rows = self._regressed_in_band(values)
         else:
             rows = prediction.weighed(self.rows(values))
@@ -320,13 +316,9 @@ class PredictionErrors(Problem):
         return np.asarray(rows)
 
 
-#: Bins of all runs but one from which on the reduced prediction and the adjoint take less time.
-ADJOINT_BINS = 8000
-
-
 def is_large(prediction: Prediction) -> bool:
     """Whether a search is faster by the adjoint."""
-    return (prediction.runs - 1) * prediction.s.size >= ADJOINT_BINS
+    return (prediction.runs - 1) * prediction.s.size >= SEARCH.adjoint_bins
 
 
 def for_search(joint: PredictionErrors, coarse: Prediction | None = None) -> PredictionErrors:
@@ -337,12 +329,12 @@ def for_search(joint: PredictionErrors, coarse: Prediction | None = None) -> Pre
     joint
         The problem.
     coarse
-        Its prediction, reduced, if that is there already.
+        Its prediction with binned spectra, if that is there already.
     """
     if not is_large(joint.prediction) or joint is not joint.exact:
         return joint
-    coarse = reduced(joint.prediction) if coarse is None else coarse
-    return AdjointErrors(joint, coarse) if isinstance(coarse, Reduced) else joint
+    coarse = binned(joint.prediction) if coarse is None else coarse
+    return AdjointErrors(joint, coarse) if isinstance(coarse, BinnedPrediction) else joint
 
 
 class AdjointErrors(PredictionErrors):
@@ -353,14 +345,14 @@ class AdjointErrors(PredictionErrors):
     exact
         The prediction errors.
     coarse
-        Their prediction, reduced.
+        Their prediction with binned spectra.
     """
 
-    def __init__(self, exact: PredictionErrors, coarse: Reduced) -> None:
+    def __init__(self, exact: PredictionErrors, coarse: BinnedPrediction) -> None:
         super().__init__(exact.prediction, exact.noise, exact.band)
         self._exact = exact
         self.coarse = PredictionErrors(coarse, exact.noise, exact.band)
-        self.block = SETS_AT_ONCE
+        self.block = SEARCH.sets_at_once
 
     @property
     def exact(self) -> PredictionErrors:

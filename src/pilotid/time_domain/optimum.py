@@ -1,0 +1,240 @@
+"""The optimum of the likelihood, how it was found, and what its errors follow from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+
+from pilotid.chance import chi_squared_limit
+from pilotid.estimates.estimate import Starts
+from pilotid.estimates.parts import AnalysedBand, RemnantEstimate
+from pilotid.limits import ESTIMATE
+from pilotid.recordings.recording import Recording
+from pilotid.recordings.spectra import floors_of
+from pilotid.solve.covariance import covariance_of, score_dispersion
+from pilotid.solve.least_squares import Minima
+from pilotid.solve.smoothing import criterion_and_degrees
+from pilotid.time_domain.likelihood import PredictionErrors, for_search
+from pilotid.time_domain.noise import JointFit, descended
+from pilotid.time_domain.output_error import OutputErrors
+from pilotid.time_domain.prediction import Prediction
+from pilotid.time_domain.remnant_models import remnant_estimate
+from pilotid.time_domain.settings import PROFILE, SEARCH
+from pilotid.types import BoolArray, FloatArray, IntArray
+
+
+class SimulationCheck:
+    """Whether a pilot's simulated response explains the control as that of the lines' pilot does.
+
+    A model that predicts the control as the inverse of the controlled element has a high
+    likelihood, and simulates nothing.
+
+    Parameters
+    ----------
+    coarse
+        The prediction with binned spectra.
+    lines_pilot
+        The pilot fitted to the forcing functions' lines, shape (1, parameters); None where there
+        are no lines: then all parameters pass.
+    """
+
+    def __init__(self, coarse: Prediction, lines_pilot: FloatArray | None) -> None:
+        self._errors = OutputErrors(coarse)
+        self._pilot = len(coarse.model.parameters)
+        self._total = float(np.sum(coarse.samples_of(coarse.control_spectrum) ** 2))
+        self.of_lines = 0.0 if lines_pilot is None else float(self.explained(lines_pilot)[0])
+
+    def explained(self, sets: FloatArray) -> FloatArray:
+        """Share of the control that simulated responses explain, shape (sets,).
+
+        Parameters
+        ----------
+        sets
+            Parameters, the pilot's first, shape (sets, parameters).
+        """
+        left = self._errors.gram(sets[:, : self._pilot])[:, -1, -1]
+        return np.asarray(1.0 - left / self._total)
+
+    def __call__(self, sets: FloatArray) -> BoolArray:
+        """Which parameters pass, the pilot's first, shape (sets,)."""
+        if self.of_lines <= 0.0:
+            return np.ones(len(sets), dtype=bool)
+        return np.asarray(self.explained(sets) >= SEARCH.min_vaf_ratio * self.of_lines)
+
+    def which(self, ends: Minima) -> IntArray:
+        """Indices of the ends that pass, of all if none does."""
+        kept = self(ends.values)
+        return np.flatnonzero(kept if kept.any() else ~kept)
+
+    def only(self, ends: Minima) -> Minima:
+        """The ends that pass, all if none does."""
+        which = self.which(ends)
+        return ends if len(which) == len(ends.cost) else ends.only(which)
+
+
+#: What is told of a search from one start.
+ONE_START = Starts(cost=np.ones(1), agreeing=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Optimum(JointFit):
+    """Where the likelihood of pilot and remnant is largest.
+
+    Attributes
+    ----------
+    joint, end
+        See `pilotid.time_domain.noise.JointFit`.
+    starts
+        Record of the search that led there.
+    iterations
+        Iterations in the analysis band.
+    check
+        Tells whether parameters simulate the control, where that was asked.
+    lines_pilot
+        The pilot that the forcing functions' lines show, shape (1, parameters), if they do.
+    competing
+        Pilots of other optima that are as likely, each of shape (parameters,).
+    """
+
+    starts: Starts = ONE_START
+    iterations: int = 0
+    check: SimulationCheck | None = None
+    lines_pilot: FloatArray | None = None
+    competing: Sequence[FloatArray] = ()
+
+    @property
+    def simulates_control(self) -> bool:
+        """Whether it simulates the control as a pilot does, see `SimulationCheck`."""
+        return self.check is None or bool(self.check(self.pilot[None])[0])
+
+    @property
+    def freedom(self) -> int:
+        """Residuals less parameters."""
+        return self.joint.residuals - len(self.values)
+
+    @property
+    def variance(self) -> float:
+        """Variance of the prediction error."""
+        # Of a recording without a remnant rounding errors are left, of any sign.
+        return max(float(self.end.cost[0]), 1e-300) / self.freedom
+
+    @cached_property
+    def tested_rows(self) -> FloatArray:
+        """Whitened Jacobian and, last, prediction errors, (parameters + 1, runs, samples)."""
+        return self.joint.tested_rows(self.values)
+
+    @cached_property
+    def dispersion(self) -> float:
+        """Variance of the scores of segments over what it would be of a constant pilot.
+
+        It is 1 unless that is certain, and of a time-varying model; larger where the pilot wanders
+        or the model lacks something (quasi-likelihood: McCullagh and Nelder, Generalized Linear
+        Models, 2nd ed., sec. 4.5).
+        """
+        if self.joint.prediction.model.changes:
+            return 1.0
+        length = max(1, round(ESTIMATE.segment / self.joint.prediction.dt))
+        statistic, freedom = score_dispersion(self.tested_rows, self.joint.pilot, length)
+        certain = freedom > 0 and statistic > chi_squared_limit(freedom, ESTIMATE.dispersed)
+        return statistic / freedom if certain else 1.0
+
+    @property
+    def variance_factor(self) -> float:
+        """Factor on variances, and on the deviance that an interval goes to."""
+        prediction = self.joint.prediction
+        seconds = prediction.runs * prediction.scored * prediction.dt
+        return (1.0 + PROFILE.bartlett_seconds / seconds) * self.dispersion
+
+    @cached_property
+    def element_factor(self) -> FloatArray:
+        """Factor on the variances of the pilot for what is not known of the element's gain."""
+        joint, prediction = self.joint, self.joint.prediction
+        weighting, terms = prediction.weighting, prediction.band_terms
+        if weighting is None or terms is None or weighting.unknown == 0.0:
+            return np.ones(joint.pilot)
+        loop = prediction.loop.row_spectra(self.pilot[None])[:, :, 0]
+        change = np.zeros(len(joint.lower))
+        change[: joint.pilot] = terms.by_gain(loop)[0] * float(self.end.cost[0]) / joint.residuals
+        inverse = covariance_of(self.end.gram[0, :-1, :-1], 1.0)
+        if inverse is None:
+            return np.ones(joint.pilot)
+        moved = weighting.unknown * (inverse @ change)[: joint.pilot]
+        variances = self.variance * np.diag(inverse)[: joint.pilot]
+        return np.asarray(1.0 + moved**2 / variances)
+
+    @property
+    def covariance(self) -> FloatArray | None:
+        """Covariance of the pilot's parameters, None if it is singular."""
+        information = self.end.gram[0, :-1, :-1]
+        variance, pilot = self.variance * self.variance_factor, slice(self.joint.pilot)
+        found = covariance_of(information, variance)
+        if found is None:
+            # A remnant without a shape (next to none, or white) leaves its own parameters
+            # open, but not the pilot's.
+            found = covariance_of(information[pilot, pilot], variance)
+        return None if found is None else found[pilot, pilot]
+
+    @property
+    def criterion(self) -> float:
+        """The criterion that chose the remnant's model, of pilot and remnant together."""
+        if self.joint.penalty is not None:
+            return criterion_and_degrees(self.joint, self.joint, self.end)[0]
+        return super().criterion
+
+    @property
+    def curves(self) -> str:
+        """How free the curves of a pilot are who varies freely, in words; empty for others."""
+        if self.joint.penalty is None:
+            return ""
+        degrees = criterion_and_degrees(self.joint, self.joint, self.end)[1]
+        named = zip(self.joint.penalty.curves, degrees, strict=True)
+        told = " and ".join(f"{curve.key} {degree:.1f}" for curve, degree in named)
+        return f"degrees of freedom of {told}"
+
+    @property
+    def remnant(self) -> RemnantEstimate:
+        """What the fit says of the remnant."""
+        joint = self.joint
+        return remnant_estimate(
+            joint.noise,
+            self.values[joint.pilot :],
+            joint.band,
+            self.variance / joint.scaling(self.values),
+            float(np.mean(np.var(joint.prediction.control, axis=1))),
+        )
+
+    def band_of(self, recording: Recording) -> AnalysedBand:
+        """The frequencies that it rests on."""
+        prediction = self.joint.prediction
+        weighting, nyquist = prediction.weighting, math.pi / prediction.dt
+        if weighting is None:
+            return AnalysedBand(nyquist, "direct")
+        counting = weighting.omega[weighting.share > 0.0]
+        return AnalysedBand(
+            float(counting[-1]),
+            "band",
+            weighting.omega,
+            weighting.share,
+            floors_of(recording).floor,
+            weighting.element.name,
+        )
+
+    @cached_property
+    def search(self) -> PredictionErrors:
+        """The same problem for searches from here, see `pilotid.time_domain.likelihood`."""
+        return for_search(self.joint)
+
+    def refined(self, tolerance: float = SEARCH.reported_tolerance) -> Self:
+        """The same optimum to the tolerance of what is reported."""
+        found = super().refined(tolerance)
+        return replace(found, iterations=self.iterations + found.end.iterations)
+
+    def moved(self, start: FloatArray) -> Optimum:
+        """The optimum that a better point leads to, pilot and remnant, shape (parameters,)."""
+        end = descended(self.joint, start[None])
+        return replace(self, end=end, iterations=self.iterations + end.iterations)

@@ -1,0 +1,202 @@
+"""Profile-likelihood intervals of the pilot, about the optimum and all that is as likely.
+
+The search may have come upon other local optima that are nearly as high.  Where the optimum lies
+at a bound, the likelihood is far from a parabola and often has another optimum inside the bounds:
+a slow neuromuscular system with a short delay resembles a fast one with a long delay.  So each
+parameter at a bound is fixed at usual values, and the others are fitted.  When a change in time
+was, and how fast, has many local optima too: other times and rates are fixed, one after the
+other.  Whatever is as likely as the ends of an interval belongs into the intervals.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from pilotid.chance import CHI_SQUARED_95, CHI_SQUARED_95_OF_TWO
+from pilotid.estimates.estimate import Estimate, is_at_bound
+from pilotid.solve.covariance import covariance_at_bounds, covariance_of
+from pilotid.solve.intervals import FixedParameter, Profile, profile_intervals
+from pilotid.solve.least_squares import minimise
+from pilotid.time_domain.optimum import Optimum
+from pilotid.time_domain.settings import PROFILE
+from pilotid.types import FloatArray
+
+
+def profile_likelihood(found: Optimum) -> tuple[Optimum, Profile | None]:
+    """Profile the likelihood, and go to a better optimum that is come upon.
+
+    Parameters
+    ----------
+    found
+        The optimum of a search.
+
+    Returns
+    -------
+    The best optimum, and the profile about it; None where the remnant has no shape.
+    """
+    profile = profile_about(found)
+    for _ in range(PROFILE.max_moves):
+        if profile is None or profile.better is None:
+            break
+        moved = found.moved(profile.better)
+        if found.simulates_control and not moved.simulates_control:
+            break
+        found = moved
+        profile = profile_about(found)
+    return found, profile
+
+
+def with_profile(estimate: Estimate, found: Optimum, profile: Profile) -> Estimate:
+    """An estimate with the intervals of a profile, and the standard errors that belong to them.
+
+    Parameters
+    ----------
+    estimate
+        The estimate with the covariance of the likelihood's curvature.
+    found, profile
+        See `profile_likelihood`.
+    """
+    sought, covariance = deviances(found), estimate.covariance
+    # The length of an interval tells the scatter of skewed estimates; the likelihood's
+    # curvature at its maximum, from which the covariance is, only the middle of it.
+    length = np.diff(profile.intervals, axis=1)[:, 0]
+    factor = found.variance_factor * found.element_factor
+    errors = length / (2.0 * np.sqrt(sought / factor))
+    estimate = replace(
+        estimate,
+        intervals=over_changes(found, profile.intervals, sought),
+        errors=errors if (errors > 0.0).all() else None,
+    )
+    at_bound = is_at_bound(estimate.model, estimate.values)
+    if not at_bound.any():
+        return estimate
+    information = np.asarray(np.linalg.inv(covariance))
+    inside = covariance_at_bounds(information, at_bound, profile.intervals)
+    return estimate if inside is None else replace(estimate, covariance=inside)
+
+
+def profile_about(found: Optimum) -> Profile | None:
+    """Intervals about an optimum that hold others as far as they are as likely."""
+    joint, end = found.joint, found.end
+    if covariance_of(end.gram[0, :-1, :-1], found.variance) is None:
+        return None
+    return profile_intervals(
+        found.search.gram,
+        joint,
+        end,
+        found.variance,
+        joint.pilot,
+        estimated=found.freedom,
+        widened=deviances(found) / CHI_SQUARED_95,
+        others=np.concatenate([competing_optima(found), off_bounds(found)]),
+    )
+
+
+def competing_optima(found: Optimum) -> FloatArray:
+    """Other optima, with the best one's model of the remnant, shape (points, parameters)."""
+    remnant = found.values[found.joint.pilot :]
+    starts = [np.concatenate([pilot, remnant]) for pilot in found.competing]
+    if not starts:
+        return np.zeros((0, len(found.values)))
+    return _ends(found, np.array(starts), None)
+
+
+def off_bounds(found: Optimum) -> FloatArray:
+    """Optima with parameters held off their bounds, pilot and remnant, shape (points, parameters).
+
+    Parameters
+    ----------
+    found
+        The optimum; without a parameter at a bound there are none.
+    """
+    joint, optimum = found.joint, found.values
+    model = joint.prediction.model
+    at_bound = np.flatnonzero(is_at_bound(model, found.pilot))
+    low, high = model.usual
+    middle = np.where(model.positive, np.sqrt(np.abs(low * high)), 0.5 * (low + high))
+    bases = [optimum.copy()]
+    if found.lines_pilot is not None:
+        # What the lines show rests on no model of the remnant.
+        bases.append(np.concatenate([found.lines_pilot[0], optimum[joint.pilot :]]))
+    bases[0][at_bound] = middle[at_bound]
+    points = []
+    for k in at_bound.tolist():
+        for value in (low[k], middle[k], high[k]):
+            starts = np.array(bases)
+            starts[:, k] = value
+            points.append(_ends(found, starts, FixedParameter.at(joint, k, value)))
+    return np.concatenate([np.zeros((0, len(optimum))), *points])
+
+
+def _ends(found: Optimum, starts: FloatArray, space: FixedParameter | None) -> FloatArray:
+    return minimise(
+        found.search.gram,
+        starts,
+        found.joint if space is None else space,
+        tolerance=PROFILE.fixed_tolerance,
+        iterations=PROFILE.fixed_iterations,
+    ).values
+
+
+def deviances(found: Optimum) -> FloatArray:
+    """Deviance that the intervals of the pilot's parameters go to, shape (parameters,).
+
+    When a change was and how fast are one event with many optima, and the likeliest of these
+    exceeds the truth by more than a single parameter's share: intervals of both are the shadows of
+    their joint region, that of two degrees of freedom (docs/adapting.md has what was measured).
+    """
+    sought = np.full(found.joint.pilot, CHI_SQUARED_95)
+    for when in found.joint.prediction.model.whens:
+        sought[list(when)] = CHI_SQUARED_95_OF_TWO
+    return np.asarray(found.variance_factor * found.element_factor * sought)
+
+
+def over_changes(found: Optimum, intervals: FloatArray, sought: FloatArray | float) -> FloatArray:
+    """Intervals (parameters, 2) that hold the optima of other changes, too.
+
+    Parameters
+    ----------
+    found
+        The optimum.
+    intervals
+        Those of the profile about it.
+    sought
+        Deviance that an interval goes to, one or that of each parameter.
+    """
+    joint, optimum, pilot = found.joint, found.values, found.joint.pilot
+    share = np.broadcast_to(sought, pilot) / found.freedom
+    target = float(found.end.cost[0]) * np.exp(share)
+    result = intervals.copy()
+    for when in dict.fromkeys(joint.prediction.model.whens):
+        if not when:
+            continue
+        middle, rate = when
+        low, high = intervals[middle]
+        beyond = [low - far for far in PROFILE.shifts_beyond]
+        beyond += [high + far for far in PROFILE.shifts_beyond]
+        tried = [(middle, float(value), rate, PROFILE.rates_beyond) for value in beyond]
+        near = tuple(float(optimum[middle]) + shift for shift in PROFILE.shifts_around)
+        tried += [
+            (rate, value, middle, near)
+            for value in PROFILE.rates
+            if not intervals[rate, 0] <= value <= intervals[rate, 1]
+        ]
+        for fixed, value, other, starts in tried:
+            if not joint.lower[fixed] <= value <= joint.upper[fixed]:
+                continue
+            points = np.tile(optimum, (len(starts), 1))
+            points[:, fixed], points[:, other] = value, starts
+            fits = minimise(
+                joint.gram,
+                np.clip(points, joint.lower, joint.upper),
+                FixedParameter.at(joint, fixed, value),
+                tolerance=PROFILE.change_tolerance,
+                iterations=PROFILE.change_iterations,
+            )
+            for cost, own in zip(fits.cost, fits.values[:, :pilot], strict=True):
+                suits = cost <= target
+                result[suits, 0] = np.minimum(result[suits, 0], own[suits])
+                result[suits, 1] = np.maximum(result[suits, 1], own[suits])
+    return result
