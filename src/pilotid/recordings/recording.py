@@ -336,7 +336,7 @@ class Recording:
         """
         ratio = self.dt / in_range(dt, DT, "dt")
         change = Fraction(ratio).limit_denominator(FINEST_RATIO)
-        if not change or abs(float(change) / ratio - 1.0) > 1e-6:
+        if not change or abs(float(change) / ratio - 1.0) > 1e-8:
             raise InputError(
                 f"dt {dt:g}: its ratio to the sampling interval of {self.source} ({self.dt:.6g} s) "
                 f"is none of whole numbers up to {FINEST_RATIO}; choose another"

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from itertools import chain, compress, islice
 from pathlib import Path
 
@@ -127,7 +128,12 @@ def read_table(
     origin = {signal: places[signal].shown(names) for signal, names in found.items()}
     if RUN in table.header:
         return _split_runs(table, time, signals, notes, origin)
-    return Contents(time, signals, table.where, notes, origin)
+    return Contents(time, signals, partial(_line, table.lines), notes, origin)
+
+
+def _line(lines: Sequence[int], row: int) -> str:
+    """The place of a row in words."""
+    return f"line {lines[row]}"
 
 
 def _encoding(path: Path, source: str) -> str:
@@ -191,10 +197,6 @@ class _Table:
     def unit(self, column: str) -> str | None:
         """The unit of a column, in its name or in the row below the header; None if unsaid."""
         return bare(column)[1] or self._units.get(column)
-
-    def where(self, row: int) -> str:
-        """The place of a row in words."""
-        return f"line {self.lines[row]}"
 
     def _blocks(self, size: int) -> Iterator[tuple[list[list[str]], list[int]]]:
         """Some rows at once, and the lines on which they start."""
@@ -507,7 +509,7 @@ def _split_runs(
     for row, label in enumerate(table.labels):
         runs.setdefault(label, []).append(row)
     if not runs:
-        return Contents(t, signals, table.where, notes, origin)
+        return Contents(t, signals, partial(_line, table.lines), notes, origin)
     if "" in runs:
         line = table.lines[runs[""][0]]
         raise InputError(
@@ -524,9 +526,8 @@ def _split_runs(
     time = common_time(times, table.source)
     index = np.array(list(runs.values()))
     split = {signal: values[0][index] for signal, values in signals.items()}
-    return Contents(
-        None if t is None else time, split, lambda i: table.where(first[i]), notes, origin
-    )
+    where = partial(_line, [table.lines[row] for row in first])
+    return Contents(None if t is None else time, split, where, notes, origin)
 
 
 def read_sidecar(file: Path) -> Notes:
