@@ -346,7 +346,7 @@ class Recording:
         run_in = (self.run_in - skipped) * up // down
         samples = self.samples * up // down
         signals = {name: getattr(self, name) for name in SIGNALS}
-        some = {
+        some: dict[str, Any] = {
             name: resampled(signal[:, skipped:], up, down)[:, : run_in + samples]
             for name, signal in signals.items()
             if signal is not None

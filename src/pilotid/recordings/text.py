@@ -14,6 +14,7 @@ from dataclasses import replace
 from functools import partial
 from itertools import chain, compress, islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -264,7 +265,7 @@ class _Table:
             for name, wanted in levels.items():
                 there |= dict.fromkeys(row[index[name]] for row in rows)
                 kept = [is_level(row[index[name]], wanted) for row in rows]
-                rows, starts = (list(compress(own, kept)) for own in (rows, starts))
+                rows, starts = list(compress(rows, kept)), list(compress(starts, kept))
             self.lines += starts
             if len(self.lines) * len(names) > MOST_VALUES:
                 raise InputError(
@@ -416,7 +417,8 @@ def _with_comments(notes: Notes, comments: Iterable[str], *, timed: bool) -> Not
         text: object = match[2]
         with suppress(ValueError, RecursionError):
             text = json.loads(re.sub(r"(?<=[0-9])\s*(s|sec|seconds)$", "", match[2]))
-        notes = replace(notes, where=notes.where or "its comments", **{key: READERS[key][0](text)})
+        found: dict[str, Any] = {key: READERS[key][0](text)}
+        notes = replace(notes, where=notes.where or "its comments", **found)
     return notes
 
 
