@@ -201,6 +201,8 @@ def test_a_bad_file_is_named_and_costs_no_other(folder: Path, run: Run, tmp_path
         ("{subject}/{condition}", "lab/anna/C3.csv", {"subject": "anna", "condition": "C3"}),
         ("s{subject}_{condition}", "t1_A.csv", None),
         ("x{condition}", "x_.csv", None),
+        ("sigma={condition}", "lab/data.mat::sigma=17.5", {"condition": "17.5"}),
+        ("{s}::{condition}", "data.h5::b.1", {"s": "data", "condition": "b.1"}),
     ],
 )
 def test_patterns(pattern: str, name: str, found: dict[str, str] | None) -> None:

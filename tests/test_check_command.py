@@ -151,7 +151,7 @@ def test_files_without_time_take_an_interval(run: Run, tmp_path: Path) -> None:
     # The forcing functions come again after 81.92 s: the 8 s before are run-in, as they were.
     said = run("check", tmp_path / "G.csv", "--dt", 0.02).out
     assert "1 run of 81.92 s at 50 Hz after 8 s of run-in" in said
-    assert "give seconds between samples" in run("check", tmp_path / "G.csv", "--dt", 50).err
+    assert "--dt 50: must be" in run("check", tmp_path / "G.csv", "--dt", 50).err
 
 
 def test_a_straight_line_is_taken_out_and_said(run: Run, tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from pilotid.estimates.loops import (
 )
 from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE
-from pilotid.pilot.catalogue import SINGLE
+from pilotid.pilot.catalogue import MODELS, SINGLE
 from pilotid.pilot.element import (
     ControlledElement,
     double_integrator,
@@ -73,6 +73,13 @@ def test_slopes_of_margins_are_their_differences(scenario: Scenario) -> None:
                 [high.crossover - low.crossover, high.phase_margin - low.phase_margin]
             ) / (2.0 * step[i])
             np.testing.assert_allclose(slopes[:, i], expected, rtol=2e-3, atol=1e-3)
+
+
+def test_a_pilot_of_the_target_alone_has_no_disturbance_loop() -> None:
+    model = MODELS["following"]
+    target, disturbance = margin_slopes(model, model.start, position_control(2.0), 3.0)
+    assert np.isfinite(target).all()
+    assert np.isnan(disturbance).all()
 
 
 def test_quantities_have_keys_units_and_the_margins_of_the_values() -> None:

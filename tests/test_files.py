@@ -105,6 +105,41 @@ def with_object(kind: str, name: str = "T") -> bytes:
     return b"MATLAB 5.0".ljust(124) + b"\x00\x01IM" + element(14, parts)
 
 
+def numpy_file(content: Any, name: str) -> Writer:
+    def write(folder: Path) -> Path:
+        if name.endswith(".npz"):
+            np.savez(folder / name, **content)
+        else:
+            np.save(folder / name, content)
+        return folder / name
+
+    return write
+
+
+def hdf5(content: dict[str, Any]) -> Writer:
+    """Groups, arrays and tables as h5py writes them, under names with slashes."""
+
+    def write(folder: Path) -> Path:
+        with h5py.File(folder / "F.h5", "w") as file:
+            for name, values in content.items():
+                file[name] = values
+        return folder / "F.h5"
+
+    return write
+
+
+def part(write: Writer, name: str) -> Writer:
+    return lambda folder: Path(f"{write(folder)}::{name}")
+
+
+def records(columns: dict[str, FloatArray]) -> np.ndarray[Any, Any]:
+    """A structured array with a field a signal."""
+    array = np.empty(np.shape(columns["e"]), dtype=[(name, float) for name in columns])
+    for name, values in columns.items():
+        array[name] = values
+    return array
+
+
 def references_73(folder: Path, kind: str) -> Path:
     """A v7.3 file with cells or an array of structs, by places of data elsewhere in the file."""
     path = folder / "F.mat"
@@ -226,6 +261,34 @@ READ: list[tuple[str, Writer, int, dict[str, Any]]] = [
     ("MATLAB time a column a run", saved({**TWO, "t": np.tile(T[:, None], 2)}), 2, {}),
     ("MATLAB no time", saved({k: v for k, v in TWO.items() if k != "t"}), 2, {"dt": DT}),
     ("MATLAB no x", saved({**{k: TWO[k] for k in "teu"}, "ft": FT.T}), 2, {"from": "ft - e"}),
+    ("names and units in comments", written(text("# t,e,u,x", before="# a, b, c, d",
+                                                 under="# s,deg,-,deg")), 1, {"units": UNITS}),
+    ("comment under the header", written(text(under="# pilot 3, gain")), 1, {}),
+    ("last name for all columns", written(text("# t,e,u,x...", columns={**ONE, "y": FT[0]})), 1,
+     {"map": "x=x"}),
+    ("second of two columns", written(text("t,e,u,x,x", columns={**{k: ONE[k] for k in "teu"},
+                                                                 "y": FT[0], "x": X[0]})), 1,
+     {"map": "x=x.1"}),
+    ("interval in a comment", written(text("e,u,x", columns={k: ONE[k] for k in "eux"},
+                                           before="# runs: six\n# dt: 0.05 s")), 1, {}),
+    ("rows by a cell", part(written(text("a,t,e,u,x", columns={"a": 0 * T, **ONE})
+                                    + text(columns={"a": 0 * T + 2, **ONE})[8:]), "a=2"), 1, {}),
+    ("npz", numpy_file(TWO, "F.npz"), 2, {}),
+    ("npz of records", numpy_file({"a": records(run(0)), "b": np.arange(3)}, "F.npz"), 1, {}),
+    ("npy of records", numpy_file(records(run(0)), "F.npy"), 1, {}),
+    ("npy matrix", numpy_file(np.column_stack([*ONE.values()]), "F.npy"), 1,
+     {"map": "t=data:1,e=data:2,u=data:3,x=data:4"}),
+    ("MATLAB columns of a matrix", saved({"t": T, "d": np.column_stack([E[0], U[0], X[0]])}), 1,
+     {"map": "e=d:1,u=d:2,x=d:3"}),
+    ("HDF5", hdf5({k: v.T for k, v in TWO.items()}), 2, {}),
+    ("HDF5 group", part(hdf5({f"{g}/1/{k}": v for g in "ab" for k, v in run(0).items()}), "b.1"),
+     1, {}),
+    ("HDF5 table", hdf5({"data": records(run(0))}), 1, {}),
+    ("struct of a file", part(saved({"t": T, "a": {k: TWO[k] for k in "eux"}, "b": run(1)}), "a"),
+     2, {}),
+    ("run of an array of structs", part(saved({"d": structs([run(0), run(1)])}), "d(1)"), 1, {}),
+    ("runs by a variable", part(saved({**TWO, "sigma": [3, 17]}), "sigma=3.0"), 1, {}),
+    ("runs by cells of texts", part(saved({**TWO, "who": cells(["ann", "bo"])}), "who=ann"), 1, {}),
 ]  # fmt: skip
 
 
@@ -269,7 +332,7 @@ REFUSED: list[tuple[str, Writer, list[str]]] = [
     ("code 1e308", saved({**ONE, "x": CODES[2]}), ["signal x is 1e+308 at 27 samples"]),
     ("empty cells", written(text() + "12.00,,,\n12.05,1,1,1\n"), ["the cell is empty"]),
     ("NaN", saved({**ONE, "u": np.where(T == 3.0, np.nan, U[0])}), ["u is not a finite number"]),
-    ("a spreadsheet", written(b"PK\x03\x04", "F.xlsx"), [".csv or a .mat file"]),
+    ("a spreadsheet", written(b"PK\x03\x04", "F.xlsx"), [".csv or a .mat file", ".npz"]),
     ("binary", written(bytes(range(256)) * 9), ["is not UTF-8 text"]),
     ("MATLAB table", written(with_object("table"), "F.mat"),
      ["variable T is a MATLAB table", "table2struct(T,'ToScalar',true)"]),
@@ -284,6 +347,18 @@ REFUSED: list[tuple[str, Writer, list[str]]] = [
     ("MATLAB two arrays of structs",
      saved({"a": structs([run(0)] * 2), "b": structs([run(1)] * 2)}),
      ["the structs a, b all hold t, e, u, x", "F.mat::a, or each"]),
+    ("MATLAB no such part", part(saved({"a": run(0)}), "b"), ["no part 'b', only a"]),
+    ("no such level", part(saved({**TWO, "sigma": [3, 17]}), "sigma=4"), ["there are 3, 17"]),
+    ("levels of no runs", part(saved({**TWO, "sigma": [3, 17, 5]}), "sigma=3"),
+     ["has 3 values but there are 2 runs"]),
+    ("no such cell", part(written(text()), "x=7777"), ["no run has 'x' = '7777'; there are"]),
+    ("part of a table", part(written(text()), "a"), ["a table has no part 'a'"]),
+    ("parts by a star", part(saved({"a": run(0), "b": run(1)}), "*"), ["stands for a, b"]),
+    ("npz of objects", numpy_file({**ONE, "u": np.array([{}, 1])}, "F.npz"),
+     ["variable 'u' holds objects of Python"]),
+    ("npy of objects", numpy_file(np.array([{}, 1]), "F.npy"), ["holds objects of Python"]),
+    ("npz cut short", written(b"PK\x03\x04" + bytes(99), "F.npz"), ["is no .npz file"]),
+    ("HDF5 of other bytes", written(bytes(999), "F.h5"), ["is no .h5 file"]),
     ("MATLAB several missing", saved({"time": T, "err": E[0]}),
      ["no variables 't', 'e', 'u', 'x'"]),
 ]  # fmt: skip

@@ -58,3 +58,38 @@ def test_rollpitch(run: Run, measured: Path) -> None:
     joint = fitted(run, *files, "--joint", "--method", "mle-white")
     assert joint["recording"]["runs"] == 6
     assert 0.15 < joint["estimates"][0]["parameters"]["tdvis"]["value"] < 0.40
+
+
+PREVIEW = "t=time,ft=ref,u=inp,fd=dis,x=state"
+FOLLOWING = "ft=target,u=response,x=response"
+
+
+def briefly(run: Run, *arguments: object) -> list[str]:
+    """The lines of `pilotid check --brief`, without the summary."""
+    answer = run("check", "--brief", *arguments)
+    assert answer.status == 0, answer.err
+    return [line for line in answer.out.splitlines() if " x " in line]
+
+
+def test_recordings_with_a_ramp_are_cut_to_their_periods(run: Run, measured: Path) -> None:
+    files = sorted(measured.glob("preview/*.csv"))
+    told = briefly(run, *files, "--map", PREVIEW)
+    assert [": 1 x 40 s, e u x ft fd, " in line for line in told] == [True] * 36
+    assert [line.rpartition("; ")[2] for line in told] == ["note: whole-periods"] * 36
+    # One was saved by numpy as well, its forcing functions as objects that may not be read.
+    (same,) = measured.glob("preview/*.npz")
+    mapping = {"t": "time_", "u": "inp_", "x": "out_", "e": "-out_"}
+    archive = load_recording(same, mapping)
+    text = load_recording(same.with_suffix(".csv"), dict(p.split("=") for p in PREVIEW.split(",")))
+    assert archive.u[0].tolist()[: text.u.shape[1]] == text.u[0].tolist()
+
+
+def test_trials_are_read_by_level_and_structs_by_name(run: Run, measured: Path) -> None:
+    told = briefly(
+        run, measured / "following" / "data.mat::sigma=*", "--map", FOLLOWING, "--dt", 1 / 60
+    )
+    assert [line.partition("::sigma=")[2][:9] for line in told] == [
+        f"{sigma}: 20 x " for sigma in (11, 13, 17, 21, 25, 29)
+    ]
+    told = briefly(run, measured / "course" / "ae4320_dataset.mat::*", "--map", "fd=-3.49*fd")
+    assert ["identification: 1 x 81.92 s" in told[0], "validation: 1 x" in told[1]] == [True, True]

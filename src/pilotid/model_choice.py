@@ -306,6 +306,7 @@ def _of_runs(coefficients: Coefficients, runs: list[int]) -> Coefficients:
 #: Points of VAF by which a model may explain less of the control than the best one, where only
 #: the likelihood judges: beyond, it describes the loop and not the pilot.
 LOST = 10.0
+FAR = 1000.0  # deviance beyond which a model does not suit, whatever the number
 
 #: A model with more parameters is taken where runs left out favour it with no larger chance of
 #: doing so by accident: several candidates compete, and the luckiest of them is looked at.
@@ -541,7 +542,7 @@ def _reason(
     judge = f"{len(least[taken])} runs, each left out of its fit" if left_out else name
     names = sorted(least, key=lambda name: sum(least[name]))
     told = [f"{taken} was chosen among {listed(names)} {what} ({judge})."]
-    own, pilot = held[0], held[0][taken].pilot_parameters
+    own, pilot, far = held[0], held[0][taken].pilot_parameters, list[str]()
     for name in names:
         differences = [a - b for a, b in zip(least[name], least[taken], strict=True)]
         size = f"{abs(sum(differences)):.0f}"
@@ -551,8 +552,12 @@ def _reason(
                 f"{name} leaves {size} less of the deviance unexplained, which is no clear gain "
                 f"for {own[name].pilot_parameters} parameters instead of {pilot}."
             )
+        elif sum(differences) > FAR:
+            far.append(name)
         elif name != taken:
             told.append(f"{name} leaves {size} more.")
+    if far:
+        told.append(f"{listed(far)} {'leaves' if len(far) == 1 else 'leave'} over {FAR:.0f} more.")
     return told
 
 

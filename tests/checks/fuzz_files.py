@@ -252,6 +252,8 @@ def _plain_columns(content: bytes) -> dict[str, list[str]]:
     )
     header = [name.strip() for name in rows[0]]
     body = [row for row in rows[1:] if any(cell.strip() for cell in row)]
+    while body and body[0][0].lstrip()[:1] in ("#", "%"):
+        del body[0]
     return {name: [row[i].replace(",", ".") for row in body] for i, name in enumerate(header)}
 
 
@@ -371,7 +373,7 @@ def read_all(pipe: Connection, kind: str, seed: int, first: int, last: int, fold
         path.write_bytes(sample.content)
         if sample.sidecar:
             path.with_suffix(".json").write_bytes(sample.sidecar)
-        originals.append((load_recording(path), path))
+        originals.append((load_recording(path, periods=False), path))
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY, used + MEMORY))
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -385,7 +387,7 @@ def read_all(pipe: Connection, kind: str, seed: int, first: int, last: int, fold
         pipe.send(("start", number))
         start = time.perf_counter()
         try:
-            loaded = load_recording(path)
+            loaded = load_recording(path, periods=False)
         except InputError as error:
             message = str(error)
             bad = "MemoryError" in message or not message.isprintable() or len(message) > 600

@@ -18,7 +18,7 @@ from typing import Annotated, NoReturn, TextIO
 
 import typer
 
-from pilotid.cli import options, studies
+from pilotid.cli import options, people, studies
 from pilotid.cli.analyse import analyse
 from pilotid.cli.check import check
 from pilotid.cli.design import design
@@ -294,6 +294,6 @@ for command in (
         studies.trust,
         studies.report,
     ),
-    *(studies.publish, studies.compare_studies),
+    *(studies.publish, studies.compare_studies, people.fetch_data),
 ):
     app.command()(ranged(command, lambda name: f"--{name.replace('_', '-')}"))

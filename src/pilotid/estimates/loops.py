@@ -147,7 +147,8 @@ def margin_slopes(
     loops = open_loops(model, values, element, omega)
     result = []
     for loop, slope in zip(loops, loop_slopes(model, values, element, omega), strict=True):
-        by_omega = np.log(loop[2] / loop[0]) / (omega[2] - omega[0])
+        with np.errstate(invalid="ignore"):  # a loop that is nil has no slope
+            by_omega = np.log(loop[2] / loop[0]) / (omega[2] - omega[0])
         by_values = slope[:, 1]
         moved = -by_values.real / by_omega.real
         result.append([moved, np.degrees(by_values.imag + by_omega.imag * moved)])

@@ -67,8 +67,9 @@ def loop_slopes(
     on = pilot_on_each(model, model.response_and_jacobian(omega, values)[1])
     of_error, of_output = on["error"] + on["target"], -on["output"] - on["target"]
     plant = element.response(omega)
-    target = of_error / on_error - of_output * plant / (1.0 + on_output * plant)
-    return target, (of_error + of_output) / (on_error + on_output)
+    with np.errstate(invalid="ignore"):  # of the target alone: the disturbance loop is nil
+        disturbance = (of_error + of_output) / (on_error + on_output)
+    return of_error / on_error - of_output * plant / (1.0 + on_output * plant), disturbance
 
 
 def open_loops(

@@ -98,12 +98,21 @@ def _in_entry(entry: Any, name: str) -> Iterator[tuple[str, Any]]:
         for number, place in enumerate(entry[()].T.ravel(order="F"), start=1):
             own = f"{name}{{{number}}}" if kind else f"{struct}({number}).{field}"
             yield from _in_entry(entry.file[place], own)
+    elif entry.dtype.names and set(entry.dtype.names) != {"real", "imag"}:  # complex numbers
+        for field in entry.dtype.names:
+            yield f"{name}.{field}", partial(_field, entry, field)
     else:
         is_usual = h5py.h5t.py_create(entry.dtype).equal(entry.id.get_type())
         yield (
             name,
             partial(_value, entry, kind) if entry.dtype.kind in "fiub" and is_usual else None,
         )
+
+
+def _field(entry: Any, field: str) -> Any:
+    """A column of a table."""
+    values = _value(entry, "")
+    return values[field] if values[field].dtype.kind in "fiub" else None
 
 
 def _value(entry: Any, kind: str) -> Any:

@@ -336,7 +336,7 @@ class Recording:
         """
         ratio = self.dt / in_range(dt, DT, "dt")
         change = Fraction(ratio).limit_denominator(FINEST_RATIO)
-        if not change or abs(float(change) / ratio - 1.0) > 1e-6:
+        if not change or abs(float(change) / ratio - 1.0) > 1e-8:
             raise InputError(
                 f"dt {dt:g}: its ratio to the sampling interval of {self.source} ({self.dt:.6g} s) "
                 f"is none of whole numbers up to {FINEST_RATIO}; choose another"
@@ -346,7 +346,7 @@ class Recording:
         run_in = (self.run_in - skipped) * up // down
         samples = self.samples * up // down
         signals = {name: getattr(self, name) for name in SIGNALS}
-        some = {
+        some: dict[str, Any] = {
             name: resampled(signal[:, skipped:], up, down)[:, : run_in + samples]
             for name, signal in signals.items()
             if signal is not None

@@ -34,6 +34,7 @@ def resampled(signals: FloatArray, up: int, down: int) -> FloatArray:
     extra = -(-REACH * longest // (up * down)) * down
     extra = min(extra, (signals.shape[1] - 1) // down * down)
     wide = np.pad(signals, ((0, 0), (extra, extra)), mode="reflect", reflect_type="odd")
-    found = resample_poly(wide, up, down, axis=1, window=low_pass)
+    found = resample_poly(wide, up, down, axis=1, window=low_pass)  # type: ignore[call-overload]
+    # (scipy's stubs forget that a window may be an array)
     first = extra * up // down
     return np.asarray(found[:, first : first - (-signals.shape[1] * up // down)])

@@ -11,8 +11,10 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from itertools import chain, compress, islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -127,7 +129,12 @@ def read_table(
     origin = {signal: places[signal].shown(names) for signal, names in found.items()}
     if RUN in table.header:
         return _split_runs(table, time, signals, notes, origin)
-    return Contents(time, signals, table.where, notes, origin)
+    return Contents(time, signals, partial(_line, table.lines), notes, origin)
+
+
+def _line(lines: Sequence[int], row: int) -> str:
+    """The place of a row in words."""
+    return f"line {lines[row]}"
 
 
 def _encoding(path: Path, source: str) -> str:
@@ -191,10 +198,6 @@ class _Table:
     def unit(self, column: str) -> str | None:
         """The unit of a column, in its name or in the row below the header; None if unsaid."""
         return bare(column)[1] or self._units.get(column)
-
-    def where(self, row: int) -> str:
-        """The place of a row in words."""
-        return f"line {self.lines[row]}"
 
     def _blocks(self, size: int) -> Iterator[tuple[list[list[str]], list[int]]]:
         """Some rows at once, and the lines on which they start."""
@@ -262,7 +265,7 @@ class _Table:
             for name, wanted in levels.items():
                 there |= dict.fromkeys(row[index[name]] for row in rows)
                 kept = [is_level(row[index[name]], wanted) for row in rows]
-                rows, starts = (list(compress(own, kept)) for own in (rows, starts))
+                rows, starts = list(compress(rows, kept)), list(compress(starts, kept))
             self.lines += starts
             if len(self.lines) * len(names) > MOST_VALUES:
                 raise InputError(
@@ -414,7 +417,8 @@ def _with_comments(notes: Notes, comments: Iterable[str], *, timed: bool) -> Not
         text: object = match[2]
         with suppress(ValueError, RecursionError):
             text = json.loads(re.sub(r"(?<=[0-9])\s*(s|sec|seconds)$", "", match[2]))
-        notes = replace(notes, where=notes.where or "its comments", **{key: READERS[key][0](text)})
+        found: dict[str, Any] = {key: READERS[key][0](text)}
+        notes = replace(notes, where=notes.where or "its comments", **found)
     return notes
 
 
@@ -507,7 +511,7 @@ def _split_runs(
     for row, label in enumerate(table.labels):
         runs.setdefault(label, []).append(row)
     if not runs:
-        return Contents(t, signals, table.where, notes, origin)
+        return Contents(t, signals, partial(_line, table.lines), notes, origin)
     if "" in runs:
         line = table.lines[runs[""][0]]
         raise InputError(
@@ -524,9 +528,8 @@ def _split_runs(
     time = common_time(times, table.source)
     index = np.array(list(runs.values()))
     split = {signal: values[0][index] for signal, values in signals.items()}
-    return Contents(
-        None if t is None else time, split, lambda i: table.where(first[i]), notes, origin
-    )
+    where = partial(_line, [table.lines[row] for row in first])
+    return Contents(None if t is None else time, split, where, notes, origin)
 
 
 def read_sidecar(file: Path) -> Notes:

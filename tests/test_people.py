@@ -1,0 +1,112 @@
+"""Published recordings of people: fetched once, whole, and as they were published."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from helpers import Run
+
+from pilotid.datasets import people
+from pilotid.datasets.people import PEOPLE, Published, fetch, published
+from pilotid.types import InputError
+
+CONTENT = {"a.mat": b"first", "b.mat": b"second"}
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where files are fetched to; yaw has two small ones."""
+    monkeypatch.setenv("PILOTID_DATA", str(tmp_path / "data"))
+    files = tuple(
+        Published(name, len(content), hashlib.sha256(content).hexdigest())
+        for name, content in CONTENT.items()
+    )
+    monkeypatch.setattr(people, "published", lambda: dict.fromkeys(PEOPLE, files))
+    return tmp_path
+
+
+def write(place: Path, **changed: bytes) -> Path:
+    place.mkdir(parents=True, exist_ok=True)
+    for name, content in CONTENT.items():
+        (place / name).write_bytes(changed.get(name[0], content))
+    return place
+
+
+def test_the_table_has_every_experiment_and_no_file_twice() -> None:
+    assert list(published()) == list(PEOPLE)
+    for files in published().values():
+        names = [file.name for file in files]
+        assert len(set(names)) == len(names)
+        assert all(re.fullmatch("[0-9a-f]{64}", file.digest) and file.size for file in files)
+
+
+@pytest.mark.parametrize("below", ["", "yaw"])
+def test_files_are_taken_from_a_folder_and_then_there(folder: Path, below: str) -> None:
+    source = write(folder / "lab" / below)
+    found = fetch("yaw", folder / "lab")
+    assert found == folder / "data" / "yaw"
+    assert {file.name: file.read_bytes() for file in found.iterdir()} == CONTENT
+    for file in source.iterdir():
+        file.unlink()
+    assert fetch("yaw") == found
+
+
+def test_other_files_than_the_published_are_refused(folder: Path) -> None:
+    source = write(folder / "lab", b=b"seconD")
+    with pytest.raises(InputError, match=r"b\.mat: is not the file that was published"):
+        fetch("yaw", source)
+    (source / "b.mat").unlink()
+    with pytest.raises(InputError, match="there is no such file"):
+        fetch("yaw", source)
+    with pytest.raises(InputError, match="choose from yaw, adaptation, preview, following"):
+        fetch("nobody")
+
+
+def test_what_is_not_there_is_downloaded_or_a_sentence_says_how(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pooch", None)
+    with pytest.raises(InputError, match=r"pip install pooch.*--from FOLDER"):
+        fetch("yaw")
+    with pytest.raises(InputError, match=r"no address.*doi 10\.2514/1\.G001592.*--from FOLDER"):
+        fetch("adaptation")
+    asked: list[tuple[Any, ...]] = []
+    pooch = SimpleNamespace(retrieve=lambda *arguments: asked.append(arguments))
+    monkeypatch.setitem(sys.modules, "pooch", pooch)
+    write(folder / "data" / "yaw", b=b"half")
+    place = fetch("yaw")
+    digest = hashlib.sha256(CONTENT["b.mat"]).hexdigest()
+    assert asked == [(f"{PEOPLE['yaw'].address}b.mat", f"sha256:{digest}", "b.mat", place)]
+
+    def fail(*_: object) -> None:
+        raise ValueError("the hash differs")
+
+    pooch.retrieve = fail
+    with pytest.raises(InputError, match=r"b\.mat cannot be downloaded \(the hash differs\)"):
+        fetch("yaw")
+
+
+def test_command(folder: Path, run: Run) -> None:
+    told = run("fetch-data")
+    assert told.status == 0
+    assert [name for name in PEOPLE if f"\n{name}\n" in f"\n{told.out}"] == list(PEOPLE)
+    told = run("fetch-data", "following", "--from", write(folder / "lab"))
+    assert told.status == 0
+    assert f"'{folder}/data/following/data.mat::sigma=*' --map ft=target" in " ".join(
+        told.out.split()
+    )
+    assert run("fetch-data", "preview", "--from", folder / "nowhere").status == 2
+
+
+@pytest.mark.parametrize("name", PEOPLE)
+def test_measured_files_are_the_published(
+    measured: Path, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PILOTID_DATA", str(tmp_path))
+    assert len([*fetch(name, measured).iterdir()]) == len(published()[name])

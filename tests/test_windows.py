@@ -1,0 +1,157 @@
+"""Windows of whole periods, other sampling rates, and signals of several rates in one file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from pilotid.recordings.checks import remarks
+from pilotid.recordings.files import Reading, load_recording, save_recording
+from pilotid.recordings.recording import Recording
+from pilotid.recordings.spectra import forcing_lines
+from pilotid.recordings.windows import whole_periods
+from pilotid.remarks import codes_of
+from pilotid.types import FloatArray, InputError
+
+DT = 1.0 / 60.0
+PERIOD = 1200  # samples
+LINES = {"ft": (2, 5, 11), "fd": (3, 7, 13)}
+
+
+def sines(lines: tuple[int, ...], samples: int, period: float = PERIOD) -> FloatArray:
+    t = np.arange(samples) / period
+    return np.asarray(sum(np.sin(2 * np.pi * k * t + k) / k for k in lines))
+
+
+def recorded(ft: FloatArray, fd: FloatArray | None = None, **more: Any) -> Recording:
+    x = np.random.default_rng(3).standard_normal((1, ft.size))
+    forcing = {"ft": ft[None], **({} if fd is None else {"fd": fd[None]})}
+    return Recording(DT, e=ft - x, u=2.0 * x, x=x, **forcing, **more)
+
+
+def ramped(ramp: int, samples: int, **lines: tuple[int, ...]) -> Recording:
+    """Forcing functions that fade in over so many samples."""
+    fade = np.minimum(1.0, np.arange(samples) / max(1, ramp)) ** 2
+    own = {name: fade * sines(k, samples) for name, k in (lines or LINES).items()}
+    return recorded(**own)
+
+
+@pytest.mark.parametrize(
+    ("ramp", "samples", "start", "periods"),
+    [
+        (300, 2702, 300, 2),  # as recorded by Yamagami et al. 2019: what is left over is dropped
+        (300, 2701, 300, 2),
+        (0, 2650, 240, 2),  # down to a whole second
+        (0, 1400, 180, 1),
+        (300, 1900, 660, 1),
+    ],
+)
+def test_windows_are_cut_to_whole_periods(
+    ramp: int, samples: int, start: int, periods: int
+) -> None:
+    whole = ramped(ramp, samples)
+    cut = whole_periods(whole)
+    assert (cut.run_in, cut.samples) == (start, periods * PERIOD)
+    assert codes_of(remarks(cut))[0] == "whole-periods"
+    assert cut.source == whole.source
+    for name, lines in forcing_lines(cut).items():
+        assert lines.tolist() == [periods * line for line in LINES[name]]
+
+
+def stepping(samples: int) -> FloatArray:
+    return np.sign(sines((1,), samples))
+
+
+LEFT_ALONE = {
+    "one whole period": ramped(0, PERIOD),
+    "three whole periods": ramped(0, 3 * PERIOD),
+    "no forcing function": Recording(DT, *np.random.default_rng(1).standard_normal((3, 1, 2700))),
+    "noise": recorded(np.random.default_rng(2).standard_normal(2700)),
+    "steps": recorded(stepping(2700)),
+    "few lines": ramped(300, 2700, ft=(2, 5)),
+    "a repetition that is not exact": recorded(
+        sines((2, 5, 11, 17, 23), 2700) + 0.02 * np.random.default_rng(2).standard_normal(2700)
+    ),
+    "next to no repetition": ramped(0, PERIOD + 60),
+}
+
+
+@pytest.mark.parametrize("name", LEFT_ALONE)
+def test_other_windows_are_left_alone(name: str) -> None:
+    assert whole_periods(LEFT_ALONE[name]) is LEFT_ALONE[name]
+
+
+def write_csv(file: Path, recording: Recording) -> Path:
+    names = [n for n in ("e", "u", "x", "ft", "fd") if getattr(recording, n) is not None]
+    table = np.column_stack([recording.time, *(getattr(recording, n)[0] for n in names)])
+    np.savetxt(file, table, delimiter=",", header=",".join(["t", *names]))
+    return file
+
+
+def test_a_span_and_notes_override_whole_periods(tmp_path: Path) -> None:
+    file = write_csv(tmp_path / "F.csv", ramped(300, 2702))
+    assert Reading().one(file).samples == 2 * PERIOD
+    assert Reading(span="0:45").one(file).samples == 2700
+    short = Reading(span="5:14.5", lead_in=1.0)
+    with pytest.raises(InputError, match=r"lasts 9\.5 s"):
+        short.one(file)
+    # The slowest line has a period of 10 s.
+    assert codes_of(remarks(replace(short, span="5:15.1").one(file)))[:1] != ["short-span"]
+    slow = write_csv(tmp_path / "S.csv", ramped(300, 2702, ft=(1, 5, 11), fd=(3, 7, 13)))
+    told = remarks(replace(short, span="5:17").one(slow))
+    assert codes_of(told)[0] == "short-span"
+    assert "(20 s)" in told[0]
+    # What pilotid writes says how long its run-in is, and is read as it was.
+    save_recording(ramped(300, 2702), tmp_path / "G.csv")
+    assert load_recording(tmp_path / "G.csv").samples == 2702
+
+
+def test_resampling_keeps_what_is_slow_and_removes_what_is_fast() -> None:
+    samples = 2400
+    own = sines((20, 50, 110), samples, samples)
+    fast = np.sin(2 * np.pi * 1000 * np.arange(samples) / samples)  # above half of 30 Hz: 25 Hz
+    whole = recorded(own + fast, fd=own, run_in=301, lines={"ft": (18, 700), "fd": (18, 44)})
+    half = whole.resample(2 * DT)
+    assert (half.dt, half.run_in, half.samples) == (2 * DT, 150, 1049)
+    expected = own[1:][: 2 * half.u.shape[1] : 2]
+    middle = slice(40, -40)  # the ends extend what nobody knows
+    np.testing.assert_allclose(half.fd[0, middle], expected[middle], atol=2e-4)  # type: ignore[index]
+    np.testing.assert_allclose(half.ft[0, middle], expected[middle], atol=2e-3)  # type: ignore[index]
+    np.testing.assert_allclose(half.e, half.ft - half.x, atol=1e-12)  # type: ignore[operator]
+    assert not half.lines  # 2099 samples are no even number
+    even = replace(whole, run_in=300).resample(2 * DT)
+    assert (even.run_in, even.samples, dict(even.lines)) == (150, 1050, {"fd": (18, 44)})
+    assert codes_of(remarks(even))[0] == "preprocessed"
+    up = recorded(own).resample(DT / 2)
+    np.testing.assert_allclose(up.ft[0, 200:-200:2], own[100:-100], atol=2e-4)  # type: ignore[index]
+    third = recorded(own).resample(1.5 * DT)
+    np.testing.assert_allclose(third.ft[0, 100:-100:2], own[150:-150:3], atol=2e-4)  # type: ignore[index]
+
+
+@pytest.mark.parametrize("dt", [0.02 * np.pi, 0.0, 0.2, np.nan])
+def test_intervals_that_signals_cannot_be_brought_to(dt: float) -> None:
+    with pytest.raises(InputError):
+        recorded(sines((2, 5), 2400)).resample(dt)
+
+
+@pytest.mark.parametrize("extra", [0, 1])
+def test_signals_of_different_rates_are_brought_to_the_slowest(tmp_path: Path, extra: int) -> None:
+    slow = ramped(0, PERIOD + extra)
+    fast = sines((3, 8), 4 * PERIOD + extra, 4 * PERIOD)
+    content: dict[str, Any] = {"e": slow.e.T, "x": slow.x.T, "u": fast[:, None]}
+    for t in (slow.time, np.arange(4 * PERIOD + extra) * DT / 4):
+        savemat(tmp_path / "F.mat", {"t": t, **content})
+        found = load_recording(tmp_path / "F.mat")
+        assert (found.dt, found.samples, found.runs) == (DT, PERIOD + extra, 1)
+        np.testing.assert_array_equal(found.x, slow.x)
+        middle = slice(40, PERIOD - 40)
+        np.testing.assert_allclose(found.u[0, middle], fast[::4][middle], atol=1e-4)
+        assert "u (by 4)" in found.treatment[0]
+    savemat(tmp_path / "F.mat", {"t": slow.time, **content, "u": fast[:-7]})
+    with pytest.raises(InputError, match="samples long but the time has"):
+        load_recording(tmp_path / "F.mat")
