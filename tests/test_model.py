@@ -14,6 +14,7 @@ from helpers import NOMINAL, SINGLE_LOOP
 
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.pilot.catalogue import GAIN_ONLY, LEAD_LAG, MODELS, MULTI, RATE, SINGLE, model_named
+from pilotid.pilot.element import element_named
 from pilotid.pilot.factors import (
     Canals,
     Delay,
@@ -21,9 +22,12 @@ from pilotid.pilot.factors import (
     Differentiator,
     Factor,
     Gain,
+    InnerLoop,
+    Inverse,
     Lag,
     Lead,
     Neuromuscular,
+    Otoliths,
     Parameter,
     Rational,
     Values,
@@ -81,7 +85,11 @@ FACTORS: tuple[Factor, ...] = (
     Differentiator(1),
     Differentiator(2),
     Canals(),
+    Otoliths(),
+    Inverse(element_named("6/(s(s+0.5))")),
+    Inverse(element_named("3")),
     Neuromuscular(),
+    InnerLoop(Neuromuscular(), (Gain("K", 0.5), Lag())),
     Washout(),
 )
 #: Those that vary in time have no frequency response, see test_changing.

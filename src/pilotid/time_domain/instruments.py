@@ -122,7 +122,9 @@ def specification_by_instruments(
         The method whose moments they are.
     """
     model = found.joint.prediction.model
-    if model.changes or not any(np.ptp(s) > 0.0 for s in forcing_functions(recording)):
+    if found.joint.prediction.weighting is None or not any(
+        np.ptp(s) > 0.0 for s in forcing_functions(recording)
+    ):
         return None
     element, _ = closing_element(recording)
     if element is None or unstable_poles(model, values, element):
