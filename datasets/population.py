@@ -248,14 +248,14 @@ def drawn_pilot(
 
 def sensible(model: PilotModel, truth: FloatArray, element: ControlledElement) -> bool:
     """Whether the loop crosses over where pilots do, and is stable with a margin."""
-    # What a pilot does to a target that is seen is in no loop.
-    kinds = slice(1, 2) if model is PREVIEW else slice(2)
-    own = margins(model, truth, element)[kinds][0]
+    # An answer to a target that is seen is in no loop: only the disturbance goes round.
+    loops_kept = slice(1, 2) if model is PREVIEW else slice(2)
+    own = margins(model, truth, element)[loops_kept][0]
     last = max((own.crossover, *own.others))  # a resonance must not cross over far above
     if not (0.5 * CROSSOVER[0] <= last <= 1.2 * CROSSOVER[1]):
         return False
     omega = np.geomspace(0.05, 60.0, 400)
-    loops = open_loops(model, truth, element, omega)[kinds]
+    loops = open_loops(model, truth, element, omega)[loops_kept]
     if any(np.max(1.0 / np.abs(1.0 + loop)) > SENSITIVITY for loop in loops):
         return False
     return unstable_poles(model, truth, element) == 0

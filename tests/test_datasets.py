@@ -776,3 +776,18 @@ def test_populations_of_recorders_and_inner_remnants_are_what_they_say(name: str
     else:
         assert {scenario.remnant.enters for scenario in drawn} == {"error", "neuromuscular"}
     assert len({scenario.truth for scenario in drawn}) == 12
+
+
+@pytest.mark.parametrize("name", ["population-preview", "population-following"])
+def test_populations_of_seen_targets_are_what_they_say(name: str) -> None:
+    for k in range(4):
+        scenario = POPULATIONS[name].drawn(rng(k))
+        assert scenario.model.name == name.partition("-")[2]
+        recording = simulate(scenario, rng(k))
+        if scenario.model.ahead:
+            values = dict(zip(scenario.model.keys, scenario.truth, strict=True))
+            assert values["tlookf"] >= values["tlookn"] + 0.2
+            assert np.std(recording.fd) > 0.0
+        else:
+            np.testing.assert_array_equal(recording.x, recording.u)  # the cursor is the hand
+            assert recording.runs >= 5

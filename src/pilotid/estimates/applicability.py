@@ -59,9 +59,9 @@ def unseen_target(recording: Recording, model: PilotModel) -> str | None:
     if model.ahead <= 0.5 * recording.duration:
         return None
     return (
-        f"model {model.name} looks up to {model.ahead:g} s ahead, and of {recording.duration:.3g} s "
-        "so much of the end cannot be scored, since the target beyond it is not recorded; bound "
-        "the look-ahead, for example --fix tlook=0..2"
+        f"model {model.name} looks up to {model.ahead:g} s ahead, and so much of the end of "
+        f"{recording.duration:.3g} s cannot be scored, since the target beyond it is not recorded; "
+        "bound the look-ahead, for example --fix tlook=0..2"
     )
 
 

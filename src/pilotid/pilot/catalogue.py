@@ -130,10 +130,10 @@ CROSSOVER = PilotModel(
             Inverse(),
         ),
     ),
-    "crossover model: the open loop with the controlled element is wc e^{-tde s}/s (McRuer & Jex "
-    "1967), about the crossover frequency alone",
+    "what makes wc e^{-tde s}/s the open loop with the controlled element, about the crossover "
+    "frequency alone (McRuer & Jex 1967)",
 )
-#: What is slow drops the phase at low frequencies: a lag beyond the longest time that is kept.
+#: The first-order lag of the neuromuscular system of the publication is left to the delay.
 PRECISION = PilotModel(
     "precision",
     (
@@ -144,7 +144,7 @@ PRECISION = PilotModel(
             *SLOW,
         ),
     ),
-    "precision model: lead-lag equalisation and (1 + tleadlow s)/(1 + tlaglow s), by which the "
+    "visual channel with lead-lag equalisation and (1 + tleadlow s)/(1 + tlaglow s), by which the "
     "phase drops at low frequencies (McRuer & Jex 1967)",
 )
 STRUCTURAL = PilotModel(
@@ -156,13 +156,13 @@ STRUCTURAL = PilotModel(
             InnerLoop(
                 Neuromuscular(damping_start=0.5, damping_usual=(0.3, 1.0)),
                 (
-                    Gain("Kpf", 2.0, bounds=(0.01, 30.0)),
+                    Gain("Kpf", 2.0, bounds=(0.01, 100.0)),
                     Lag("tpf", 0.4, usual=(0.1, 2.0)),
                 ),
             ),
         ),
     ),
-    "structural model: the neuromuscular system in a proprioceptive loop Kpf/(1 + tpf s), which "
+    "visual gain, and the neuromuscular system in a proprioceptive loop Kpf/(1 + tpf s), which "
     "takes the place of visual lead (after Hess 1980, 1997)",
 )
 DESCRIPTIVE = PilotModel(
@@ -175,8 +175,8 @@ DESCRIPTIVE = PilotModel(
             *(Otoliths(), Gain("Koto", 0.25), Delay("tdvest", 0.2), Neuromuscular()),
         ),
     ),
-    "descriptive model: visual channel, semicircular canals on acceleration and otoliths on the "
-    "tilt, which is the output (after Hosman 1996)",
+    "visual channel, semicircular canals on acceleration and otoliths on the tilt, which is the "
+    "output (after Hosman 1996)",
 )
 PURSUIT = PilotModel(
     "pursuit",

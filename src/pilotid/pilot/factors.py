@@ -14,12 +14,11 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
-from math import factorial
 from typing import Any
 
 import numpy as np
 
-from pilotid.pilot.element import ControlledElement
+from pilotid.pilot.element import ControlledElement, Rational, pade
 from pilotid.types import ComplexArray, FloatArray, InputError
 
 #: Parameters of a factor: one array each, which broadcasts against s, so that many
@@ -31,9 +30,6 @@ Response = ComplexArray | FloatArray
 
 #: Response of a factor, and its log-derivative by each of its parameters.
 Evaluated = tuple[Response, tuple[Response, ...]]
-
-#: Numerator and denominator coefficients, highest power of s first.
-Rational = tuple[list[float], list[float]]
 
 
 @dataclass(frozen=True)
@@ -715,25 +711,6 @@ class Neuromuscular(Factor):
     def rational(self, values: Sequence[float], pade_order: int) -> Rational:
         f, d = float(values[0]), float(values[1])
         return [f * f], [1.0, 2.0 * d * f, f * f]
-
-
-def pade(delay: float, order: int) -> Rational:
-    """Pade approximant of a delay [s], of equal order above and below, as python-control's.
-
-    A negative delay gives the reciprocal approximant, which is unstable.  Source: Golub & Van
-    Loan, Matrix Computations, 4th ed., sec. 9.3.1; python-control takes longer to import than a
-    fit takes.
-    """
-    if delay == 0.0:
-        return [1.0], [1.0]
-    size = abs(delay)
-    falling = range(order, -1, -1)
-    below = [
-        factorial(2 * order - k) / (factorial(k) * factorial(order - k)) * size ** (k - order)
-        for k in falling
-    ]
-    above = [(-1.0) ** k * coefficient for k, coefficient in zip(falling, below, strict=True)]
-    return (above, below) if delay > 0.0 else (below, above)
 
 
 class Delayed:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
-from pilotid.pilot.element import ControlledElement
+from pilotid.pilot.element import ControlledElement, Rational
 from pilotid.pilot.factors import (
     Delayed,
     Evaluated,
@@ -18,7 +18,6 @@ from pilotid.pilot.factors import (
     Held,
     Inverse,
     Parameter,
-    Rational,
     Response,
 )
 from pilotid.pilot.timevarying import Changing, Curve
