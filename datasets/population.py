@@ -8,6 +8,9 @@ a sensible margin:
 - pilots: ranges around the estimates of AIAA 2008-7109; Zaal, JGCD 39(5) 2016 (gains and
   leads that change by a factor of three, delays .26 to .32 s); Pool, Harder and van Paassen
   2016 (leads .3 to .7 s, lags 1 to 3 s, motion gain 3 with .19 s);
+- pilots who see the target ahead: ranges around van der El et al. (IEEE Trans. Cybernetics 46,
+  2016); people who follow a target by hand: around Bonnen et al. (Journal of Vision 15(3), 2015),
+  whose runs are short and many, and whose targets have no period;
 - crossover 1 to 5 rad/s over controlled elements K, K/s and K/s^2 (McRuer and Jex, IEEE
   Trans. HFE-8, 1967);
 - forcing functions: sums of 7 to 13 sines per signal, from about .3 to 17 rad/s, with the
@@ -28,7 +31,7 @@ from pilotid.datasets.recorder import Recorder, drawn_faulty_recorder, drawn_rec
 from pilotid.datasets.remnant import Place, Remnant
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.simulation import white_level
-from pilotid.pilot.catalogue import LEAD_LAG, MULTI, RATE, SINGLE
+from pilotid.pilot.catalogue import FOLLOWING, LEAD_LAG, MULTI, PREVIEW, RATE, SINGLE
 from pilotid.pilot.element import (
     ControlledElement,
     double_integrator,
@@ -43,7 +46,7 @@ from pilotid.types import FloatArray, InputError
 
 T = TypeVar("T")
 
-MODELS = {m.name: m for m in (MULTI, SINGLE, RATE, LEAD_LAG)}
+MODELS = {m.name: m for m in (MULTI, SINGLE, RATE, LEAD_LAG, PREVIEW, FOLLOWING)}
 
 #: Ranges of the parameters, drawn evenly on a logarithmic scale; gains of the visual channel
 #: follow from the crossover frequency.
@@ -56,6 +59,15 @@ RANGES = {
     "tdvest": (0.14, 0.38),
     "Km": (0.05, 2.0),
     "tdm": (0.14, 0.38),
+    "Kt": (0.7, 1.1),
+    "tlagt": (0.05, 0.5),
+    "tdt": (0.08, 0.35),
+    "Kf": (0.6, 1.2),
+    "tlagf": (0.15, 1.2),
+    "tlookf": (0.4, 1.4),
+    "Kn": (0.1, 0.5),
+    "tlagn": (0.04, 0.25),
+    "tlookn": (0.1, 0.5),
     "fnm": (6.5, 15.0),
     "dnm": (0.12, 0.65),
 }
@@ -63,11 +75,15 @@ RANGES = {
 CROSSOVER = (1.0, 5.0)  # rad/s, of the target loop
 SENSITIVITY = 4.0  # largest |1/(1 + L)|: the paper's single-channel pilot has 3.6
 ASIDE = 2.0  # least ratio of lead and lag time, or of lag and lead time
+APART = 0.2  # s, least distance of the far viewpoint from the near one
+WALK = 60.0  # rad/s, up to which a target walks at random
 ELEMENTS = {
     "multi": ("K/s^2", "K/(s(s+a))", "second order"),
     "rate": ("K/s^2", "K/(s(s+a))"),
     "single": ("K/s^2", "K/(s(s+a))", "second order"),
     "lead-lag": ("K", "K/s", "second order"),
+    "preview": ("K/s^2", "K/(s(s+a))"),
+    "following": ("1",),
 }
 
 
@@ -149,6 +165,8 @@ class Population:
         target, disturbance = drawn_forcing(element, duration, rng, aperiodic=self.aperiodic)
         # Two channels can be told apart by two forcing functions; one needs no more than one.
         left_out = rng.integers(3) if len(model.channels) == 1 else 0
+        if model is FOLLOWING:
+            target, left_out = drawn_walk(duration, rng), 2  # a disturbance would not be seen
         return Scenario(
             name=self.name,
             description=self.description,
@@ -179,6 +197,8 @@ class Population:
 
 def drawn_element(kind: str, rng: np.random.Generator) -> ControlledElement:
     """A controlled element of a kind that `ELEMENTS` names."""
+    if kind == "1":
+        return position_control(1.0)
     gain = _between(1.0, 20.0, rng)
     match kind:
         case "K":
@@ -202,15 +222,22 @@ def drawn_pilot(
     values = {key: _between(*RANGES[key], rng) for key in model.keys}
     if "tlag" in values and abs(math.log(values["tlead"] / values["tlag"])) < math.log(ASIDE):
         return None  # a lead and a lag that all but cancel are neither
+    if "tlookf" in values and values["tlookf"] < values["tlookn"] + APART:
+        return None
     # Gains on motion are told in units of the output's derivatives, whatever the element
     # makes of a unit of control: scaled to the paper's gain of 4.
     scale = 4.0 / _gain_at(element, 4.0) / 16.0
     for key in ("Kvest", "Km"):
         if key in values:
             values[key] *= scale
+    if "Kn" in values:  # a share of the inverse of the element
+        values["Kn"] /= 4.0 * _gain_at(element, 4.0)
+    if "Kvis" not in values:
+        return model.vector(values)
     crossover = _between(*CROSSOVER, rng)
     truth = model.vector({**values, "Kvis": 1.0})
-    visual = model.response(np.array([crossover]), truth)[0, 0]
+    closing = next(i for i, c in enumerate(model.channels) if c.input != "target")
+    visual = model.response(np.array([crossover]), truth)[closing, 0]
     plant = element.response(np.array([crossover]))[0]
     truth = model.vector({**values, "Kvis": 1.0 / abs(visual * plant)})
     inside = (model.lower < truth) & (truth < model.upper)
@@ -221,12 +248,14 @@ def drawn_pilot(
 
 def sensible(model: PilotModel, truth: FloatArray, element: ControlledElement) -> bool:
     """Whether the loop crosses over where pilots do, and is stable with a margin."""
-    target, _ = margins(model, truth, element)
-    last = max((target.crossover, *target.others))  # a resonance must not cross over far above
+    # An answer to a target that is seen is in no loop: only the disturbance goes round.
+    loops_kept = slice(1, 2) if model is PREVIEW else slice(2)
+    own = margins(model, truth, element)[loops_kept][0]
+    last = max((own.crossover, *own.others))  # a resonance must not cross over far above
     if not (0.5 * CROSSOVER[0] <= last <= 1.2 * CROSSOVER[1]):
         return False
     omega = np.geomspace(0.05, 60.0, 400)
-    loops = open_loops(model, truth, element, omega)
+    loops = open_loops(model, truth, element, omega)[loops_kept]
     if any(np.max(1.0 / np.abs(1.0 + loop)) > SENSITIVITY for loop in loops):
         return False
     return unstable_poles(model, truth, element) == 0
@@ -260,6 +289,16 @@ def drawn_forcing(
     plant = np.abs(element.response(disturbance.omega))
     referred = tuple(np.array(disturbance.amplitudes) / plant * size)
     return target, replace(disturbance, amplitudes=tuple(float(a) for a in referred))
+
+
+def drawn_walk(duration: float, rng: np.random.Generator) -> Multisine:
+    """A target that walks at random: amplitudes fall with frequency, and no period is recorded."""
+    period = duration * _between(2.3, 2.7, rng)
+    lines = np.arange(1, round(WALK * period / (2.0 * math.pi)) + 1)
+    plain = Multisine(
+        tuple(lines.tolist()), tuple((1.0 / lines).tolist()), (0.0,) * lines.size, period
+    )
+    return plain.with_random_phases(rng)
 
 
 def _lines(count: int, period: float, rng: np.random.Generator) -> list[int]:
@@ -366,5 +405,20 @@ POPULATIONS: dict[str, Population] = {
             enters=("error", "neuromuscular"),
         ),
         Population("population-short", "recordings of 30 s", durations=(30.0, 30.0), runs=(1,)),
+        Population(
+            "population-preview",
+            "pilots who see the target ahead, with a far and a near viewpoint",
+            models=("preview",),
+            durations=(120.0, 120.0),
+            runs=(5,),
+        ),
+        Population(
+            "population-following",
+            "people who follow a target by hand, in many short runs, without a displayed error",
+            models=("following",),
+            intervals=(0.01, 1.0 / 60.0),
+            durations=(20.0, 40.0),
+            runs=(5, 10, 20),
+        ),
     )
 }

@@ -90,6 +90,33 @@ PILOTS = {
         SCENARIOS["training"],
         replace(
             NOMINAL,
+            name="crossover",
+            model=MODELS["crossover"].with_element(single_integrator(2.0)),
+            truth=(2.2, 0.35),
+            element=single_integrator(2.0),
+        ),
+        replace(
+            NOMINAL,
+            name="precision",
+            model=MODELS["precision"],
+            truth=(3.0, 0.25, 1.1, 2.5, 8.0, 0.2, 12.0, 0.4),
+            element=single_integrator(2.0),
+        ),
+        replace(
+            NOMINAL,
+            name="structural",
+            model=MODELS["structural"],
+            truth=(2.2, 0.16, 3.0, 0.7, 10.0, 0.707),
+            element=integrator_with_lag(4.0, 1.5),
+        ),
+        replace(
+            NOMINAL,
+            name="descriptive",
+            model=MODELS["descriptive"],
+            truth=(0.25, 1.4, 0.28, 1.3, 0.22, 0.12, 12.0, 0.3),
+        ),
+        replace(
+            NOMINAL,
             name="pursuit",
             model=PURSUIT,
             truth=(0.8, 0.35, 0.28, 0.35, 0.16, 0.23, 12.0, 0.35),

@@ -54,6 +54,34 @@ def refused(answer: Answer, *words: str) -> None:
         assert word in answer.err, (word, answer.err)
 
 
+# ------------------------------------------------------------- models without their signals
+
+
+@pytest.mark.parametrize(
+    ("columns", "options", "words"),
+    [
+        ("t,e,u", ("multi",), "acts on x, which is not recorded"),
+        ("t,e,u", ("preview",), "acts on ft, x, which are not recorded"),
+        ("t,e,u,x,ft", ("look-ahead", "--fix", "tlook=0..60"), "looks up to 60 s ahead"),
+    ],
+)
+def test_a_model_whose_signals_are_not_recorded_is_refused_with_their_names(
+    run: Run, simulated: Path, tmp_path: Path, columns: str, options: tuple[str, ...], words: str
+) -> None:
+    file = tmp_path / "some.csv"
+    table = list(csv.DictReader(simulated.read_text().splitlines()))
+    with file.open("w", newline="") as stream:
+        rows = csv.DictWriter(stream, columns.split(","), extrasaction="ignore")
+        rows.writeheader()
+        rows.writerows(table)
+    refused(run("fit", file, "--model", *options), "some.csv", words)
+    if words.startswith("acts on x"):  # other models are fitted all the same
+        answer = run("fit", file, "--model", "multi,gain", "--method", "mle-white")
+        assert answer.status == 2
+        assert words in answer.err
+        assert "model gain" in answer.out
+
+
 # ------------------------------------------------------------------------------------- list
 
 

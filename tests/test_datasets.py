@@ -598,9 +598,11 @@ def paths_of(scenario: Scenario, step: float) -> list[tuple[str, Exact, int]]:
     return found
 
 
-def paths_ahead(scenario: Scenario, step: float) -> list[tuple[str, Exact, int]]:
-    """The paths of pilots who look ahead, or see no error; a negative delay is ahead."""
+def other_paths(scenario: Scenario, step: float) -> list[tuple[str, Exact, int]]:
+    """The paths of other pilots; a negative delay is ahead."""
     v = dict(zip(scenario.model.keys, scenario.truth, strict=True))
+    if scenario.model.name == "crossover":  # of 2/s
+        return [("e", Exact([v["wc"] / 2.0], [1.0], step), round(v["tde"] / step))]
     ff = v["fnm"] ** 2
     muscle = [1.0, 2.0 * v["dnm"] * v["fnm"], ff]
 
@@ -628,13 +630,31 @@ def paths_ahead(scenario: Scenario, step: float) -> list[tuple[str, Exact, int]]
                 path("ft", [v["Kt"]], [1.0], -v["tlook"]),
                 path("x", [-v["Kvis"]], [v["tlag"], 1.0], v["tdvis"]),
             ]
+        case "precision":
+            leads = np.polymul([v["tlead"], 1.0], [v["tleadlow"], 1.0])
+            lags = np.polymul([v["tlag"], 1.0], [v["tlaglow"], 1.0])
+            return [path("e", (v["Kvis"] * leads).tolist(), lags.tolist(), v["tdvis"])]
+        case "structural":  # ff (1 + T s) / ((1 + T s) muscle + K ff)
+            closed = np.polyadd(np.polymul([v["tpf"], 1.0], muscle), [v["Kpf"] * ff])
+            top = v["Kvis"] * ff * np.array([v["tpf"], 1.0])
+            return [("e", Exact(top.tolist(), closed.tolist(), step), round(v["tdvis"] / step))]
+        case "descriptive":
+            canals = -v["Kvest"] * np.array([0.1, 1.0, 0.0, 0.0])
+            tilt = np.polymul([0.5, 1.0], [0.016, 1.0]).tolist()
+            return [
+                path("e", [v["Kvis"] * v["tlead"], v["Kvis"]], [1.0], v["tdvis"]),
+                path("x", canals.tolist(), [6.0, 1.0], v["tdvest"]),
+                path("x", [-v["Koto"], -v["Koto"]], tilt, v["tdvest"]),
+            ]
     return [path("ft", [v["Kt"]], [v["tlagt"], 1.0], v["tdt"])]
 
 
+OTHERS = ["preview", "look-ahead", "following", "crossover", "precision", "structural"]
+OTHERS += ["descriptive"]
+
+
 @pytest.mark.parametrize(
-    "name",
-    ["lead-lag-motion", "lead2-lag", "lead2-lag-motion", "pursuit"]
-    + ["preview", "look-ahead", "following"],
+    "name", ["lead-lag-motion", "lead2-lag", "lead2-lag-motion", "pursuit", *OTHERS]
 )
 def test_simulation_of_other_pilots_agrees_with_an_independent_one(name: str) -> None:
     scenario = without_remnant(PILOTS[name])
@@ -644,8 +664,7 @@ def test_simulation_of_other_pilots_agrees_with_an_independent_one(name: str) ->
     signals = {"e": np.zeros(time.size), "x": np.zeros(time.size)}
     signals["ft"] = fine_samples(scenario.target, time)
     fd, u = fine_samples(scenario.disturbance, time), np.zeros(time.size)
-    is_new = scenario.model.ahead or scenario.model.name == "following"
-    paths = paths_ahead(scenario, step) if is_new else paths_of(scenario, step)
+    paths = (other_paths if name in OTHERS else paths_of)(scenario, step)
     element = scenario.element
     vehicle = Exact(list(element.numerator), list(element.denominator), step)
     block = min((late for given, _, late in paths if given != "ft"), default=time.size)
@@ -757,3 +776,18 @@ def test_populations_of_recorders_and_inner_remnants_are_what_they_say(name: str
     else:
         assert {scenario.remnant.enters for scenario in drawn} == {"error", "neuromuscular"}
     assert len({scenario.truth for scenario in drawn}) == 12
+
+
+@pytest.mark.parametrize("name", ["population-preview", "population-following"])
+def test_populations_of_seen_targets_are_what_they_say(name: str) -> None:
+    for k in range(4):
+        scenario = POPULATIONS[name].drawn(rng(k))
+        assert scenario.model.name == name.partition("-")[2]
+        recording = simulate(scenario, rng(k))
+        if scenario.model.ahead:
+            values = dict(zip(scenario.model.keys, scenario.truth, strict=True))
+            assert values["tlookf"] >= values["tlookn"] + 0.2
+            assert np.std(recording.fd) > 0.0
+        else:
+            np.testing.assert_array_equal(recording.x, recording.u)  # the cursor is the hand
+            assert recording.runs >= 5

@@ -312,3 +312,7 @@ def test_neither_unit_nor_offset_of_signals_matters(factor: float, offset: float
     np.testing.assert_allclose(there.std_error, here.std_error, rtol=0.02)
     assert [remark.code for remark in there.remarks] == [remark.code for remark in here.remarks]
     assert offset or remarks(replace(recording, **signals)) == remarks(recording)
+
+
+def test_direct_prediction_errors_take_recordings_without_lines() -> None:
+    assert fit_of(MLE(loop=False), SCENARIOS["disturbance-step"]).outcome.usable

@@ -13,7 +13,9 @@ import pytest
 from helpers import NOMINAL, SINGLE_LOOP
 
 from pilotid.datasets import SCENARIOS, simulate
+from pilotid.estimates.applicability import made_for, motionless_input
 from pilotid.pilot.catalogue import GAIN_ONLY, LEAD_LAG, MODELS, MULTI, RATE, SINGLE, model_named
+from pilotid.pilot.element import Rational, element_named, pade
 from pilotid.pilot.factors import (
     Canals,
     Delay,
@@ -21,13 +23,14 @@ from pilotid.pilot.factors import (
     Differentiator,
     Factor,
     Gain,
+    InnerLoop,
+    Inverse,
     Lag,
     Lead,
     Neuromuscular,
+    Otoliths,
     Parameter,
-    Rational,
     Values,
-    pade,
 )
 from pilotid.pilot.model import Channel, PilotModel
 from pilotid.time_domain.output_error import residual_spectra
@@ -81,7 +84,11 @@ FACTORS: tuple[Factor, ...] = (
     Differentiator(1),
     Differentiator(2),
     Canals(),
+    Otoliths(),
+    Inverse(element_named("6/(s(s+0.5))")),
+    Inverse(element_named("3")),
     Neuromuscular(),
+    InnerLoop(Neuromuscular(), (Gain("K", 0.5), Lag())),
     Washout(),
 )
 #: Those that vary in time have no frequency response, see test_changing.
@@ -538,3 +545,36 @@ def test_a_key_or_a_unit_that_no_figure_can_show_is_refused(key: str, unit: str)
 def test_a_channel_s_name_that_no_figure_can_show_is_refused() -> None:
     with pytest.raises(ValueError, match="the name must be letters"):
         Channel("$x$", "error", 1, (Gain("K"),))
+
+
+# ------------------------------------------------------- controlled elements and looks ahead
+
+
+@pytest.mark.parametrize("text", ["2/s", "4/s^2", "15 exp(-0.1s)/(s(s+3))", "0.5", "3(s+2)/s^2"])
+def test_the_crossover_model_makes_an_integrator_of_its_element(text: str) -> None:
+    element = element_named(text)
+    model = MODELS["crossover"].with_element(element)
+    assert MODELS["crossover"].needs_element
+    assert not model.needs_element
+    omega = np.geomspace(0.3, 20.0, 30)
+    loop = model.response(omega, np.array([2.5, 0.3]))[0] * element.response(omega)
+    expected = 2.5 / (1j * omega) * np.exp(-1j * omega * (0.3 + element.delay))
+    # A gain is given a pole at .01 rad/s in place of an integrator.
+    np.testing.assert_allclose(loop, expected, rtol=0.04 if text == "0.5" else 1e-9)
+
+
+@pytest.mark.parametrize("text", ["", "vehicle", "(1-s)/s^2"])
+def test_the_crossover_model_objects_without_an_element_that_can_be_inverted(text: str) -> None:
+    recording = simulate(SINGLE_LOOP, np.random.default_rng(1))
+    recording = replace(recording, controlled_element=text)
+    assert "stable inverse" in (
+        motionless_input(recording, made_for(recording, MODELS["crossover"])) or ""
+    )
+
+
+def test_how_far_a_model_looks_ahead_follows_bounds_and_held_values() -> None:
+    model = MODELS["preview"]
+    assert model.ahead == 2.0
+    assert model.with_bounds(tlookf=(0.0, 1.2)).ahead == 1.2
+    assert model.with_fixed(tlookf=0.7).ahead == 1.0  # of the near viewpoint
+    assert MODELS["single"].ahead == 0.0

@@ -17,6 +17,7 @@ from pilotid.model_choice import (
     compare_models,
     default_candidates,
     fit_forced_response,
+    select,
 )
 from pilotid.pilot.catalogue import MODELS
 from pilotid.recordings.files import load_recording
@@ -275,3 +276,20 @@ def test_a_model_without_input_is_left_out() -> None:
     frozen = replace(recording, x=np.zeros_like(recording.x), ft=recording.e, fd=None, lines={})
     found = compare_models(frozen, [MODELS["single"], MODELS["multi"]], 0)
     assert [c.model for c in found] == ["single"]
+
+
+@pytest.mark.parametrize(
+    ("name", "taken"), [("look-ahead", "look-ahead"), ("single", "single"), ("multi", "multi")]
+)
+def test_a_target_seen_ahead_is_found_where_other_models_fail(name: str, taken: str) -> None:
+    found = select(recording_of(name, runs=3))
+    assert found.model.name == taken
+    # Elsewhere it costs nothing.
+    assert ("look-ahead" in [c.model for c in found.candidates]) == (name == "look-ahead")
+
+
+def test_what_a_recording_lacks_to_tell_more_is_named() -> None:
+    both = recording_of("single")
+    assert "fd" not in select(both).reason
+    assert "(fd)" in select(replace(both, fd=None)).reason
+    assert "(fd)" not in select(replace(both, fd=None), [MODELS["single"]]).reason

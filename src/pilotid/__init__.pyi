@@ -52,9 +52,13 @@ from pilotid.pilot.factors import Delay as Delay
 from pilotid.pilot.factors import Differentiator as Differentiator
 from pilotid.pilot.factors import Factor as Factor
 from pilotid.pilot.factors import Gain as Gain
+from pilotid.pilot.factors import InnerLoop as InnerLoop
+from pilotid.pilot.factors import Inverse as Inverse
 from pilotid.pilot.factors import Lag as Lag
 from pilotid.pilot.factors import Lead as Lead
+from pilotid.pilot.factors import LookAhead as LookAhead
 from pilotid.pilot.factors import Neuromuscular as Neuromuscular
+from pilotid.pilot.factors import Otoliths as Otoliths
 from pilotid.pilot.factors import Parameter as Parameter
 from pilotid.pilot.model import Channel as Channel
 from pilotid.pilot.model import PilotModel as PilotModel

@@ -15,16 +15,16 @@ Multimodel Inference*, 2nd ed., sec. 2.5), and against that of runs left out of 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from pilotid.estimates.applicability import lines_objection, motionless_input
+from pilotid.estimates.applicability import lines_objection, made_for, motionless_input
 from pilotid.estimates.estimate import at_bounds, bounds_reached
 from pilotid.lines.coefficients import Coefficients
 from pilotid.lines.fit import LinesFit, fit_lines
-from pilotid.pilot.catalogue import MODELS
+from pilotid.pilot.catalogue import MODELS, with_held
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
 from pilotid.recordings.contents import listed
@@ -35,10 +35,31 @@ from pilotid.time_domain.information_criteria import Evidence, evidence
 from pilotid.time_domain.output_error import simulated_vaf
 from pilotid.types import FloatArray, InputError
 
-#: Models of the catalogue to be asked for by name: beside `lead-lag` a lead that is squared is
-#: taken by chance where few runs judge, also of pilots who have no lag at all.
-ASKED_FOR = ("lead2-lag", "lead2-lag-motion")
+#: Models of the catalogue to be asked for by name.
+ASKED_FOR = (
+    # Beside `lead-lag` a lead that is squared is taken by chance where few runs judge, also of
+    # pilots who have no lag at all.
+    *("lead2-lag", "lead2-lag-motion"),
+    # It holds about the crossover alone, and is judged everywhere.
+    "crossover",
+    # Its slow lead and lag cancel but for lines far below .3 rad/s.
+    "precision",
+    # The same poles and zeros as `lead-lag`, in other places: a competitor by name.
+    "structural",
+    # Two channels on the output, which no lines tell apart.
+    "descriptive",
+)
 
+#: Tried where no other model explains the lines, or none has a delay: pilots who answer the target
+#: before it comes.
+AHEAD = (MODELS["look-ahead"],)
+#: Lines of more chi-squared per degree of freedom are not explained.
+UNEXPLAINED = 2.0
+#: What tells more where a forcing function is lacking.
+LACKING = (
+    "Without a {name} ({key}) no channel beside the one on the error is told apart: with one, the "
+    "choice is among models of motion and of a target seen ahead, too."
+)
 #: A neuromuscular system of a higher damping ratio is a lag in disguise.
 OVERDAMPED = 1.0
 #: What JSON does not have of a candidate.
@@ -136,12 +157,7 @@ def default_candidates(recording: Recording) -> list[PilotModel]:
     the target are left out: a compensatory display does not show it, and a recording does not
     say what was displayed.  Models that vary in time are to be asked for.
     """
-    both = (
-        recording.ft is not None
-        and recording.fd is not None
-        and not motionless(recording, "ft")
-        and not motionless(recording, "fd")
-    )
+    both = not lacking(recording)
     found = []
     for model in MODELS.values():
         inputs = {channel.input for channel in model.channels}
@@ -152,8 +168,22 @@ def default_candidates(recording: Recording) -> list[PilotModel]:
     return sorted(found, key=lambda model: len(model.parameters))
 
 
+def lacking(recording: Recording) -> list[str]:
+    """The forcing functions, ``ft`` and ``fd``, that a recording lacks."""
+    return [
+        name
+        for name in ("ft", "fd")
+        if getattr(recording, name) is None or motionless(recording, name)
+    ]
+
+
 def compare_models(
-    recording: Recording, models: Sequence[PilotModel], seed: int, *, likelihood: bool = True
+    recording: Recording,
+    models: Sequence[PilotModel],
+    seed: int,
+    *,
+    likelihood: bool = True,
+    others: Sequence[PilotModel] = (),
 ) -> list[Candidate]:
     """What a recording says for each of several models, in their order.
 
@@ -168,12 +198,15 @@ def compare_models(
     likelihood
         Whether to work out likelihoods too where the lines of forcing functions judge: most of
         the time goes there.
+    others
+        Models that are tried where the lines judge and no other explains them; they stand last.
 
     Raises
     ------
     InputError
         If no model has all its inputs in the recording.
     """
+    models = [made_for(recording, model) for model in models]
     recording = unit_sized(recording)
     models = [model for model in models if motionless_input(recording, model) is None]
     if not models:
@@ -181,12 +214,21 @@ def compare_models(
     if any(lines_objection(recording, model) is not None for model in models):
         return [_by_likelihood(found) for found in evidence(recording, models, seed)]
     lines = fit_forced_response(recording, models, seed)
+    if others and _doubtful(lines):
+        able = [m for m in others if not lines_objection(recording, m)]
+        lines = fit_forced_response(recording, models := [*models, *able], seed)
     if not likelihood:
         return [_by_lines(recording, found) for found in lines]
     # The likelihood's search begins where the lines lead, and with the model that they favour.
     order = sorted(range(len(models)), key=lambda place: lines[place].misfit)
     found = evidence(recording, [models[i] for i in order], seed, [lines[i].values for i in order])
     return [_with_lines(_by_likelihood(found[order.index(i)]), own) for i, own in enumerate(lines)]
+
+
+def _doubtful(fits: Sequence[LinesFit]) -> bool:
+    """Whether no model explains the lines, or the one that does best makes do without a delay."""
+    best = min(fits, key=lambda fit: fit.misfit + 2.0 * len(fit.values))
+    return best.misfit > UNEXPLAINED * best.freedom or _no_delay(best.model, best.values)
 
 
 def _by_likelihood(found: Evidence) -> Candidate:
@@ -621,7 +663,10 @@ class Selection:
 
 
 def select(
-    recording: Recording, models: Sequence[PilotModel] = (), seed: int = DEFAULT_SEED
+    recording: Recording,
+    models: Sequence[PilotModel] = (),
+    seed: int = DEFAULT_SEED,
+    held: str | None = None,
 ) -> Selection:
     """Choose a model for one recording.
 
@@ -633,11 +678,34 @@ def select(
         The candidates; none for those of the catalogue that the recording can tell apart.
     seed
         Seed of the searches' random starts.
+    held
+        Parameters of the catalogue's models that are held or bounded, see
+        `pilotid.pilot.catalogue.with_held`.
     """
-    among = {model.name: model for model in models or default_candidates(recording)}
-    if all(motionless_input(recording, model) for model in among.values()):
-        first = next(iter(among.values()))
-        return Selection(first, "No model has all its inputs in the recording.", ())
-    candidates = compare_models(recording, list(among.values()), seed, likelihood=False)
+    catalogue, others = with_held(default_candidates(recording), held), AHEAD
+    if models or lacking(recording) or held:
+        others = ()
+    among = {model.name: model for model in (*(models or catalogue), *others)}
+    plain = [model for model in among.values() if model not in others]
+    if all(motionless_input(recording, model) for model in plain):
+        return Selection(plain[0], "No model has all its inputs in the recording.", ())
+    candidates = compare_models(recording, plain, seed, likelihood=False, others=others)
     choice = choose_model([candidates])
-    return Selection(among[choice.model], choice.reason, tuple(candidates))
+    taken = next(c for c in candidates if c.model == choice.model)
+    told = [choice.reason, *(() if models else _more(recording, taken))]
+    return Selection(among[choice.model], " ".join(filter(None, told)), tuple(candidates))
+
+
+def _more(recording: Recording, taken: Candidate) -> Iterator[str]:
+    """What the recording cannot tell, and which signals or names would, in sentences."""
+    for name in lacking(recording):
+        yield LACKING.format(name={"ft": "target", "fd": "disturbance"}[name], key=name)
+    if np.array_equal(recording.u, recording.x):
+        yield "x is u itself: if a target was followed without a displayed error, name following."
+    if taken.model in [model.name for model in AHEAD]:
+        yield "The target is answered before it comes; preview has two viewpoints, name it to see."
+    elif taken.no_delay:
+        yield (
+            "Its delay ends at zero, as where a target is seen ahead: if one was displayed, name "
+            "look-ahead or preview."
+        )

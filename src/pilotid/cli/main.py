@@ -25,6 +25,7 @@ from pilotid.cli.design import design
 from pilotid.cli.posterior import posterior
 from pilotid.cli.running import STATUS, announce, heeding_interruptions
 from pilotid.disk import strict_json, write_file
+from pilotid.estimates.applicability import refusal
 from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.method import Method
 from pilotid.naming.code import PluginWarning
@@ -221,7 +222,14 @@ def fit(
     )
     announce(recordings, len(methods) * max(1, len(named)))
     todo = with_bar(recordings, "fitting", len(recordings))
-    fits = [f for own in todo for f in _fitted(own, named, fix, start, methods, seed, plant)]
+    fits = []
+    for own in todo:
+        refused += (why := [text for m in named if (text := refusal(own, m))])
+        able = [m for m in named if not refusal(own, m)]
+        if able or not why:
+            fits += _fitted(own, able, fix, start, methods, seed, plant)
+    if not fits:
+        options.raise_refused(refused)
     fits = [own.without(ignored) for own in fits] if ignored else fits
     if truth is not None and not named:
         true = options.read_truth(truth, fits[0].model)
@@ -272,10 +280,9 @@ def _fitted(
     choice = chosen_element(recording, plant)
     if len(named) == 1:
         return [fit_all(recording, named[0], methods, seed, choice)]
-    from pilotid.model_choice import default_candidates, select
+    from pilotid.model_choice import select
 
-    among = named or with_held(default_candidates(recording), fix)
-    found = select(choice.named_in(recording), among, seed)
+    found = select(choice.named_in(recording), named, seed, fix)
     models = named or [options.with_start(found.model, start)]
     first, *rest = [fit_all(recording, model, methods, seed, choice) for model in models]
     compared = tuple(candidate.to_dict() for candidate in found.candidates)

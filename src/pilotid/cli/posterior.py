@@ -97,7 +97,7 @@ def infer(
 ) -> None:
     """Sample a posterior with emcee, write draws, summary and figures, and print what it says."""
     from pilotid.element.fit import chosen_element
-    from pilotid.estimates.applicability import motionless_input
+    from pilotid.estimates.applicability import made_for, motionless_input
     from pilotid.estimates.estimate import Outcome, failed
     from pilotid.estimates.fitted import Fitted
     from pilotid.estimates.method import import_libraries
@@ -118,13 +118,13 @@ def infer(
         method = replace(method, likelihood="white", band=None)
     rng = fit_rng(seed, method.name)
     told = remarks(recording)
-    objection = motionless_input(recording, model)
-    if objection:
+    choice = chosen_element(recording, element)
+    model = made_for(choice.named_in(recording), model)
+    if objection := motionless_input(recording, model):
         nothing = failed(method.name, model, Outcome.NOT_APPLICABLE, objection)
         print_posterior(Fitted(recording, model, (nothing,), told))
         return
     import_libraries(method)
-    choice = chosen_element(recording, element)
     begin = time.perf_counter()
     with share_bar("sampling") as watch:
         estimate, likelihood = method.infer(choice.named_in(recording), model, rng, watch)

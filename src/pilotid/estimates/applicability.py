@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from pilotid.limits import SIGNAL
+from pilotid.pilot.element import parsed_element
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
+from pilotid.recordings.contents import listed
 from pilotid.recordings.recording import INPUTS, Recording
 from pilotid.recordings.spectra import NotMultisineError, forcing_lines, told_apart
-from pilotid.types import FloatArray
+from pilotid.types import FloatArray, InputError
 
 #: What to do where channels cannot be told apart.
 REMEDY = "record with a target and a disturbance, or fit one channel"
@@ -19,17 +21,73 @@ def motionless_input(recording: Recording, model: PilotModel) -> str | None:
     """Why no method can identify a model: a channel has nothing to act on, or is infinite."""
     if infinite := response_at_rest(model):
         return infinite
+    if model.needs_element:
+        named = recording.controlled_element
+        return (
+            f"model {model.name} is made for a controlled element with a stable inverse, and the "
+            f"recording names {named or 'none'}; name one, for example --element 4/s^2"
+        )
+    if unseen := unseen_target(recording, model):
+        return unseen
+    missing = unrecorded(recording, model)
     for channel in model.channels:
         name = INPUTS[channel.input]
+        if name in missing:
+            return f"{name} is not recorded, so that the {channel.name} channel has no input"
         if (
             _absent(recording, recording.input("target"), recording.e)
             if channel.input == "target"
             else motionless(recording, name)
         ):
-            held = name in recording.signals or channel.input == "target"
-            what = "does not move" if held else "is not recorded"
-            return f"{name} {what}, so that the {channel.name} channel has no input"
+            return f"{name} does not move, so that the {channel.name} channel has no input"
     return None
+
+
+def unrecorded(recording: Recording, model: PilotModel) -> list[str]:
+    """Names of the signals that a model's channels act on and that were not recorded.
+
+    A target is known from e and x as well.
+    """
+    there = set(recording.signals)
+    there |= {"ft"} if {"e", "x"} <= there else set()
+    inputs = dict.fromkeys(INPUTS[channel.input] for channel in model.channels)
+    return [name for name in inputs if name not in there]
+
+
+def unseen_target(recording: Recording, model: PilotModel) -> str | None:
+    """Why a model that looks ahead cannot be scored: the target it sees was not recorded."""
+    if model.ahead <= 0.5 * recording.duration:
+        return None
+    return (
+        f"model {model.name} looks up to {model.ahead:g} s ahead, and so much of the end of "
+        f"{recording.duration:.3g} s cannot be scored, since the target beyond it is not recorded; "
+        "bound the look-ahead, for example --fix tlook=0..2"
+    )
+
+
+def refusal(recording: Recording, model: PilotModel) -> str | None:
+    """Why no method at all can treat a model: signals that it acts on were not recorded."""
+    if missing := unrecorded(recording, model):
+        names = listed(missing)
+        return (
+            f"{recording.source}: model {model.name} acts on {names}, which "
+            f"{'is' if len(missing) == 1 else 'are'} not recorded; name the column, for example "
+            f"--map {missing[0]}=COLUMN, or choose another model"
+        )
+    unseen = unseen_target(recording, model)
+    return f"{recording.source}: {unseen}" if unseen else None
+
+
+def made_for(recording: Recording, model: PilotModel) -> PilotModel:
+    """A model for the controlled element that a recording names; one that needs none as it is.
+
+    It stays as it is, too, where no element is named that a pilot can invert.
+    """
+    element = parsed_element(recording.controlled_element) if model.needs_element else None
+    try:
+        return model if element is None else model.with_element(element)
+    except InputError:
+        return model
 
 
 def response_at_rest(model: PilotModel) -> str | None:

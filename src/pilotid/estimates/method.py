@@ -14,7 +14,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from pilotid.estimates.applicability import motionless_input
+from pilotid.estimates.applicability import made_for, motionless_input
 from pilotid.estimates.draws import Draws
 from pilotid.estimates.estimate import Estimate, Outcome, Starts, failed
 from pilotid.estimates.parts import (
@@ -151,6 +151,7 @@ def identify(
     recording = unit_sized(recording)
     try:
         require_settings(method)
+        model = made_for(recording, model)
         objection = motionless_input(recording, model) or method.objection(recording, model)
         if objection:
             why = one_line(str(objection))

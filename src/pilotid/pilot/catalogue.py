@@ -20,10 +20,13 @@ from pilotid.pilot.factors import (
     Differentiator,
     Factor,
     Gain,
+    InnerLoop,
+    Inverse,
     Lag,
     Lead,
     LookAhead,
     Neuromuscular,
+    Otoliths,
 )
 from pilotid.pilot.model import Channel, PilotModel
 from pilotid.pilot.timevarying import Changing, Spline
@@ -118,6 +121,63 @@ LEAD2_LAG_MOTION = PilotModel(
     "visual channel with (1 + tlead s)^2/(1 + tlag s) and semicircular-canal channel on "
     "acceleration (Pool, Harder & van Paassen 2016)",
 ).with_start({"tdvest": 0.25})  # .2 is next to the truth of scenario `training`
+CROSSOVER = PilotModel(
+    "crossover",
+    (
+        _visual(
+            Gain("wc", 2.5, "rad/s", (0.05, 50.0)),
+            Delay("tde", 0.3, usual=(0.1, 0.6)),
+            Inverse(),
+        ),
+    ),
+    "what makes wc e^{-tde s}/s the open loop with the controlled element, about the crossover "
+    "frequency alone (McRuer & Jex 1967)",
+)
+#: The first-order lag of the neuromuscular system of the publication is left to the delay.
+PRECISION = PilotModel(
+    "precision",
+    (
+        _visual(
+            *LED_AND_LAGGED.factors[:-2],
+            Lead("tleadlow", 4.0, (0.1, 60.0), (1.0, 10.0)),
+            Lag("tlaglow", 10.0, (0.2, 200.0), (3.0, 40.0)),
+            *SLOW,
+        ),
+    ),
+    "visual channel with lead-lag equalisation and (1 + tleadlow s)/(1 + tlaglow s), by which the "
+    "phase drops at low frequencies (McRuer & Jex 1967)",
+)
+STRUCTURAL = PilotModel(
+    "structural",
+    (
+        _visual(
+            Gain("Kvis", 1.0),
+            Delay("tdvis"),
+            InnerLoop(
+                Neuromuscular(damping_start=0.5, damping_usual=(0.3, 1.0)),
+                (
+                    Gain("Kpf", 2.0, bounds=(0.01, 100.0)),
+                    Lag("tpf", 0.4, usual=(0.1, 2.0)),
+                ),
+            ),
+        ),
+    ),
+    "visual gain, and the neuromuscular system in a proprioceptive loop Kpf/(1 + tpf s), which "
+    "takes the place of visual lead (after Hess 1980, 1997)",
+)
+DESCRIPTIVE = PilotModel(
+    "descriptive",
+    (
+        LED,
+        replace(CANALS, name="canals"),
+        _motion(
+            "otoliths",
+            *(Otoliths(), Gain("Koto", 0.25), Delay("tdvest", 0.2), Neuromuscular()),
+        ),
+    ),
+    "visual channel, semicircular canals on acceleration and otoliths on the tilt, which is the "
+    "output (after Hosman 1996)",
+)
 PURSUIT = PilotModel(
     "pursuit",
     (LED, FEEDFORWARD),
@@ -202,6 +262,10 @@ MODELS: dict[str, PilotModel] = {
         RATE,
         LEAD_LAG_MOTION,
         LEAD2_LAG_MOTION,
+        CROSSOVER,
+        PRECISION,
+        STRUCTURAL,
+        DESCRIPTIVE,
         PURSUIT,
         LOOK_AHEAD,
         PREVIEW,

@@ -6,6 +6,7 @@ import ast
 import re
 from dataclasses import dataclass
 from functools import reduce
+from math import factorial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +17,9 @@ from pilotid.types import ComplexArray, FloatArray, InputError
 if TYPE_CHECKING:
     import control
 
+
+#: Numerator and denominator coefficients, highest power of s first.
+Rational = tuple[list[float], list[float]]
 
 LONGEST = 200  # characters
 HIGHEST = 12  # degree of a polynomial
@@ -235,12 +239,29 @@ class ControlledElement:
         """As a python-control transfer function; a delay becomes a Pade approximant."""
         import control
 
-        from pilotid.pilot.factors import pade
-
         top, bottom = pade(self.delay, pade_order)
         return control.TransferFunction(
             np.polymul(self.numerator, top), np.polymul(self.denominator, bottom)
         )
+
+
+def pade(delay: float, order: int) -> Rational:
+    """Pade approximant of a delay [s], of equal order above and below, as python-control's.
+
+    A negative delay gives the reciprocal approximant, which is unstable.  Source: Golub & Van
+    Loan, Matrix Computations, 4th ed., sec. 9.3.1; python-control takes longer to import than a
+    fit takes.
+    """
+    if delay == 0.0:
+        return [1.0], [1.0]
+    size = abs(delay)
+    falling = range(order, -1, -1)
+    below = [
+        factorial(2 * order - k) / (factorial(k) * factorial(order - k)) * size ** (k - order)
+        for k in falling
+    ]
+    above = [(-1.0) ** k * coefficient for k, coefficient in zip(falling, below, strict=True)]
+    return (above, below) if delay > 0.0 else (below, above)
 
 
 def position_control(gain: float) -> ControlledElement:

@@ -12,13 +12,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from math import factorial
+from dataclasses import dataclass, replace
+from functools import cached_property, reduce
 from typing import Any
 
 import numpy as np
 
+from pilotid.pilot.element import ControlledElement, Rational, pade
 from pilotid.types import ComplexArray, FloatArray, InputError
 
 #: Parameters of a factor: one array each, which broadcasts against s, so that many
@@ -30,9 +30,6 @@ Response = ComplexArray | FloatArray
 
 #: Response of a factor, and its log-derivative by each of its parameters.
 Evaluated = tuple[Response, tuple[Response, ...]]
-
-#: Numerator and denominator coefficients, highest power of s first.
-Rational = tuple[list[float], list[float]]
 
 
 @dataclass(frozen=True)
@@ -115,9 +112,9 @@ class Factor:
         return ()
 
     @property
-    def ahead(self) -> float:
-        """How far the factor looks ahead at most [s]."""
-        return 0.0
+    def ahead(self) -> str:
+        """Key of the parameter that says how far the factor looks ahead [s], empty for none."""
+        return ""
 
     @property
     def derivative(self) -> int:
@@ -235,7 +232,7 @@ class Held(Factor):
         return self.factor.derivative
 
     @property
-    def ahead(self) -> float:
+    def ahead(self) -> str:
         return self.factor.ahead
 
     @cached_property
@@ -252,6 +249,9 @@ class Held(Factor):
 
     def response(self, s: ComplexArray, values: Values) -> Response:
         return self.factor.response(s, self._all(values))
+
+    def seconds(self, values: Values) -> FloatArray | None:
+        return self.factor.seconds(self._all(values))
 
     def response_and_slopes(self, s: ComplexArray, values: Values) -> Evaluated:
         response, slopes = self.factor.response_and_slopes(s, self._all(values))
@@ -446,8 +446,8 @@ class LookAhead(Factor):
         return (Parameter(self.key, "s", *self.bounds, self.start, self.usual, positive=False),)
 
     @property
-    def ahead(self) -> float:
-        return self.bounds[1]
+    def ahead(self) -> str:
+        return self.key
 
     def seconds(self, values: Values) -> FloatArray:
         return -values[0]
@@ -490,8 +490,27 @@ class Differentiator(Factor):
         return [1.0] + [0.0] * self.order, [1.0]
 
 
+class Fixed(Factor):
+    """A transfer function without parameters, see `ratio`."""
+
+    @property
+    def ratio(self) -> Rational:
+        """Numerator and denominator coefficients, highest power of s first."""
+        raise NotImplementedError
+
+    def response(self, s: ComplexArray, values: Values) -> ComplexArray:
+        top, bottom = self.ratio
+        return np.asarray(np.polyval(top, s) / np.polyval(bottom, s))
+
+    def log_derivative(self, s: ComplexArray, values: Values) -> tuple[()]:
+        return ()
+
+    def rational(self, values: Sequence[float], pade_order: int) -> Rational:
+        return self.ratio
+
+
 @dataclass(frozen=True)
-class Canals(Factor):
+class Canals(Fixed):
     """Semicircular canals (1 + tv1 s) / (1 + tv2 s), with fixed time constants.
 
     The defaults, 0.1 s and 6 s, are those of AIAA 2008-7109, Eq. (1).
@@ -509,14 +528,116 @@ class Canals(Factor):
     def fixed_poles(self) -> tuple[float, ...]:
         return (-1.0 / self.tv2,)
 
-    def response(self, s: ComplexArray, values: Values) -> ComplexArray:
-        return (1.0 + self.tv1 * s) / (1.0 + self.tv2 * s)
+    @property
+    def ratio(self) -> Rational:
+        return [self.tv1, 1.0], [self.tv2, 1.0]
 
-    def log_derivative(self, s: ComplexArray, values: Values) -> tuple[()]:
-        return ()
+
+@dataclass(frozen=True)
+class Otoliths(Fixed):
+    """Otoliths (1 + to1 s) / ((1 + to2 s) (1 + to3 s)), with fixed time constants.
+
+    The defaults are those of Hosman (1996).
+
+    Attributes
+    ----------
+    to1, to2, to3
+        Time constants of the lead and of both lags [s].
+    """
+
+    to1: float = 1.0
+    to2: float = 0.5
+    to3: float = 0.016
+
+    @property
+    def ratio(self) -> Rational:
+        return [self.to1, 1.0], [self.to2 * self.to3, self.to2 + self.to3, 1.0]
+
+
+#: Pole in place of an integrator [rad/s], which no recording is long enough to tell from one.
+ALMOST_INTEGRATOR = 0.01
+
+
+@dataclass(frozen=True)
+class Inverse(Fixed):
+    """1/(s Hc(s)): what makes an integrator of a controlled element, but for its delay.
+
+    Attributes
+    ----------
+    element
+        The controlled element; None until a recording names it, and 1/s so long.
+    """
+
+    element: ControlledElement | None = None
+
+    def __post_init__(self) -> None:
+        if self.element is not None and any(np.real(np.roots(self.element.numerator)) >= 0.0):
+            raise InputError(
+                f"the inverse of {self.element.name or 'the controlled element'} is unstable, so "
+                "that no pilot makes an integrator of it; choose a model that is given a form"
+            )
+
+    @property
+    def ratio(self) -> Rational:
+        if self.element is None:
+            return [1.0], [1.0]
+        top, bottom = list(self.element.denominator), list(self.element.numerator)
+        if top[-1] == 0.0:
+            return top[:-1], bottom
+        return top, np.polymul(bottom, [1.0, ALMOST_INTEGRATOR]).tolist()
+
+    @property
+    def fixed_poles(self) -> tuple[float, ...]:
+        is_gain = self.element is not None and self.element.denominator[-1] != 0.0
+        return (-ALMOST_INTEGRATOR,) if is_gain else ()
+
+
+@dataclass(frozen=True)
+class InnerLoop(Factor):
+    """A closed loop inside a pilot: H / (1 + H B).
+
+    Attributes
+    ----------
+    forward
+        H, what the loop is closed around.
+    back
+        Factors of B, what is fed back.
+    """
+
+    forward: Factor
+    back: tuple[Factor, ...]
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]
+        back = (replace(p, linear=False) for factor in self.back for p in factor.parameters)
+        return (*back, *self.forward.parameters)
+
+    def _parts(self, values: Sequence[Any]) -> list[tuple[Factor, Sequence[Any]]]:
+        """The factors of B and then H, each with its own values."""
+        found, begin = [], 0
+        for factor in (*self.back, self.forward):
+            end = begin + len(factor.parameters)
+            found.append((factor, values[begin:end]))
+            begin = end
+        return found
+
+    def response(self, s: ComplexArray, values: Values) -> Response:
+        *back, forward = (factor.response(s, own) for factor, own in self._parts(values))
+        return forward / (1.0 + reduce(np.multiply, back, forward))
+
+    def response_and_slopes(self, s: ComplexArray, values: Values) -> Evaluated:
+        parts = [factor.response_and_slopes(s, own) for factor, own in self._parts(values)]
+        forward = parts[-1][0]
+        closed = 1.0 / (1.0 + reduce(np.multiply, [part[0] for part in parts]))
+        # d log(H / (1 + H B)) = (d log H - H B d log B) / (1 + H B), and H B = 1/closed - 1.
+        slopes = [(closed - 1.0) * slope for part in parts[:-1] for slope in part[1]]
+        return forward * closed, (*slopes, *(closed * slope for slope in parts[-1][1]))
 
     def rational(self, values: Sequence[float], pade_order: int) -> Rational:
-        return [self.tv1, 1.0], [self.tv2, 1.0]
+        *back, (above, below) = (f.rational(own, pade_order) for f, own in self._parts(values))
+        top, bottom = (reduce(np.polymul, [b[i] for b in back], [1.0]) for i in (0, 1))
+        closed = np.polyadd(np.polymul(below, bottom), np.polymul(above, top))
+        return np.polymul(above, bottom).tolist(), closed.tolist()
 
 
 @dataclass(frozen=True)
@@ -590,25 +711,6 @@ class Neuromuscular(Factor):
     def rational(self, values: Sequence[float], pade_order: int) -> Rational:
         f, d = float(values[0]), float(values[1])
         return [f * f], [1.0, 2.0 * d * f, f * f]
-
-
-def pade(delay: float, order: int) -> Rational:
-    """Pade approximant of a delay [s], of equal order above and below, as python-control's.
-
-    A negative delay gives the reciprocal approximant, which is unstable.  Source: Golub & Van
-    Loan, Matrix Computations, 4th ed., sec. 9.3.1; python-control takes longer to import than a
-    fit takes.
-    """
-    if delay == 0.0:
-        return [1.0], [1.0]
-    size = abs(delay)
-    falling = range(order, -1, -1)
-    below = [
-        factorial(2 * order - k) / (factorial(k) * factorial(order - k)) * size ** (k - order)
-        for k in falling
-    ]
-    above = [(-1.0) ** k * coefficient for k, coefficient in zip(falling, below, strict=True)]
-    return (above, below) if delay > 0.0 else (below, above)
 
 
 class Delayed:

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
+from pilotid.pilot.element import ControlledElement, Rational
 from pilotid.pilot.factors import (
     Delayed,
     Evaluated,
     Factor,
     Held,
+    Inverse,
     Parameter,
-    Rational,
     Response,
 )
 from pilotid.pilot.timevarying import Changing, Curve
@@ -83,11 +84,6 @@ class Channel:
     def derivative(self) -> int:
         """Order of the input's derivative that the channel acts on."""
         return sum(f.derivative for f in self.factors if isinstance(f, Factor))
-
-    @property
-    def ahead(self) -> float:
-        """How far the channel looks ahead at most [s]."""
-        return sum(f.ahead for f in self.factors if isinstance(f, Factor))
 
     @cached_property
     def dynamics(self) -> tuple[Factor, ...]:
@@ -203,10 +199,36 @@ class PilotModel:
         poles = {p for c in self.channels for f in c.factors for p in f.fixed_poles}
         return tuple(sorted(poles))
 
-    @property
+    @cached_property
     def ahead(self) -> float:
         """How far the model looks ahead at most [s]."""
-        return max(c.ahead for c in self.channels)
+        most = {p.key: p.upper for p in self.parameters} | self.held
+        return max(
+            sum(most[f.ahead] for f in c.factors if isinstance(f, Factor) and f.ahead)
+            for c in self.channels
+        )
+
+    @cached_property
+    def needs_element(self) -> bool:
+        """Whether the model is made for a controlled element and does not know it yet."""
+        return Inverse() in [f for c in self.channels for f in c.factors]
+
+    def with_element(self, element: ControlledElement) -> PilotModel:
+        """The same model for a controlled element; one that needs none as it is.
+
+        Raises
+        ------
+        InputError
+            If no pilot can invert the element.
+        """
+        if not self.needs_element:
+            return self
+
+        def known(channel: Channel) -> Channel:
+            factors = (Inverse(element) if f == Inverse() else f for f in channel.factors)
+            return replace(channel, factors=tuple(factors))
+
+        return replace(self, channels=tuple(known(channel) for channel in self.channels))
 
     @cached_property
     def changes(self) -> bool:

@@ -124,7 +124,7 @@ def specification_by_instruments(
     prediction = found.joint.prediction
     model = prediction.model
     driven = any(np.ptp(s) > 0.0 for s in forcing_functions(recording))
-    if model.changes or prediction.band_terms is None or not driven:
+    if model.changes or prediction.weighting is None or not driven:
         return None
     element, _ = closing_element(recording)
     if element is None or unstable_poles(model, values, element):
