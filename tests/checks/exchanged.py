@@ -68,21 +68,26 @@ def main() -> None:
         print(f"\n| {scenario.name} | | {' | '.join(keys)} |\n|{' --- |' * (2 + len(keys))}")
         for method in METHODS[scenario.name]:
             errors, claims = errors_of(scenario, method, count)
-            size = np.sqrt(np.nanmean(errors**2, axis=0))
+            share = 100.0 * errors / scenario.values
+            size = np.sqrt(np.nanmean(share**2, axis=0))
             alone = np.sqrt(2.0 / (size[0] ** -2 + size[1] ** -2))
-            both = errors[:, 2]
+            chance = np.nanstd(share, axis=0) / np.sqrt(np.isfinite(share).sum(axis=0))
+            bias = np.nanmean(share, axis=0)
+            standard = np.sqrt(np.nanmean((errors / claims) ** 2, axis=0))[2]
             rows = {
-                "rms error alone [%]": 100.0 * alone / scenario.values,
-                "together [%]": 100.0 * size[2] / scenario.values,
-                "ratio": size[2] / alone,
-                "bias together, in its own errors": np.nanmean(both, axis=0)
-                / np.nanstd(both, axis=0)
-                * np.sqrt(np.isfinite(both).sum(axis=0)),
-                "rms error over claimed": np.sqrt(np.nanmean((both / claims[:, 2]) ** 2, axis=0)),
+                "rms error alone [%]": [f"{v:.2f}" for v in alone],
+                "together [%]": [f"{v:.2f}" for v in size[2]],
+                "ratio": [f"{v:.2f}" for v in size[2] / alone],
+                "bias alone [%]": _with_errors(bias[:2].mean(axis=0), 0.5 * np.hypot(*chance[:2])),
+                "bias together [%]": _with_errors(bias[2], chance[2]),
+                "rms error over claimed, together": [f"{v:.2f}" for v in standard],
             }
-            for words, numbers in rows.items():
-                shown = " | ".join(f"{number:.2f}" for number in numbers)
-                print(f"| {method} | {words} | {shown} |", flush=True)
+            for words, shown in rows.items():
+                print(f"| {method} | {words} | {' | '.join(shown)} |", flush=True)
+
+
+def _with_errors(values: FloatArray, errors: FloatArray) -> list[str]:
+    return [f"{v:+.2f} ± {e:.2f}" for v, e in zip(values, errors, strict=True)]
 
 
 if __name__ == "__main__":
