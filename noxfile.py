@@ -90,6 +90,7 @@ def check(session: nox.Session) -> None:
         "population": "population.py",
         "constants": "constants.py",
         "elements": "elements.py",
+        "exchanged": "exchanged.py",
         "findings": "findings.py",
         "adapting": "adapting.py",
         "adapting-free": "adapting_free.py",
@@ -97,6 +98,7 @@ def check(session: nox.Session) -> None:
         "constancy": "constancy.py",
         "design": "design.py",
         "models": "models.py",
+        "published": "published.py",
         "recorder": "recorder.py",
         "shared": "shared.py",
     }

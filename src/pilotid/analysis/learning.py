@@ -170,7 +170,8 @@ def _of_one(values: FloatArray) -> tuple[Curve, Curve, float, tuple[str, ...]]:
     if not notes and len(y) > 3:
         variance = float(rest @ rest) / (len(y) - 3)
         errors = np.sqrt(variance * np.diag(np.linalg.pinv(jacobian.T @ jacobian)))
-    return curve, Curve(*map(float, errors), slope.std_error), slope.p, notes
+    start, end, constant = map(float, errors)
+    return curve, Curve(start, end, constant, slope.std_error), slope.p, notes
 
 
 def _of_all(whole: Mapping[str, FloatArray]) -> tuple[Curve, Curve, float, tuple[str, ...]]:
@@ -186,7 +187,8 @@ def _of_all(whole: Mapping[str, FloatArray]) -> tuple[Curve, Curve, float, tuple
         left = [fitted([*every[:i], *every[i + 1 :]]) for i in range(len(every))]
         table = np.array([[own.start, own.end, own.constant] for own in left])
         errors = np.std(table, axis=0) * math.sqrt(len(every) - 1)
-    return curve, Curve(*map(float, errors), slope.std_error), slope.p, tuple(notes)
+    start, end, constant = map(float, errors)
+    return curve, Curve(start, end, constant, slope.std_error), slope.p, tuple(notes)
 
 
 def _bounds(curve: Curve, count: int) -> tuple[str, ...]:

@@ -125,7 +125,7 @@ def report_sections(
         yield _conditions(results)
     if results.groups:
         groups = [e for e in results.effects if e.effect.startswith(GROUP)]
-        tables = [group_table(results.groups), factor_table(groups)]
+        tables: list[Block] = [group_table(results.groups), factor_table(groups)]
         yield Section("groups", "Groups compared", [Text(GROUPS), *tables])
     if results.learning:
         yield Section("learning", "Learning", [Text(LEARNING), *_learning(results)])

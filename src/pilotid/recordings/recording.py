@@ -469,8 +469,8 @@ def _with_all_forcing(recordings: Sequence[Recording]) -> tuple[list[Recording],
             continue
         for i in without:
             lines = {key: own for key, own in found[i].lines.items() if key != name}
-            zero = np.zeros_like(found[i].u)
-            found[i] = replace(found[i], **{name: zero, "lines": lines})
+            signal: dict[str, Any] = {name: np.zeros_like(found[i].u)}
+            found[i] = replace(found[i], **signal, lines=lines)
         which = ", ".join(found[i].source for i in without)
         added.append(f"{name} is taken for zero in {which}, where it is not recorded")
     return found, added

@@ -125,15 +125,17 @@ def told_apart(recording: Recording) -> bool:
     They do where no run has the line in both, and where phases or signs between runs differ.
     """
     every = forcing_lines(recording)
-    common = np.intersect1d(*every.values()) if len(every) == 2 else np.zeros(0, dtype=int)
+    if len(every) < 2:
+        return True
+    common = np.intersect1d(every["ft"], every["fd"])
+    target, disturbance = (coefficients_at(recording, name, common) for name in ("ft", "fd"))
     if not common.size:
         return True
-    both = [coefficients_at(recording, name, common) for name in every]
-    if both[0] is None or both[1] is None:
+    if target is None or disturbance is None:
         return False
-    size = [np.linalg.norm(own, axis=0) for own in both]
-    shared = np.abs(np.sum(both[0] * both[1].conj(), axis=0))
-    return bool(np.all(shared <= ALIKE * size[0] * size[1]))
+    size = np.linalg.norm(target, axis=0) * np.linalg.norm(disturbance, axis=0)
+    shared = np.abs(np.sum(target * disturbance.conj(), axis=0))
+    return bool(np.all(shared <= ALIKE * size))
 
 
 def forcing_sines(recording: Recording) -> dict[str, dict[str, object]]:

@@ -1,0 +1,270 @@
+"""Two published experiments, found again; the tables and figures of docs/published.md.
+
+    PILOTID_MEASURED=FOLDER nox -s check -- published             both
+    PILOTID_MEASURED=FOLDER nox -s check -- published preview     Yamagami et al. (2019)
+    PILOTID_MEASURED=FOLDER nox -s check -- published following   Bonnen et al. (2015)
+
+FOLDER has the files of EmDash00/HILSuperposition-2017 in `preview`, and `data.mat` of
+kbonnen/BonnenEtAl2015_KalmanFilterCode in `following`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.io import loadmat
+
+import pilotid
+from pilotid.estimates.estimate import Estimate
+from pilotid.estimates.parts import FrequencyResponse
+from pilotid.methods.fourier import Fourier
+from pilotid.pilot.catalogue import FOLLOWING, LOOK_AHEAD, PURSUIT, SLOW
+from pilotid.pilot.element import element_named
+from pilotid.pilot.factors import Gain, Lead
+from pilotid.pilot.model import Channel
+from pilotid.recordings.recording import Recording, joined
+from pilotid.show.style import draw_grid, journal_style, log_ticks
+from pilotid.types import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+DOCS = Path(__file__).parents[2] / "docs"
+DT = 1.0 / 60.0
+SUBJECTS = {"zu": "#0072B2", "iz": "#D55E00"}  # of seven, and their colours
+ELEMENTS = {"fo": "1/s", "so": "1/(s(s+1))"}
+LOW = 0.15  # Hz, up to which people are published to invert the element
+#: The catalogue's model with a lead in place of the lag: the second-order element asks for it.
+LED = replace(
+    LOOK_AHEAD,
+    name="look-ahead-led",
+    channels=(
+        LOOK_AHEAD.channels[0],
+        Channel("feedback", "output", -1, (Gain("Kvis", 0.5), Lead("tlead"), *SLOW)),
+    ),
+).with_fixed(fnm=10.5, dnm=0.35)
+
+
+# -------------------------------------------------------------------- Yamagami et al. (2019)
+
+
+def preview_runs(folder: Path, subject: str, element: str) -> Recording:
+    """All runs of a subject with an element: 40 s behind a ramp of 5 s."""
+    runs = []
+    for file in sorted(folder.glob(f"*_{subject}_{element}_*.csv")):
+        # The ramp of 300 samples, and two periods of 1200; two samples more are another period's.
+        target, control, disturbance, output = np.loadtxt(file, delimiter=",")[:2700, 2:6].T[
+            :, None
+        ]
+        runs.append(
+            Recording(
+                DT, target - output, control, output, target, disturbance, 300, source=file.stem,
+                controlled_element=ELEMENTS[element],
+            )
+        )  # fmt: skip
+    return joined(runs)
+
+
+def inverse_shares(response: FrequencyResponse, element: str) -> tuple[FloatArray, FloatArray]:
+    """Feedforward times the element at the lines, 1 for its inverse, and the errors."""
+    plant = element_named(ELEMENTS[element]).response(response.omega)
+    return response.value[1] * plant, response.std[1] * np.abs(plant)
+
+
+def mean_share(share: FloatArray, error: FloatArray, inside: FloatArray) -> str:
+    """Mean of the real parts over some lines, weighted by their errors, each half of the power."""
+    weights = 2.0 / error[inside] ** 2
+    mean = float(np.sum(weights * share[inside].real) / np.sum(weights))
+    return f"{mean:.2f} ± {np.sum(weights) ** -0.5:.2f}"
+
+
+def preview(folder: Path) -> str:
+    """Table and figure of feedforward and feedback."""
+    import matplotlib.pyplot as plt
+
+    head = ("element", "subject", "runs", "F Hc to 0.15 Hz", "F Hc above", "method")
+    keys = ("tdvis [s]", "tlook [s]", "tlook + tdvis [s]", "tlead [s]", "VAF")
+    lines = [
+        f"| {' | '.join((*head, *keys))} |",
+        f"| {' | '.join(['---'] * (len(head) + len(keys)))} |",
+    ]
+    figure, panels = plt.subplots(2, 2, figsize=(7.2, 4.6), sharex="col", layout="constrained")
+    for column, element in enumerate(ELEMENTS):
+        above, below = panels[:, column]
+        for place, (subject, colour) in enumerate(SUBJECTS.items()):
+            recording = preview_runs(folder, subject, element)
+            found = Fourier().first_step(recording, PURSUIT)  # feedback on e, feedforward on ft
+            share, error = inverse_shares(found, element)
+            low = found.omega <= 2.0 * np.pi * LOW
+            beside = found.omega * 1.03**place  # so that no bar hides another
+            points(above, beside, share, error, colour, f"subject {subject}")
+            points(below, beside, found.value[0], found.std[0], colour, f"subject {subject}")
+            means = mean_share(share, error, low), mean_share(share, error, ~low)
+            for method in ("mle", "fourier"):
+                fit = pilotid.identify(method, recording, LED)
+                shown = (element, subject, recording.runs, *means, method, *fitted(fit))
+                lines.append(f"| {' | '.join(map(str, shown))} |")
+        for level in (1.0, 0.5):
+            above.axhline(
+                level, color="#444444", linewidth=0.8, linestyle="-" if level == 1 else ":"
+            )
+        above.set_title(f"Hc = {ELEMENTS[element]}", loc="left")
+        below.set_xlabel("frequency [rad/s]")
+        above.set_ylim(0.1, 10.0)
+        below.set_ylim(0.5, 40.0)
+        above.set_ylabel("|F Hc| [-]")
+        below.set_ylabel("|B| [-]")
+        for axes in (above, below):
+            axes.set_xscale("log")
+            axes.set_yscale("log")
+            axes.minorticks_off()
+            draw_grid(axes)
+            log_ticks(axes, "x")
+            log_ticks(axes, "y")
+    panels[0, 0].legend(frameon=False)
+    saved(figure, "preview")
+    return "\n".join(lines)
+
+
+def points(
+    axes: Axes, omega: FloatArray, value: FloatArray, error: FloatArray, colour: str, label: str
+) -> None:
+    """Magnitudes at the lines, with bars that hold 95 %."""
+    size, reach = np.abs(value), 1.96 * error / np.sqrt(2.0)
+    bars = [np.minimum(reach, 0.98 * size), reach]
+    axes.errorbar(omega, size, bars, fmt="o", color=colour, markersize=4.0, elinewidth=0.9,
+                  markerfacecolor="white", label=label)  # fmt: skip
+
+
+def fitted(fit: Estimate) -> list[str]:
+    """Delay, look-ahead and lead with their intervals, the sum of the first two, and VAF."""
+    index = {key: i for i, key in enumerate(fit.model.keys)}
+
+    def shown(key: str) -> str:
+        low, high = fit.intervals[index[key]]
+        return f"{fit.values[index[key]]:.2f} ({low:.2f} .. {high:.2f})"
+
+    both = sum(fit.values[index[key]] for key in ("tdvis", "tlook"))
+    return [shown("tdvis"), shown("tlook"), f"{both:.2f}", shown("tlead"), f"{fit.vaf:.0f} %"]
+
+
+# ---------------------------------------------------------------------- Bonnen et al. (2015)
+
+
+def following_runs(file: Path) -> dict[int, Recording]:
+    """The runs of each width of the blob [arcmin]."""
+    held = loadmat(file)
+    widths = held["sigma"].ravel().astype(int)
+    found = {}
+    for width in np.unique(widths).tolist():
+        target, cursor = (held[n][widths == width].astype(float) for n in ("target", "response"))
+        middle = target.mean(axis=1, keepdims=True)
+        target, cursor = target - middle, cursor - middle
+        found[width] = Recording(
+            DT, target - cursor, cursor, cursor, target, np.zeros_like(target),
+            source=f"sigma {width}", controlled_element="1",
+        )  # fmt: skip
+    return found
+
+
+def correlogram_lag(recording: Recording) -> float:
+    """Lag [s] at which the velocities of cursor and target go together most, by a parabola."""
+    velocities = (np.diff(own, axis=1) for own in (recording.input("target"), recording.u))
+    target, cursor = (np.fft.rfft(v - v.mean(axis=1, keepdims=True), 4096) for v in velocities)
+    together = np.fft.irfft(np.mean(cursor * target.conj(), axis=0))[:120]
+    top = int(np.argmax(np.convolve(together, np.ones(5) / 5.0, "same")))
+    near = np.arange(max(top - 4, 0), top + 5)
+    bend, slope, _ = np.polyfit(near, together[near], 2)
+    return float(-0.5 * slope / bend * DT)
+
+
+def following(folder: Path) -> str:
+    """Table and figure of the lag over the width of the blob."""
+    import matplotlib.pyplot as plt
+
+    lines = [
+        "| width [arcmin] | tlagt [s] | tdt [s] | lag of the correlogram [s] | Kt | VAF |",
+        "| --- | --- | --- | --- | --- | --- |",
+    ]
+    rows = []
+    for width, recording in following_runs(folder / "data.mat").items():
+        fit = pilotid.identify("mle", recording, FOLLOWING)
+        values = dict(zip(fit.model.keys, fit.values, strict=True))
+        errors = dict(zip(fit.model.keys, fit.std_error, strict=True))
+        ends = dict(zip(fit.model.keys, fit.intervals, strict=True))
+        peak = correlogram_lag(recording)
+        rows.append((width, values["tlagt"], *ends["tlagt"], values["tdt"], *ends["tdt"], peak))
+        shown = [f"{values[key]:.3f} ± {errors[key]:.3f}" for key in ("tlagt", "tdt")]
+        gain = f"{values['Kt']:.3f} ± {errors['Kt']:.3f}"
+        lines.append(f"| {width} | {' | '.join(shown)} | {peak:.2f} | {gain} | {fit.vaf:.0f} % |")
+    width, *series, peak = np.array(rows).T
+    figure, axes = plt.subplots(figsize=(4.6, 3.0), layout="constrained")
+    for place, label, colour, marker in (
+        (0, "lag tlagt", "#0072B2", "o"),
+        (3, "delay tdt", "#D55E00", "s"),
+    ):
+        value, low, high = series[place : place + 3]
+        axes.errorbar(width, value, [value - low, high - value], fmt=f"{marker}-", color=colour,
+                      markersize=4.0, elinewidth=0.9, label=label)  # fmt: skip
+    axes.plot(width, peak, "^--", color="#444444", markersize=4.0, linewidth=0.8,
+              label="lag of the correlogram")  # fmt: skip
+    axes.set_xlabel("width of the blob [arcmin]")
+    axes.set_ylabel("[s]")
+    draw_grid(axes)
+    axes.legend(frameon=False)
+    saved(figure, "following")
+    return "\n".join(lines)
+
+
+# ------------------------------------------------------------------------------- the page
+
+
+def saved(figure: object, name: str) -> None:
+    """Write a figure of the docs."""
+    file = DOCS / f"{name}.svg"
+    figure.savefig(file, metadata={"Date": None})  # type: ignore[attr-defined]
+    print(f"written: {file}")
+
+
+def entered(name: str, text: str) -> None:
+    """Write a table to the page."""
+    page = DOCS / "published.md"
+    begin, end = f"<!-- table: {name} -->\n", "\n<!-- end of table -->"
+    body, places = re.subn(
+        f"{re.escape(begin)}.*?{re.escape(end)}",
+        lambda _: f"{begin}\n{text}\n{end}",
+        page.read_text(encoding="utf-8"),
+        flags=re.DOTALL,
+    )
+    if places != 1:
+        raise SystemExit(f"{page}: the marks of the table {name} must be there once")
+    page.write_text(body, encoding="utf-8")
+
+
+def main() -> None:
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    mpl.rcParams["svg.hashsalt"] = "pilotid"  # the same bytes each time
+    made = {"preview": preview, "following": following}
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("name", nargs="?", choices=list(made))
+    folder = os.environ.get("PILOTID_MEASURED")
+    if not folder:
+        raise SystemExit("PILOTID_MEASURED names no folder of recordings")
+    only = parser.parse_args().name
+    for name in [only] if only else made:
+        with journal_style():
+            text = made[name](Path(folder) / name)
+        print(f"{text}\n")
+        entered(name, text)
+
+
+if __name__ == "__main__":
+    main()
