@@ -49,8 +49,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         pilotid.save_recording(recording, place / "data" / f"{name}.mat")
     for number, name in enumerate("abc"):
         pilotid.save_recording(pilotid.simulate("nominal", number), place / f"{name}.csv")
-    recording = pilotid.simulate("nominal", 4)
-    pilotid.save_recording(recording, place / "run.csv")
+    run(place, ["simulate", "nominal", "--out", "run.csv"])
+    recording = pilotid.load_recording(place / "run.csv")
     own = {name: getattr(recording, name).T for name in ("x", "ft", "fd")}
     turned = {"t": recording.time, "err": recording.e.T, "stick": -recording.u.T}
     scipy.io.savemat(place / "subject.mat", {**own, **turned})
