@@ -244,15 +244,19 @@ def test_remarks_are_counted_and_the_worst_named() -> None:
     part = Part((Path("a.csv"),), (("subject", "1"),))
     fits = [Fit(part, None, {"estimates": estimates}), Fit(part, 1, {"estimates": estimates})]
     settings = Settings({}, auto=True, methods={})
-    count, *worst, stick = alarms(Analysis(settings, {part: {"remarks": []}}, {}, fits, []))
-    assert count == "Remarks: 1 wrong, 6 doubt, 9 note."
-    assert [line.split(":")[0] for line in worst] == [
-        "wrong, misspecified",
-        "doubt, halves-differ",
-        "doubt, at-bound",
+    analysis = Analysis(settings, {part: {"remarks": []}}, {}, fits, [])
+    count, *worst, stick = alarms(analysis)
+    assert count == "Warnings: 1 wrong, 6 doubt, 9 note."
+    assert [line.partition("]")[0] for line in worst] == [
+        "wrong [misspecified",
+        "doubt [halves-differ",
+        "doubt [at-bound",
     ]
     assert "and 2 more" in worst[1]
     assert stick.startswith("held-control, of the stick")
+    count, *_, ignored = alarms(analysis.without(frozenset({"misspecified", "held-control"})))
+    assert count == "Warnings: 6 doubt, 9 note."
+    assert ignored == "Left out by --ignore: held-control, misspecified."
 
 
 def test_names_are_ordered_as_people_do() -> None:

@@ -173,3 +173,18 @@ def test_a_figure_that_is_there_is_not_written_again(
     assert [saved("a"), saved("a"), saved("b")] == [1, 1, 2]
     (tmp_path / "one.pdf").unlink()
     assert saved("b") == 3
+
+
+def test_a_narrow_terminal_has_a_table_in_parts_and_cuts_no_number() -> None:
+    numbers = [1.234567, 2.345678, 3.456789, 4.567891]
+    columns: list[Column[int]] = [Column("key", lambda i: f"k{i}")]
+    columns += [
+        Column(f"n{n}", lambda _, value=value: value, "{:.6f}".format)  # type: ignore[misc]
+        for n, value in enumerate(numbers)
+    ]
+    stream = io.StringIO()
+    print_blocks(Console(file=stream, width=30), Table("", columns, [1, 2]))
+    printed = stream.getvalue()
+    assert all(printed.count(f"{value:.6f}") == 2 for value in numbers)
+    assert printed.count("key") == 2  # parts, each with what the rows are about
+    assert max(map(len, printed.splitlines())) <= 30

@@ -56,6 +56,8 @@ POINTS = 72.0  # an inch, in which matplotlib writes SVG
 SVG, LINKS = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
 #: Colours of texts and rows in a terminal by their marks.
 STYLES = {"heading": "bold", "warning": "yellow", "failure": "red"}
+#: Columns between columns of a table, and width to which those of words may be folded.
+GAP, FOLDED = 3, 16
 
 
 class LogAxis(NamedTuple):
@@ -506,7 +508,10 @@ def print_blocks(console: Console, *blocks: Text | Bullets | Table[Any]) -> None
                 console.print()
             if block.caption:
                 console.print(for_terminal(block.caption), soft_wrap=True)
-            print_table(console, table_rich(block, console.encoding))
+            for number, part in enumerate(_parts(block, console.width)):
+                if number:
+                    console.print()
+                print_table(console, table_rich(block, console.encoding, part))
             lines = -1
             continue
         texts = [block.text] if isinstance(block, Text) else block.items
@@ -533,21 +538,47 @@ def table_text(table: Table[Any]) -> str:
     return as_text(table_rich(table))
 
 
-def table_rich(table: Table[Any], encoding: str = "utf-8") -> RichTable:
-    """A table for the terminal."""
+def _parts(table: Table[Any], width: int) -> list[list[int]]:
+    """The columns that fit beside one another, the first ones in each part: none is cut."""
+    from rich.cells import cell_len
+
+    def wide(column: Column[Any], cells: Sequence[Cell], head: bool) -> int:
+        longest = max(cell_len(for_terminal(t)) for t in (column.title, *(c.text for c in cells)))
+        return GAP + (longest if head or column.form else min(longest, FOLDED))
+
+    shown = [(column, cells) for column, cells in table.shown if not column.axis]
+    widths = [wide(c, cells, n < table.heads) for n, (c, cells) in enumerate(shown)]
+    heads = list(range(min(table.heads, len(shown))))
+    parts, left = [[*heads]], width + GAP - sum(widths[n] for n in heads)
+    room = left
+    for n in range(len(heads), len(shown)):
+        if widths[n] > room and len(parts[-1]) > len(heads):
+            parts.append([*heads])
+            room = left
+        parts[-1].append(n)
+        room -= widths[n]
+    return parts
+
+
+def table_rich(
+    table: Table[Any], encoding: str = "utf-8", places: Sequence[int] | None = None
+) -> RichTable:
+    """A table for the terminal, or some of its columns."""
     from rich.box import SIMPLE_HEAD
     from rich.table import Table as RichTable
 
     shown = [(column, cells) for column, cells in table.shown if not column.axis]
+    places = range(len(shown)) if places is None else places
     found = RichTable(box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
     sign = "±" if encoding == "utf-8" else "+-"
-    for place, (column, _) in enumerate(shown):
+    for place in places:
+        column = shown[place][0]
         # What rows are about is kept whole, and so are numbers.
         whole = place < table.heads or column.form is not None
         justify: Literal["left", "right"] = "right" if column.form else "left"
         title = for_terminal(column.title)
         found.add_column(title, justify=justify, no_wrap=whole, overflow="fold")
-    for row in zip(*(cells for _, cells in shown), strict=True):
+    for row in zip(*(shown[place][1] for place in places), strict=True):
         found.add_row(*(for_terminal(cell.text).replace("±", sign) for cell in row))
     return found
 

@@ -584,22 +584,22 @@ def _reason(
     judge = f"{len(least[taken])} runs, each left out of its fit" if left_out else name
     names = sorted(least, key=lambda name: sum(least[name]))
     told = [f"{taken} was chosen among {listed(names)} {what} ({judge})."]
-    own, pilot, far = held[0], held[0][taken].pilot_parameters, list[str]()
+    own, pilot, worse = held[0], held[0][taken].pilot_parameters, list[str]()
     for name in names:
         differences = [a - b for a, b in zip(least[name], least[taken], strict=True)]
         size = f"{abs(sum(differences)):.0f}"
         size += f" +- {_standard_error(differences):.0f}" if left_out else ""
         if name != taken and sum(differences) < 0.0:
             told.append(
-                f"{name} leaves {size} less of the deviance unexplained, which is no clear gain "
+                f"{name} leaves {size} less deviance unexplained, which is not significant "
                 f"for {own[name].pilot_parameters} parameters instead of {pilot}."
             )
         elif sum(differences) > FAR:
-            far.append(name)
+            worse.append(f"{name} over {FAR:.0f}")
         elif name != taken:
-            told.append(f"{name} leaves {size} more.")
-    if far:
-        told.append(f"{listed(far)} {'leaves' if len(far) == 1 else 'leave'} over {FAR:.0f} more.")
+            worse.append(f"{name} {size}")
+    if worse:
+        told.append(f"The others leave more deviance unexplained than {taken}: {', '.join(worse)}.")
     return told
 
 

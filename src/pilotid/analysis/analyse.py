@@ -169,7 +169,7 @@ class Analysis:
         """The same without remarks of these codes."""
 
         def kept(content: Content) -> Content:
-            own = {
+            own: Content = {
                 name: [told for told in content[name] if told[0] not in codes]
                 for name in ("remarks", "loop_remarks")
                 if name in content

@@ -184,7 +184,7 @@ def alarms(analysis: Analysis, worst: int = 3) -> list[str]:
     told = [(place, remark) for place, remark in every if remark.code not in OF_STICK]
     found = []
     if told:
-        found.append(f"Remarks: {counted_grades(remark for _, remark in told)}.")
+        found.append(f"Warnings: {counted_grades(remark for _, remark in told)}.")
     codes: dict[str, list[tuple[str, Remark]]] = {}
     for place, remark in told:
         if remark.grade != "note":
@@ -195,7 +195,7 @@ def alarms(analysis: Analysis, worst: int = 3) -> list[str]:
     for code in order[:worst]:
         (place, first), *others = codes[code]
         more = f", and {len(others)} more" if others else ""
-        found.append(f"{first.grade}, {code}: {place}{more}: {first}.")
+        found.append(f"{first.line(place + more)}.")
     for code in dict.fromkeys(remark.code for _, remark in stick):
         own = [(place, remark) for place, remark in stick if remark.code == code]
         found.append(f"{code}, of the stick: {own[0][1]} ({len(own)} fits).")

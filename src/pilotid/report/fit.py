@@ -92,7 +92,8 @@ def warnings_of(fit: Fitted) -> list[Block]:
     """All remarks, if there are any."""
     if not fit.warnings:
         return []
-    return [Text("Before you believe these numbers:", "heading"), Bullets(fit.warnings)]
+    title = Text("Warnings: read them before you use the numbers", "heading")
+    return [title, Bullets(fit.warnings)]
 
 
 # ---------------------------------------------------------------------------------- words
@@ -110,10 +111,10 @@ def summary(fit: Fitted) -> list[str]:
             sentences.append("No numbers here are to be used.")
     count = len(fit.warnings)
     if count:
-        remarks = "One remark below says" if count == 1 else f"{count} remarks below say"
-        sentences.append(f"{remarks} what to know before the numbers are used.")
+        warnings = "One warning" if count == 1 else f"{count} warnings"
+        sentences.append(f"{warnings} below: read before you use the numbers.")
     elif chosen is not None:
-        sentences.append("No test spoke against recording or fit.")
+        sentences.append("No check of recording or fit found a fault.")
     return sentences
 
 
@@ -162,16 +163,16 @@ def _known(chosen: Estimate) -> list[str]:
     well = [f"{key} (± {_percent(share)})" for key, share in shares.items() if share <= WELL]
     poorly = [f"{key} (± {_percent(share)})" for key, share in shares.items() if share >= POORLY]
     told = [
-        f"{what} is {listed(keys)}"
+        f"{what}: {listed(keys)}"
         for what, keys in (
-            ("well known (95 % interval within 10 %)", well),
-            ("poorly known (beyond 50 %)", poorly),
-            ("held by a bound", bound),
+            ("well identified (95 % interval within 10 %)", well),
+            ("poorly identified (beyond 50 %)", poorly),
+            ("at a bound", bound),
         )
         if keys
     ]
     if not (poorly or bound):
-        told.append("nothing is poorly known (beyond 50 %)")
+        told.append("poorly identified (beyond 50 %): none")
     return [f"By {chosen.method}, {'; '.join(told)}."]
 
 
