@@ -28,6 +28,7 @@ SHOWN = {
         "guide/clusters.md",
         "guide/commands.md",
         "guide/install.md",
+        "guide/people.md",
         "guide/start.md",
         "posterior.md",
     },
