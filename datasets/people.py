@@ -66,10 +66,10 @@ class People:
     @property
     def options(self) -> str:
         """What commands need to read the files."""
-        given = (f"--pattern '{self.pattern}'",)
-        given += (f"--map {self.mapping}",) if self.mapping else ()
-        given += (f"--dt {self.dt:.6g}",) if self.dt else ()
-        return " ".join((*given, f"--model {self.model}"))
+        given = [f"--pattern '{self.pattern}'"]
+        given += [f"--map {self.mapping}"] * bool(self.mapping)
+        given += [f"--dt {self.dt:.6g}"] * bool(self.dt)
+        return " ".join([*given, f"--model {self.model}"])
 
 
 @dataclass(frozen=True)

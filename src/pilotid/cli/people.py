@@ -11,7 +11,7 @@ import typer
 
 from pilotid.cli import options
 from pilotid.datasets.people import PEOPLE, People, fetch, people_named, published, recordings_in
-from pilotid.document import Bullets, Section, Text, print_blocks, write_page
+from pilotid.document import Bullets, Section, Table, Text, print_blocks, write_page
 from pilotid.recordings.files import Reading
 from pilotid.terminal import make_console
 
@@ -102,5 +102,6 @@ def compare_people(
     ]
     write_page(out / PAGE, f"Methods on recordings of people: {name}", sections)
     told = [f"page: {out / PAGE}", f"all fits: {report}"]
-    print_blocks(make_console(), *_card(people), *judged[1:], *agreement, Bullets(told))
+    tables = [block for block in (*judged, *agreement) if isinstance(block, Table)]
+    print_blocks(make_console(), *_card(people), *tables, Bullets(told))
     options.raise_refused(found.refused)
