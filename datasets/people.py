@@ -41,10 +41,12 @@ class People:
         Publication and page.
     address
         Of the folder with the files; empty where none is known that gives a single file.
-    reading
-        Options of commands that read the files.
     files
         What commands take behind the folder.
+    pattern, model
+        What the names say, and a model that suits.
+    mapping, dt
+        How the files are read, see `pilotid.recordings.files.Reading`.
     """
 
     name: str
@@ -55,8 +57,19 @@ class People:
     licence: str
     source: str
     address: str
-    reading: str
     files: str
+    pattern: str
+    model: str = "auto"
+    mapping: str = ""
+    dt: float | None = None
+
+    @property
+    def options(self) -> str:
+        """What commands need to read the files."""
+        given = [f"--pattern '{self.pattern}'"]
+        given += [f"--map {self.mapping}"] * bool(self.mapping)
+        given += [f"--dt {self.dt:.6g}"] * bool(self.dt)
+        return " ".join([*given, f"--model {self.model}"])
 
 
 @dataclass(frozen=True)
@@ -83,8 +96,8 @@ PEOPLE = {
             f"course AE2224-I, Delft University of Technology; {_YAW}",
             "https://raw.githubusercontent.com/vikkoss/ae2224I_measurement_data_2024--1-/"
             "4095f459beed77dc46d697485f3a517db04cda43/",
-            "--pattern 'subj{subject}_{condition}'",
             "*.mat",
+            "subj{subject}_{condition}",
         ),
         People(
             "adaptation",
@@ -97,8 +110,8 @@ PEOPLE = {
             "MIT",
             "P. M. T. Zaal, JGCD 39(5), 2016, doi 10.2514/1.G001592",
             "",
-            "--pattern 'pilot{subject}_{condition}_{axis}'",
             "*.mat",
+            "pilot{subject}_{condition}_{axis}",
         ),
         People(
             "preview",
@@ -112,8 +125,10 @@ PEOPLE = {
             "M. Yamagami et al., IFAC-PapersOnLine 51(34), 2019, doi 10.1016/j.ifacol.2019.01.025; "
             "github.com/EmDash00/HILSuperposition-2017",
             "",
-            "--map t=time,ft=ref,u=inp,fd=dis,x=state",
             "*.csv",
+            "_{subject}_{condition}_r-{target}_d-{disturbance}_s49_{order}_{run}",
+            "look-ahead",
+            "t=time,ft=ref,u=inp,fd=dis,x=state",
         ),
         People(
             "following",
@@ -126,8 +141,11 @@ PEOPLE = {
             "K. Bonnen et al., Journal of Vision 15(3):14, 2015; "
             "github.com/kbonnen/BonnenEtAl2015_KalmanFilterCode",
             "",
-            "--map ft=target,u=response,x=response --dt 0.0166667 --model following",
             "data.mat::sigma=*",
+            "sigma={condition}",
+            "following",
+            "ft=target,u=response,x=response",
+            1.0 / 60.0,
         ),
     )
 }
@@ -143,6 +161,13 @@ def published() -> Mapping[str, tuple[Published, ...]]:
     return found
 
 
+def people_named(name: str) -> People:
+    """The experiment of that name; an `InputError` if there is none."""
+    if name not in PEOPLE:
+        raise InputError(f"unknown data {name!r:.50}: choose from {', '.join(PEOPLE)}")
+    return PEOPLE[name]
+
+
 def data_folder() -> Path:
     """Where fetched files are: the folder that PILOTID_DATA names, or one of the user's caches."""
     if named := os.environ.get(FOLDER):
@@ -150,6 +175,12 @@ def data_folder() -> Path:
     windows = os.environ.get("LOCALAPPDATA") if sys.platform == "win32" else None
     above = windows or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(above) / "pilotid"
+
+
+def recordings_in(folder: Path, name: str) -> list[Path]:
+    """The files of an experiment in a folder, as commands take them."""
+    files = PEOPLE[name].files
+    return sorted(folder.glob(files)) if "::" not in files else [folder / files]
 
 
 def fetch(name: str, source: Path | None = None) -> Path:
@@ -167,8 +198,7 @@ def fetch(name: str, source: Path | None = None) -> Path:
     InputError
         If there is no such experiment, or a file cannot be had or is another than the published.
     """
-    if name not in PEOPLE:
-        raise InputError(f"unknown data {name!r:.50}: choose from {', '.join(PEOPLE)}")
+    people_named(name)
     folder = data_folder() / name
     lacking = [file for file in published()[name] if not _is_there(folder / file.name, file)]
     if lacking:

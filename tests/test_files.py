@@ -263,6 +263,7 @@ READ: list[tuple[str, Writer, int, dict[str, Any]]] = [
     ("MATLAB no x", saved({**{k: TWO[k] for k in "teu"}, "ft": FT.T}), 2, {"from": "ft - e"}),
     ("names and units in comments", written(text("# t,e,u,x", before="# a, b, c, d",
                                                  under="# s,deg,-,deg")), 1, {"units": UNITS}),
+    ("blank lines among comments", written(text(before="# pilot 3\n\n# gain\n\n")), 1, {}),
     ("comment under the header", written(text(under="# pilot 3, gain")), 1, {}),
     ("last name for all columns", written(text("# t,e,u,x...", columns={**ONE, "y": FT[0]})), 1,
      {"map": "x=x"}),

@@ -5,15 +5,20 @@ from __future__ import annotations
 import hashlib
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
-from helpers import Run
+from helpers import SINGLE_LOOP, Run
 
-from pilotid.datasets import people
+from pilotid.analysis.agreement import agreements
+from pilotid.analysis.rows import Row
+from pilotid.datasets import people, simulate
 from pilotid.datasets.people import PEOPLE, Published, fetch, published
+from pilotid.recordings.files import save_recording
 from pilotid.types import InputError
 
 CONTENT = {"a.mat": b"first", "b.mat": b"second"}
@@ -98,10 +103,55 @@ def test_command(folder: Path, run: Run) -> None:
     assert [name for name in PEOPLE if f"\n{name}\n" in f"\n{told.out}"] == list(PEOPLE)
     told = run("fetch-data", "following", "--from", write(folder / "lab"))
     assert told.status == 0
-    assert f"'{folder}/data/following/data.mat::sigma=*' --map ft=target" in " ".join(
-        told.out.split()
-    )
+    words = " ".join(told.out.split())
+    assert f"'{folder}/data/following/data.mat::sigma=*' --pattern 'sigma={{condition}}'" in words
     assert run("fetch-data", "preview", "--from", folder / "nowhere").status == 2
+
+
+def test_distances_from_consistent_estimates() -> None:
+    def row(method: str, parameter: str, value: float, error: float, run: int | None = None) -> Row:
+        return Row("F", (), run, "single", method, parameter, "", value, error, 0.0, 0.0, "", True)
+
+    rows = [
+        *(row("fourier", "a", 1.0, 0.5), row("fourier", "b", 2.0, 0.1)),
+        *(row("mle", "a", 1.1, 0.2), row("mle", "b", 2.06, 0.05)),  # apart by .2 and .6 errors
+        *(row("mle-white", "a", 2.0, 0.1), row("mle-white", "b", 1.6, 0.05)),  # by 2 and 4
+        *(row("mle", "a", 9.0, 0.1, 1), replace(row("arx", "a", 9.0, 0.1), usable=False)),
+        row("mle", "only here", 9.0, 0.1),
+    ]
+    found = [(own.method, own.reference, own.estimates, own.distance) for own in agreements(rows)]
+    assert found == [
+        ("mle", "fourier", 2, pytest.approx(0.4 / 0.6745)),
+        ("mle-white", "fourier", 2, pytest.approx(3.0 / 0.6745)),
+    ]
+
+
+@pytest.mark.numerical
+@pytest.mark.long
+def test_methods_are_compared_on_people(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PILOTID_DATA", str(tmp_path))
+    files = []
+    (tmp_path / "yaw").mkdir()
+    for subject in (1,):
+        recording = simulate(replace(SINGLE_LOOP, runs=2), np.random.default_rng(subject))
+        path = tmp_path / "yaw" / f"subj{subject}_C1.mat"
+        save_recording(recording, path)
+        content = path.read_bytes()
+        digest = hashlib.sha256(content).hexdigest()
+        files.append(Published(path.name, len(content), digest))
+    monkeypatch.setattr(people, "published", lambda: dict.fromkeys(PEOPLE, tuple(files)))
+    monkeypatch.setitem(PEOPLE, "yaw", replace(PEOPLE["yaw"], model="single"))
+    told = run(
+        *("compare", "--people", "yaw", "--method", "mle-white,fourier"),
+        *("--workers", 1, "--out", tmp_path / "out"),
+    )
+    assert told.status == 0, told.err
+    page = (tmp_path / "out" / "people.html").read_text()
+    for text in ("pilots 1, 3, 4 and 6", "Runs left out", "Differences from consistent estimates"):
+        assert text in page
+    assert run("compare", "--people", "yaw", "--scenario", "nominal").status == 2
 
 
 @pytest.mark.parametrize("name", PEOPLE)

@@ -22,6 +22,7 @@ from pilotid.analysis.cross_validation import (
 from pilotid.analysis.recordings import Part
 from pilotid.document import Block, Column, Table, Text
 from pilotid.numbers import number, plus_minus, unsigned
+from pilotid.recordings.selection import stem_of
 from pilotid.types import InputError
 
 #: The file, in the folder of an analysis.
@@ -121,7 +122,7 @@ def _texts(held: Mapping[Any, Any]) -> dict[str, str]:
 def group_words(group: Sequence[tuple[str, str]]) -> str:
     """A group of recordings, or the stratum of a contrast, in words."""
     fields = [value for field, value in group if field != "file"]
-    return " ".join(fields) or " ".join(Path(value).stem for _, value in group)
+    return " ".join(fields) or " ".join(stem_of(value) for _, value in group)
 
 
 class Ranked(NamedTuple):

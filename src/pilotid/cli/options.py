@@ -54,7 +54,11 @@ ElementOption = Annotated[
 
 FilesArgument = Annotated[
     list[Path],
-    typer.Argument(metavar="F.csv|F.mat ...", help="Recordings to read.", readable=False),
+    typer.Argument(
+        metavar="F.csv|F.mat ...",
+        help="Recordings to read; F.mat::PART is one of several in a file.",
+        readable=False,
+    ),
 ]
 ModelOption = Annotated[
     str,

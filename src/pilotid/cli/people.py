@@ -1,16 +1,24 @@
-"""The command `pilotid fetch-data`: published recordings of people."""
+"""Published recordings of people: `pilotid fetch-data`, and `compare --people`."""
 
 from __future__ import annotations
 
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from pilotid.datasets.people import PEOPLE, People, fetch, published
-from pilotid.document import Bullets, Text, print_blocks
+from pilotid.cli import options
+from pilotid.datasets.people import PEOPLE, People, fetch, people_named, published, recordings_in
+from pilotid.document import Bullets, Section, Table, Text, print_blocks, write_page
+from pilotid.recordings.files import Reading
 from pilotid.terminal import make_console
+
+#: Methods that are compared on people where none is named; those of which one is consistent
+#: without the others' assumptions are held against the others.
+USUAL = ("mle", "mle-white", "mle-reference", "fourier", "arx", "mmle3")
+PAGE = "people.html"
 
 
 def fetch_data(
@@ -34,8 +42,7 @@ def fetch_data(
     # A pattern of files is for the shell to expand; what stands behind :: is not.
     files = f"{shlex.quote(str(folder))}/{people.files}"
     files = f"'{folder}/{people.files}'" if "::" in people.files else files
-    command = "analyse" if "--pattern" in people.reading else "fit"
-    print_blocks(console, Text(f"pilotid {command} {files} {people.reading}"))
+    print_blocks(console, Text(f"pilotid analyse {files} {people.options} --out results/{name}"))
 
 
 def _card(people: People) -> list[Text | Bullets]:
@@ -51,3 +58,50 @@ def _card(people: People) -> list[Text | Bullets]:
         f"source: {people.source}",
     ]
     return [Text(people.name, "heading"), Bullets(lines)]
+
+
+def compare_people(
+    name: str,
+    method: Sequence[str] | None,
+    *,
+    seed: int,
+    workers: int | None,
+    force: bool,
+    out: Path,
+) -> None:
+    """Compare methods on published recordings: runs left out, runs apart, consistent estimates."""
+    from pilotid.analysis.agreement import agreement_blocks
+    from pilotid.analysis.board import left_out_blocks
+    from pilotid.analysis.experiment import analyse
+    from pilotid.cli.running import with_progress
+
+    methods = options.methods_of(method, USUAL)
+    people, folder = people_named(name), fetch(name)
+    with options.resumable(out):
+        found = analyse(
+            recordings_in(folder, name),
+            people.pattern,
+            [people.model],
+            list(methods.values()),
+            out=out,
+            per_run=True,
+            left_out=True,
+            reading=Reading((people.mapping,) if people.mapping else (), people.dt),
+            seed=seed,
+            workers=workers,
+            force=force,
+            bar=with_progress,
+        )
+    report = found.write(f"pilotid compare --people {name}", f"pilotid compare --people {name}")
+    agreement = agreement_blocks(found.results.rows)
+    judged = left_out_blocks(found.results.board("", {}))
+    sections = [
+        Section("people", "Who, and what to know", _card(people)[1:]),
+        Section("left-out", "Runs left out", judged),
+        Section("agreement", "Agreement with consistent estimates", agreement),
+    ]
+    write_page(out / PAGE, f"Methods on recordings of people: {name}", sections)
+    told = [f"page: {out / PAGE}", f"all fits: {report}"]
+    tables = [block for block in (*judged, *agreement) if isinstance(block, Table)]
+    print_blocks(make_console(), *_card(people), *tables, Bullets(told))
+    options.raise_refused(found.refused)

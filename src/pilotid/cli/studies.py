@@ -71,6 +71,12 @@ def compare(
         ),
     ] = False,
     salvage: SalvageOption = False,
+    people: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Published recordings of people instead; see fetch-data."
+        ),
+    ] = None,
     mix: Annotated[
         bool, typer.Option("--mix", help="Append to a study made with different code or settings.")
     ] = False,
@@ -86,6 +92,16 @@ def compare(
     from pilotid.study.store import Store
     from pilotid.study.study import PROFILES, UNANSWERED, Study
 
+    if people is not None:
+        if scenario or like or replications or scheduler:
+            raise InputError(
+                "--people takes recordings in place of simulations: leave --scenario, --like, "
+                "--replications and --scheduler out"
+            )
+        from pilotid.cli.people import compare_people
+
+        compare_people(people, method, seed=seed, workers=workers, force=force, out=out)
+        return
     if profile not in PROFILES:
         raise InputError(f"unknown profile '{profile}': choose from {', '.join(PROFILES)}")
     if workers is not None and scheduler is not None:

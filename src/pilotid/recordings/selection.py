@@ -19,7 +19,8 @@ def file_and_parts(path: str | os.PathLike[str]) -> tuple[Path, list[str]]:
     """The file of a path such as ``F.mat::identification``, and the names of the part."""
     whole = Path(path)
     file, *parts = str(path).split(INSIDE)
-    return (Path(file), parts) if parts and not os.path.exists(whole) else (whole, [])
+    named = file and parts and not os.path.exists(whole)
+    return (Path(file), parts) if named else (whole, [])
 
 
 def file_of(path: str | os.PathLike[str]) -> Path:

@@ -354,7 +354,7 @@ def _layout(lines: Iterator[str]) -> tuple[str, int, Iterator[str], list[str]]:
     first = next(lines, "")
     if match := re.fullmatch(r'"?sep=([,;\t ])"?\s*', first, re.IGNORECASE):
         separator, first, number = match[1], next(lines, ""), 2
-    while first.lstrip()[:1] in COMMENT and first:
+    while first and (first.lstrip()[:1] in COMMENT or (comments and not first.strip())):
         comments.append(first.strip("#% \t\r\n"))
         first, number = next(lines, ""), number + 1
     begin = [first]
