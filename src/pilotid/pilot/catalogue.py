@@ -75,9 +75,10 @@ FEEDFORWARD = Channel(
     (Differentiator(1), Gain("Kt", 0.25), Lag("tlagt", 0.25), Delay("tdt", 0.2), Neuromuscular()),
 )
 
-#: How far ahead the two viewpoints of a previewed target lie.
+#: How far ahead the two viewpoints of a previewed target lie; the bound keeps the near one near,
+#: or else the two change places.
 FAR = LookAhead("tlookf", 0.8, usual=(0.3, 1.5))
-NEAR = LookAhead("tlookn", 0.25, bounds=(0.0, 1.0), usual=(0.05, 0.6))
+NEAR = LookAhead("tlookn", 0.25, bounds=(0.0, 0.6), usual=(0.05, 0.5))
 
 SINGLE = PilotModel(
     "single",

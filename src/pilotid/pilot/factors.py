@@ -608,7 +608,7 @@ class InnerLoop(Factor):
     back: tuple[Factor, ...]
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]
+    def parameters(self) -> tuple[Parameter, ...]:
         back = (replace(p, linear=False) for factor in self.back for p in factor.parameters)
         return (*back, *self.forward.parameters)
 
@@ -635,7 +635,9 @@ class InnerLoop(Factor):
 
     def rational(self, values: Sequence[float], pade_order: int) -> Rational:
         *back, (above, below) = (f.rational(own, pade_order) for f, own in self._parts(values))
-        top, bottom = (reduce(np.polymul, [b[i] for b in back], [1.0]) for i in (0, 1))
+        top, bottom = np.ones(1), np.ones(1)
+        for numerator, denominator in back:
+            top, bottom = np.convolve(top, numerator), np.convolve(bottom, denominator)
         closed = np.polyadd(np.polymul(below, bottom), np.polymul(above, top))
         return np.polymul(above, bottom).tolist(), closed.tolist()
 
