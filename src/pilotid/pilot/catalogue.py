@@ -27,6 +27,7 @@ from pilotid.pilot.factors import (
     LookAhead,
     Neuromuscular,
     Otoliths,
+    SlowLag,
 )
 from pilotid.pilot.model import Channel, PilotModel
 from pilotid.pilot.timevarying import Changing, Spline
@@ -141,7 +142,7 @@ PRECISION = PilotModel(
         _visual(
             *LED_AND_LAGGED.factors[:-2],
             Lead("tleadlow", 4.0, (0.1, 60.0), (1.0, 10.0)),
-            Lag("tlaglow", 10.0, (0.2, 200.0), (3.0, 40.0)),
+            SlowLag("tlaglow", 10.0, (0.2, 200.0), (3.0, 40.0)),
             *SLOW,
         ),
     ),

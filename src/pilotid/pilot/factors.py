@@ -382,6 +382,21 @@ class Lag(Factor):
 
 
 @dataclass(frozen=True)
+class SlowLag(Lag):
+    """A lag whose free decay outlasts a run-in: decays about that of its start are told apart.
+
+    Attributes
+    ----------
+    key, start, bounds, usual
+        As of `Lag`.
+    """
+
+    @property
+    def fixed_poles(self) -> tuple[float, ...]:
+        return (-0.5 / self.start, -1.0 / self.start, -2.0 / self.start)
+
+
+@dataclass(frozen=True)
 class Delay(Factor):
     """Pure time delay e^{-T s}, exact in frequency responses.
 
