@@ -67,7 +67,7 @@ RANGES = {
     "tlookf": (0.4, 1.4),
     "Kn": (0.1, 0.5),
     "tlagn": (0.04, 0.25),
-    "tlookn": (0.1, 0.5),
+    "tlookn": (0.1, 0.4),
     "fnm": (6.5, 15.0),
     "dnm": (0.12, 0.65),
 }
@@ -75,7 +75,7 @@ RANGES = {
 CROSSOVER = (1.0, 5.0)  # rad/s, of the target loop
 SENSITIVITY = 4.0  # largest |1/(1 + L)|: the paper's single-channel pilot has 3.6
 ASIDE = 2.0  # least ratio of lead and lag time, or of lag and lead time
-APART = 0.2  # s, least distance of the far viewpoint from the near one
+APART = 0.3  # s, least distance of the far viewpoint from the near one
 WALK = 60.0  # rad/s, up to which a target walks at random
 ELEMENTS = {
     "multi": ("K/s^2", "K/(s(s+a))", "second order"),
@@ -249,13 +249,13 @@ def drawn_pilot(
 def sensible(model: PilotModel, truth: FloatArray, element: ControlledElement) -> bool:
     """Whether the loop crosses over where pilots do, and is stable with a margin."""
     # An answer to a target that is seen is in no loop: only the disturbance goes round.
-    loops_kept = slice(1, 2) if model is PREVIEW else slice(2)
-    own = margins(model, truth, element)[loops_kept][0]
+    first = 1 if model is PREVIEW else 0
+    own = margins(model, truth, element)[first]
     last = max((own.crossover, *own.others))  # a resonance must not cross over far above
     if not (0.5 * CROSSOVER[0] <= last <= 1.2 * CROSSOVER[1]):
         return False
     omega = np.geomspace(0.05, 60.0, 400)
-    loops = open_loops(model, truth, element, omega)[loops_kept]
+    loops = open_loops(model, truth, element, omega)[first:]
     if any(np.max(1.0 / np.abs(1.0 + loop)) > SENSITIVITY for loop in loops):
         return False
     return unstable_poles(model, truth, element) == 0

@@ -92,8 +92,10 @@ def test_runs_are_stacked() -> None:
     assert 0.2 < np.median(ratio) < 0.6
 
 
-#: What follows a target moves a cursor at once, which ARX refuses.
-CAUSAL = [m.name for m in MODELS.values() if not (m.changes or m.ahead or m.name == "following")]
+#: What follows a target moves a cursor at once, which ARX refuses; of the others the pilots here
+#: have delays no longer than its shortest lag.
+UNSUITED = ("following", "precision", "structural")
+CAUSAL = [m.name for m in MODELS.values() if not (m.changes or m.ahead or m.name in UNSUITED)]
 
 
 @pytest.mark.parametrize("name", CAUSAL)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import predict_circular
+from helpers import PILOTS, predict_circular
 
 from pilotid.datasets import scenario_named, simulate
 from pilotid.datasets.experiments import experiment_of
@@ -14,6 +14,7 @@ from pilotid.datasets.population import POPULATIONS
 from pilotid.datasets.scenarios import Scenario
 from pilotid.estimates.method import identify
 from pilotid.methods import MLE
+from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.element import double_integrator
 from pilotid.pilot.loops import pilot_on
 from pilotid.posterior.likelihood import Likelihood
@@ -325,3 +326,13 @@ def test_noise_of_the_recorder_moves_no_estimate_by_much() -> None:
         errors.append((fits[1].values - fits[0].values) / fits[0].std_error)
     # Paired: what the noise does, not the remnant, which direct prediction errors get wrong by 60.
     assert np.abs(errors).max() < 1.0
+
+
+@pytest.mark.parametrize("decimals", [15, 3])
+def test_what_lies_between_the_lines_of_a_target_takes_nothing_from_the_band(decimals: int) -> None:
+    recording = simulate(PILOTS["look-ahead"], np.random.default_rng(1))
+    recording = replace(recording, ft=np.round(recording.ft, decimals))
+    assert (floors_of(recording).share(("ft",)) == 1.0).all()
+    estimate = identify(MLE(), recording, MODELS["look-ahead"], np.random.default_rng(1))
+    assert estimate.band is not None
+    assert estimate.band.half > 15.0

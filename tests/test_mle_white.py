@@ -18,7 +18,7 @@ from pilotid.estimates.method import identify
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.methods.mmle3 import MMLE3, Hold, _Output, pulse_response
 from pilotid.pilot.catalogue import GAIN_ONLY, MULTI
-from pilotid.pilot.factors import Rational
+from pilotid.pilot.element import Rational
 from pilotid.study import scores
 from pilotid.types import FloatArray
 

@@ -576,5 +576,5 @@ def test_how_far_a_model_looks_ahead_follows_bounds_and_held_values() -> None:
     model = MODELS["preview"]
     assert model.ahead == 2.0
     assert model.with_bounds(tlookf=(0.0, 1.2)).ahead == 1.2
-    assert model.with_fixed(tlookf=0.7).ahead == 1.0  # of the near viewpoint
+    assert model.with_fixed(tlookf=0.7).ahead == 0.7
     assert MODELS["single"].ahead == 0.0

@@ -682,9 +682,8 @@ def select(
         Parameters of the catalogue's models that are held or bounded, see
         `pilotid.pilot.catalogue.with_held`.
     """
-    catalogue, others = with_held(default_candidates(recording), held), AHEAD
-    if models or lacking(recording) or held:
-        others = ()
+    catalogue = with_held(default_candidates(recording), held)
+    others = () if models or lacking(recording) or held else AHEAD
     among = {model.name: model for model in (*(models or catalogue), *others)}
     plain = [model for model in among.values() if model not in others]
     if all(motionless_input(recording, model) for model in plain):

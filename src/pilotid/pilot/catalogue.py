@@ -27,6 +27,7 @@ from pilotid.pilot.factors import (
     LookAhead,
     Neuromuscular,
     Otoliths,
+    SlowLag,
 )
 from pilotid.pilot.model import Channel, PilotModel
 from pilotid.pilot.timevarying import Changing, Spline
@@ -75,9 +76,10 @@ FEEDFORWARD = Channel(
     (Differentiator(1), Gain("Kt", 0.25), Lag("tlagt", 0.25), Delay("tdt", 0.2), Neuromuscular()),
 )
 
-#: How far ahead the two viewpoints of a previewed target lie.
+#: How far ahead the two viewpoints of a previewed target lie; the bound keeps the near one near,
+#: or else the two change places.
 FAR = LookAhead("tlookf", 0.8, usual=(0.3, 1.5))
-NEAR = LookAhead("tlookn", 0.25, bounds=(0.0, 1.0), usual=(0.05, 0.6))
+NEAR = LookAhead("tlookn", 0.25, bounds=(0.0, 0.6), usual=(0.05, 0.5))
 
 SINGLE = PilotModel(
     "single",
@@ -140,7 +142,7 @@ PRECISION = PilotModel(
         _visual(
             *LED_AND_LAGGED.factors[:-2],
             Lead("tleadlow", 4.0, (0.1, 60.0), (1.0, 10.0)),
-            Lag("tlaglow", 10.0, (0.2, 200.0), (3.0, 40.0)),
+            SlowLag("tlaglow", 10.0, (0.2, 200.0), (3.0, 40.0)),
             *SLOW,
         ),
     ),

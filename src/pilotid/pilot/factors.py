@@ -382,6 +382,21 @@ class Lag(Factor):
 
 
 @dataclass(frozen=True)
+class SlowLag(Lag):
+    """A lag whose free decay outlasts a run-in: decays about that of its start are told apart.
+
+    Attributes
+    ----------
+    key, start, bounds, usual
+        As of `Lag`.
+    """
+
+    @property
+    def fixed_poles(self) -> tuple[float, ...]:
+        return (-0.5 / self.start, -1.0 / self.start, -2.0 / self.start)
+
+
+@dataclass(frozen=True)
 class Delay(Factor):
     """Pure time delay e^{-T s}, exact in frequency responses.
 
@@ -608,7 +623,7 @@ class InnerLoop(Factor):
     back: tuple[Factor, ...]
 
     @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]
+    def parameters(self) -> tuple[Parameter, ...]:
         back = (replace(p, linear=False) for factor in self.back for p in factor.parameters)
         return (*back, *self.forward.parameters)
 
@@ -635,7 +650,9 @@ class InnerLoop(Factor):
 
     def rational(self, values: Sequence[float], pade_order: int) -> Rational:
         *back, (above, below) = (f.rational(own, pade_order) for f, own in self._parts(values))
-        top, bottom = (reduce(np.polymul, [b[i] for b in back], [1.0]) for i in (0, 1))
+        top, bottom = np.ones(1), np.ones(1)
+        for numerator, denominator in back:
+            top, bottom = np.convolve(top, numerator), np.convolve(bottom, denominator)
         closed = np.polyadd(np.polymul(below, bottom), np.polymul(above, top))
         return np.polymul(above, bottom).tolist(), closed.tolist()
 

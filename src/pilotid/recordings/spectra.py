@@ -59,6 +59,14 @@ def forcing_lines(recording: Recording) -> dict[str, IntArray]:
     return {name: lines for name, lines in each.items() if lines.size}
 
 
+def _has_lines(recording: Recording, name: str) -> bool:
+    """Whether a forcing function is a sum of a few sines."""
+    try:
+        return lines_of(recording, name).size > 0
+    except NotMultisineError:
+        return False
+
+
 def lines_of(recording: Recording, name: str) -> IntArray:
     """The lines of one forcing function, see `forcing_lines`; none if it does not force."""
     given, forcing = recording.lines.get(name), getattr(recording, name)
@@ -303,6 +311,8 @@ def floors_of(recording: Recording) -> Floors:
     if recording.ft is not None:  # a target that steps has all frequencies, and is no noise
         own = periodogram(recording.e - recording.ft, recording.dt)[0][:, top]
         floor["e"] = min(floor["e"], float(own.mean()))
+    if _has_lines(recording, "ft"):  # what lies between them is no noise, and no signal either
+        floor["ft"] = 0.0
     variance = {name: float(np.mean(np.var(own, axis=1))) for name, own in signals.items()}
     return Floors(omega, power, floor, variance)
 
