@@ -17,6 +17,7 @@ from pilotid.chance import chi_squared_limit
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.parts import RemnantEstimate
 from pilotid.limits import ESTIMATE
+from pilotid.pilot.model import PilotModel
 from pilotid.recordings.plant import is_gain
 from pilotid.recordings.recording import INPUTS, Recording
 from pilotid.remarks import Remark
@@ -200,7 +201,7 @@ def residual_remarks(found: Maximum, recording: Recording) -> tuple[Remark, ...]
         _uneven(rows[-1]),
         _drifting(found),
         _coloured(rows[-1], found.joint.prediction.band_terms),
-        _answered_at_once(recording),
+        _answered_at_once(recording, found.joint.prediction.model),
     ]
     return tuple(remark for remark in remarks if remark)
 
@@ -229,9 +230,10 @@ def _held(recording: Recording) -> Remark | None:
     )
 
 
-def _answered_at_once(recording: Recording) -> Remark | None:
+def _answered_at_once(recording: Recording, model: PilotModel) -> Remark | None:
     """A word on position control, see docs/populations.md for what it does to intervals."""
-    if not is_gain(recording):
+    outside = all(channel.input == "target" for channel in model.channels)  # of any loop
+    if outside or not is_gain(recording):
         return None
     return Remark(
         "gain-element",
