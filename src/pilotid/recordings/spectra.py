@@ -143,7 +143,7 @@ def forcing_sines(recording: Recording) -> dict[str, dict[str, object]]:
 
     Amplitudes are root mean squares over the runs, phases at the start of the window those of the
     first; ``alternating`` says whether every other run has the other sign.  A target that was not
-    recorded is e + x.
+    recorded is e + x.  Runs with different lines have no functions in common: there are none.
 
     Raises
     ------
@@ -155,7 +155,8 @@ def forcing_sines(recording: Recording) -> dict[str, dict[str, object]]:
     if recording.ft is None and not quiet:
         recording = replace(recording, ft=target)
     found: dict[str, dict[str, object]] = {}
-    for name, lines in forcing_lines(recording).items():
+    every = forcing_lines(recording)
+    for name, lines in every.items() if len(same_lines(recording)) == 1 else ():
         signal = getattr(recording, name)
         if signal is None:
             continue
