@@ -8,10 +8,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from checks.published import LED, LOW, following_runs, inverse_shares, preview_runs
 from helpers import Run, strict
 
-from pilotid import MODELS, load_recording
+from pilotid import MODELS, identify, load_recording
+from pilotid.methods.fourier import Fourier
+from pilotid.pilot.catalogue import FOLLOWING, PURSUIT
+from pilotid.recordings.checks import remarks
 from pilotid.time_domain.information_criteria import evidence
 
 pytestmark = pytest.mark.numerical
@@ -58,3 +63,31 @@ def test_rollpitch(run: Run, measured: Path) -> None:
     joint = fitted(run, *files, "--joint", "--method", "mle-white")
     assert joint["recording"]["runs"] == 6
     assert 0.15 < joint["estimates"][0]["parameters"]["tdvis"]["value"] < 0.40
+
+
+def test_feedforward_and_feedback_of_exchanged_lines(measured: Path) -> None:
+    recording = preview_runs(measured / "preview", "zu", "fo")
+    assert recording.runs == 12
+    assert not remarks(recording)
+    found = Fourier().first_step(recording, PURSUIT)
+    share, error = inverse_shares(found, "fo")
+    low = found.omega <= 2.0 * np.pi * LOW
+    weights = error[~low] ** -2
+    # Yamagami et al. (2019): above .15 Hz between half of the element's inverse and all of it.
+    assert 0.5 < np.sum(weights * share[~low].real) / np.sum(weights) < 0.9
+    fit = identify("fourier", recording, LED)
+    ends = dict(zip(fit.model.keys, fit.intervals, strict=True))
+    assert ends["tdvis"][0] < 0.3
+    assert ends["tdvis"][1] > 0.2
+    assert ends["tlook"][0] > 0.1
+    assert fit.vaf > 50.0
+
+
+@pytest.mark.long
+def test_a_blurred_target_is_followed_late(measured: Path) -> None:
+    runs = following_runs(measured / "following" / "data.mat")
+    assert [own.runs for own in runs.values()] == [20] * 6
+    lag = FOLLOWING.keys.index("tlagt")
+    sharp, blurred = (identify("mle", runs[width], FOLLOWING).values[lag] for width in (11, 29))
+    assert sharp < 0.08  # Bonnen et al. (2015): .05 to .6 s
+    assert blurred > 0.3
