@@ -21,6 +21,8 @@ SMALLEST = 1e-3
 SAME = 0.02  # e + x below this share of e is no target
 #: A multisine leaves most of the bins between its first and last line to the remnant.
 CROWDED = 0.34
+#: A run has a line if its amplitude is at least this share of the root mean square over the runs.
+ABSENT_LINE = 0.05
 ALIKE = 0.1  # share in which a line of both functions may go together over the runs
 FEWEST = 5  # lines of a target that tell which signal is which
 MEDIAN = 0.64  # of the power of eight bins of noise less their own median, over its mean
@@ -96,7 +98,7 @@ def coefficients_at(recording: Recording, name: str, lines: IntArray) -> Complex
         return None
     found = np.fft.rfft(recording.window(forcing))[:, lines]
     size = np.abs(found)
-    return np.where(size < SMALLEST * size.max(initial=0.0), 0.0, found)
+    return np.where(size < ABSENT_LINE * np.sqrt(np.mean(size**2, axis=0)), 0.0, found)
 
 
 @remembered
