@@ -8,10 +8,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from checks.published import LED, LOW, following_runs, inverse_shares, preview_runs
 from helpers import Run, strict
 
-from pilotid import MODELS, load_recording
+from pilotid import MODELS, identify, load_recording
+from pilotid.methods.fourier import Fourier
+from pilotid.pilot.catalogue import FOLLOWING, PURSUIT
+from pilotid.recordings.checks import remarks
 from pilotid.time_domain.information_criteria import evidence
 
 pytestmark = pytest.mark.numerical
@@ -60,8 +65,8 @@ def test_rollpitch(run: Run, measured: Path) -> None:
     assert 0.15 < joint["estimates"][0]["parameters"]["tdvis"]["value"] < 0.40
 
 
-PREVIEW = "t=time,ft=ref,u=inp,fd=dis,x=state"
-FOLLOWING = "ft=target,u=response,x=response"
+PREVIEW_MAP = "t=time,ft=ref,u=inp,fd=dis,x=state"
+FOLLOWING_MAP = "ft=target,u=response,x=response"
 
 
 def briefly(run: Run, *arguments: object) -> list[str]:
@@ -73,23 +78,52 @@ def briefly(run: Run, *arguments: object) -> list[str]:
 
 def test_recordings_with_a_ramp_are_cut_to_their_periods(run: Run, measured: Path) -> None:
     files = sorted(measured.glob("preview/*.csv"))
-    told = briefly(run, *files, "--map", PREVIEW)
+    told = briefly(run, *files, "--map", PREVIEW_MAP)
     assert [": 1 x 40 s, e u x ft fd, " in line for line in told] == [True] * 36
     assert [line.rpartition("; ")[2] for line in told] == ["note: whole-periods"] * 36
     # One was saved by numpy as well, its forcing functions as objects that may not be read.
     (same,) = measured.glob("preview/*.npz")
     mapping = {"t": "time_", "u": "inp_", "x": "out_", "e": "-out_"}
     archive = load_recording(same, mapping)
-    text = load_recording(same.with_suffix(".csv"), dict(p.split("=") for p in PREVIEW.split(",")))
+    names = dict(pair.split("=") for pair in PREVIEW_MAP.split(","))
+    text = load_recording(same.with_suffix(".csv"), names)
     assert archive.u[0].tolist()[: text.u.shape[1]] == text.u[0].tolist()
 
 
 def test_trials_are_read_by_level_and_structs_by_name(run: Run, measured: Path) -> None:
     told = briefly(
-        run, measured / "following" / "data.mat::sigma=*", "--map", FOLLOWING, "--dt", 1 / 60
+        run, measured / "following" / "data.mat::sigma=*", "--map", FOLLOWING_MAP, "--dt", 1 / 60
     )
     assert [line.partition("::sigma=")[2][:9] for line in told] == [
         f"{sigma}: 20 x " for sigma in (11, 13, 17, 21, 25, 29)
     ]
     told = briefly(run, measured / "course" / "ae4320_dataset.mat::*", "--map", "fd=-3.49*fd")
     assert ["identification: 1 x 81.92 s" in told[0], "validation: 1 x" in told[1]] == [True, True]
+
+
+def test_feedforward_and_feedback_of_exchanged_lines(measured: Path) -> None:
+    recording = preview_runs(measured / "preview", "zu", "fo")
+    assert recording.runs == 12
+    assert not remarks(recording)
+    found = Fourier().first_step(recording, PURSUIT)
+    share, error = inverse_shares(found, "fo")
+    low = found.omega <= 2.0 * np.pi * LOW
+    weights = error[~low] ** -2
+    # Yamagami et al. (2019): above .15 Hz between half of the element's inverse and all of it.
+    assert 0.5 < np.sum(weights * share[~low].real) / np.sum(weights) < 0.9
+    fit = identify("fourier", recording, LED)
+    ends = dict(zip(fit.model.keys, fit.intervals, strict=True))
+    assert ends["tdvis"][0] < 0.3
+    assert ends["tdvis"][1] > 0.2
+    assert ends["tlook"][0] > 0.1
+    assert fit.vaf > 50.0
+
+
+@pytest.mark.long
+def test_a_blurred_target_is_followed_late(measured: Path) -> None:
+    runs = following_runs(measured / "following" / "data.mat")
+    assert [own.runs for own in runs.values()] == [20] * 6
+    lag = FOLLOWING.keys.index("tlagt")
+    sharp, blurred = (identify("mle", runs[width], FOLLOWING).values[lag] for width in (11, 29))
+    assert sharp < 0.08  # Bonnen et al. (2015): .05 to .6 s
+    assert blurred > 0.3

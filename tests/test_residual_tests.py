@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import NOMINAL, fit_of, recording_of
+from helpers import NOMINAL, PILOTS, fit_of, recording_of
 
 from pilotid.chance import chi_squared_limit
 from pilotid.datasets import SCENARIOS, Scenario
@@ -145,3 +145,7 @@ def test_position_control_is_remarked_on() -> None:
     scenario = next(s for s in draws if len(s.element.denominator) == 1)
     estimate = fit_of(MLE(), scenario)
     assert "the controlled element is a gain" in " ".join(estimate.remarks)
+
+
+def test_a_gain_element_matters_in_a_loop_alone() -> None:
+    assert "gain-element" not in codes_of(fit_of(MLE(), PILOTS["following"]).remarks)

@@ -88,12 +88,9 @@ def preview(folder: Path) -> str:
     """Table and figure of feedforward and feedback."""
     import matplotlib.pyplot as plt
 
-    head = ("element", "subject", "runs", "F Hc to 0.15 Hz", "F Hc above", "method")
-    keys = ("tdvis [s]", "tlook [s]", "tlook + tdvis [s]", "tlead [s]", "VAF")
-    lines = [
-        f"| {' | '.join((*head, *keys))} |",
-        f"| {' | '.join(['---'] * (len(head) + len(keys)))} |",
-    ]
+    keys = ("tdvis [s]", "tlook [s]", "tlook + tdvis [s]", "tlead [s]", "VAF", "remarks")
+    shares = _head("element", "subject", "runs", "F Hc to .15 Hz", "F Hc above")
+    fits = _head("element", "subject", "method", *keys)
     figure, panels = plt.subplots(2, 2, figsize=(7.2, 4.6), sharex="col", layout="constrained")
     for column, element in enumerate(ELEMENTS):
         above, below = panels[:, column]
@@ -106,10 +103,10 @@ def preview(folder: Path) -> str:
             points(above, beside, share, error, colour, f"subject {subject}")
             points(below, beside, found.value[0], found.std[0], colour, f"subject {subject}")
             means = mean_share(share, error, low), mean_share(share, error, ~low)
+            shares.append(_row(element, subject, recording.runs, *means))
             for method in ("mle", "fourier"):
                 fit = pilotid.identify(method, recording, LED)
-                shown = (element, subject, recording.runs, *means, method, *fitted(fit))
-                lines.append(f"| {' | '.join(map(str, shown))} |")
+                fits.append(_row(element, subject, method, *fitted(fit)))
         for level in (1.0, 0.5):
             above.axhline(
                 level, color="#444444", linewidth=0.8, linestyle="-" if level == 1 else ":"
@@ -129,7 +126,15 @@ def preview(folder: Path) -> str:
             log_ticks(axes, "y")
     panels[0, 0].legend(frameon=False)
     saved(figure, "preview")
-    return "\n".join(lines)
+    return "\n".join([*shares, "", *fits])
+
+
+def _head(*names: str) -> list[str]:
+    return [_row(*names), _row(*["---"] * len(names))]
+
+
+def _row(*cells: object) -> str:
+    return f"| {' | '.join(map(str, cells))} |"
 
 
 def points(
@@ -143,7 +148,7 @@ def points(
 
 
 def fitted(fit: Estimate) -> list[str]:
-    """Delay, look-ahead and lead with their intervals, the sum of the first two, and VAF."""
+    """Delay, look-ahead and lead with their intervals, the first two's sum, VAF, remarks."""
     index = {key: i for i, key in enumerate(fit.model.keys)}
 
     def shown(key: str) -> str:
@@ -151,7 +156,9 @@ def fitted(fit: Estimate) -> list[str]:
         return f"{fit.values[index[key]]:.2f} ({low:.2f} .. {high:.2f})"
 
     both = sum(fit.values[index[key]] for key in ("tdvis", "tlook"))
-    return [shown("tdvis"), shown("tlook"), f"{both:.2f}", shown("tlead"), f"{fit.vaf:.0f} %"]
+    told = ", ".join(dict.fromkeys(r.code for r in fit.remarks if r.grade != "note")) or "-"
+    found = [shown("tdvis"), shown("tlook"), f"{both:.2f}", shown("tlead")]
+    return [*found, f"{fit.vaf:.0f} %", told]
 
 
 # ---------------------------------------------------------------------- Bonnen et al. (2015)
@@ -188,10 +195,8 @@ def following(folder: Path) -> str:
     """Table and figure of the lag over the width of the blob."""
     import matplotlib.pyplot as plt
 
-    lines = [
-        "| width [arcmin] | tlagt [s] | tdt [s] | lag of the correlogram [s] | Kt | VAF |",
-        "| --- | --- | --- | --- | --- | --- |",
-    ]
+    head = ("tlagt [s]", "tdt [s]", "lag of the correlogram [s]", "Kt", "VAF")
+    lines = _head("width [arcmin]", *head)
     rows = []
     for width, recording in following_runs(folder / "data.mat").items():
         fit = pilotid.identify("mle", recording, FOLLOWING)
@@ -202,7 +207,7 @@ def following(folder: Path) -> str:
         rows.append((width, values["tlagt"], *ends["tlagt"], values["tdt"], *ends["tdt"], peak))
         shown = [f"{values[key]:.3f} ± {errors[key]:.3f}" for key in ("tlagt", "tdt")]
         gain = f"{values['Kt']:.3f} ± {errors['Kt']:.3f}"
-        lines.append(f"| {width} | {' | '.join(shown)} | {peak:.2f} | {gain} | {fit.vaf:.0f} % |")
+        lines.append(_row(width, *shown, f"{peak:.2f}", gain, f"{fit.vaf:.0f} %"))
     width, *series, peak = np.array(rows).T
     figure, axes = plt.subplots(figsize=(4.6, 3.0), layout="constrained")
     for place, label, colour, marker in (

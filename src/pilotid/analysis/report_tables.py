@@ -311,6 +311,10 @@ def factor_table(found: Sequence[Effect]) -> Table[Effect]:
     return Table("Effects of the factors: analysis of variance", columns, found, heads=3)
 
 
+def _clear(g: GroupDifference) -> str:
+    return "good" if g.p_holm < LEVEL else ""
+
+
 def group_table(found: Sequence[GroupDifference]) -> Table[GroupDifference]:
     """Groups compared in each condition."""
     columns: list[Column[GroupDifference]] = [
@@ -323,10 +327,11 @@ def group_table(found: Sequence[GroupDifference]) -> Table[GroupDifference]:
         Column("difference", lambda g: (g.difference, g.std_error), to_error),
         Column("t (df)", lambda g: f"{g.t:.2f} ({g.freedom:.1f})" if g.t == g.t else None, str),
         Column("p", lambda g: g.p, p_value),
-        Column("p Holm", lambda g: g.p_holm, p_value, "for all comparisons"),
+        Column("p Holm", lambda g: g.p_holm, p_value, "for all comparisons", _clear),
         Column("g", lambda g: (g.effect_size, 2), number, "Hedges'"),
     ]
-    return Table("Differences between groups", columns, found, heads=4)
+    ordered = sorted(found, key=lambda g: (g.stratum, g.condition))  # stable
+    return Table("Differences between groups", columns, ordered, heads=3)
 
 
 def learning_table(found: Sequence[Learning]) -> Table[Learning]:

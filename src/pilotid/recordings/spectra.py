@@ -21,6 +21,8 @@ SMALLEST = 1e-3
 SAME = 0.02  # e + x below this share of e is no target
 #: A multisine leaves most of the bins between its first and last line to the remnant.
 CROWDED = 0.34
+#: A run has a line if its amplitude is at least this share of the root mean square over the runs.
+ABSENT_LINE = 0.05
 ALIKE = 0.1  # share in which a line of both functions may go together over the runs
 FEWEST = 5  # lines of a target that tell which signal is which
 MEDIAN = 0.64  # of the power of eight bins of noise less their own median, over its mean
@@ -104,7 +106,7 @@ def coefficients_at(recording: Recording, name: str, lines: IntArray) -> Complex
         return None
     found = np.fft.rfft(recording.window(forcing))[:, lines]
     size = np.abs(found)
-    return np.where(size < SMALLEST * size.max(initial=0.0), 0.0, found)
+    return np.where(size < ABSENT_LINE * np.sqrt(np.mean(size**2, axis=0)), 0.0, found)
 
 
 @remembered
@@ -151,7 +153,7 @@ def forcing_sines(recording: Recording) -> dict[str, dict[str, object]]:
 
     Amplitudes are root mean squares over the runs, phases at the start of the window those of the
     first; ``alternating`` says whether every other run has the other sign.  A target that was not
-    recorded is e + x.
+    recorded is e + x.  Runs with different lines have no functions in common: there are none.
 
     Raises
     ------
@@ -163,7 +165,8 @@ def forcing_sines(recording: Recording) -> dict[str, dict[str, object]]:
     if recording.ft is None and not quiet:
         recording = replace(recording, ft=target)
     found: dict[str, dict[str, object]] = {}
-    for name, lines in forcing_lines(recording).items():
+    every = forcing_lines(recording)
+    for name, lines in every.items() if len(same_lines(recording)) == 1 else ():
         signal = getattr(recording, name)
         if signal is None:
             continue

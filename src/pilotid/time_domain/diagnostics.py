@@ -19,6 +19,7 @@ from pilotid.estimates.parts import RemnantEstimate
 from pilotid.estimates.specification import Specification
 from pilotid.limits import ESTIMATE
 from pilotid.lines.fit import specification_of
+from pilotid.pilot.model import PilotModel
 from pilotid.recordings.plant import element_changes, is_gain
 from pilotid.recordings.recording import INPUTS, Recording
 from pilotid.remarks import Remark
@@ -256,7 +257,7 @@ def fit_remarks(
         _uneven(rows[-1]),
         _drifting(found),
         _coloured(rows[-1], found.joint.prediction.band_terms),
-        _answered_at_once(recording),
+        _answered_at_once(recording, found.joint.prediction.model),
     ]
     return tuple(remark for remark in remarks if remark)
 
@@ -308,9 +309,10 @@ def _held(recording: Recording) -> Remark | None:
     )
 
 
-def _answered_at_once(recording: Recording) -> Remark | None:
+def _answered_at_once(recording: Recording, model: PilotModel) -> Remark | None:
     """A word on position control, see docs/populations.md for what it does to intervals."""
-    if not is_gain(recording):
+    outside = all(channel.input == "target" for channel in model.channels)  # of any loop
+    if outside or not is_gain(recording):
         return None
     return Remark(
         "gain-element",
