@@ -83,7 +83,8 @@ def _spikes(recording: Recording) -> Remark | None:
             return Remark(
                 "spike",
                 f"{name} is {_sized(recording, name, float(window[run, sample]))} at "
-                f"t = {sample * recording.dt:.4g} s of run {run + 1}, {window[run, sample] / usual:.2g} times its usual size: a code for a "
+                f"t = {sample * recording.dt:.4g} s of run {run + 1}, "
+                f"{window[run, sample] / usual:.2g} times its usual size: a code for a "
                 "missing value or a fault; repair it or leave that part out",
             )
     return None
