@@ -24,6 +24,7 @@ copyright = author
 version = release = installed("pilotid")
 
 extensions = [
+    "alternative",
     "mathml",
     "methods",
     "names",

@@ -87,8 +87,9 @@ def _spikes(recording: Recording) -> Remark | None:
         if usual > 0.0 and window[run, sample] > SIGNAL.spike * usual:
             return Remark(
                 "spike",
-                f"{name} is {window[run, sample]:.3g} at t = {sample * recording.dt:.4g} s of run "
-                f"{run + 1}, {window[run, sample] / usual:.2g} times its usual size: a code for a "
+                f"{name} is {_sized(recording, name, float(window[run, sample]))} at "
+                f"t = {sample * recording.dt:.4g} s of run {run + 1}, "
+                f"{window[run, sample] / usual:.2g} times its usual size: a code for a "
                 "missing value or a fault; repair it or leave that part out",
             )
     return None
@@ -185,9 +186,9 @@ def _drifting(recording: Recording) -> Remark | None:
         if abs(slope) * share > limit * rest:
             return Remark(
                 "drift",
-                f"u drifts by {slope:.3g} over run {run + 1}, {abs(slope) / max(rest, 1e-300):.1f} "
-                "standard deviations of the rest, and no other signal does: take it out with "
-                "--detrend",
+                f"u drifts by {_sized(recording, 'u', slope)} over run {run + 1}, "
+                f"{abs(slope) / max(rest, 1e-300):.1f} standard deviations of the rest, and no "
+                "other signal does: take it out with --detrend",
             )
     return None
 
@@ -205,8 +206,14 @@ def _offset(recording: Recording) -> Remark | None:
         return None
     return Remark(
         "offset",
-        f"u has an offset of {mean:.3g}, which biases methods that do not model one: remove it",
+        f"u has an offset of {_sized(recording, 'u', mean)}, which biases methods that do not "
+        "model one: remove it",
     )
+
+
+def _sized(recording: Recording, name: str, value: float) -> str:
+    """A value with the unit of its signal."""
+    return f"{value:.3g} {recording.units.get(name, '')}".rstrip()
 
 
 def _orthonormal(columns: Sequence[FloatArray]) -> FloatArray:
