@@ -63,7 +63,7 @@ def filled(folder: Path, methods: dict[str, tuple[float, float, float]], count: 
                 )  # fmt: skip
                 store.add(result)
         study = comparison_of(store)
-        _, text = written(folder, store, study)
+        _, text = written(folder, study)
     return Made(study, text, folder)
 
 

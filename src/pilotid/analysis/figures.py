@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import astuple
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -247,19 +248,17 @@ def spread_figure(spreads: Sequence[ConditionSpread]) -> Figure:
     spreads
         Those of one stratum and method.
     """
-    keys = list(dict.fromkeys(s.parameter for s in spreads))
-    conditions = in_order([s.condition for s in spreads])
+    keys = list(dict.fromkeys(s.first.parameter for s in spreads))
+    conditions = in_order([s.first.condition for s in spreads])
     offsets = np.linspace(-0.3, 0.3, len(conditions)) if len(conditions) > 1 else np.zeros(1)
     with journal_figure(2.5) as figure:
         axes = figure.subplots()
         axes.axhline(1.0, color=INK, linewidth=0.8)
         for number, condition in enumerate(conditions):
-            own = [s for s in spreads if s.condition == condition]
+            own = [s for s in spreads if s.first.condition == condition]
             own = [s for s in own if math.isfinite(s.ratio.value)]
-            x = [keys.index(s.parameter) + offsets[number] for s in own]
-            y = np.array([s.ratio.value for s in own])
-            low = np.array([s.ratio.lower for s in own])
-            high = np.array([s.ratio.upper for s in own])
+            x = [keys.index(s.first.parameter) + offsets[number] for s in own]
+            y, low, high = np.array([astuple(s.ratio)[:3] for s in own]).reshape(-1, 3).T
             axes.errorbar(
                 x, y, [y - low, high - y], fmt="o", color=COLOURS[number % len(COLOURS)],
                 markersize=3.0, elinewidth=0.9, label=condition or "all recordings",

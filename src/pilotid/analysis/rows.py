@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from pilotid.analysis.combine import plain_mean
 from pilotid.chance import Z95
 from pilotid.estimates.estimate import Outcome
 from pilotid.remarks import Remark
+
+T = TypeVar("T")
+K = TypeVar("K", bound=Hashable)
 
 #: The field of a pattern that names who was recorded, and the one that names under what.
 SUBJECT, CONDITION = "subject", "condition"
@@ -70,6 +73,11 @@ class Row:
         return dict(self.fields).get(name, "")
 
     @property
+    def condition(self) -> str:
+        """The condition; empty where the pattern has none."""
+        return self.field(CONDITION)
+
+    @property
     def stratum(self) -> tuple[tuple[str, str], ...]:
         """All fields but subject and condition: contrasts are made within each value of them."""
         return tuple(pair for pair in self.fields if pair[0] not in (SUBJECT, CONDITION))
@@ -119,6 +127,14 @@ def rows_of(
 
 def _number(held: float | None) -> float:
     return math.nan if held is None else held
+
+
+def grouped(items: Iterable[T], key: Callable[[T], K]) -> dict[K, list[T]]:
+    """Items that share a key, in the order of the first of each."""
+    groups: dict[K, list[T]] = {}
+    for item in items:
+        groups.setdefault(key(item), []).append(item)
+    return groups
 
 
 def in_order(values: Sequence[str]) -> list[str]:
@@ -231,16 +247,15 @@ def layouts(rows: Sequence[Row], chosen: Chosen | None = None) -> list[Layout]:
         The model of each condition; None to keep every model to itself.  With it a quantity
         that the models of several conditions share is one quantity.
     """
-    order: dict[tuple[Stratum, str, str, str], list[Row]] = {}
-    for row in rows:
-        if row.run is not None:
-            continue
-        own = row.model
-        if chosen is not None:
-            if row.model and chosen.get((row.stratum, row.field(CONDITION))) != row.model:
-                continue
-            own = ""
-        order.setdefault((row.stratum, row.method, own, row.parameter), []).append(row)
+
+    def counts(row: Row) -> bool:
+        own = not chosen or chosen.get((row.stratum, row.condition)) == row.model
+        return row.run is None and (own or not row.model)
+
+    order = grouped(
+        filter(counts, rows),
+        lambda r: (r.stratum, r.method, r.model if chosen is None else "", r.parameter),
+    )
     found = [
         _layout(stratum, method, parameter, mine)
         for (stratum, method, _, parameter), mine in order.items()
@@ -250,15 +265,13 @@ def layouts(rows: Sequence[Row], chosen: Chosen | None = None) -> list[Layout]:
 
 
 def _layout(stratum: Stratum, method: str, parameter: str, rows: Sequence[Row]) -> Layout:
-    conditions = in_order([row.field(CONDITION) for row in rows])
     models, cells = {}, {}
-    for condition in conditions:
-        here = [row for row in rows if row.field(CONDITION) == condition]
+    by_condition = grouped(rows, lambda row: row.condition)
+    for condition in in_order(list(by_condition)):
+        here = by_condition[condition]
         models[condition] = here[0].model
-        cells[condition] = {
-            subject: _cell([row for row in here if row.field(SUBJECT) == subject])
-            for subject in in_order([row.field(SUBJECT) for row in here])
-        }
+        by_subject = grouped(here, lambda row: row.field(SUBJECT))
+        cells[condition] = {s: _cell(by_subject[s]) for s in in_order(list(by_subject))}
     units = ", ".join(dict.fromkeys(row.unit for row in rows))
     return Layout(stratum, method, parameter, units, models, cells)
 
@@ -288,11 +301,10 @@ def by_table(
 
     The model is empty where a table holds several.
     """
-    groups: dict[tuple[Stratum, str, str], list[Layout]] = {}
-    for layout in found:
-        own = next(iter(layout.models.values())) if one_model else ""
-        groups.setdefault((layout.stratum, layout.method, own), []).append(layout)
-    return groups
+    return grouped(
+        found,
+        lambda own: (own.stratum, own.method, next(iter(own.models.values())) if one_model else ""),
+    )
 
 
 def mean_and_spread(cells: Sequence[Cell]) -> tuple[float, float]:

@@ -4,23 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from operator import attrgetter
 from pathlib import Path
 
 from pilotid.analysis.analyse import Analysis, group_of
+from pilotid.analysis.contrasts import Contrast
 from pilotid.analysis.cross_validation import COLUMNS as LEFT_OUT_COLUMNS
+from pilotid.analysis.factors import Effect
 from pilotid.analysis.recordings import Part
+from pilotid.analysis.repeated import Repeated
 from pilotid.analysis.report_tables import tables_tex
 from pilotid.analysis.responses import COLUMNS as RESPONSE_COLUMNS
 from pilotid.analysis.responses import response_cells
-from pilotid.analysis.results import (
-    CONTRAST_COLUMNS,
-    FACTOR_COLUMNS,
-    REPEATED_COLUMNS,
-    SPREAD_COLUMNS,
-    Results,
-    table_of,
-)
+from pilotid.analysis.results import Results
 from pilotid.analysis.rows import Row
+from pilotid.analysis.spread import RunSpread
 from pilotid.disk import table_bytes, write_file
 
 ESTIMATES, MODELS, LOOPS, CONTRASTS = "estimates.csv", "models.csv", "loops.csv", "contrasts.csv"
@@ -38,6 +36,68 @@ MODEL_COLUMNS = (
 )  # fmt: skip
 
 
+#: Columns of contrasts.csv behind those of the stratum's fields.
+CONTRAST_COLUMNS = (
+    *("condition_a", "condition_b", "model_a", "model_b", "method", "parameter", "unit"),
+    *("subjects", "mean_a", "mean_b", "difference", "std_error", "t", "freedom", "p", "p_holm"),
+    *("lower_95", "upper_95", "effect_size", "weighted_difference", "weighted_std_error"),
+    *("weighted_p", "weighted_p_holm", "weighted_lower_95", "weighted_upper_95"),
+    *("between_subjects", "between_lower_95", "between_upper_95", "claimed_error", "notes"),
+    *("misspecified", "robust_difference", "wilcoxon_p", "lower_holm_95", "upper_holm_95"),
+)
+#: Columns of the table of analyses of all conditions.
+REPEATED_COLUMNS = (
+    *("conditions", "models", "method", "parameter", "unit", "subjects", "F", "df1", "df2", "p"),
+    *("epsilon", "p_corrected", "estimates", "likelihood_ratio", "mixed_p", "between_subjects"),
+    *("residual", "notes", "eta_squared"),
+)
+#: Columns of the table of factors.
+FACTOR_COLUMNS = (
+    *("method", "parameter", "unit", "effect", "subjects", "F", "df1", "df2", "p", "epsilon"),
+    *("p_corrected", "eta_squared", "notes"),
+)
+#: Columns of the table of spreads from run to run.
+SPREAD_COLUMNS = (
+    *("file", "condition", "model", "method", "parameter", "unit", "runs", "ratio"),
+    *("ratio_lower_95", "ratio_upper_95", "ratio_p", "between_runs", "value", "claimed_error"),
+    *("std_error", "lower_95", "upper_95", "notes"),
+)
+#: Where columns are found that are not called like what they hold.
+PLACES = {
+    "F": "f",
+    "ratio": "ratio.value",
+    "ratio_lower_95": "ratio.lower",
+    "ratio_upper_95": "ratio.upper",
+    "ratio_p": "ratio.p",
+}
+
+
+def table_of(
+    lines: Sequence[Contrast | Repeated | RunSpread | Effect], columns: Sequence[str]
+) -> tuple[list[str], list[list[object]]]:
+    """A table for a CSV file, behind the fields of the strata; several notes are one text."""
+    fields = list(dict.fromkeys(name for line in lines for name, _ in line.stratum))
+    rows = [
+        [
+            *(dict(line.stratum).get(name, "") for name in fields),
+            *(_cell(line, column) for column in columns),
+        ]
+        for line in lines
+    ]
+    return [*fields, *columns], rows
+
+
+def _cell(line: object, column: str) -> object:
+    if isinstance(line, Effect) and hasattr(line.variance, PLACES.get(column, column)):
+        line = line.variance
+    value = attrgetter(PLACES.get(column, column.removesuffix("_95")))(line)
+    if column == "notes":
+        return " | ".join(value)
+    if column in ("conditions", "models"):
+        return " ".join(dict.fromkeys(value))
+    return len(value) if isinstance(value, tuple) else value
+
+
 #: Heads and rows of a CSV file.
 Cells = tuple[list[str], list[list[object]]]
 
@@ -45,18 +105,19 @@ Cells = tuple[list[str], list[list[object]]]
 def table_cells(results: Results) -> dict[str, Cells]:
     """All tables of an analysis that have rows, and those that always are, by their files."""
     analysis = results.analysis
-    names = field_names(analysis.parts)
+    # The fields of the pattern are columns of every table.
+    names = list(dict(analysis.parts[0].fields)) if analysis.parts else []
     head = ["file", *names, "run", "model", "method"]
     elements = analysis.elements
     found: dict[str, Cells] = {
         ESTIMATES: (
             [*head, "parameter", *QUANTITY_COLUMNS],
-            [_estimate_cells(row, names) for row in results.rows],
+            [_row_cells(row, names) for row in results.rows],
         ),
         LOOPS: (
             [*head, "element", "quantity", *QUANTITY_COLUMNS],
             [
-                _loop_cells(row, names, elements[row.file, row.run, row.model])
+                _row_cells(row, names, elements[row.file, row.run, row.model])
                 for row in results.loops
             ],
         ),
@@ -105,33 +166,13 @@ def write_tables(folder: Path, results: Results, command: str) -> None:
     write_file(folder / TEX, text.encode("utf-8", "replace"))
 
 
-def field_names(parts: Sequence[Part]) -> list[str]:
-    """The fields of the pattern, which are columns of every table."""
-    return [field for field, _ in parts[0].fields] if parts else []
-
-
-def _estimate_cells(row: Row, names: Sequence[str]) -> list[object]:
+def _row_cells(row: Row, names: Sequence[str], *element: str) -> list[object]:
+    numbers = (row.value, row.std_error, row.lower, row.upper)
     return [
-        row.file,
-        *(row.field(name) for name in names),
-        "" if row.run is None else row.run,
-        row.model,
-        row.method,
-        row.parameter,
-        row.unit,
-        row.value,
-        row.std_error,
-        row.lower,
-        row.upper,
-        row.outcome,
-        " | ".join(row.remarks),
+        *(row.file, *map(row.field, names), "" if row.run is None else row.run),
+        *(row.model, row.method, *element, row.parameter, row.unit),
+        *(*numbers, row.outcome, " | ".join(row.remarks)),
     ]
-
-
-def _loop_cells(row: Row, names: Sequence[str], element: str) -> list[object]:
-    cells = _estimate_cells(row, names)
-    place = len(names) + 4  # behind file, fields, run, model and method
-    return [*cells[:place], element, *cells[place:]]
 
 
 def _model_cells(analysis: Analysis, part: Part, names: Sequence[str]) -> list[list[object]]:

@@ -12,7 +12,6 @@ import numpy as np
 from pilotid.analysis.analyse import Analysis, Fit, Group, group_of
 from pilotid.analysis.recordings import Source
 from pilotid.report.study import write_report
-from pilotid.study.store import Store
 from pilotid.study.study import Bar
 from pilotid.study.trust import Trust, trial_of
 from pilotid.types import InputError
@@ -108,7 +107,6 @@ def tried_conditions(
         except InputError as error:
             refused.append(f"{words}: {error}.")
             continue
-        with Store(place) as store:
-            write_report(place, store, trust.comparison)
+        write_report(place, trust.comparison)
         done.append(Tried(f"{words}, {model}", place, trust))
     return done, refused

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
+from pathlib import Path
 
 from pilotid.cli import options
 from pilotid.document import Text, print_blocks
@@ -17,27 +15,20 @@ from pilotid.terminal import make_console
 
 
 def check(
-    files: options.FilesArgument,
-    model: Annotated[
-        str,
-        typer.Option(metavar="NAME,...", help="Models of which is told what methods can do."),
-    ] = "single,multi",
-    mapping: options.MapOption = None,
-    dt: options.IntervalOption = None,
-    joint: options.JointOption = False,
-    detrend: options.DetrendOption = False,
-    lead_in: options.LeadInOption = LEAD_IN,
-    runs: options.RunsOption = None,
-    span: options.SpanOption = None,
-    element: Annotated[
-        str | None,
-        typer.Option(metavar="4/s^2", help="Controlled element, to compare with what is seen."),
-    ] = None,
-    brief: Annotated[
-        bool, typer.Option("--brief", help="One line a file, and a summary of many.")
-    ] = False,
-    json: options.JsonOption = None,
-    force: options.ForceOption = False,
+    files: list[Path],
+    *,
+    model: str = "single,multi",
+    mapping: list[str] | None = None,
+    dt: float | None = None,
+    joint: bool = False,
+    detrend: bool = False,
+    lead_in: float = LEAD_IN,
+    runs: str | None = None,
+    span: str | None = None,
+    element: str | None = None,
+    brief: bool = False,
+    json: str | None = None,
+    force: bool = False,
 ) -> None:
     """Summarise recordings and report problems."""
     plant = element_named(element) if element else None

@@ -32,7 +32,6 @@ from pilotid.outputs import is_ours, require_free
 from pilotid.pilot.catalogue import AUTO, MODELS, model_named, with_held
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
-from pilotid.ranges import ranged
 from pilotid.recordings.files import read_with, save_recording
 from pilotid.recordings.recording import LEAD_IN, Recording
 from pilotid.recordings.text import sidecar_path
@@ -141,16 +140,13 @@ def _first_line(method: Method) -> str:
 
 
 def simulate(
-    out: Annotated[Path, typer.Option(metavar="F.csv", help="Recording to write, .csv or .mat.")],
-    scenario: Annotated[
-        str | None, typer.Argument(metavar="SCENARIO", help="See `pilotid list`.")
-    ] = None,
-    like: studies.LikeOption = None,
-    seed: options.SeedOption = DEFAULT_SEED,
-    runs: Annotated[
-        int | None, typer.Option(min=1, help="Runs, each with its own remnant.")
-    ] = None,
-    force: options.ForceOption = False,
+    scenario: str | None = None,
+    *,
+    out: Path,
+    like: Path | None = None,
+    seed: int = DEFAULT_SEED,
+    runs: int | None = None,
+    force: bool = False,
 ) -> None:
     """Simulate a scenario, or a pilot drawn from a population; truth goes to F.truth.json."""
     from pilotid.datasets import scenario_named
@@ -177,31 +173,25 @@ def simulate(
 
 
 def fit(
-    files: options.FilesArgument,
-    model: options.ModelOption = AUTO,
-    method: options.MethodOption = None,
-    mapping: options.MapOption = None,
-    dt: options.IntervalOption = None,
-    joint: options.JointOption = False,
-    detrend: options.DetrendOption = False,
-    lead_in: options.LeadInOption = LEAD_IN,
-    runs: options.RunsOption = None,
-    span: options.SpanOption = None,
-    element: options.ElementOption = None,
-    fix: options.FixOption = None,
-    start: Annotated[
-        str | None, typer.Option(metavar="Kvis=0.2,tlead=1.5", help="Initial guesses.")
-    ] = None,
-    seed: options.SeedOption = DEFAULT_SEED,
-    json: options.JsonOption = None,
-    report: Annotated[
-        Path | None, typer.Option(metavar="F.html", help="Write a report with figures.")
-    ] = None,
-    truth: Annotated[
-        Path | None,
-        typer.Option(metavar="F.truth.json", help="Draw a simulation's truth in the report."),
-    ] = None,
-    force: options.ForceOption = False,
+    files: list[Path],
+    *,
+    model: str = AUTO,
+    method: list[str] | None = None,
+    mapping: list[str] | None = None,
+    dt: float | None = None,
+    joint: bool = False,
+    detrend: bool = False,
+    lead_in: float = LEAD_IN,
+    runs: str | None = None,
+    span: str | None = None,
+    element: str | None = None,
+    fix: str | None = None,
+    start: str | None = None,
+    seed: int = DEFAULT_SEED,
+    json: str | None = None,
+    report: Path | None = None,
+    truth: Path | None = None,
+    force: bool = False,
 ) -> None:
     """Identify a pilot model from recordings."""
     plant = element_named(element) if element else None
@@ -271,17 +261,7 @@ def _fitted(
 
 
 for command in (
-    *(
-        simulate,
-        fit,
-        check,
-        posterior,
-        analyse,
-        design,
-        studies.compare,
-        studies.trust,
-        studies.report,
-    ),
-    *(studies.publish, studies.compare_studies),
+    *(simulate, fit, check, posterior, analyse, design, studies.compare, studies.trust),
+    *(studies.report, studies.publish, studies.compare_studies),
 ):
-    app.command()(ranged(command, lambda name: f"--{name.replace('_', '-')}"))
+    app.command()(options.as_command(command))

@@ -6,9 +6,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from pilotid.cli import options
 from pilotid.disk import path_shown
@@ -27,22 +24,19 @@ FILES = ("report.html", "draws.npy", "summary.csv", "estimate.json")
 
 
 def posterior(
-    files: options.FilesArgument,
-    model: options.ModelOption = AUTO,
-    white: Annotated[
-        bool, typer.Option("--white", help="Take the residual for white, as AIAA 2008-7109 does.")
-    ] = False,
-    mapping: options.MapOption = None,
-    dt: options.IntervalOption = None,
-    joint: options.JointOption = False,
-    detrend: options.DetrendOption = False,
-    lead_in: options.LeadInOption = LEAD_IN,
-    element: options.ElementOption = None,
-    seed: options.SeedOption = DEFAULT_SEED,
-    out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Folder for draws, summary and figures.")
-    ] = None,
-    force: options.ForceOption = False,
+    files: list[Path],
+    *,
+    model: str = AUTO,
+    white: bool = False,
+    mapping: list[str] | None = None,
+    dt: float | None = None,
+    joint: bool = False,
+    detrend: bool = False,
+    lead_in: float = LEAD_IN,
+    element: str | None = None,
+    seed: int = DEFAULT_SEED,
+    out: Path | None = None,
+    force: bool = False,
 ) -> None:
     """Sample the posterior of a pilot model's parameters with emcee."""
     from pilotid.model_choice import select

@@ -8,7 +8,7 @@ tuned to them.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from pilotid.document import Block, Figure, Section, Text
 from pilotid.report.study_figures import errors, sweep
@@ -59,10 +59,10 @@ def paper_of(entry: ScenarioEntry) -> Sequence[tuple[float, float]]:
     return FIGURE_3 if entry.name == "nominal" and _is_papers(entry) else ()
 
 
-def paper_sections(study: Comparison, about: Mapping[str, str]) -> list[Section]:
+def paper_sections(study: Comparison) -> list[Section]:
     """The paper's experiments whose scenarios are in the study, beside the paper's numbers."""
     own = [entry for entry in study.scenarios if _is_papers(entry)]
-    found = [_forcing(study, own), _remnant(study, own, about), _starts(study, own)]
+    found = [_forcing(study, own), _remnant(study, own), _starts(study, own)]
     blocks = [block for part in found for block in part]
     if not blocks:
         return []
@@ -87,9 +87,7 @@ def _forcing(study: Comparison, own: Sequence[ScenarioEntry]) -> list[Block]:
     return [Text(text), bias_table(study, names, TABLE_3, "Bias, beside Table 3 of the paper")]
 
 
-def _remnant(
-    study: Comparison, own: Sequence[ScenarioEntry], about: Mapping[str, str]
-) -> list[Block]:
+def _remnant(study: Comparison, own: Sequence[ScenarioEntry]) -> list[Block]:
     points = [(e.name, e.number("remnant.level")) for e in own if e.family == "remnant"]
     points = [(name, level) for name, level in points if level > 0.0]
     if len(points) < 2:
@@ -102,7 +100,7 @@ def _remnant(
     )
 
     def tick(name: str, level: float) -> str:
-        power = float(about.get(f"remnant ratio {name}", "nan"))
+        power = study.remnant_ratio(name)
         return f"{level:.1f}\n{100 * power:.0f} %" if math.isfinite(power) else f"{level:.1f}"
 
     label = "remnant gain, and its share of the control's power"

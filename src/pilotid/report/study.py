@@ -47,7 +47,6 @@ from pilotid.study.comparison import Comparison, MethodResults, loss_ratio
 from pilotid.study.entries import TRAJECTORY
 from pilotid.study.judge import RULES, USABLE, judge, sentence
 from pilotid.study.scores import EFFICIENT, loss_text
-from pilotid.study.store import Store
 
 TITLE = "Pilot-model identification: methods compared"
 REFERENCE = "nominal"
@@ -80,12 +79,7 @@ NUMBERS = "Numbers: [summary.csv](summary.csv), each fit: [estimates.csv](estima
 
 
 def write_report(
-    folder: Path,
-    store: Store,
-    study: Comparison,
-    *,
-    kinds: Kinds = ("svg",),
-    above: str = "",
+    folder: Path, study: Comparison, *, kinds: Kinds = ("svg",), above: str = ""
 ) -> Path:
     """Write report.html, report.md and the figures; equal stores give equal bytes.
 
@@ -97,8 +91,6 @@ def write_report(
     ----------
     folder
         Where to write.
-    store
-        The study's store.
     study
         What the store holds.
     kinds
@@ -111,8 +103,8 @@ def write_report(
     Path
         The page.
     """
-    told = read_trust(store.path.parent)
-    sections = [*([trust_section(told)] if told else []), *report_sections(study, store)]
+    told = read_trust(study.folder)
+    sections = [*([trust_section(told)] if told else []), *report_sections(study)]
     page = folder / "report.html"
     write_page(page, TITLE, sections, above, kinds)
     short = to_markdown(TITLE, [section.in_short() for section in sections if not section.folded])
@@ -187,27 +179,26 @@ def answer(cells: Sequence[MethodResults]) -> str:
     return words
 
 
-def report_sections(study: Comparison, store: Store) -> list[Section]:
+def report_sections(study: Comparison) -> list[Section]:
     """The report's sections: the answer, all on each scenario, failures, provenance."""
-    about = store.about()
     if not study.cells:
         return [Section("summary", "Summary", [Text("The study holds no fits yet.")])]
     names = compared(study)
     return [
-        _summary(study, about),
+        _summary(study),
         *_recorders(study, names),
-        *(_scenario(study, about, name) for name in names),
+        *(_scenario(study, name) for name in names),
         *_trends(study),
-        *paper_sections(study, about),
+        *paper_sections(study),
         failures(study),
-        provenance(study, store, about),
+        provenance(study),
     ]
 
 
-def _summary(study: Comparison, about: Mapping[str, str]) -> Section:
+def _summary(study: Comparison) -> Section:
     blocks: list[Block] = []
-    if "mixed" in about:
-        blocks.append(Text(f"**Careful: {mixed(about['mixed'])}**"))
+    if "mixed" in study.about:
+        blocks.append(Text(f"**Careful: {mixed(study)}**"))
     words, tables = overview(study)
     names = compared(study)
     blocks += [Text(" ".join(words)) if len(words) == 1 else Bullets(words), *tables]
@@ -238,10 +229,10 @@ def _recorders(study: Comparison, names: Sequence[str]) -> list[Section]:
     return [Section("recorders", "What your recorder may do to you", [recorder_table(study, own)])]
 
 
-def _scenario(study: Comparison, about: Mapping[str, str], name: str) -> Section:
+def _scenario(study: Comparison, name: str) -> Section:
     """All on one scenario or population."""
     entry, cells = study.entry(name), study.of(name)
-    power = float(about.get(f"remnant ratio {name}", "nan"))
+    power = study.remnant_ratio(name)
     remnant = f"; remnant {100 * power:.0f} % of the control's power" if power == power else ""
     blocks: list[Block] = [
         Text(
@@ -255,8 +246,8 @@ def _scenario(study: Comparison, about: Mapping[str, str], name: str) -> Section
     if entry.family in (RECORDER, VIOLATION):
         blocks.append(remark_table(cells))
     blocks += details(cells, name)
-    if f"{TRAJECTORY} {name}" in about:
-        blocks += _varying(name, cells, json.loads(about[f"{TRAJECTORY} {name}"]))
+    if truth := study.about.get(f"{TRAJECTORY} {name}"):
+        blocks += _varying(name, cells, json.loads(truth))
     return Section(key_of(name), f"Scenario {name}", blocks, folded=True)
 
 
@@ -395,32 +386,30 @@ def _trends(study: Comparison) -> list[Section]:
 OWN_FACTS = ("format", "seed", "mixed", "code", "sparing")
 
 
-def command(
-    study: Comparison, about: Mapping[str, str], scenarios: Sequence[str], folder: str
-) -> str:
+def command(study: Comparison, scenarios: Sequence[str], folder: str) -> str:
     """What to type for these scenarios and the methods that were tried on them.
 
     Where methods for time-varying pilots were left out of other scenarios, the whole study is
     that of all methods, which `compare` chooses by itself.
     """
     tried = {cell.method for name in scenarios for cell in study.of(name)}
-    methods = [study.typed[method] for method in study.methods if method in tried]
+    methods = [entry.typed or own for own, entry in study.entries.items() if own in tried]
     names = dict.fromkeys(study.entry(name).typed or name for name in scenarios)
     chosen = f"--method {quote(','.join(methods))} "
-    if "sparing" in about and set(scenarios) == set(study.names):
+    if "sparing" in study.about and set(scenarios) == set(study.names):
         chosen = ""
     return (
         f"pilotid compare --scenario {quote(','.join(names))} {chosen}"
-        f"--replications {study.replications(scenarios)} --seed {about.get('seed', '?')} "
+        f"--replications {study.replications(scenarios)} --seed {study.about.get('seed', '?')} "
         f"--out results/{folder}"
     )
 
 
-def mixed(what: str) -> str:
+def mixed(study: Comparison) -> str:
     """The warning on a store with results of different code."""
     return (
-        f"this store mixes results of different code or settings ({what}); differences between "
-        "methods may be differences between versions."
+        f"this store mixes results of different code or settings ({study.about['mixed']}); "
+        "differences between methods may be differences between versions."
     )
 
 
@@ -441,16 +430,16 @@ def failures(study: Comparison) -> Section:
     )
 
 
-def provenance(study: Comparison, store: Store, about: Mapping[str, str]) -> Section:
+def provenance(study: Comparison) -> Section:
     """All that defines methods and scenarios, seed, versions, and how to make the numbers again."""
-    held = store.methods()
+    about = study.about
     facts = ", ".join(
         f"{key} {value}"
         for key, value in about.items()
         if key not in OWN_FACTS and not key.startswith(("remnant ratio", TRAJECTORY))
     )
     seed = f"Seed {about.get('seed', '?')}, code digest {about.get('code', '?')}; {facts}."
-    methods = [(label, f"`{shown(held[label].settings)}`") for label in study.methods]
+    methods = [(label, f"`{shown(entry.settings)}`") for label, entry in study.entries.items()]
     scenarios = [
         (e.name, e.description, e.model, e.start, f"`{shown(e.settings)}`") for e in study.scenarios
     ]
@@ -459,7 +448,7 @@ def provenance(study: Comparison, store: Store, about: Mapping[str, str]) -> Sec
         Command(
             "The whole study (resumes an interrupted one; the same numbers for any number of "
             "workers):",
-            command(study, about, study.names, "compare"),
+            command(study, study.names, "compare"),
         ),
         Command("This report again, from the store alone:", "pilotid report DIR"),
         Text(
@@ -471,5 +460,5 @@ def provenance(study: Comparison, store: Store, about: Mapping[str, str]) -> Sec
         table_of("Scenarios", [(title,) for title in heads], scenarios, folded=True),
     ]
     if "mixed" in about:
-        blocks.insert(0, Text(f"**{mixed(about['mixed'])}**"))
+        blocks.insert(0, Text(f"**{mixed(study)}**"))
     return Section("provenance", "Provenance", blocks)

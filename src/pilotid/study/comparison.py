@@ -20,7 +20,15 @@ from pilotid.chance import Z95
 from pilotid.disk import table_bytes, write_file
 from pilotid.estimates.estimate import Outcome
 from pilotid.study import scores
-from pilotid.study.entries import Draw, ParameterTruth, Result, ScenarioEntry, Stratum, strata_of
+from pilotid.study.entries import (
+    Draw,
+    MethodEntry,
+    ParameterTruth,
+    Result,
+    ScenarioEntry,
+    Stratum,
+    strata_of,
+)
 from pilotid.study.scores import Interval, Mean
 from pilotid.study.store import Store
 from pilotid.study.tracks import PERIODS, TrackScore, track_scores
@@ -418,18 +426,26 @@ class Comparison:
     cells
         What each method did in each scenario and on each population, in the order of the
         catalogues.
-    typed
-        What to type for each method on the command line, by its label and in the order of
-        tables and figures.
+    entries
+        The methods by their labels, in the order of tables and figures.
+    about
+        Facts on the study, see `pilotid.study.study`.
+    folder
+        Where its store is.
+    name
+        What pages call it.
     """
 
     cells: tuple[MethodResults, ...]
-    typed: Mapping[str, str]
+    entries: Mapping[str, MethodEntry]
+    about: Mapping[str, str]
+    folder: Path
+    name: str = ""
 
     @property
     def methods(self) -> tuple[str, ...]:
         """The methods' labels, in the order of tables and figures."""
-        return tuple(self.typed)
+        return tuple(self.entries)
 
     @cached_property
     def _by_name(self) -> dict[tuple[str, str], MethodResults]:
@@ -444,6 +460,11 @@ class Comparison:
     def names(self) -> list[str]:
         """Names of scenarios and populations."""
         return [entry.name for entry in self.scenarios]
+
+    @property
+    def fits(self) -> int:
+        """Number of fits."""
+        return sum(len(cell.results) for cell in self.cells)
 
     @property
     def populations(self) -> list[MethodResults]:
@@ -468,6 +489,10 @@ class Comparison:
     def entry(self, scenario: str) -> ScenarioEntry:
         """A scenario or population by its name."""
         return next(entry for entry in self.scenarios if entry.name == scenario)
+
+    def remnant_ratio(self, scenario: str) -> float:
+        """The remnant's share of the control's power; NaN where it is not known."""
+        return float(self.about.get(f"remnant ratio {scenario}", "nan"))
 
     def replications(self, scenarios: Sequence[str]) -> int:
         """Recordings of each scenario, the largest number if they differ."""
@@ -580,5 +605,8 @@ def comparison_of(store: Store) -> Comparison:
             MethodResults(entries[name], method, tuple(own), strata.get(name, {}))
             for (name, method), own in found.items()
         ),
-        {label: m.typed or label for label, m in store.methods().items() if label in present},
+        {label: entry for label, entry in store.methods().items() if label in present},
+        store.about(),
+        store.path.parent,
+        store.path.parent.name,
     )

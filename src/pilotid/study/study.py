@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib.metadata import version
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -279,16 +279,13 @@ class Study:
         A fit that nobody answered, or for which an answer to another came, is one that failed.
         """
         answered: set[Unit] = set()
-        for found in run_tasks(run_task, self.tasks(pending), given_up, workers, scheduler, limits):
+        answers = run_tasks(run_task, self.tasks(pending), given_up, workers, scheduler, limits)
+        lost = (u for u in pending if u not in answered)
+        for found in chain(answers, (Result(u, Outcome.DIED.slug, UNANSWERED) for u in lost)):
             answered.add(found.unit)
             result = self._with_draw(found)
             store.add(result)
             yield result
-        for unit in pending:
-            if unit not in answered:
-                result = self._with_draw(Result(unit, Outcome.DIED.slug, UNANSWERED))
-                store.add(result)
-                yield result
 
     def _with_draw(self, result: Result) -> Result:
         """A fit whose process died could not say which pilot a population drew for it."""
