@@ -14,7 +14,7 @@ from tidy_rows import row, table
 
 from pilotid.analysis.contrasts import Contrast, contrasts, is_across
 from pilotid.analysis.report_tables import is_significant
-from pilotid.analysis.tables import CONTRAST_COLUMNS, table_of
+from pilotid.analysis.results import CONTRAST_COLUMNS, table_of
 from pilotid.disk import table_bytes
 from pilotid.pilot.catalogue import MODELS
 from pilotid.types import InputError

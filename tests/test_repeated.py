@@ -12,7 +12,7 @@ from tidy_rows import row, table
 
 from pilotid.analysis.factors import contrasts_of, variance_of
 from pilotid.analysis.repeated import Repeated, random_intercept, repeated
-from pilotid.analysis.tables import REPEATED_COLUMNS, table_of
+from pilotid.analysis.results import REPEATED_COLUMNS, table_of
 from pilotid.types import FloatArray
 
 #: Six subjects under three conditions, with sums of squares worked out below.

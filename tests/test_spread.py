@@ -10,6 +10,7 @@ from scipy.stats import chi2, norm, t
 from tidy_rows import row
 
 from pilotid.analysis.combine import ratio_of
+from pilotid.analysis.results import SPREAD_COLUMNS, table_of
 from pilotid.analysis.rows import Row
 from pilotid.analysis.spread import (
     RunSpread,
@@ -18,7 +19,6 @@ from pilotid.analysis.spread import (
     spread_sentence,
     with_variation,
 )
-from pilotid.analysis.tables import SPREAD_COLUMNS, table_of
 
 VALUES = (1.0, 1.3, 0.8, 1.5, 0.9)
 

@@ -82,7 +82,7 @@ def test_errors_are_told_by_period_and_relative_to_the_truth() -> None:
     values[:, half.time > 60.0] *= 1.2
     tracks = tracks_of(replace(half, values=values), FAST)
     for track in tracks:
-        assert (track.before, track.during) == pytest.approx((0.0, 0.0), abs=1e-9)
+        assert track.rmse[:2] == pytest.approx((0.0, 0.0), abs=1e-9)
         share = np.mean(half.time[half.time > 41.92 + 5.0] > 60.0)
         assert track.after == pytest.approx(0.2 * np.sqrt(share), rel=0.02)
         assert len(track.values) == THINNED
@@ -91,7 +91,7 @@ def test_errors_are_told_by_period_and_relative_to_the_truth() -> None:
 
 def test_scores_over_fits_by_hand() -> None:
     def track(size: float, lag: float | None) -> Track:
-        return Track("K", None, size, size, size, lag, 0.5 * size, (size, None))
+        return Track("K", (None, size, size, size), lag, 0.5 * size, (size, None))
 
     (found,) = track_scores([[track(0.3, 1.0)], [track(0.4, 3.0)], [track(1.2, None)]])
     assert found.n == 3

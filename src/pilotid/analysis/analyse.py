@@ -391,7 +391,6 @@ def content_of(fitted: Fitted) -> Content:
                 "method": e.method,
                 "outcome": e.outcome.slug,
                 "usable": e.outcome.usable,
-                "verdict": e.verdict(timed=False),
                 "vaf": number(e.vaf),
                 "remarks": _graded(e.remarks),
                 "agrees": e.specification is None or e.specification.agrees,

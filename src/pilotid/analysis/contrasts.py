@@ -294,21 +294,17 @@ def plain(contrast: Contrast) -> Contrast:
     notes = contrast.notes
     if mean.std_error == 0.0:
         notes += ("all subjects have the same difference: no test",)
+    tested = {name: value for name, value in vars(mean).items() if name != "value"}
     return replace(
         contrast,
         mean_a=float(a.mean()),
         mean_b=float(b.mean()),
         difference=mean.value,
-        std_error=mean.std_error,
-        freedom=mean.freedom,
-        t=mean.t,
-        p=mean.p,
-        lower=mean.lower,
-        upper=mean.upper,
         effect_size=effect_size(mean.value, deviation, len(a)),
         robust_difference=robust,
         wilcoxon_p=ranks,
         notes=notes,
+        **tested,
     )
 
 

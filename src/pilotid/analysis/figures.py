@@ -105,8 +105,7 @@ def _scale(axes: Axes, values: Sequence[float]) -> None:
         return
     low, high = min(values), max(values)
     if low > 0.0 and high > WIDE * low:
-        axes.set_yscale("log")
-        axes.set_ylim(0.7 * low, 1.4 * high)
+        axes.set(yscale="log", ylim=(0.7 * low, 1.4 * high))
         log_ticks(axes, "y")
         return
     room = FAR * (high - low) or 0.5 * abs(high) or 1.0
@@ -172,8 +171,7 @@ def responses_figure(subjects: Sequence[Sequence[Response]]) -> Figure:
             for name, colour in zip(own, COLOURS, strict=False):
                 _response_lines(above, below, [r for r in every if r.what == name], colour)
             above.set_title(title, loc="left")
-            above.set_xscale("log")
-            above.set_yscale("log")
+            above.set(xscale="log", yscale="log")
             below.set_xlabel("ω [rad/s], log. axis")
             for axes in (above, below):
                 draw_grid(axes)
@@ -234,8 +232,7 @@ def normal_figure(values: Sequence[float]) -> Figure:
         axes = figure.subplots()
         axes.plot(quantiles, quantiles, color=INK, linewidth=0.8)
         axes.plot(quantiles, ordered, "o", color=COLOURS[0], markersize=2.5)
-        axes.set_xlabel("normal quantile")
-        axes.set_ylabel("standardised difference")
+        axes.set(xlabel="normal quantile", ylabel="standardised difference")
         draw_grid(axes)
     return figure
 

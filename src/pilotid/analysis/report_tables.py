@@ -369,9 +369,9 @@ def recording_table(analysis: Analysis) -> Table[Any]:
         change = (c.change_p, c.change_size, when) if c else (None, None, None)
         for place, e in enumerate(fit.content["estimates"]):
             told = [Remark(*r) for r in (*(look["remarks"] if not place else ()), *e["remarks"])]
-            told = gravest_first([remark for remark in told if remark.code not in OF_STICK])
+            own = gravest_first([remark for remark in told if remark.code not in OF_STICK])
             front = name, model, e["method"], int(look["recording"]["runs"]), e["vaf"]
-            rows.append((*front, *change, e["outcome"], "; ".join(told) or NONE))
+            rows.append((*front, *change, e["outcome"], "; ".join(own) or NONE))
     caption = "Every recording, all runs together; the names lead to pages with figures"
     return table_of(caption, heads, rows)
 

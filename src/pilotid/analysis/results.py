@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 from pilotid.analysis.analyse import Analysis
 from pilotid.analysis.board import Board
@@ -21,6 +22,67 @@ from pilotid.analysis.spread import (
 )
 from pilotid.analysis.trials import Tried
 from pilotid.types import InputError
+
+#: Columns of contrasts.csv behind those of the stratum's fields.
+CONTRAST_COLUMNS = (
+    *("condition_a", "condition_b", "model_a", "model_b", "method", "parameter", "unit"),
+    *("subjects", "mean_a", "mean_b", "difference", "std_error", "t", "freedom", "p", "p_holm"),
+    *("lower_95", "upper_95", "effect_size", "weighted_difference", "weighted_std_error"),
+    *("weighted_p", "weighted_p_holm", "weighted_lower_95", "weighted_upper_95"),
+    *("between_subjects", "between_lower_95", "between_upper_95", "claimed_error", "notes"),
+    *("misspecified", "robust_difference", "wilcoxon_p", "lower_holm_95", "upper_holm_95"),
+)
+#: Columns of the table of analyses of all conditions.
+REPEATED_COLUMNS = (
+    *("conditions", "models", "method", "parameter", "unit", "subjects", "F", "df1", "df2", "p"),
+    *("epsilon", "p_corrected", "estimates", "likelihood_ratio", "mixed_p", "between_subjects"),
+    *("residual", "notes", "eta_squared"),
+)
+#: Columns of the table of factors.
+FACTOR_COLUMNS = (
+    *("method", "parameter", "unit", "effect", "subjects", "F", "df1", "df2", "p", "epsilon"),
+    *("p_corrected", "eta_squared", "notes"),
+)
+#: Columns of the table of spreads from run to run.
+SPREAD_COLUMNS = (
+    *("file", "condition", "model", "method", "parameter", "unit", "runs", "ratio"),
+    *("ratio_lower_95", "ratio_upper_95", "ratio_p", "between_runs", "value", "claimed_error"),
+    *("std_error", "lower_95", "upper_95", "notes"),
+)
+#: Where columns are found that are not called like what they hold.
+PLACES = {
+    "F": "f",
+    "ratio": "ratio.value",
+    "ratio_lower_95": "ratio.lower",
+    "ratio_upper_95": "ratio.upper",
+    "ratio_p": "ratio.p",
+}
+
+
+def table_of(
+    lines: Sequence[Contrast | Repeated | RunSpread | Effect], columns: Sequence[str]
+) -> tuple[list[str], list[list[object]]]:
+    """A table for a CSV file, behind the fields of the strata; several notes are one text."""
+    fields = list(dict.fromkeys(name for line in lines for name, _ in line.stratum))
+    rows = [
+        [
+            *(dict(line.stratum).get(name, "") for name in fields),
+            *(_cell(line, column) for column in columns),
+        ]
+        for line in lines
+    ]
+    return [*fields, *columns], rows
+
+
+def _cell(line: object, column: str) -> object:
+    if isinstance(line, Effect) and hasattr(line.variance, PLACES.get(column, column)):
+        line = line.variance
+    value = attrgetter(PLACES.get(column, column.removesuffix("_95")))(line)
+    if column == "notes":
+        return " | ".join(value)
+    if column in ("conditions", "models"):
+        return " ".join(dict.fromkeys(value))
+    return len(value) if isinstance(value, tuple) else value
 
 
 @dataclass(frozen=True, eq=False)

@@ -181,7 +181,14 @@ def _spread_of(rows: Sequence[Row], pooled: Row | None) -> RunSpread:
     if pooled is not None and pooled.usable:
         fit, claimed = _widened(pooled, between, len(sound)), pooled.std_error
     numbers = tuple(row.run or 0 for row in sound)
-    return RunSpread(*vars(fit).values(), claimed, numbers, chi_squared, between, tuple(notes))
+    return RunSpread(
+        **vars(fit),
+        claimed_error=claimed,
+        runs=numbers,
+        chi_squared=chi_squared,
+        between_runs=between,
+        notes=tuple(notes),
+    )
 
 
 def _arrays(rows: Sequence[Row]) -> tuple[FloatArray, FloatArray]:

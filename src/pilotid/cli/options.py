@@ -85,10 +85,7 @@ MEANINGS: dict[str, tuple[str, str]] = {
         "FILE",
         "The scenario of a recording as mle fits it, or of the trust.json of `trust`.",
     ),
-    "fix": (
-        "fnm=12,dnm=.1..0.5",
-        "Parameters held at a value, or searched between others.",
-    ),
+    "fix": ("fnm=12,dnm=.1..0.5", "Parameters held at a value, or searched between others."),
     "start": ("Kvis=0.2,tlead=1.5", "Initial guesses."),
     "white": ("", "Take the residual for white, as AIAA 2008-7109 does."),
     # Work and results.
@@ -139,10 +136,7 @@ MEANINGS: dict[str, tuple[str, str]] = {
     ),
     "per_run": ("", "Also fit each run separately."),
     "left_out": ("", "Leave-one-run-out cross-validation."),
-    "trust": (
-        "",
-        "Simulate a typical recording of each condition, and say what its fit is worth.",
-    ),
+    "trust": ("", "Simulate a typical recording of each condition, and say what its fit is worth."),
     "exclude": ("subject=6,condition=C4", "Recordings to leave out; repeat."),
     "because": ("WHY", "Why these are excluded, for the report."),
     "factors": (

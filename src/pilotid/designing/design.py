@@ -76,8 +76,7 @@ def with_signals(
             lines.period,
         )
         old = sines_of(scenario, name)
-        before = math.nan if old is None else crest_of(old)
-        crest[name] = crest_factor(numbers, amplitudes, phases), before
+        crest[name] = crest_of(made[name]), math.nan if old is None else crest_of(old)
     digest = crc32(repr(made).encode() + repr(scenario).encode())
     return replace(
         scenario,

@@ -209,8 +209,16 @@ def _changes(
         wanted = 0.95 if score == "coverage" else 0.0
         is_better = abs(after - wanted) < abs(before - wanted)
         head = (ours.scenario.name, ours.method, parameter, score, UNITS[score], _yes(paired))
-        numbers = (a.size, b.size, before, after, change, error, p)
-        yield Change(*head, *numbers, _yes(matters and p <= LEVEL), _yes(is_better), *verdicts)
+        numbers = (before, after, change, error, p)
+        yield Change(
+            *head,
+            a.size,
+            b.size,
+            *numbers,
+            _yes(matters and p <= LEVEL),
+            _yes(is_better),
+            *verdicts,
+        )
 
 
 def _by_recording(cell: MethodResults, keys: Sequence[str]) -> dict[tuple[str, str], FloatArray]:
@@ -316,9 +324,9 @@ def _count_same(ours: MethodResults, theirs: MethodResults) -> int:
     if ours.keys != theirs.keys:
         return 0
     first, second = (np.stack(cell.numbers[:4], axis=-1) for cell in (ours, theirs))
-    same = np.isclose(first, second, rtol=SAME, atol=0.0, equal_nan=True).all(axis=(1, 2))
-    ends = [a.outcome == b.outcome for a, b in zip(ours.results, theirs.results, strict=True)]
-    return int(np.sum(same & ends))
+    apart = ~np.isclose(first, second, rtol=SAME, atol=0.0, equal_nan=True)
+    pairs = zip(ours.results, theirs.results, apart, strict=True)
+    return sum(a.outcome == b.outcome and not own.any() for a, b, own in pairs)
 
 
 def read_study(folder: Path, name: str = "") -> Comparison:

@@ -49,7 +49,6 @@ def html_report(
     truth: FloatArray | None = None,
     *,
     points: Sequence[FrequencyResponse | None] | None = None,
-    element: ControlledElement | None = None,
 ) -> str:
     """The report as one HTML text that needs no network; equal fits give equal bytes.
 
@@ -62,14 +61,12 @@ def html_report(
     points
         For each fit an estimate of the responses without a model of the pilot, or None; see
         `figures_of`.
-    element
-        The controlled element; None for that of each fit, see `figures_of`.
     """
-    behind = points if points is not None else [None] * len(fits)
-    sections = [
-        fit_section(fit, f"recording-{number}", figures_of(fit, own, element, truth, f"-{number}"))
-        for number, (fit, own) in enumerate(zip(fits, behind, strict=True), start=1)
-    ]
+    sections = []
+    behind = points or [None] * len(fits)
+    for number, (fit, own) in enumerate(zip(fits, behind, strict=True), start=1):
+        shown = [replace(f, name=f"{f.name}-{number}") for f in figures_of(fit, own, None, truth)]
+        sections.append(fit_section(fit, f"recording-{number}", shown))
     return to_html(TITLE, sections)
 
 
@@ -214,8 +211,7 @@ def figures_of(
     points: FrequencyResponse | None = None,
     element: ControlledElement | None = None,
     truth: FloatArray | None = None,
-    suffix: str = "",
-) -> list[Figure]:
+) -> Iterator[Figure]:
     """All figures that a recording's estimates allow, in the order of a page.
 
     Parameters
@@ -231,19 +227,7 @@ def figures_of(
         none, that which the recording names.
     truth
         True parameters of a simulation, shape (parameters,).
-    suffix
-        Behind the names of all figures, which tells them from others of a page.
     """
-    found = _figures(fit, points, element, truth)
-    return [replace(figure, name=f"{figure.name}{suffix}") for figure in found]
-
-
-def _figures(
-    fit: Fitted,
-    points: FrequencyResponse | None,
-    element: ControlledElement | None,
-    truth: FloatArray | None,
-) -> Iterator[Figure]:
     recording = fit.recording
     shown = [e for e in fit.estimates if np.isfinite(e.values).all()]
     first_steps = [e for e in fit.estimates if e.frequency_response is not None]

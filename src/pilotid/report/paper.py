@@ -20,15 +20,8 @@ PAPER = "AIAA 2008-7109"
 #: Order of the paper's numbers.
 KEYS = ("Kvis", "tlead", "tdvis", "Kvest", "tdvest", "fnm", "dnm")
 #: Fig. 3: bias and standard deviation [%] of 10 runs.
-FIGURE_3 = (
-    (10.8, 44.0),
-    (-4.6, 51.0),
-    (-2.6, 3.1),
-    (-11.6, 18.0),
-    (16.0, 5.7),
-    (-3.4, 6.5),
-    (-9.2, 4.4),
-)
+BIAS = (10.8, -4.6, -2.6, -11.6, 16.0, -3.4, -9.2)
+DEVIATION = (44.0, 51.0, 3.1, 18.0, 5.7, 6.5, 4.4)
 #: Fig. 5: error of the estimates of one record, in the parameters' units.
 FIGURE_5 = (0.0144, -0.209, -0.00283, -0.377, 0.0482, -0.575, -0.0416)
 #: Table 3: bias [%] by scenario.
@@ -56,7 +49,8 @@ INFERRED = (
 
 def paper_of(entry: ScenarioEntry) -> Sequence[tuple[float, float]]:
     """The paper's numbers of a scenario; none if it is not one that the paper gives them of."""
-    return FIGURE_3 if entry.name == "nominal" and _is_papers(entry) else ()
+    is_known = entry.name == "nominal" and _is_papers(entry)
+    return list(zip(BIAS, DEVIATION, strict=True)) if is_known else ()
 
 
 def paper_sections(study: Comparison) -> list[Section]:
@@ -111,9 +105,8 @@ def _remnant(study: Comparison, own: Sequence[ScenarioEntry]) -> list[Block]:
         Text(text),
         Figure("remnant-bias", bias, "Bias over the remnant. Triangles lie outside the scale."),
         Figure("remnant-std", std, "Standard deviation over the remnant."),
-        bias_table(study, [n for n, _ in points], {"remnant-0.4": [b for b, _ in FIGURE_3]},
-                   "Bias by remnant gain"),
-    ]  # fmt: skip
+        bias_table(study, [n for n, _ in points], {"remnant-0.4": BIAS}, "Bias by remnant gain"),
+    ]
 
 
 def _starts(study: Comparison, own: Sequence[ScenarioEntry]) -> list[Block]:

@@ -361,8 +361,7 @@ class Bode:
 
         self.above.set_yscale("log")
         for axes in (self.above, self.below):
-            axes.set_xscale("log")
-            axes.set_xlim(self.omega[0], self.omega[-1])
+            axes.set(xscale="log", xlim=(self.omega[0], self.omega[-1]))
             draw_grid(axes)
             axes.minorticks_off()
             log_ticks(axes, "x")
@@ -377,8 +376,7 @@ class Bode:
             self.below.yaxis.set_major_locator(MultipleLocator(step))
         log_ticks(self.above, "y")
         self.above.tick_params(axis="x", labelbottom=False)
-        self.below.set_ylabel("phase [deg]")
-        self.below.set_xlabel("frequency [rad/s]")
+        self.below.set(ylabel="phase [deg]", xlabel="frequency [rad/s]")
 
 
 def _drawn(axes: Axes) -> FloatArray:

@@ -87,8 +87,9 @@ class Track:
     ----------
     parameter
         Of the constant pilot.
-    before, during, after, whole
-        Root mean square of the relative error in parts of the window, and in all of it.
+    rmse
+        Root mean square of the relative error before, during and after the change, and in all of
+        the window.
     lag
         By how much it is later than the truth [s].
     coverage
@@ -98,10 +99,7 @@ class Track:
     """
 
     parameter: str
-    before: float | None
-    during: float | None
-    after: float | None
-    whole: float | None
+    rmse: tuple[float | None, ...]
     lag: float | None
     coverage: float | None
     values: tuple[float | None, ...]
