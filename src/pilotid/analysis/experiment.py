@@ -12,7 +12,7 @@ from pilotid.analysis.analyse import analyse as analysed
 from pilotid.analysis.board import BOARD
 from pilotid.analysis.contrasts import Contrast
 from pilotid.analysis.factors import factors_of
-from pilotid.analysis.recordings import Pattern, Source, excluded_of, parts_of
+from pilotid.analysis.recordings import Pattern, excluded_of, parts_of
 from pilotid.analysis.results import Results, results_of
 from pilotid.analysis.rows import CONDITION, SUBJECT, in_order
 from pilotid.analysis.sharing import require_keys
@@ -226,6 +226,7 @@ def analyse(
         excluded,
         fix,
         shared,
+        reading,
     )
     if shared:
         _require_shareable(pattern, settings.methods)
@@ -233,14 +234,13 @@ def analyse(
         raise InputError("; ".join(refused))
     read = [file for part in parts for file in part.files]
     require_folder(folder, (*TABLES, BOARD, "report.html"), read_with(read), force=force)
-    sources = {part.name: Source(part, reading) for part in parts}
-    analysis = analysed(list(sources.values()), settings, folder, with_bar, workers, refused)
+    analysis = analysed(parts, settings, folder, with_bar, workers, refused)
     if not analysis.parts:
         raise InputError("; ".join(analysis.refused))
     if not trust:
         return Experiment(results_of(analysis), folder)
     places = {model_named(name).name: model_place(name) for name in names}
-    tried = tried_conditions(analysis, sources, folder, trust, places, bar, workers)
+    tried = tried_conditions(analysis, folder, trust, places, bar, workers)
     return Experiment(results_of(analysis, *tried), folder)
 
 

@@ -7,7 +7,6 @@ from pathlib import Path
 from pilotid.cli import options
 from pilotid.document import print_blocks
 from pilotid.recordings.files import Reading
-from pilotid.recordings.recording import LEAD_IN
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.terminal import make_console
 
@@ -25,12 +24,7 @@ def analyse(
     left_out: bool = False,
     trust: bool = False,
     replications: int = 40,
-    mapping: list[str] | None = None,
-    dt: float | None = None,
-    detrend: bool = False,
-    lead_in: float = LEAD_IN,
-    runs: str | None = None,
-    span: str | None = None,
+    reading: Reading,
     exclude: list[str] | None = None,
     because: str = "",
     factors: str | None = None,
@@ -47,7 +41,6 @@ def analyse(
     from pilotid.cli.running import with_progress
     from pilotid.pilot.catalogue import AUTO
 
-    reading = Reading(tuple(mapping or ()), dt, detrend, lead_in, runs or "", span or "")
     with options.resumable(out):
         found = analysed(
             files,

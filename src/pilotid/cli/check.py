@@ -9,7 +9,7 @@ from pilotid.document import Text, print_blocks
 from pilotid.naming.settings import split_list
 from pilotid.pilot.catalogue import model_named
 from pilotid.pilot.element import element_named
-from pilotid.recordings.recording import LEAD_IN
+from pilotid.recordings.files import Reading
 from pilotid.report.check import check_all, summary_of
 from pilotid.terminal import make_console
 
@@ -18,13 +18,8 @@ def check(
     files: list[Path],
     *,
     model: str = "single,multi",
-    mapping: list[str] | None = None,
-    dt: float | None = None,
+    reading: Reading,
     joint: bool = False,
-    detrend: bool = False,
-    lead_in: float = LEAD_IN,
-    runs: str | None = None,
-    span: str | None = None,
     element: str | None = None,
     brief: bool = False,
     json: str | None = None,
@@ -34,9 +29,7 @@ def check(
     plant = element_named(element) if element else None
     models = [model_named(name) for name in split_list(model, names=True)]
     options.require_free(files, json, force=force)
-    recordings, refused = options.recordings_of(
-        files, mapping, dt, detrend, lead_in, runs, span, joint=joint
-    )
+    recordings, refused = reading.all(files, joint=joint)
     found = check_all(recordings, models, plant)
     console, summary = make_console(), [Text(summary_of(found))] if len(found) > 1 else []
     if brief and json is None:

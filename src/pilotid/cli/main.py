@@ -32,8 +32,8 @@ from pilotid.outputs import is_ours, require_free
 from pilotid.pilot.catalogue import AUTO, MODELS, model_named, with_held
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.files import read_with, save_recording
-from pilotid.recordings.recording import LEAD_IN, Recording
+from pilotid.recordings.files import Reading, read_with, save_recording
+from pilotid.recordings.recording import Recording
 from pilotid.recordings.text import sidecar_path
 from pilotid.remarks import OF_STICK
 from pilotid.seeds import DEFAULT_SEED, draw_rng, recording_rng
@@ -177,13 +177,8 @@ def fit(
     *,
     model: str = AUTO,
     method: list[str] | None = None,
-    mapping: list[str] | None = None,
-    dt: float | None = None,
+    reading: Reading,
     joint: bool = False,
-    detrend: bool = False,
-    lead_in: float = LEAD_IN,
-    runs: str | None = None,
-    span: str | None = None,
     element: str | None = None,
     fix: str | None = None,
     start: str | None = None,
@@ -203,9 +198,7 @@ def fit(
     true = options.read_truth(truth, named[0]) if truth is not None and named else None
     methods = options.methods_of(method, [options.default_method()])
     options.require_free(files, json, report, force=force)
-    recordings, refused = options.recordings_of(
-        files, mapping, dt, detrend, lead_in, runs, span, joint=joint
-    )
+    recordings, refused = reading.all(files, joint=joint)
     announce(recordings, len(methods) * max(1, len(named)))
     todo = with_bar(recordings, "fitting", len(recordings))
     fits = [f for own in todo for f in _fitted(own, named, fix, start, methods, seed, plant)]

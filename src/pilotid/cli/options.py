@@ -7,9 +7,11 @@ import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from inspect import Parameter, signature
+from dataclasses import fields
+from functools import wraps
+from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any, get_args, get_type_hints
 
 import typer
 
@@ -23,7 +25,7 @@ from pilotid.pilot.catalogue import AUTO, model_named
 from pilotid.pilot.model import PilotModel
 from pilotid.ranges import ARGUMENTS, Range, ranged
 from pilotid.recordings.files import Reading, read_with
-from pilotid.recordings.recording import LEAD_IN, Recording
+from pilotid.recordings.recording import Recording
 from pilotid.types import FloatArray, InputError
 
 #: Metavar and help of arguments and options by name, or by command and name where a command means
@@ -171,6 +173,7 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "shared": ("", "ft and fd on the same lines; fd turns between runs."),
     "remnant": ("", "The remnant's power, or a share of u's."),
 }
+ONLY = Parameter.KEYWORD_ONLY
 #: Options that are not called like their parameters, which are reserved words or other things.
 SPELLED = {"mapping": "--map", "estimates": "--from"}
 
@@ -245,22 +248,6 @@ def require_free(inputs: Sequence[Path], *targets: str | Path | None, force: boo
     outputs.require_free(named, read_with(inputs), force=force)
 
 
-def recordings_of(
-    files: Sequence[Path],
-    mapping: Sequence[str] | None,
-    dt: float | None,
-    detrend: bool,
-    lead_in: float = LEAD_IN,
-    runs: str | None = None,
-    span: str | None = None,
-    *,
-    joint: bool,
-) -> tuple[list[Recording], list[str]]:
-    """The recordings in files, and a sentence for each file that cannot be used."""
-    reading = Reading(tuple(mapping or ()), dt, detrend, lead_in, runs or "", span or "")
-    return reading.all(files, joint=joint)
-
-
 def raise_refused(refused: Sequence[str]) -> None:
     """Say what is wrong with files, once the others are done."""
     if refused:
@@ -299,9 +286,22 @@ def spelled(name: str) -> str:
     return SPELLED.get(name, f"--{name.replace('_', '-')}")
 
 
+def parameters_of(function: Callable[..., None]) -> list[Parameter]:
+    """What users give a command: in place of a `Reading` the fields that it has."""
+    found: list[Parameter] = []
+    for parameter in signature(function, eval_str=True).parameters.values():
+        if parameter.annotation is not Reading:
+            found.append(parameter)
+            continue
+        hints = {**get_type_hints(Reading), "mapping": list[str] | None}
+        for name, usual in vars(Reading()).items():
+            default = None if name == "mapping" else usual
+            found.append(Parameter(name, ONLY, default=default, annotation=hints[name]))
+    return found
+
+
 def as_command(function: Callable[..., None]) -> Callable[..., None]:
     """A function for typer: what is keyword-only is an option, all else an argument."""
-    own = signature(function, eval_str=True)
 
     def described(parameter: Parameter) -> Parameter:
         name, kind = parameter.name, parameter.annotation
@@ -311,24 +311,30 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
         if isinstance(known, Range) and known.whole and int in (kind, *get_args(kind)):
             about["min"] = int(known.low)
         info = typer.Option(spelled(name), **about)
-        if parameter.kind is not Parameter.KEYWORD_ONLY:
+        if parameter.kind is not ONLY:
             info = typer.Argument(readable=name != "files", **about)
         return parameter.replace(annotation=Annotated[kind, info])
 
-    made = ranged(function, spelled)
-    parameters = [described(parameter) for parameter in own.parameters.values()]
-    made.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]
-    return made
+    @wraps(function)
+    def run(**given: Any) -> None:
+        if "reading" in signature(function).parameters:
+            own = {field.name: given.pop(field.name) for field in fields(Reading)}
+            given["reading"] = Reading(**{**own, "mapping": tuple(own["mapping"] or ())})
+        function(**given)
+
+    described_ones = [described(parameter) for parameter in parameters_of(function)]
+    run.__signature__ = Signature(described_ones)  # type: ignore[attr-defined]
+    return ranged(run, spelled)
 
 
 def typed_command(command: Callable[..., None], given: Mapping[str, object]) -> str:
     """The command that does the same again: its arguments, and the options that differ."""
     first, rest = [], []
-    parameters = signature(command).parameters.values()
-    for parameter in sorted(parameters, key=lambda each: each.name == "out"):
+    given = {**given, **(vars(given["reading"]) if "reading" in given else {})}
+    for parameter in sorted(parameters_of(command), key=lambda each: each.name == "out"):
         value = given[parameter.name]
-        values = [str(v) for v in value] if isinstance(value, list) else [str(value)]
-        if parameter.kind is not Parameter.KEYWORD_ONLY:
+        values = [str(v) for v in value] if isinstance(value, list | tuple) else [str(value)]
+        if parameter.kind is not ONLY:
             first += [] if value is None else values
         elif value is not None and value != parameter.default:
             option = spelled(parameter.name)

@@ -13,8 +13,8 @@ from pilotid.outputs import require_folder
 from pilotid.pilot.catalogue import AUTO, model_named
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.files import read_with
-from pilotid.recordings.recording import LEAD_IN, Recording
+from pilotid.recordings.files import Reading, read_with
+from pilotid.recordings.recording import Recording
 from pilotid.seeds import DEFAULT_SEED, fit_rng
 from pilotid.terminal import make_console
 from pilotid.types import InputError
@@ -28,11 +28,8 @@ def posterior(
     *,
     model: str = AUTO,
     white: bool = False,
-    mapping: list[str] | None = None,
-    dt: float | None = None,
+    reading: Reading,
     joint: bool = False,
-    detrend: bool = False,
-    lead_in: float = LEAD_IN,
     element: str | None = None,
     seed: int = DEFAULT_SEED,
     out: Path | None = None,
@@ -47,7 +44,7 @@ def posterior(
     for folder in folders.values() or [out] * (out is not None):
         assert folder is not None
         require_folder(folder, FILES, read_with(files), force=force)
-    recordings, refused = options.recordings_of(files, mapping, dt, detrend, lead_in, joint=joint)
+    recordings, refused = reading.all(files, joint=joint)
     for number, recording in enumerate(recordings):
         folder = folders.get(recording.source, out)
         if number:

@@ -13,7 +13,7 @@ from pilotid import outputs
 from pilotid.cli import options
 from pilotid.pilot.catalogue import AUTO
 from pilotid.pilot.element import element_named
-from pilotid.recordings.files import load_recording, read_with
+from pilotid.recordings.files import Reading, load_recording, read_with
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.terminal import make_console
 from pilotid.types import InputError
@@ -219,9 +219,7 @@ def trust(
     model: str = AUTO,
     method: list[str] | None = None,
     replications: int = 40,
-    mapping: list[str] | None = None,
-    dt: float | None = None,
-    detrend: bool = False,
+    reading: Reading,
     element: str | None = None,
     seed: int = DEFAULT_SEED,
     workers: int | None = None,
@@ -240,7 +238,7 @@ def trust(
     from pilotid.study.trust import TRUST, UNKNOWN, trial_of
 
     outputs.require_folder(out, TABLES, read_with(files), force=force)
-    recordings, _ = options.recordings_of(files, mapping, dt, detrend, joint=len(files) > 1)
+    recordings, _ = reading.all(files, joint=len(files) > 1)
     recording = recordings[0]
     if element is not None:
         recording = replace(recording, controlled_element=element_named(element).name)
