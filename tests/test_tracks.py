@@ -64,7 +64,7 @@ def test_a_lag_is_found_whatever_the_bias(name: str, seconds: float) -> None:
     for key in ("Kvis", "tlead"):
         assert tracks[key].lag == pytest.approx(seconds, abs=0.5)
     assert tracks["tdvis"].lag is None  # it does not change
-    assert tracks["tdvis"].whole == pytest.approx(0.3)
+    assert tracks["tdvis"].rmse[3] == pytest.approx(0.3)
     assert tracks["tdvis"].coverage == 0.0
 
 

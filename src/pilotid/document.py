@@ -34,7 +34,7 @@ from pilotid.escaping import (
     math_html,
 )
 from pilotid.numbers import NONE
-from pilotid.terminal import PLAIN_WIDTH, as_text, print_table
+from pilotid.terminal import PLAIN_WIDTH, print_table
 from pilotid.types import InputError
 
 if TYPE_CHECKING:
@@ -526,11 +526,6 @@ def blocks_text(*blocks: Text | Bullets | Table[Any]) -> str:
     console = Console(file=stream, width=PLAIN_WIDTH, highlight=False, markup=False, emoji=False)
     print_blocks(console, *blocks)
     return stream.getvalue().strip("\n")
-
-
-def table_text(table: Table[Any]) -> str:
-    """A table as plain text."""
-    return as_text(table_rich(table))
 
 
 def table_rich(table: Table[Any], encoding: str = "utf-8") -> RichTable:

@@ -14,7 +14,6 @@ from pilotid.types import InputError
 
 if TYPE_CHECKING:
     from pilotid.datasets.scenarios import Scenario
-    from pilotid.designing.planning import Plan
     from pilotid.pilot.model import PilotModel
 
 
@@ -74,7 +73,7 @@ def design(
     chosen = everyone[0]
     if pilots is not None:
         everyone = drawn_pilots(chosen, pilots, seed)
-    effect = read_effect(power) if power else None
+    effect = read_effect(power) if power else ()
     made = designing.design(
         chosen,
         minimise,
@@ -87,10 +86,11 @@ def design(
         at_most=at_most,
         seed=seed,
     )
-    plans: list[tuple[str, Plan]] = []
-    if effect is not None:
-        for name, experiment in (("design", made.scenario), ("reference", made.reference)):
-            plans.append((name, plan(experiment, *effect, between=between, within=within)))
+    experiments = {"design": made.scenario, "reference": made.reference} if effect else {}
+    plans = [
+        (name, plan(experiment, *effect, between=between, within=within))
+        for name, experiment in experiments.items()
+    ]
 
     command = typed_command(design, given)
     about = {

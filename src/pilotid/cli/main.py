@@ -9,8 +9,8 @@ import inspect
 import os
 import sys
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, NoReturn, TextIO
@@ -55,7 +55,10 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         # A terminal that lacks a sign is no reason to stop.
         getattr(stream, "reconfigure", lambda **_: None)(errors="replace")
     given = list(sys.argv[1:] if arguments is None else arguments)
-    with heeding_interruptions(), _warnings_as_sentences():
+    with heeding_interruptions(), warnings.catch_warnings():
+        # A warning costs a line and nothing else: that of a plug-in that is left out, too.
+        warnings.simplefilter("always", PluginWarning)
+        warnings.showwarning = show_warning
         try:
             status = app(given or ["--help"], prog_name="pilotid", standalone_mode=False)
             sys.stdout.flush()
@@ -73,16 +76,6 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         if status == STATUS:  # that is what typer makes of Ctrl-C
             raise KeyboardInterrupt
     raise SystemExit(status or 0)
-
-
-@contextmanager
-def _warnings_as_sentences() -> Iterator[None]:
-    """Let a warning cost a line and nothing else: that of a plug-in that is left out, too."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("always", PluginWarning)
-
-        warnings.showwarning = show_warning
-        yield
 
 
 def _nowhere() -> TextIO:

@@ -12,6 +12,7 @@ from threading import current_thread, main_thread
 from types import FrameType
 from typing import TYPE_CHECKING
 
+from pilotid.cli import end
 from pilotid.terminal import make_console
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ def heeding_interruptions() -> Iterator[None]:
     Where interruptions are ignored, as in jobs in the background, they stay ignored.
     """
     usual = signal.getsignal(signal.SIGINT)
-    ours = usual is signal.default_int_handler and current_thread() is main_thread()
+    ours = usual in (signal.default_int_handler, end) and current_thread() is main_thread()
 
     def first(_: int, __: FrameType | None) -> None:
         signal.signal(signal.SIGINT, lambda *_: os._exit(STATUS))
@@ -49,10 +50,9 @@ def heeding_interruptions() -> Iterator[None]:
         with suppress(OSError):
             sys.stderr.write(f"pilotid: {str(stop) or 'stopped'}\n")
             sys.stderr.flush()
-        if ours:  # all that is left is to end
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
+        usual = signal.SIG_IGN  # all that is left is to end
         raise SystemExit(STATUS) from None
-    else:
+    finally:
         if ours:
             signal.signal(signal.SIGINT, usual)
 

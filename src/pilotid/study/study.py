@@ -119,13 +119,15 @@ def scenario_entry(scenario: AnyScenario, position: int = 0, typed: str = "") ->
     )
 
 
-def trajectory_fact(scenario: Scenario) -> dict[str, str]:
-    """What a report needs of the truth of a pilot who changes; nothing for one who stays."""
+def scenario_facts(scenario: Scenario) -> dict[str, str]:
+    """What a report needs besides: the remnant's share, and the truth of a pilot who changes."""
+    found = {f"remnant ratio {scenario.name}": f"{remnant_ratio(scenario):.4f}"}
     truth = truth_over_time(scenario)
-    if truth is None:
-        return {}
-    values = dict(zip(truth.keys, truth.values.tolist(), strict=True))
-    return {f"{TRAJECTORY} {scenario.name}": json.dumps({"time": truth.time.tolist(), **values})}
+    if truth is not None:
+        values = dict(zip(truth.keys, truth.values.tolist(), strict=True))
+        path = json.dumps({"time": truth.time.tolist(), **values})
+        found[f"{TRAJECTORY} {scenario.name}"] = path
+    return found
 
 
 def _try_out(population: Population) -> None:
@@ -179,7 +181,11 @@ class Study:
         *,
         sparing: bool = False,
     ) -> None:
-        typed = [(s, text) for given in _each(scenarios) for s, text in _scenarios_of(given)]
+        typed = [
+            (scenario, given if isinstance(given, str) else "")
+            for given in _each(scenarios)
+            for scenario in (scenarios_named(given) if isinstance(given, str) else [given])
+        ]
         tried = [(method_named(m), m) if isinstance(m, str) else (m, "") for m in _each(methods)]
         self.labels = tuple(label_of(method) for method, _ in tried)
         _require_different("scenarios", [sound(scenario).name for scenario, _ in typed])
@@ -253,9 +259,7 @@ class Study:
         for scenario, entry in zip(self.scenarios, scenarios, strict=True):
             store.add_scenario(entry)
             if isinstance(scenario, Scenario):
-                share = f"{remnant_ratio(scenario):.4f}"
-                store.describe({f"remnant ratio {entry.name}": share})
-                store.describe(trajectory_fact(scenario))
+                store.describe(scenario_facts(scenario))
         for method in methods:
             store.add_method(method)
         fits = store.done()
@@ -372,13 +376,6 @@ def changes(scenario: AnyScenario) -> bool:
 def _each(given: Any) -> list[Any]:
     """Several, or one that the caller did not put into a list."""
     return list(given) if isinstance(given, Iterable) and not isinstance(given, str) else [given]
-
-
-def _scenarios_of(given: AnyScenario | str) -> list[tuple[AnyScenario, str]]:
-    """Scenarios, and what was typed for them."""
-    if isinstance(given, str):
-        return [(scenario, given) for scenario in scenarios_named(given)]
-    return [(given, "")]
 
 
 def _require_different(what: str, names: Sequence[str]) -> None:
