@@ -37,6 +37,7 @@ from pilotid.designing.lines import (
     widening,
 )
 from pilotid.designing.optimum import (
+    Aim,
     Criterion,
     Goal,
     InfeasibleError,
@@ -188,7 +189,7 @@ def test_no_step_towards_another_design_is_better(
     assert 0.0 <= made.gap < 1e-6
     usual, (loop,) = powers_of(NOMINAL), made.loops
     one = np.ones(usual.size)
-    goal = goal_of(minimise, {}, made.loops, made.references, usual, one, "mean")
+    goal = goal_of(Aim(minimise, {}), made.loops, made.references, usual, one)
     rows = linear(limits, made.loops, made.references, usual)
     assert goal.value(loop.told(made.powers)) == pytest.approx(made.optimum.value, rel=1e-9)
     above = [row for row in rows if not row.equal]

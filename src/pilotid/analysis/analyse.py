@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import re
 import sqlite3
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -18,7 +19,7 @@ from pilotid.analysis.cross_validation import LeftOut, failed_rows, left_out_row
 from pilotid.analysis.performance import performance_content, performance_rows
 from pilotid.analysis.recordings import Excluded, Part
 from pilotid.analysis.responses import responses_of
-from pilotid.analysis.rows import CONDITION, SUBJECT, Row, grouped, in_order, rows_of
+from pilotid.analysis.rows import CONDITION, SUBJECT, Row, grouped, in_order
 from pilotid.analysis.sharing import require_keys, share_fits
 from pilotid.database import DamagedError, beside, checksum, in_words, open_to_write
 from pilotid.disk import make_folder, write_file
@@ -48,6 +49,7 @@ from pilotid.recordings.detectors import copies_among, fingerprints
 from pilotid.recordings.files import Reading
 from pilotid.remarks import Remark, remark_of
 from pilotid.study.entries import number
+from pilotid.terminal import with_bar
 from pilotid.types import InputError, one_line
 
 #: What is done already, as JSON by the key of its task.
@@ -134,8 +136,32 @@ class Fit:
     content: Content
 
     def rows(self, what: str, told: str) -> list[Row]:
-        """Every quantity of it, see `rows_of`."""
-        return rows_of(self.part.name, self.part.fields, self.run, self.content, what, told)
+        """Every quantity of it, or of its loops: where it has them, and the remarks on them."""
+        return [
+            Row(
+                file=self.part.name,
+                fields=self.part.fields,
+                run=self.run,
+                model=self.content["model"],
+                method=estimate["method"],
+                parameter=key,
+                unit=unit,
+                value=_number(value),
+                std_error=_number(error),
+                lower=_number(lower),
+                upper=_number(upper),
+                outcome=estimate["outcome"],
+                usable=estimate["usable"],
+                remarks=tuple(Remark(*remark) for remark in estimate[told]),
+                agrees=estimate["agrees"],
+            )
+            for estimate in self.content["estimates"]
+            for key, unit, value, error, lower, upper in estimate[what]
+        ]
+
+
+def _number(held: float | None) -> float:
+    return math.nan if held is None else held
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +213,7 @@ class Analysis:
         return [
             row
             for part, look in self.looks.items()
-            for row in performance_rows(part.name, part.fields, look, per_run=per_run)
+            for row in performance_rows(part, look, per_run=per_run)
         ]
 
     @property
@@ -420,9 +446,6 @@ def _numbers(q: Quantity) -> list[float | None]:
 
 # ------------------------------------------------------------------------------ all of them
 
-#: Wraps answers in a bar: answers, what they are, how many.
-Bar = Callable[[Iterable[Answer], str, int], Iterator[Answer]]
-
 
 @dataclass(eq=False)
 class _Work:
@@ -430,7 +453,6 @@ class _Work:
 
     path: Path
     base: sqlite3.Connection
-    bar: Bar
     workers: int | None
     settings: Settings
     refused: dict[str, None]
@@ -487,7 +509,7 @@ class _Work:
             return held
         workers = self.workers if self.workers is None else min(self.workers, len(todo))
         answers = run_tasks(perform, todo, given_up, workers)
-        for task, content, why in self.bar(answers, what, len(todo)):
+        for task, content, why in with_bar(answers, what, len(todo)):
             if content is not None:
                 held[task.key] = content
                 self.keep(task.key, content)
@@ -504,7 +526,6 @@ def analyse(
     parts: Sequence[Part],
     settings: Settings,
     folder: Path,
-    bar: Bar,
     workers: int | None = None,
     refused: Sequence[str] = (),
 ) -> Analysis:
@@ -518,8 +539,6 @@ def analyse(
         What is done to each.
     folder
         Where the store and the figures are, which exists.
-    bar
-        Shows the progress.
     workers
         Number of processes; None for one for each processor.
     refused
@@ -528,7 +547,7 @@ def analyse(
     code, methods, element = own_digest(), dict(settings.methods), settings.element
     path = folder / STORE
     with closing(_opened(path)) as base:
-        work = _Work(path, base, bar, workers, settings, dict.fromkeys(refused))
+        work = _Work(path, base, workers, settings, dict.fromkeys(refused))
         for part in parts:
             try:
                 work.digests[part] = part.digest(settings.reading) + code

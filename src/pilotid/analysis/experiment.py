@@ -31,7 +31,6 @@ from pilotid.recordings.files import Reading, read_with
 from pilotid.recordings.selection import span_of
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.study.study import Bar, about_this
-from pilotid.terminal import with_bar
 from pilotid.types import InputError
 
 if TYPE_CHECKING:
@@ -234,7 +233,7 @@ def analyse(
         raise InputError("; ".join(refused))
     read = [file for part in parts for file in part.files]
     require_folder(folder, (*TABLES, BOARD, "report.html"), read_with(read), force=force)
-    analysis = analysed(parts, settings, folder, with_bar, workers, refused)
+    analysis = analysed(parts, settings, folder, workers, refused)
     if not analysis.parts:
         raise InputError("; ".join(analysis.refused))
     if not trust:

@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from pilotid.analysis.combine import plain_mean
 from pilotid.chance import Z95
 from pilotid.estimates.estimate import Outcome
-from pilotid.remarks import Remark
 
 T = TypeVar("T")
 K = TypeVar("K", bound=Hashable)
@@ -81,52 +80,6 @@ class Row:
     def stratum(self) -> tuple[tuple[str, str], ...]:
         """All fields but subject and condition: contrasts are made within each value of them."""
         return tuple(pair for pair in self.fields if pair[0] not in (SUBJECT, CONDITION))
-
-
-def rows_of(
-    file: str,
-    fields: tuple[tuple[str, str], ...],
-    run: int | None,
-    content: Mapping[str, Any],
-    what: str,
-    told: str,
-) -> list[Row]:
-    """Every quantity of a fit, or of its loops.
-
-    Parameters
-    ----------
-    file, fields, run
-        What was fitted.
-    content
-        What `pilotid.analysis.analyse.content_of` gave.
-    what, told
-        Where it has the quantities, and the remarks on them.
-    """
-    return [
-        Row(
-            file=file,
-            fields=fields,
-            run=run,
-            model=content["model"],
-            method=estimate["method"],
-            parameter=key,
-            unit=unit,
-            value=_number(value),
-            std_error=_number(error),
-            lower=_number(lower),
-            upper=_number(upper),
-            outcome=estimate["outcome"],
-            usable=estimate["usable"],
-            remarks=tuple(Remark(*remark) for remark in estimate[told]),
-            agrees=estimate["agrees"],
-        )
-        for estimate in content["estimates"]
-        for key, unit, value, error, lower, upper in estimate[what]
-    ]
-
-
-def _number(held: float | None) -> float:
-    return math.nan if held is None else held
 
 
 def grouped(items: Iterable[T], key: Callable[[T], K]) -> dict[K, list[T]]:

@@ -30,7 +30,7 @@ from pilotid.designing.lines import (
     with_held_remnant,
     with_shared_remnant,
 )
-from pilotid.designing.optimum import Optimum, Over, gains_of, goal_of, minimise_within
+from pilotid.designing.optimum import Aim, Optimum, Over, gains_of, goal_of, minimise_within
 from pilotid.ranges import Range, in_range
 from pilotid.seeds import DEFAULT_SEED, draw_rng
 from pilotid.types import ComplexArray, FloatArray, InputError
@@ -334,7 +334,8 @@ def design(
         unit[at] = usual[dict(known.signals)[name]].sum()
     for key, share in (wanted or {}).items():
         in_range(share, WISH, f"the standard error wanted of {key}, as a share,")
-    goal = goal_of(minimise, wanted or {}, loops, references, usual, unit, over)
+    aim = Aim(minimise, wanted or {}, over)
+    goal = goal_of(aim, loops, references, usual, unit)
     rows = linear(limits, loops, references, usual, over=over)
     rows = [replace(row, gradient=row.gradient * unit) for row in rows]
     forced = loops[0].gains["u"] * unit if remnant == "share" else None
@@ -375,7 +376,7 @@ def design(
         crest=crest,
         optimum=optimum,
         gap=_gap(optimum, minimise if not wanted else ""),
-        gains=gains_of(minimise, wanted or {}, loops, references, usual, powers),
+        gains=gains_of(aim, loops, references, usual, powers),
         unrounded=unrounded,
         loops=loops,
         references=references,

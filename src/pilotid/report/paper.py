@@ -11,12 +11,11 @@ import math
 from collections.abc import Sequence
 
 from pilotid.document import Block, Figure, Section, Text
-from pilotid.report.study_figures import errors, sweep
+from pilotid.report.study_figures import PAPER, errors, sweep
 from pilotid.report.study_tables import all_numbers, bias_table
 from pilotid.study.comparison import Comparison
 from pilotid.study.entries import ScenarioEntry
 
-PAPER = "AIAA 2008-7109"
 #: Order of the paper's numbers.
 KEYS = ("Kvis", "tlead", "tdvis", "Kvest", "tdvest", "fnm", "dnm")
 #: Fig. 3: bias and standard deviation [%] of 10 runs.
@@ -128,6 +127,6 @@ def _starts(study: Comparison, own: Sequence[ScenarioEntry]) -> list[Block]:
     )
     return [
         Text(text),
-        Figure("starts", errors(cells, paper, PAPER, dots=True), caption),
+        Figure("starts", errors(cells, paper, dots=True), caption),
         all_numbers(cells, paper),
     ]

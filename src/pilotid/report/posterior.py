@@ -133,7 +133,11 @@ def write_posterior(
     page = to_html(TITLE, [Section("posterior", fit.heading, blocks)])
     rows = [
         (
-            *(s.key, s.unit, s.mean, s.deviation, *s.equal_tailed),
+            s.key,
+            s.unit,
+            s.mean,
+            s.deviation,
+            *s.equal_tailed,
             *s.highest_density,
             s.effective,
             s.r_hat,

@@ -26,7 +26,7 @@ from pilotid.document import (
 from pilotid.naming.settings import shown
 from pilotid.numbers import number, share
 from pilotid.report import study_figures as figures
-from pilotid.report.paper import PAPER, paper_of, paper_sections
+from pilotid.report.paper import paper_of, paper_sections
 from pilotid.report.study_tables import (
     RECORDER,
     VIOLATION,
@@ -269,10 +269,14 @@ def details(cells: Sequence[MethodResults], key: str, *, linked: bool = True) ->
 
 def _errors(key: str, cells: Sequence[MethodResults], source: str) -> Figure:
     name, paper = cells[0].scenario.name, paper_of(cells[0].scenario)
-    beside = f"; the crosses are {PAPER}, Fig. 3 (10 runs, ± standard deviation)" if paper else ""
+    beside = (
+        f"; the crosses are {figures.PAPER}, Fig. 3 (10 runs, ± standard deviation)"
+        if paper
+        else ""
+    )
     return Figure(
         f"errors-{key}",
-        figures.errors(cells, paper, PAPER),
+        figures.errors(cells, paper),
         f"Scenario {name}: mean error, standard deviation and claimed standard error beside the "
         f"Cramér-Rao bound{beside}. Each panel has its own scale; a triangle marks a method whose "
         f"mean error lies outside it. {source}".rstrip(),

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+PAPER = "AIAA 2008-7109"
 COLUMNS = 4
 BOUND = "#c9ced6"
 #: Coverage [%] that is as good as it can be asked for, and the lowest that an axis shows.
@@ -102,7 +103,6 @@ def _is_outside(axes: Axes, row: float, value: float, colour: str) -> bool:
 def errors(
     cells: Sequence[MethodResults],
     paper: Sequence[tuple[float, float]] = (),
-    label: str = "",
     *,
     dots: bool = False,
 ) -> Figure:
@@ -113,9 +113,7 @@ def errors(
     cells
         Methods in one scenario.
     paper
-        Bias and standard deviation that a paper gives for each parameter [%].
-    label
-        How that paper is named in the figure.
+        Bias and standard deviation that `PAPER` gives for each parameter [%].
     dots
         Whether each fit is a dot, in place of the claimed standard error.
     """
@@ -123,7 +121,7 @@ def errors(
     from matplotlib.patches import Patch
 
     every = [cell.percent for cell in cells]
-    labels = [c.method for c in cells] + ([label] if paper else [])
+    labels = [c.method for c in cells] + ([PAPER] if paper else [])
     colours = [colour_of(cell.method) for cell in cells]
     # The legend needs some inches, too.
     height = max(1.35, 0.62 + 0.155 * len(labels))
