@@ -260,15 +260,11 @@ def _contrast(
     across = not within and is_across(first.parameter, both)
     if across:
         notes.append("across models")
+    what = f"{second.parameter} - {first.parameter}" if within else first.parameter
+    units = ", ".join(dict.fromkeys((first.unit, second.unit)))
+    head = first.stratum, a, b, one_model, other, first.method, what, units
     contrast = Contrast(
-        first.stratum,
-        a,
-        b,
-        one_model,
-        other,
-        first.method,
-        f"{second.parameter} - {first.parameter}" if within else first.parameter,
-        ", ".join(dict.fromkeys((first.unit, second.unit))),
+        *head,
         tuple(pairs),
         left_out=tuple(out),
         across=across,

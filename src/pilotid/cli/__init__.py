@@ -16,18 +16,24 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 os.environ["MPLBACKEND"] = "agg"
 
 
-def end(*_: object) -> None:
-    """End the program at once: Ctrl-C while nothing else heeds it."""
-    try:
-        os.write(2, b"pilotid: stopped\n")
-    finally:  # whether that can be said or not
-        os._exit(130)
-
-
 def start() -> NoReturn:
     """The program: Ctrl-C ends it in a sentence also while it imports, and at its end."""
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+
+    def end(*_: object) -> None:
+        try:
+            os.write(2, b"pilotid: stopped\n")
+        finally:  # whether that can be said or not
+            os._exit(130)
+
+    heeded = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    if heeded:
         signal.signal(signal.SIGINT, end)
     from pilotid.cli.main import main
 
-    main()
+    if heeded:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        main()
+    finally:
+        if heeded:
+            signal.signal(signal.SIGINT, end)

@@ -12,7 +12,6 @@ from threading import current_thread, main_thread
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from pilotid.cli import end
 from pilotid.terminal import make_console
 
 if TYPE_CHECKING:
@@ -36,7 +35,7 @@ def heeding_interruptions() -> Iterator[None]:
     Where interruptions are ignored, as in jobs in the background, they stay ignored.
     """
     usual = signal.getsignal(signal.SIGINT)
-    ours = usual in (signal.default_int_handler, end) and current_thread() is main_thread()
+    ours = usual is signal.default_int_handler and current_thread() is main_thread()
 
     def first(_: int, __: FrameType | None) -> None:
         signal.signal(signal.SIGINT, lambda *_: os._exit(STATUS))
@@ -50,9 +49,10 @@ def heeding_interruptions() -> Iterator[None]:
         with suppress(OSError):
             sys.stderr.write(f"pilotid: {str(stop) or 'stopped'}\n")
             sys.stderr.flush()
-        usual = signal.SIG_IGN  # all that is left is to end
+        if ours:  # all that is left is to end
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
         raise SystemExit(STATUS) from None
-    finally:
+    else:
         if ours:
             signal.signal(signal.SIGINT, usual)
 

@@ -69,12 +69,8 @@ def with_signals(
         numbers = np.array(lines.target if name == "ft" else lines.disturbance, dtype=float)
         amplitudes = np.sqrt(2.0 * powers[at])
         phases = low_crest(numbers, amplitudes, rng)
-        made[name] = Multisine(
-            tuple(int(n) for n in numbers),
-            tuple(amplitudes.tolist()),
-            tuple(phases.tolist()),
-            lines.period,
-        )
+        sines = tuple(map(int, numbers)), tuple(amplitudes.tolist()), tuple(phases.tolist())
+        made[name] = Multisine(*sines, lines.period)
         old = sines_of(scenario, name)
         crest[name] = crest_of(made[name]), math.nan if old is None else crest_of(old)
     digest = crc32(repr(made).encode() + repr(scenario).encode())

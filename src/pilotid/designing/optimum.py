@@ -349,14 +349,8 @@ class _Program:
         settings.verbose = False
         settings.tol_feas = settings.tol_gap_abs = settings.tol_gap_rel = TOLERANCE
         nothing = sparse.csc_matrix((self.cost.size, self.cost.size))
-        return clarabel.DefaultSolver(
-            nothing,
-            self.cost,
-            sparse.csc_matrix(matrix),
-            np.concatenate(self._constants),
-            cones,
-            settings,
-        ).solve()
+        held, constants = sparse.csc_matrix(matrix), np.concatenate(self._constants)
+        return clarabel.DefaultSolver(nothing, self.cost, held, constants, cones, settings).solve()
 
 
 def _require_keys(named: Sequence[str], keys: Sequence[str]) -> None:

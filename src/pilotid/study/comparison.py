@@ -503,18 +503,11 @@ class Comparison:
         """Scenario, method and `SUMMARY_COLUMNS` of every parameter and of all in every cell."""
         for cell in self.cells:
             for s in (*cell.scores[1:], cell.overall):
-                yield [
-                    *(cell.scenario.name, cell.method, s.parameter),
-                    cell.usable if s.parameter == ALL else s.n,
-                    *(
-                        s.failures + s.objections,
-                        s.truth,
-                        *s.bias,
-                        s.percent.bias.value,
-                        s.std.value,
-                    ),
-                    *(s.rmse.value, s.bound, s.claimed, s.coverage.value, s.posterior, *s.loss),
-                ]
+                count = cell.usable if s.parameter == ALL else s.n
+                head = cell.scenario.name, cell.method, s.parameter, count
+                errors = s.truth, *s.bias, s.percent.bias.value, s.std.value, s.rmse.value
+                claims = s.bound, s.claimed, s.coverage.value, s.posterior
+                yield [*head, s.failures + s.objections, *errors, *claims, *s.loss]
 
     def population_rows(self) -> Iterator[list[object]]:
         """Population, method and `POPULATION_COLUMNS` of every stratum and parameter."""

@@ -143,23 +143,13 @@ def given_up(task: Task, loss: Loss, why: str) -> Result:
     return Result(task.unit, Outcome[loss.name].slug, why)
 
 
-def _result(unit: Unit, estimate: Estimate, excess: float | None, draw: Draw | None) -> Result:
-    return Result(
-        unit,
-        estimate.outcome.slug,
-        estimate.message,
-        estimate.outcome.usable,
-        number(estimate.vaf),
-        int(estimate.iterations),
-        estimate.draws is not None,
-        number(estimate.seconds),
-        tuple(
-            (q.key, number(q.value), number(q.std_error), number(q.lower), number(q.upper))
-            for q in estimate.parameters
-        ),
-        excess,
-        draw,
+def _result(unit: Unit, e: Estimate, excess: float | None, draw: Draw | None) -> Result:
+    known = tuple(
+        (q.key, number(q.value), number(q.std_error), number(q.lower), number(q.upper))
+        for q in e.parameters
     )
+    ended = unit, e.outcome.slug, e.message, e.outcome.usable, number(e.vaf), int(e.iterations)
+    return Result(*ended, e.draws is not None, number(e.seconds), known, excess, draw)
 
 
 # ------------------------------------------------------------ what a population draws

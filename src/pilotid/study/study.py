@@ -106,17 +106,10 @@ def scenario_entry(scenario: AnyScenario, position: int = 0, typed: str = "") ->
         raise InputError(
             f"scenario {scenario.name}: cannot be simulated ({reason(error)}); check its settings"
         ) from error
-    return ScenarioEntry(
-        scenario.name,
-        known.index(scenario.name) if scenario.name in known else len(known) + position,
-        scenario.description,
-        model,
-        plain(scenario),
-        parameters,
-        family,
-        code_digest(scenario),
-        typed or scenario.name,
-    )
+    name, about = scenario.name, scenario.description
+    place = known.index(name) if name in known else len(known) + position
+    own = plain(scenario), parameters, family, code_digest(scenario)
+    return ScenarioEntry(name, place, about, model, *own, typed or name)
 
 
 def scenario_facts(scenario: Scenario) -> dict[str, str]:
