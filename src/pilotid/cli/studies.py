@@ -59,13 +59,10 @@ def compare(
         raise InputError("--workers and --scheduler exclude each other; leave one out")
     default, count = PROFILES[profile]
     like_it = [] if like is None else [scenario_like(like, seed)]
-    study = Study(
-        [*like_it, *options.names_of(scenario, () if like_it else default, list(CATALOGUE))],
-        options.names_of(method, list(methods()), list(methods())),
-        replications or count,
-        seed,
-        sparing=method is None,
-    )
+    names = options.names_of(scenario, () if like_it else default, list(CATALOGUE))
+    tried = options.names_of(method, list(methods()), list(methods()))
+    count = replications or count
+    study = Study([*like_it, *names], tried, count, seed, sparing=method is None)
     outputs.require_folder(out, TABLES, read_with([like] if like else []), force=force)
     if salvage:
         _salvage(out)

@@ -209,16 +209,8 @@ def _changes(
         wanted = 0.95 if score == "coverage" else 0.0
         is_better = abs(after - wanted) < abs(before - wanted)
         head = (ours.scenario.name, ours.method, parameter, score, UNITS[score], _yes(paired))
-        numbers = (before, after, change, error, p)
-        yield Change(
-            *head,
-            a.size,
-            b.size,
-            *numbers,
-            _yes(matters and p <= LEVEL),
-            _yes(is_better),
-            *verdicts,
-        )
+        row = *head, a.size, b.size, before, after, change, error, p
+        yield Change(*row, _yes(matters and p <= LEVEL), _yes(is_better), *verdicts)
 
 
 def _by_recording(cell: MethodResults, keys: Sequence[str]) -> dict[tuple[str, str], FloatArray]:

@@ -178,11 +178,9 @@ def _scenario_page(shared: SharedScenario) -> list[Section]:
         blocks.append(Text("All fits are of one recording: means say nothing of others."))
     blocks.append(ranking(cells))
     blocks.append(Bullets([sentence(cell.method, cell.scores) for cell in ranked(cells)]))
+    key = key_of(entry.name)
     commands = [
-        Command(
-            f"To reproduce what {study.name} has:",
-            command(study, [entry.name], key_of(entry.name)),
-        )
+        Command(f"To reproduce what {study.name} has:", command(study, [entry.name], key))
         for study in shared.studies
     ]
     return [
@@ -231,13 +229,8 @@ def _results(studies: Sequence[Comparison], scenarios: Sequence[SharedScenario])
         method,
         Column("study", lambda c: f"[{origin[c][1].name}]({origin[c][1].name}/report.html)"),
     ]
-    table = Table(
-        "What every method did, by scenario and study, in the order of the loss",
-        [*front, *columns],
-        list(best),
-        heads=2,
-        filters=(0, 1, 2),
-    )
+    caption = "What every method did, by scenario and study, in the order of the loss"
+    table = Table(caption, [*front, *columns], list(best), heads=2, filters=(0, 1, 2))
     return [Text(what), table, Text(LOSS), Text(COLUMNS), Text(RULES)]
 
 

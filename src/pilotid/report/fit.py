@@ -149,15 +149,12 @@ def _known(chosen: Estimate) -> list[str]:
         return []
     well = [f"{key} (± {_percent(share)})" for key, share in shares.items() if share <= WELL]
     poorly = [f"{key} (± {_percent(share)})" for key, share in shares.items() if share >= POORLY]
-    told = [
-        f"{what} is {listed(keys)}"
-        for what, keys in (
-            ("well known (95 % interval within 10 %)", well),
-            ("poorly known (beyond 50 %)", poorly),
-            ("held by a bound", bound),
-        )
-        if keys
-    ]
+    kinds = {
+        "well known (95 % interval within 10 %)": well,
+        "poorly known (beyond 50 %)": poorly,
+        "held by a bound": bound,
+    }
+    told = [f"{what} is {listed(keys)}" for what, keys in kinds.items() if keys]
     if not (poorly or bound):
         told.append("nothing is poorly known (beyond 50 %)")
     return [f"By {chosen.method}, {'; '.join(told)}."]

@@ -208,15 +208,12 @@ def _summary(study: Comparison) -> Section:
         if len(names) == 1:
             blocks.append(Bullets([sentence(cell.method, cell.scores) for cell in order]))
         if any(cell.seconds > 0.0 and cell.overall.loss.value > 0.0 for cell in order):
-            blocks.append(
-                Figure(
-                    "cost",
-                    figures.cost(order),
-                    f"`{name}`: loss with its 95 % interval, and what a fit takes on one core. "
-                    f"Stepped line: no other method is both faster and better. {NUMBERS}",
-                    f"Loss of each method in {name} over the median time of a fit",
-                )
+            caption = (
+                f"`{name}`: loss with its 95 % interval, and what a fit takes on one core. "
+                f"Stepped line: no other method is both faster and better. {NUMBERS}"
             )
+            alt = f"Loss of each method in {name} over the median time of a fit"
+            blocks.append(Figure("cost", figures.cost(order), caption, alt))
         blocks += [Text(LOSS), Text(COLUMNS), Text(RULES)]
     return Section("summary", "Which method to use", blocks)
 
@@ -234,11 +231,8 @@ def _scenario(study: Comparison, name: str) -> Section:
     entry, cells = study.entry(name), study.of(name)
     power = study.remnant_ratio(name)
     remnant = f"; remnant {100 * power:.0f} % of the control's power" if power == power else ""
-    blocks: list[Block] = [
-        Text(
-            f"{entry.description[:1].upper()}{entry.description[1:]}{remnant}; model {entry.model}."
-        )
-    ]
+    what = f"{entry.description[:1].upper()}{entry.description[1:]}{remnant}"
+    blocks: list[Block] = [Text(f"{what}; model {entry.model}.")]
     if len(compared(study)) > OPEN and name != _reference(compared(study)):
         blocks.append(ranking(cells))
     if len(compared(study)) > 1:
@@ -371,13 +365,8 @@ def _trends(study: Comparison) -> list[Section]:
         known = [(name, x) for x, name in points.items() if x > 0.0]
         if len(known) < 2:
             continue
-        figure = figures.sweep(
-            study,
-            known,
-            lambda s: s.rmse,
-            (path, "rmse [% of true value]"),
-            log=True,
-        )
+        labels = (path, "rmse [% of true value]")
+        figure = figures.sweep(study, known, lambda s: s.rmse, labels, log=True)
         alt = f"Root mean square error by parameter and method over {path}"
         caption = f"Root mean square error and Cramér-Rao bound over `{path}`. {NUMBERS}"
         blocks.append(Figure(f"trend-{family}", figure, caption, alt))

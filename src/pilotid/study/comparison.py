@@ -593,13 +593,10 @@ def comparison_of(store: Store) -> Comparison:
     for (name, replication), draw in store.draws().items():
         drawn.setdefault(name, {})[replication] = draw
     strata = {name: strata_of(draws) for name, draws in drawn.items()}
-    return Comparison(
-        tuple(
-            MethodResults(entries[name], method, tuple(own), strata.get(name, {}))
-            for (name, method), own in found.items()
-        ),
-        {label: entry for label, entry in store.methods().items() if label in present},
-        store.about(),
-        store.path.parent,
-        store.path.parent.name,
+    cells = tuple(
+        MethodResults(entries[name], method, tuple(own), strata.get(name, {}))
+        for (name, method), own in found.items()
     )
+    methods = {label: entry for label, entry in store.methods().items() if label in present}
+    folder = store.path.parent
+    return Comparison(cells, methods, store.about(), folder, folder.name)
