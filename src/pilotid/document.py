@@ -449,15 +449,10 @@ def _table_markdown(table: Table[Any]) -> str:
 
     shown = [(column, cells) for column, cells in table.shown if not column.axis]
     columns = [[_cell_text(column, cell) for cell in cells] for column, cells in shown]
-    return "\n".join(
-        [
-            f"**{for_markdown(table.caption)}**",
-            "",
-            line(column.title for column, _ in shown),
-            line("---:" if column.form else "---" for column, _ in shown),
-            *(line(row) for row in zip(*columns, strict=True)),
-        ]
-    )
+    head = line(column.title for column, _ in shown)
+    rule = line("---:" if column.form else "---" for column, _ in shown)
+    rows = (line(row) for row in zip(*columns, strict=True))
+    return "\n".join([f"**{for_markdown(table.caption)}**", "", head, rule, *rows])
 
 
 # ------------------------------------------------------------------------------------- LaTeX
@@ -480,18 +475,11 @@ def table_latex(table: Table[Any]) -> str:
 
     shown = [(column, cells) for column, cells in table.shown if not column.axis]
     columns = [[cell(column, each.text) for each in cells] for column, cells in shown]
-    return "\n".join(
-        [
-            rf"\begin{{tabular}}{{{''.join('r' if c.form else 'l' for c, _ in shown)}}}",
-            r"\toprule",
-            line(for_latex(column.title) for column, _ in shown),
-            r"\midrule",
-            *(line(row) for row in zip(*columns, strict=True)),
-            r"\bottomrule",
-            r"\end{tabular}",
-            "",
-        ]
-    )
+    begin = rf"\begin{{tabular}}{{{''.join('r' if c.form else 'l' for c, _ in shown)}}}"
+    head = line(for_latex(column.title) for column, _ in shown)
+    rows = (line(row) for row in zip(*columns, strict=True))
+    end = r"\bottomrule", r"\end{tabular}", ""
+    return "\n".join([begin, r"\toprule", head, r"\midrule", *rows, *end])
 
 
 # ---------------------------------------------------------------------------------- terminal

@@ -590,21 +590,13 @@ def analyse(
                     left += [work.task("left-out", [part], predicts, run) for run in runs]
         held = work.contents([task for _, task in fits], "fitting")
         told = work.contents(left, "leaving runs out")
-        return Analysis(
-            settings,
-            looked,
-            choices,
-            [
-                Fit(part, task.run, held[task.key]["fits"][task.parts.index(part)])
-                for part, task in fits
-            ],
-            list(work.refused),
-            [
-                line
-                for task in left
-                for line in left_out_rows(task.part, task.run or 0, told[task.key])
-            ],
-        )
+        every = [
+            Fit(part, task.run, held[task.key]["fits"][task.parts.index(part)])
+            for part, task in fits
+        ]
+        runs_left = [(task.part, task.run or 0, told[task.key]) for task in left]
+        lines = [line for own in runs_left for line in left_out_rows(*own)]
+        return Analysis(settings, looked, choices, every, list(work.refused), lines)
 
 
 def _sharing(

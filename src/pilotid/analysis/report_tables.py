@@ -412,12 +412,11 @@ def tables_tex(
             "parentheses; or values ± standard errors",
             table_latex(table),
         ]
-    groups = grouped(
-        contrasts,
-        lambda c: table_title(
-            c.stratum, c.method, ", ".join(dict.fromkeys((c.model_a, c.model_b)))
-        ),
-    )
+
+    def title_of(c: Contrast) -> str:
+        return table_title(c.stratum, c.method, ", ".join(dict.fromkeys((c.model_a, c.model_b))))
+
+    groups = grouped(contrasts, title_of)
     for title, some in groups.items():
         parts += [
             f"% Paired differences between conditions, b less a, over subjects, {printable(title)}",

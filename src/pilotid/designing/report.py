@@ -142,11 +142,10 @@ def error_table(made: Design) -> Table[Any]:
         "parameters estimated too"
     )
     title, hint = OTHERWISE[made.remnant]
+    usual = made.reference_errors
     rows = [
-        (key, 100.0 * own, 100.0 * usual, own / usual, 100.0 * other[key])
-        for (key, own), usual in zip(
-            made.errors.items(), made.reference_errors.values(), strict=True
-        )
+        (key, 100.0 * own, 100.0 * usual[key], own / usual[key], 100.0 * other[key])
+        for key, own in made.errors.items()
     ]
     heads = [
         *(("parameter",), ("design %", number), ("reference %", number)),

@@ -186,11 +186,10 @@ def truths_of(scenario: Scenario) -> tuple[ParameterTruth, ...]:
         deviations = bound_of(scenario)
     else:
         deviations = np.sqrt(np.diag(bounds(experiment_of(scenario)).full))
+    known = zip(scenario.model.parameters, scenario.values, deviations, strict=True)
     return tuple(
         ParameterTruth(p.key, p.unit, float(value), number(float(deviation)))
-        for p, value, deviation in zip(
-            scenario.model.parameters, scenario.values, deviations, strict=True
-        )
+        for p, value, deviation in known
     )
 
 
