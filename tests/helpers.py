@@ -39,7 +39,6 @@ from pilotid.recordings.recording import SIGNALS, Recording
 from pilotid.report.study import TITLE, report_sections, write_report
 from pilotid.seeds import fit_rng, recording_rng, start_rng
 from pilotid.study.comparison import Comparison
-from pilotid.study.store import Store
 from pilotid.time_domain.prediction import Prediction
 from pilotid.types import FloatArray
 
@@ -274,7 +273,7 @@ def predict_circular(recording: Recording, model: PilotModel) -> Prediction:
     )
 
 
-def written(folder: Path, store: Store, study: Comparison) -> tuple[Path, str]:
+def written(folder: Path, study: Comparison) -> tuple[Path, str]:
     """The page of a study's report, and all its sections as Markdown, drawn only once."""
     drawn = []
 
@@ -284,7 +283,7 @@ def written(folder: Path, store: Store, study: Comparison) -> tuple[Path, str]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("pilotid.report.study.report_sections", sections)
-        page = write_report(folder, store, study)
+        page = write_report(folder, study)
     return page, to_markdown(TITLE, drawn[-1])
 
 

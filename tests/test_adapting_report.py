@@ -50,8 +50,8 @@ def filled(folder: Path, methods: dict[str, tuple[float, float, float]], count: 
             for i in range(count):
                 off, moved = error * (1.0 + 0.1 * rng.standard_normal()), lag + rng.normal(0, 0.2)
                 tracks = [
-                    Track("K", off, off, off, off, moved, held, tuple(TRUTH["K"])),
-                    Track("d", off, off, None, off, None, held, (None, *TRUTH["d"][1:])),
+                    Track("K", (off,) * 4, moved, held, tuple(TRUTH["K"])),
+                    Track("d", (off, off, None, off), None, held, (None, *TRUTH["d"][1:])),
                 ]
                 estimates = [
                     (p.parameter, p.truth + 0.1 * rng.standard_normal(), 0.1, 0.0, 3.0)
@@ -63,7 +63,7 @@ def filled(folder: Path, methods: dict[str, tuple[float, float, float]], count: 
                 )  # fmt: skip
                 store.add(result)
         study = comparison_of(store)
-        _, text = written(folder, store, study)
+        _, text = written(folder, study)
     return Made(study, text, folder)
 
 

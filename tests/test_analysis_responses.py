@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from helpers import NOMINAL
 
 from pilotid.analysis.figures import parts_figure, responses_figure
 from pilotid.analysis.performance import performance_content, performance_rows
+from pilotid.analysis.recordings import Part
 from pilotid.analysis.responses import (
     COLUMNS,
     LINES,
@@ -132,7 +134,8 @@ def test_figures_have_a_column_for_each_response_and_a_bar_for_each_part() -> No
     assert titles[:3] == ["visual", "vestibular", "open loops"]
     assert all("log" in axes.get_xscale() for axes in figure.axes)
     look = {"performance": performance_content(RECORDING)}
-    rows = performance_rows("a", (("subject", "1"), ("condition", "C1")), look, per_run=False)
+    part = Part((Path("a"),), (("subject", "1"), ("condition", "C1")))
+    rows = performance_rows(part, look, per_run=False)
     found = layouts(list(rows))
     bars = parts_figure(found)
     assert bars is not None

@@ -37,6 +37,7 @@ from pilotid.designing.lines import (
     widening,
 )
 from pilotid.designing.optimum import (
+    Aim,
     Criterion,
     Goal,
     InfeasibleError,
@@ -188,7 +189,7 @@ def test_no_step_towards_another_design_is_better(
     assert 0.0 <= made.gap < 1e-6
     usual, (loop,) = powers_of(NOMINAL), made.loops
     one = np.ones(usual.size)
-    goal = goal_of(minimise, {}, made.loops, made.references, usual, one, "mean")
+    goal = goal_of(Aim(minimise, {}), made.loops, made.references, usual, one)
     rows = linear(limits, made.loops, made.references, usual)
     assert goal.value(loop.told(made.powers)) == pytest.approx(made.optimum.value, rel=1e-9)
     above = [row for row in rows if not row.equal]
@@ -239,7 +240,7 @@ def test_designs_keep_their_limits_and_are_no_worse(minimise: str) -> None:
     assert 0.0 <= made.gap < 1e-3
     assert max(made.costs["e"], made.costs["u"]) <= 1.5 + 1e-9
     assert made.costs["du"] <= 1.4 + 1e-9
-    powers = made.powers[made.lines.of_target]
+    powers = made.powers[dict(made.lines.signals)["ft"]]
     assert powers[made.lines.omega[:12] > 0.8 * made.loops[0].crossover].sum() < 0.9 * powers.sum()
     for _, at in made.lines.signals:
         assert made.powers[at].sum() <= powers_of(NOMINAL)[at].sum() * (1.0 + 1e-9)
@@ -346,7 +347,7 @@ def test_a_spectrum_on_other_lines() -> None:
     other = chosen_lines(known, 20)
     shares = shares_like(known, powers, other, "ft")
     assert shares.sum() == pytest.approx(1.0)
-    low = other.omega[other.of_target] < 2.0
+    low = other.omega[dict(other.signals)["ft"]] < 2.0
     assert shares[low].sum() == pytest.approx(
         powers[:12][known.omega[:12] < 2.0].sum() / powers[:12].sum(), abs=0.03
     )

@@ -136,8 +136,8 @@ def test_a_fit_has_every_figure_that_a_journal_asks_for() -> None:
 
 def test_a_fit_that_failed_has_no_figure_and_many_have_readable_ones_on_a_page() -> None:
     lost = Fitted(recording(), MULTI, (failed("mle", MULTI, Outcome.SINGULAR),))
-    assert figures_of(lost, element=ELEMENT) == []
-    shown = figures_of(many(), element=ELEMENT)
+    assert not list(figures_of(lost, element=ELEMENT))
+    shown = list(figures_of(many(), element=ELEMENT))
     correlations = [f.name for f in shown if f.name.startswith("correlations")]
     assert correlations[:2] == ["correlations", "correlations-2"]
     for figure in shown:
@@ -273,7 +273,7 @@ def test_figures_are_files_of_the_same_bytes_each_time(tmp_path: Path) -> None:
     for number in (1, 2):
         folder = tmp_path / str(number)
         folder.mkdir()
-        files = save_figures(folder, figures_of(fit, element=ELEMENT))
+        files = save_figures(folder, list(figures_of(fit, element=ELEMENT)))
         kept.append({f.name: f.read_bytes() for f in files})
     assert kept[0] == kept[1]
     assert len(kept[0]) == 14

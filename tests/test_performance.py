@@ -13,6 +13,7 @@ from scipy.stats import ttest_rel
 
 from pilotid.analysis.contrasts import contrasts
 from pilotid.analysis.performance import performance, performance_content, performance_rows
+from pilotid.analysis.recordings import Part
 from pilotid.datasets import simulate
 from pilotid.estimates.estimate import Outcome, failed
 from pilotid.estimates.loops import loops_of
@@ -85,7 +86,7 @@ def test_motion_makes_the_error_smaller(measured: Path) -> None:
             by_hand.setdefault(condition, []).append(loadmat(file)["e"].var(axis=0).mean())
             fields = (("subject", subject), ("condition", condition))
             look = {"performance": performance_content(load_recording(file))}
-            rows += performance_rows(file.name, fields, look, per_run=False)
+            rows += performance_rows(Part((Path(file.name),), fields), look, per_run=False)
     known = ttest_rel(by_hand["C6"], by_hand["C3"])
     (found,) = [c for c in contrasts(rows) if c.parameter == "var_e"]
     assert (found.mean_a, found.mean_b) == pytest.approx(

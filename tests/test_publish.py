@@ -130,7 +130,7 @@ def test_rows_and_figures_can_be_taken_along(site: Path) -> None:
         pictures = list((site / name / "figures").iterdir())
         kinds = [{p.stem for p in pictures if p.suffix == kind} for kind in (".svg", ".pdf")]
         assert kinds[0] == kinds[1] != set()
-    assert read_study(site / "mine").study.methods == ("mle", "wls")
+    assert read_study(site / "mine").methods == ("mle", "wls")
 
 
 @pytest.mark.long

@@ -121,7 +121,7 @@ def test_a_condition_is_pooled_over_its_subjects() -> None:
     (over,) = condition_spreads(found)
     squares = 4 * np.var(VALUES, ddof=1) + 3 * np.var(others, ddof=1)
     assert over.ratio.value == pytest.approx(math.sqrt(squares / 7) / 0.1)
-    assert (over.files, over.runs) == (2, 9)
+    assert (len(over.spreads), over.runs) == (2, 9)
     words = spread_sentence([over])
     assert words.startswith(f"in C3, between-run scatter is {over.ratio.value:.1f} (tlead)")
     assert "significant for tlead" in words

@@ -124,7 +124,7 @@ def report(folder: Path, fill: Callable[[Store], None], methods: Sequence[str]) 
                 store.add_method(MethodEntry(name, position, settings, typed=TYPED.get(name, "")))
             fill(store)
         study = comparison_of(store)
-        page, whole = written(folder, store, study)
+        page, whole = written(folder, study)
         console = make_console()
         with console.capture() as captured:
             for table in overview(study)[1]:

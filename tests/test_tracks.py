@@ -64,7 +64,7 @@ def test_a_lag_is_found_whatever_the_bias(name: str, seconds: float) -> None:
     for key in ("Kvis", "tlead"):
         assert tracks[key].lag == pytest.approx(seconds, abs=0.5)
     assert tracks["tdvis"].lag is None  # it does not change
-    assert tracks["tdvis"].whole == pytest.approx(0.3)
+    assert tracks["tdvis"].rmse[3] == pytest.approx(0.3)
     assert tracks["tdvis"].coverage == 0.0
 
 
@@ -82,16 +82,16 @@ def test_errors_are_told_by_period_and_relative_to_the_truth() -> None:
     values[:, half.time > 60.0] *= 1.2
     tracks = tracks_of(replace(half, values=values), FAST)
     for track in tracks:
-        assert (track.before, track.during) == pytest.approx((0.0, 0.0), abs=1e-9)
+        assert track.rmse[:2] == pytest.approx((0.0, 0.0), abs=1e-9)
         share = np.mean(half.time[half.time > 41.92 + 5.0] > 60.0)
-        assert track.after == pytest.approx(0.2 * np.sqrt(share), rel=0.02)
+        assert track.rmse[2] == pytest.approx(0.2 * np.sqrt(share), rel=0.02)
         assert len(track.values) == THINNED
     assert tracks[1].values[0] == pytest.approx(0.4)
 
 
 def test_scores_over_fits_by_hand() -> None:
     def track(size: float, lag: float | None) -> Track:
-        return Track("K", None, size, size, size, lag, 0.5 * size, (size, None))
+        return Track("K", (None, size, size, size), lag, 0.5 * size, (size, None))
 
     (found,) = track_scores([[track(0.3, 1.0)], [track(0.4, 3.0)], [track(1.2, None)]])
     assert found.n == 3

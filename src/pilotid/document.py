@@ -34,7 +34,7 @@ from pilotid.escaping import (
     math_html,
 )
 from pilotid.numbers import NONE
-from pilotid.terminal import PLAIN_WIDTH, as_text, print_table
+from pilotid.terminal import PLAIN_WIDTH, print_table
 from pilotid.types import InputError
 
 if TYPE_CHECKING:
@@ -451,15 +451,10 @@ def _table_markdown(table: Table[Any]) -> str:
 
     shown = [(column, cells) for column, cells in table.shown if not column.axis]
     columns = [[_cell_text(column, cell) for cell in cells] for column, cells in shown]
-    return "\n".join(
-        [
-            f"**{for_markdown(table.caption)}**",
-            "",
-            line(column.title for column, _ in shown),
-            line("---:" if column.form else "---" for column, _ in shown),
-            *(line(row) for row in zip(*columns, strict=True)),
-        ]
-    )
+    head = line(column.title for column, _ in shown)
+    rule = line("---:" if column.form else "---" for column, _ in shown)
+    rows = (line(row) for row in zip(*columns, strict=True))
+    return "\n".join([f"**{for_markdown(table.caption)}**", "", head, rule, *rows])
 
 
 # ------------------------------------------------------------------------------------- LaTeX
@@ -482,18 +477,11 @@ def table_latex(table: Table[Any]) -> str:
 
     shown = [(column, cells) for column, cells in table.shown if not column.axis]
     columns = [[cell(column, each.text) for each in cells] for column, cells in shown]
-    return "\n".join(
-        [
-            rf"\begin{{tabular}}{{{''.join('r' if c.form else 'l' for c, _ in shown)}}}",
-            r"\toprule",
-            line(for_latex(column.title) for column, _ in shown),
-            r"\midrule",
-            *(line(row) for row in zip(*columns, strict=True)),
-            r"\bottomrule",
-            r"\end{tabular}",
-            "",
-        ]
-    )
+    begin = rf"\begin{{tabular}}{{{''.join('r' if c.form else 'l' for c, _ in shown)}}}"
+    head = line(for_latex(column.title) for column, _ in shown)
+    rows = (line(row) for row in zip(*columns, strict=True))
+    end = r"\bottomrule", r"\end{tabular}", ""
+    return "\n".join([begin, r"\toprule", head, r"\midrule", *rows, *end])
 
 
 # ---------------------------------------------------------------------------------- terminal
@@ -531,11 +519,6 @@ def blocks_text(*blocks: Text | Bullets | Table[Any]) -> str:
     console = Console(file=stream, width=PLAIN_WIDTH, highlight=False, markup=False, emoji=False)
     print_blocks(console, *blocks)
     return stream.getvalue().strip("\n")
-
-
-def table_text(table: Table[Any]) -> str:
-    """A table as plain text."""
-    return as_text(table_rich(table))
 
 
 def _parts(table: Table[Any], width: int) -> list[list[int]]:

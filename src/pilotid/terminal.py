@@ -37,20 +37,10 @@ def print_table(console: Console, table: RenderableType) -> None:
     if console.is_terminal:
         console.print(table)
         return
-    console.file.write(_captured(console, table) + "\n")
-
-
-def as_text(table: RenderableType) -> str:
-    """A table as text, without the spaces that fill each line up."""
-    from rich.console import Console
-
-    return _captured(Console(width=PLAIN_WIDTH, color_system=None), table)
-
-
-def _captured(console: Console, table: RenderableType) -> str:
     with console.capture() as captured:
         console.print(table)
-    return "\n".join(line.rstrip() for line in captured.get().splitlines()).strip("\n")
+    lines = (line.rstrip() for line in captured.get().splitlines())
+    console.file.write("\n".join(lines).strip("\n") + "\n")
 
 
 @contextmanager

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import re
 import sqlite3
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -16,9 +17,9 @@ import numpy as np
 
 from pilotid.analysis.cross_validation import LeftOut, failed_rows, left_out_rows, predict_left_out
 from pilotid.analysis.performance import performance_content, performance_rows
-from pilotid.analysis.recordings import Excluded, Part, Source
+from pilotid.analysis.recordings import Excluded, Part
 from pilotid.analysis.responses import responses_of
-from pilotid.analysis.rows import CONDITION, PERSON, SUBJECT, Row, in_order, rows_of
+from pilotid.analysis.rows import CONDITION, PERSON, SUBJECT, Row, grouped, in_order
 from pilotid.analysis.sharing import require_keys, share_fits
 from pilotid.database import DamagedError, beside, checksum, in_words, open_to_write
 from pilotid.disk import make_folder, write_file
@@ -45,8 +46,10 @@ from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.detectors import copies_among, fingerprints
+from pilotid.recordings.files import Reading
 from pilotid.remarks import Remark, remark_of
 from pilotid.study.entries import number
+from pilotid.terminal import with_bar
 from pilotid.types import InputError, one_line
 
 #: What is done already, as JSON by the key of its task.
@@ -56,8 +59,7 @@ COLUMNS = "key TEXT PRIMARY KEY, content TEXT, checksum INTEGER"
 #: What the contents of tasks have.
 CONTENTS = {
     "look": {"recording", "remarks", "fingerprints", "candidates", "performance"},
-    "fit": {"model", "element", "estimates"},
-    "share": {"model", "element", "estimates"},
+    "fit": {"fits"},
     "left-out": {"model", "left_out"},
 }
 #: The folder of the recordings' pages.
@@ -99,6 +101,8 @@ class Settings:
         Parameters that are held or bounded, see `pilotid.pilot.catalogue.with_held`.
     share
         Parameters that a subject's conditions have in common, see `pilotid.estimates.shared`.
+    reading
+        How files are read.
     """
 
     models: Mapping[str, PilotModel]
@@ -114,6 +118,7 @@ class Settings:
     excluded: Sequence[Excluded] = ()
     fix: str | None = None
     share: Sequence[str] = ()
+    reading: Reading = field(default_factory=Reading)
 
     @property
     def known(self) -> dict[str, PilotModel]:
@@ -131,8 +136,32 @@ class Fit:
     content: Content
 
     def rows(self, what: str, told: str) -> list[Row]:
-        """Every quantity of it, see `rows_of`."""
-        return rows_of(self.part.name, self.part.fields, self.run, self.content, what, told)
+        """Every quantity of it, or of its loops: where it has them, and the remarks on them."""
+        return [
+            Row(
+                file=self.part.name,
+                fields=self.part.fields,
+                run=self.run,
+                model=self.content["model"],
+                method=estimate["method"],
+                parameter=key,
+                unit=unit,
+                value=_number(value),
+                std_error=_number(error),
+                lower=_number(lower),
+                upper=_number(upper),
+                outcome=estimate["outcome"],
+                usable=estimate["usable"],
+                remarks=tuple(Remark(*remark) for remark in estimate[told]),
+                agrees=estimate["agrees"],
+            )
+            for estimate in self.content["estimates"]
+            for key, unit, value, error, lower, upper in estimate[what]
+        ]
+
+
+def _number(held: float | None) -> float:
+    return math.nan if held is None else held
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,7 +234,7 @@ class Analysis:
         return [
             row
             for part, look in self.looks.items()
-            for row in performance_rows(part.name, part.fields, look, per_run=per_run)
+            for row in performance_rows(part, look, per_run=per_run)
         ]
 
     @property
@@ -245,7 +274,7 @@ def group_of(part: Part) -> Group:
 
 # ----------------------------------------------------------------------------------- tasks
 
-What = Literal["look", "fit", "share", "left-out"]
+What = Literal["look", "fit", "left-out"]
 
 
 @dataclass(frozen=True)
@@ -257,10 +286,10 @@ class Task:
     key
         A digest of all that its content follows from: recording, settings and code.
     what
-        Look at a recording and compare models, fit one model, fit models to recordings with
-        parameters in common, or fit one to all runs but one and predict that one.
-    sources
-        The recording, or those with parameters in common.
+        Look at a recording and compare models, fit a model (or models to recordings with
+        parameters in common), or fit one to all runs but one and predict that one.
+    parts, reading
+        The recording, or those with parameters in common, and how files are read.
     code
         Models, methods (or whether models of the catalogue compete) and controlled element, see
         `pilotid.naming.code.packed`.
@@ -274,16 +303,17 @@ class Task:
 
     key: str
     what: What
-    sources: tuple[Source, ...]
+    parts: tuple[Part, ...]
+    reading: Reading
     code: bytes
     seed: int
     run: int | None = None
     folder: Path | None = None
 
     @property
-    def source(self) -> Source:
+    def part(self) -> Part:
         """The recording, the first of several."""
-        return self.sources[0]
+        return self.parts[0]
 
 
 class Answer(NamedTuple):
@@ -297,7 +327,7 @@ class Answer(NamedTuple):
 def perform(task: Task) -> Answer:
     """Do a task; whatever goes wrong is an answer."""
     try:
-        done = {"look": _look, "fit": _fit, "share": _share, "left-out": _leave_out}
+        done = {"look": _look, "fit": _fit, "left-out": _leave_out}
         content = done[task.what](task)
         return Answer(task, json.loads(json.dumps(content)))
     except InputError as error:
@@ -314,12 +344,12 @@ def given_up(task: Task, loss: Loss, why: str) -> Answer:
 
 
 def _lost(task: Task, why: str) -> Answer:
-    return Answer(task, None, f"{task.source.part.name}: {why}" if task.what == "look" else why)
+    return Answer(task, None, f"{task.part.name}: {why}" if task.what == "look" else why)
 
 
 def _look(task: Task) -> Content:
     named, auto, element, fix = unpacked(task.code)
-    recording = task.source.recording()
+    recording = task.part.recording(task.reading)
     choice = chosen_element(recording, element)
     candidates = default_candidates(recording) if auto else ()
     models = {m.name: m for m in with_held((*candidates, *named), fix)}
@@ -343,27 +373,17 @@ def candidates_of(look: Content) -> list[Candidate]:
 
 
 def _fit(task: Task) -> Content:
-    model, methods, element = unpacked(task.code)
-    recording = task.source.recording(task.run)
-    fitted = fit_all(recording, model, methods, task.seed, chosen_element(recording, element))
-    return _whole_content(task, task.source.part, fitted)
-
-
-def _share(task: Task) -> Content:
     models, methods, element, keys = unpacked(task.code)
-    recordings = [source.recording() for source in task.sources]
+    recordings = [part.recording(task.reading, task.run) for part in task.parts]
     fits = [
         fit_all(recording, model, methods, task.seed, chosen_element(recording, element))
         for recording, model in zip(recordings, models, strict=True)
     ]
-    names = [dict(source.part.fields)[CONDITION] for source in task.sources]
-    together = dict(zip(names, share_fits(fits, names, keys), strict=True))
-    return {
-        "fits": [
-            _whole_content(task, source.part, fitted)
-            for source, fitted in zip(task.sources, together.values(), strict=True)
-        ]
-    }
+    if keys:
+        names = [dict(part.fields)[CONDITION] for part in task.parts]
+        fits = share_fits(fits, names, keys)
+    pairs = zip(task.parts, fits, strict=True)
+    return {"fits": [_whole_content(task, part, fitted) for part, fitted in pairs]}
 
 
 def _whole_content(task: Task, part: Part, fitted: Fitted) -> Content:
@@ -382,7 +402,7 @@ def _whole_content(task: Task, part: Part, fitted: Fitted) -> Content:
 def _leave_out(task: Task) -> Content:
     model, methods, _ = unpacked(task.code)
     assert task.run is not None
-    fits = predict_left_out(task.source.recording(), model, methods, task.run, task.seed)
+    fits = predict_left_out(task.part.recording(task.reading), model, methods, task.run, task.seed)
     return {"model": model.name, "left_out": fits}
 
 
@@ -412,7 +432,6 @@ def content_of(fitted: Fitted) -> Content:
                 "method": e.method,
                 "outcome": e.outcome.slug,
                 "usable": e.outcome.usable,
-                "verdict": e.verdict(timed=False),
                 "vaf": number(e.vaf),
                 "remarks": _graded(e.remarks),
                 "agrees": e.specification is None or e.specification.agrees,
@@ -432,18 +451,14 @@ def _graded(remarks: Iterable[str]) -> list[tuple[str, str, str]]:
 
 def _failed_content(task: Task, why: str) -> Content:
     """The same of fits that a process was lost with: rows without numbers."""
-    model, methods, *_ = unpacked(task.code)
-    if task.what == "share":
-        every = [_failed_fits(own, methods, why) for own in model]
-        return {"fits": every}
+    models, methods, *_ = unpacked(task.code)
     if task.what == "left-out":
-        return {"model": model.name, "left_out": failed_rows(methods, Outcome.DIED.slug)}
-    return _failed_fits(model, methods, why)
-
-
-def _failed_fits(model: PilotModel, methods: Iterable[str], why: str) -> Content:
-    estimates = tuple(failed(label, model, Outcome.DIED, why) for label in methods)
-    return content_of(Fitted(None, model, estimates))  # type: ignore[arg-type]
+        return {"model": models.name, "left_out": failed_rows(methods, Outcome.DIED.slug)}
+    found = []
+    for model in models:
+        estimates = tuple(failed(label, model, Outcome.DIED, why) for label in methods)
+        found.append(content_of(Fitted(None, model, estimates)))  # type: ignore[arg-type]
+    return {"fits": found}
 
 
 def _numbers(q: Quantity) -> list[float | None]:
@@ -452,9 +467,6 @@ def _numbers(q: Quantity) -> list[float | None]:
 
 # ------------------------------------------------------------------------------ all of them
 
-#: Wraps answers in a bar: answers, what they are, how many.
-Bar = Callable[[Iterable[Answer], str, int], Iterator[Answer]]
-
 
 @dataclass(eq=False)
 class _Work:
@@ -462,16 +474,15 @@ class _Work:
 
     path: Path
     base: sqlite3.Connection
-    bar: Bar
     workers: int | None
     settings: Settings
     refused: dict[str, None]
-    digests: dict[Source, str] = field(default_factory=dict)
+    digests: dict[Part, str] = field(default_factory=dict)
 
     def task(
         self,
         what: What,
-        sources: Sequence[Source],
+        parts: Sequence[Part],
         content: tuple[object, ...],
         run: int | None = None,
         folder: Path | None = None,
@@ -479,10 +490,11 @@ class _Work:
         """A task with its key."""
         seed = self.settings.seed
         told = (what, run, plain(content), code_digest(content), seed, folder is not None)
-        digests = (self.digests[source] for source in sources)
+        digests = (self.digests[part] for part in parts)
         text = repr((*digests, *told)).encode("utf-8", "replace")
         key = hashlib.sha256(text).hexdigest()
-        return Task(key, what, tuple(sources), packed(content), seed, run, folder)
+        reading = self.settings.reading
+        return Task(key, what, tuple(parts), reading, packed(content), seed, run, folder)
 
     def held(self, task: Task) -> Content | None:
         """What is held of a task."""
@@ -492,8 +504,8 @@ class _Work:
             if found is None or found[2] != checksum(*found[:2]):
                 return None
             content: Content = json.loads(found[1])
-            parts = content.get("fits", [content])
-            whole = all(CONTENTS[task.what] <= own.keys() for own in parts)
+            parts = content.get("fits", ())
+            whole = CONTENTS[task.what] <= content.keys()
             # A page that was moved away, or could not be written, is made again.
             pages = [page for own in parts if (page := own.get("page"))]
             whole &= not any("unwritten" in own for own in parts)
@@ -518,11 +530,11 @@ class _Work:
             return held
         workers = self.workers if self.workers is None else min(self.workers, len(todo))
         answers = run_tasks(perform, todo, given_up, workers)
-        for task, content, why in self.bar(answers, what, len(todo)):
+        for task, content, why in with_bar(answers, what, len(todo)):
             if content is not None:
                 held[task.key] = content
                 self.keep(task.key, content)
-                parts = content.get("fits", [content])
+                parts = content.get("fits", ())
                 self.refused |= {own["unwritten"]: None for own in parts if "unwritten" in own}
             elif task.what == "look":
                 self.refused[why] = None
@@ -532,10 +544,9 @@ class _Work:
 
 
 def analyse(
-    sources: Sequence[Source],
+    parts: Sequence[Part],
     settings: Settings,
     folder: Path,
-    bar: Bar,
     workers: int | None = None,
     refused: Sequence[str] = (),
 ) -> Analysis:
@@ -543,14 +554,12 @@ def analyse(
 
     Parameters
     ----------
-    sources
+    parts
         The recordings.
     settings
         What is done to each.
     folder
         Where the store and the figures are, which exists.
-    bar
-        Shows the progress.
     workers
         Number of processes; None for one for each processor.
     refused
@@ -559,74 +568,61 @@ def analyse(
     code, methods, element = own_digest(), dict(settings.methods), settings.element
     path = folder / STORE
     with closing(_opened(path)) as base:
-        work = _Work(path, base, bar, workers, settings, dict.fromkeys(refused))
-        for source in sources:
+        work = _Work(path, base, workers, settings, dict.fromkeys(refused))
+        for part in parts:
             try:
-                work.digests[source] = source.digest() + code
+                work.digests[part] = part.digest(settings.reading) + code
             except InputError as error:
                 work.refused[str(error)] = None
         compared_with = (tuple(settings.models.values()), settings.auto, element, settings.fix)
-        looks = {source: work.task("look", [source], compared_with) for source in work.digests}
+        looks = {part: work.task("look", [part], compared_with) for part in work.digests}
         seen = work.contents(list(looks.values()), "looking at recordings")
-        looked = {source: seen[t.key] for source, t in looks.items() if t.key in seen}
+        looked = {part: seen[t.key] for part, t in looks.items() if t.key in seen}
         copies = copies_among(
-            [source.part.name for source in looked],
+            [part.name for part in looked],
             [np.array(look["fingerprints"]) for look in looked.values()],
         )
         for place, look in enumerate(looked.values()):
             look["remarks"] = [*_graded(copies.get(place, ())), *look["remarks"]]
-        groups: dict[Group, list[list[Candidate]]] = {}
-        for source, look in looked.items():
-            groups.setdefault(group_of(source.part), []).append(candidates_of(look))
+        groups = {
+            group: [candidates_of(looked[part]) for part in own]
+            for group, own in grouped(looked, group_of).items()
+        }
         choices = _choices(groups, settings)
         models = {
-            source: [settings.known[choices[group_of(source.part)].model]]
+            part: [settings.known[choices[group_of(part)].model]]
             if settings.auto
             else [settings.known[name] for name in settings.models]
-            for source in looked
+            for part in looked
         }
         together = _sharing(work, models, folder)
         fits, left = [], []
-        for source, look in looked.items():
+        for part, look in looked.items():
             count = int(look["recording"]["runs"])
             runs = range(1, count + 1) if count > 1 else ()
-            for model in models[source]:
-                fitted = (model, methods, element)
-                alone = work.task("fit", [source], fitted, folder=folder)
-                fits.append((source, together.get((source, model.name), alone)))
+            for model in models[part]:
+                fitted = ((model,), methods, element, ())
+                alone = work.task("fit", [part], fitted, folder=folder)
+                fits.append((part, together.get((part, model.name), alone)))
                 if settings.per_run:
-                    fits += [(source, work.task("fit", [source], fitted, run)) for run in runs]
+                    fits += [(part, work.task("fit", [part], fitted, run)) for run in runs]
                 if settings.left_out:
                     predicts = (model, methods, None)
-                    left += [work.task("left-out", [source], predicts, run) for run in runs]
+                    left += [work.task("left-out", [part], predicts, run) for run in runs]
         held = work.contents([task for _, task in fits], "fitting")
         told = work.contents(left, "leaving runs out")
-        return Analysis(
-            settings,
-            {source.part: look for source, look in looked.items()},
-            choices,
-            [
-                Fit(source.part, task.run, _own(held[task.key], task, source))
-                for source, task in fits
-            ],
-            list(work.refused),
-            [
-                line
-                for task in left
-                for line in left_out_rows(task.source.part, task.run or 0, told[task.key])
-            ],
-        )
-
-
-def _own(content: Content, task: Task, source: Source) -> Content:
-    """What a task gave of one of its recordings."""
-    found: Content = content["fits"][task.sources.index(source)] if "fits" in content else content
-    return found
+        every = [
+            Fit(part, task.run, held[task.key]["fits"][task.parts.index(part)])
+            for part, task in fits
+        ]
+        runs_left = [(task.part, task.run or 0, told[task.key]) for task in left]
+        lines = [line for own in runs_left for line in left_out_rows(*own)]
+        return Analysis(settings, looked, choices, every, list(work.refused), lines)
 
 
 def _sharing(
-    work: _Work, models: Mapping[Source, Sequence[PilotModel]], folder: Path
-) -> dict[tuple[Source, str], Task]:
+    work: _Work, models: Mapping[Part, Sequence[PilotModel]], folder: Path
+) -> dict[tuple[Part, str], Task]:
     """The tasks of subjects whose conditions have parameters in common, by recording and model.
 
     Raises
@@ -637,19 +633,17 @@ def _sharing(
     settings = work.settings
     if not settings.share:
         return {}
-    groups: dict[Group, list[Source]] = {}
-    for source in models:
-        require_keys(models[source], settings.share)
-        own = tuple(pair for pair in source.part.fields if pair[0] != CONDITION)
-        groups.setdefault(own, []).append(source)
-    found: dict[tuple[Source, str], Task] = {}
-    for sources in groups.values():
-        if len(sources) < 2:
+    for own in models.values():
+        require_keys(own, settings.share)
+    groups = grouped(models, lambda part: tuple(p for p in part.fields if p[0] != CONDITION))
+    found: dict[tuple[Part, str], Task] = {}
+    for parts in groups.values():
+        if len(parts) < 2:
             continue
-        for several in zip(*(models[source] for source in sources), strict=True):
+        for several in zip(*(models[part] for part in parts), strict=True):
             content = (several, dict(settings.methods), settings.element, tuple(settings.share))
-            task = work.task("share", sources, content, folder=folder)
-            found |= {(s, m.name): task for s, m in zip(sources, several, strict=True)}
+            task = work.task("fit", parts, content, folder=folder)
+            found |= {(part, m.name): task for part, m in zip(parts, several, strict=True)}
     if not found:
         raise InputError(
             "--share: no subject has recordings under two conditions; parameters are shared by the "

@@ -7,11 +7,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import numpy as np
 
-from pilotid.analysis.analyse import Group, group_of
+from pilotid.analysis.analyse import group_of
 from pilotid.analysis.cross_validation import (
     COLUMNS,
     LeftOut,
@@ -20,6 +19,7 @@ from pilotid.analysis.cross_validation import (
     rank_methods,
 )
 from pilotid.analysis.recordings import Part
+from pilotid.analysis.rows import grouped
 from pilotid.document import Block, Column, Table, Text
 from pilotid.numbers import number, plus_minus, unsigned
 from pilotid.recordings.selection import stem_of
@@ -83,6 +83,10 @@ class Board:
         }
 
 
+def _texts(held: dict[object, object]) -> dict[str, str]:
+    return {str(name): str(value) for name, value in held.items()}
+
+
 def read_board(path: Path) -> Board:
     """The board of a file that `Board.to_dict` went to.
 
@@ -93,17 +97,11 @@ def read_board(path: Path) -> Board:
     """
     try:
         held = json.loads(path.read_text(encoding="utf-8"))
-        lines = [
-            line
-            for own in held["runs_left_out"]
-            for line in left_out_rows(
-                Part(
-                    (Path(own["file"]),), tuple((str(k), str(v)) for k, v in own["fields"].items())
-                ),
-                int(own["run"]),
-                {"model": str(own["model"]), "left_out": [own]},
-            )
-        ]
+        lines: list[LeftOut] = []
+        for own in held["runs_left_out"]:
+            part = Part((Path(own["file"]),), tuple(_texts(own["fields"]).items()))
+            content = {"model": str(own["model"]), "left_out": [own]}
+            lines += left_out_rows(part, int(own["run"]), content)
         ratios = {
             (str(file), str(model), str(method)): [math.nan if r is None else float(r) for r in own]
             for file, model, method, own in held["runs_over_claims"]
@@ -115,32 +113,10 @@ def read_board(path: Path) -> Board:
         ) from error
 
 
-def _texts(held: Mapping[Any, Any]) -> dict[str, str]:
-    return {str(name): str(value) for name, value in held.items()}
-
-
 def group_words(group: Sequence[tuple[str, str]]) -> str:
     """A group of recordings, or the stratum of a contrast, in words."""
     fields = [value for field, value in group if field != "file"]
     return " ".join(fields) or " ".join(stem_of(value) for _, value in group)
-
-
-class Ranked(NamedTuple):
-    """A model and a method on recordings of one kind."""
-
-    kind: str
-    standing: Standing
-    ratio: float
-
-    @property
-    def vaf(self) -> tuple[float, float]:
-        """Mean over the runs [%], and its standard error."""
-        return self.standing.vaf, self.standing.vaf_error
-
-    @property
-    def behind(self) -> tuple[float, float]:
-        """Log-likelihood less that of the best, and its standard error."""
-        return self.standing.behind, self.standing.behind_error
 
 
 def _is_best(behind: float, error: float) -> bool:
@@ -153,36 +129,28 @@ def left_out_blocks(board: Board) -> list[Block]:
     def behind(value: float, error: float) -> str:
         return "best" if _is_best(value, error) else plus_minus(value, error)
 
-    def best(row: Ranked) -> str:
-        return "good" if _is_best(*row.behind) else ""
+    def best(row: tuple[str, Standing, float]) -> str:
+        return "good" if _is_best(*row[1].behind) else ""
 
-    columns: list[Column[Ranked]] = [
-        Column("recordings", lambda r: r.kind),
-        Column("model", lambda r: r.standing.model),
-        Column("method", lambda r: r.standing.method),
-        Column("runs", lambda r: r.standing.runs, str, "left out of a fit"),
-        Column("failed", lambda r: r.standing.failed, str, "fits of the others that do not count"),
-        Column("VAF %", lambda r: r.vaf, unsigned, "of runs left out"),
-        Column("likelihood", lambda r: r.behind, behind, "of a run left out, less the best", best),
-        Column("runs / claims", lambda r: (r.ratio, 2), number, "scatter over claimed errors"),
+    columns: list[Column[tuple[str, Standing, float]]] = [
+        Column("recordings", lambda r: r[0]),
+        Column("model", lambda r: r[1].model),
+        Column("method", lambda r: r[1].method),
+        Column("runs", lambda r: r[1].runs, str, "left out of a fit"),
+        Column("failed", lambda r: r[1].failed, str, "fits of the others that do not count"),
+        Column("VAF %", lambda r: r[1].vaf, unsigned, "of runs left out"),
+        Column(
+            "likelihood", lambda r: r[1].behind, behind, "of a run left out, less the best", best
+        ),
+        Column("runs / claims", lambda r: (r[2], 2), number, "scatter over claimed errors"),
     ]
-    groups: dict[Group, list[LeftOut]] = {}
-    for each in board.lines:
-        groups.setdefault(group_of(each.part), []).append(each)
     rows = []
-    for group, own in groups.items():
-        files = {each.part.name for each in own}
+    for group, own in grouped(board.lines, lambda each: group_of(each.part)).items():
+        files = dict.fromkeys(each.part.name for each in own)
         for s in rank_methods(own):
-            ratios = [
-                ratio
-                for (file, *what), found in board.ratios.items()
-                if file in files and what == [s.model, s.method]
-                for ratio in found
-                if math.isfinite(ratio)
-            ]
-            rows.append(
-                Ranked(group_words(group), s, float(np.median(ratios)) if ratios else math.nan)
-            )
+            held = [board.ratios.get((file, s.model, s.method), ()) for file in files]
+            known = [ratio for ratios in held for ratio in ratios if math.isfinite(ratio)]
+            rows.append((group_words(group), s, float(np.median(known)) if known else math.nan))
     caption = "Runs predicted by the fit of the others, the likeliest first"
     filters = (0, 1, 2) if len(rows) > 12 else ()
     return [Text(TEXT), Table(caption, columns, rows, heads=2, filters=filters)]

@@ -260,15 +260,11 @@ def _contrast(
     across = not within and is_across(first.parameter, both)
     if across:
         notes.append("across models")
+    what = f"{second.parameter} - {first.parameter}" if within else first.parameter
+    units = ", ".join(dict.fromkeys((first.unit, second.unit)))
+    head = first.stratum, a, b, one_model, other, first.method, what, units
     contrast = Contrast(
-        first.stratum,
-        a,
-        b,
-        one_model,
-        other,
-        first.method,
-        f"{second.parameter} - {first.parameter}" if within else first.parameter,
-        ", ".join(dict.fromkeys((first.unit, second.unit))),
+        *head,
         tuple(pairs),
         left_out=tuple(out),
         across=across,
@@ -294,21 +290,17 @@ def plain(contrast: Contrast) -> Contrast:
     notes = contrast.notes
     if mean.std_error == 0.0:
         notes += ("all subjects have the same difference: no test",)
+    tested = {name: value for name, value in vars(mean).items() if name != "value"}
     return replace(
         contrast,
         mean_a=float(a.mean()),
         mean_b=float(b.mean()),
         difference=mean.value,
-        std_error=mean.std_error,
-        freedom=mean.freedom,
-        t=mean.t,
-        p=mean.p,
-        lower=mean.lower,
-        upper=mean.upper,
         effect_size=effect_size(mean.value, deviation, len(a)),
         robust_difference=robust,
         wilcoxon_p=ranks,
         notes=notes,
+        **tested,
     )
 
 

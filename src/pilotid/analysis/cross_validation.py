@@ -20,6 +20,7 @@ import numpy as np
 
 from pilotid.analysis.combine import plain_mean
 from pilotid.analysis.recordings import Part, alone, without
+from pilotid.analysis.rows import grouped
 from pilotid.estimates.method import Method, identify
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
@@ -68,8 +69,7 @@ class LeftOut:
     @property
     def cells(self) -> list[object]:
         """`COLUMNS`."""
-        scores = (self.vaf, self.log_likelihood, self.seconds)
-        return [self.run, self.model, self.method, self.outcome, *scores]
+        return [getattr(self, column) for column in COLUMNS]
 
 
 def predict_left_out(
@@ -94,20 +94,13 @@ def predict_left_out(
     found: list[dict[str, object]] = []
     for label, method in methods.items():
         estimate = identify(method, others, model, fit_rng(seed, label))
-        usable = estimate.outcome.usable
-        values = estimate.values
-        found.append(
-            {
-                "method": label,
-                "outcome": estimate.outcome.slug,
-                "usable": usable,
-                "vaf": number(simulated_vaf(own, model, values)) if usable else None,
-                "log_likelihood": (
-                    number(log_likelihood(others, own, model, values)) if usable else None
-                ),
-                "seconds": number(estimate.seconds),
-            }
-        )
+        told: dict[str, object] = {"vaf": None, "log_likelihood": None}
+        if estimate.outcome.usable:
+            told["vaf"] = number(simulated_vaf(own, model, estimate.values))
+            told["log_likelihood"] = number(log_likelihood(others, own, model, estimate.values))
+        ended = estimate.outcome.slug, estimate.outcome.usable
+        head = dict(zip(("method", "outcome", "usable"), (label, *ended), strict=True))
+        found.append({**head, **told, "seconds": number(estimate.seconds)})
     return found
 
 
@@ -151,21 +144,14 @@ def failed_rows(methods: Mapping[str, Method], outcome: str) -> list[dict[str, o
 
 def left_out_rows(part: Part, run: int, content: Mapping[str, Any]) -> list[LeftOut]:
     """Lines of a model's name and what `predict_left_out` gave."""
-    return [
-        LeftOut(
-            part,
-            run,
-            content["model"],
-            str(own["method"]),
-            str(own["outcome"]),
-            bool(own["usable"]),
-            *(
-                math.nan if own[k] is None else float(own[k])
-                for k in ("vaf", "log_likelihood", "seconds")
-            ),
-        )
-        for own in content["left_out"]
-    ]
+
+    def line(own: Mapping[str, Any]) -> LeftOut:
+        held = (own[k] for k in ("vaf", "log_likelihood", "seconds"))
+        numbers = (math.nan if number is None else float(number) for number in held)
+        ended = str(own["method"]), str(own["outcome"]), bool(own["usable"])
+        return LeftOut(part, run, content["model"], *ended, *numbers)
+
+    return [line(own) for own in content["left_out"]]
 
 
 @dataclass(frozen=True)
@@ -178,9 +164,9 @@ class Standing:
         The method's label.
     runs, failed
         Runs left out, and fits of the others that do not count.
-    vaf, vaf_error
+    vaf
         Mean over the runs, and its standard error [%].
-    behind, behind_error
+    behind
         Log-likelihood of a run less that of the best in the list, mean over the runs that all
         predict, and its standard error; 0 and NaN for the best.
     """
@@ -189,10 +175,8 @@ class Standing:
     method: str
     runs: int
     failed: int
-    vaf: float
-    vaf_error: float
-    behind: float
-    behind_error: float
+    vaf: tuple[float, float]
+    behind: tuple[float, float]
 
 
 def rank_methods(left: Sequence[LeftOut]) -> list[Standing]:
@@ -201,9 +185,7 @@ def rank_methods(left: Sequence[LeftOut]) -> list[Standing]:
     Methods whose fits fail in more than half of the runs come last and are not compared run by
     run, so that they do not cost the others theirs.
     """
-    held: dict[tuple[str, str], list[LeftOut]] = {}
-    for each in left:
-        held.setdefault((each.model, each.method), []).append(each)
+    held = grouped(left, lambda each: (each.model, each.method))
     likelihoods = {
         key: {(e.part.name, e.run): e.log_likelihood for e in own if e.usable}
         for key, own in held.items()
@@ -215,10 +197,10 @@ def rank_methods(left: Sequence[LeftOut]) -> list[Standing]:
     found = []
     for key, own in held.items():
         vaf = plain_mean(np.array([e.vaf for e in own if e.usable]))
-        behind, error = math.nan, math.nan
+        behind = math.nan, math.nan
         if best is not None and key in scores and common:
             apart = plain_mean(scores[key] - scores[best])
-            behind, error = apart.value, apart.std_error if key != best else math.nan
+            behind = apart.value, apart.std_error if key != best else math.nan
         failed = sum(not e.usable for e in own)
-        found.append(Standing(*key, len(own), failed, vaf.value, vaf.std_error, behind, error))
-    return sorted(found, key=lambda s: -s.behind if math.isfinite(s.behind) else math.inf)
+        found.append(Standing(*key, len(own), failed, (vaf.value, vaf.std_error), behind))
+    return sorted(found, key=lambda s: -s.behind[0] if math.isfinite(s.behind[0]) else math.inf)

@@ -12,7 +12,7 @@ from pilotid.analysis.analyse import analyse as analysed
 from pilotid.analysis.board import BOARD
 from pilotid.analysis.contrasts import Contrast
 from pilotid.analysis.factors import factors_of
-from pilotid.analysis.recordings import Pattern, Source, excluded_of, parts_of
+from pilotid.analysis.recordings import Pattern, excluded_of, parts_of
 from pilotid.analysis.results import Results, results_of
 from pilotid.analysis.rows import CONDITION, SUBJECT, in_order
 from pilotid.analysis.sharing import require_keys
@@ -32,7 +32,6 @@ from pilotid.recordings.selection import span_of
 from pilotid.remarks import codes_in
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.study.study import Bar, about_this
-from pilotid.terminal import with_bar
 from pilotid.types import InputError
 
 if TYPE_CHECKING:
@@ -232,6 +231,7 @@ def analyse(
         excluded,
         fix,
         shared,
+        reading,
     )
     if shared:
         _require_shareable(pattern, settings.methods)
@@ -239,15 +239,14 @@ def analyse(
         raise InputError("; ".join(refused))
     read = [file for part in parts for file in part.files]
     require_folder(folder, (*TABLES, BOARD, "report.html"), read_with(read), force=force)
-    sources = {part.name: Source(part, reading) for part in parts}
-    analysis = analysed(list(sources.values()), settings, folder, with_bar, workers, refused)
+    analysis = analysed(parts, settings, folder, workers, refused)
     if not analysis.parts:
         raise InputError("; ".join(analysis.refused))
     analysis = analysis.without(ignored) if ignored else analysis
     if not trust:
         return Experiment(results_of(analysis), folder)
     places = {model_named(name).name: model_place(name) for name in names}
-    tried = tried_conditions(analysis, sources, folder, trust, places, bar, workers)
+    tried = tried_conditions(analysis, folder, trust, places, bar, workers)
     return Experiment(results_of(analysis, *tried), folder)
 
 

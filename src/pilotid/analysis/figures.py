@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import astuple
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -145,8 +146,7 @@ def _scale(axes: Axes, values: Sequence[float]) -> None:
         return
     low, high = min(values), max(values)
     if low > 0.0 and high > WIDE * low:
-        axes.set_yscale("log")
-        axes.set_ylim(0.7 * low, 1.4 * high)
+        axes.set(yscale="log", ylim=(0.7 * low, 1.4 * high))
         log_ticks(axes, "y")
         return
     room = FAR * (high - low) or 0.5 * abs(high) or 1.0
@@ -212,8 +212,7 @@ def responses_figure(subjects: Sequence[Sequence[Response]]) -> Figure:
             for name, colour in zip(own, COLOURS, strict=False):
                 _response_lines(above, below, [r for r in every if r.what == name], colour)
             above.set_title(title, loc="left")
-            above.set_xscale("log")
-            above.set_yscale("log")
+            above.set(xscale="log", yscale="log")
             below.set_xlabel("ω [rad/s], log. axis")
             for axes in (above, below):
                 draw_grid(axes)
@@ -274,8 +273,7 @@ def normal_figure(values: Sequence[float]) -> Figure:
         axes = figure.subplots()
         axes.plot(quantiles, quantiles, color=INK, linewidth=0.8)
         axes.plot(quantiles, ordered, "o", color=COLOURS[0], markersize=2.5)
-        axes.set_xlabel("normal quantile")
-        axes.set_ylabel("standardised difference")
+        axes.set(xlabel="normal quantile", ylabel="standardised difference")
         draw_grid(axes)
     return figure
 
@@ -288,19 +286,17 @@ def spread_figure(spreads: Sequence[ConditionSpread]) -> Figure:
     spreads
         Those of one stratum and method.
     """
-    keys = list(dict.fromkeys(s.parameter for s in spreads))
-    conditions = in_order([s.condition for s in spreads])
+    keys = list(dict.fromkeys(s.first.parameter for s in spreads))
+    conditions = in_order([s.first.condition for s in spreads])
     offsets = np.linspace(-0.3, 0.3, len(conditions)) if len(conditions) > 1 else np.zeros(1)
     with journal_figure(2.5) as figure:
         axes = figure.subplots()
         axes.axhline(1.0, color=INK, linewidth=0.8)
         for number, condition in enumerate(conditions):
-            own = [s for s in spreads if s.condition == condition]
+            own = [s for s in spreads if s.first.condition == condition]
             own = [s for s in own if math.isfinite(s.ratio.value)]
-            x = [keys.index(s.parameter) + offsets[number] for s in own]
-            y = np.array([s.ratio.value for s in own])
-            low = np.array([s.ratio.lower for s in own])
-            high = np.array([s.ratio.upper for s in own])
+            x = [keys.index(s.first.parameter) + offsets[number] for s in own]
+            y, low, high = np.array([astuple(s.ratio)[:3] for s in own]).reshape(-1, 3).T
             axes.errorbar(
                 x, y, [y - low, high - y], fmt="o", color=COLOURS[number % len(COLOURS)],
                 markersize=3.0, elinewidth=0.9, label=condition or "all recordings",

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from pilotid.analysis.combine import plain_mean
+from pilotid.analysis.recordings import Part
 from pilotid.analysis.rows import MEASURED, Row
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import NotMultisineError, forcing_lines
@@ -86,24 +87,19 @@ def performance_content(recording: Recording) -> list[list[Any]]:
     return [[key, unit, values.tolist()] for key, (unit, values) in performance(recording).items()]
 
 
-def performance_rows(
-    file: str,
-    fields: tuple[tuple[str, str], ...],
-    look: Mapping[str, Any],
-    *,
-    per_run: bool,
-) -> Iterator[Row]:
+def performance_rows(part: Part, look: Mapping[str, Any], *, per_run: bool) -> Iterator[Row]:
     """Means over the runs, and each run if so asked.
 
     Parameters
     ----------
-    file, fields
+    part
         The recording.
     look
         What a look at it gave.
     per_run
         Whether to give the runs too.
     """
+    file, fields = part.name, part.fields
     for key, unit, values in look["performance"]:
         mean = plain_mean(np.array(values))
         about = (mean.value, mean.std_error, mean.lower, mean.upper)

@@ -116,6 +116,38 @@ class Part:
         fields = " ".join(f"{field} {value}" for field, value in self.fields)
         return fields or stem_of(self.files[0])
 
+    def recording(self, reading: Reading, run: int | None = None) -> Recording:
+        """The recording, or one run of it alone, counted from 1.
+
+        Raises
+        ------
+        InputError
+            If a file cannot be used.
+        """
+        (whole,), _ = reading.all(self.files, joint=True)
+        return whole if run is None else alone(whole, run)
+
+    def digest(self, reading: Reading) -> str:
+        """A digest of all that is read.
+
+        Raises
+        ------
+        InputError
+            If a file cannot be read.
+        """
+        digest = hashlib.sha256(repr((self, reading)).encode("utf-8", "replace"))
+        for file in self.files:
+            try:
+                digest.update(file_of(file).read_bytes())
+                side = sidecar_path(file_of(file))
+                digest.update(side.read_bytes() if side.exists() else b"")
+            except OSError as error:
+                raise InputError(
+                    f"{file}: cannot be read ({error.strerror or error}); check the file and its "
+                    "rights"
+                ) from error
+        return digest.hexdigest()
+
 
 def parts_of(files: Sequence[Path], pattern: Pattern | None) -> tuple[list[Part], list[str]]:
     """The recordings that files hold, and a sentence for each file that is left out.
@@ -156,54 +188,6 @@ def parts_of(files: Sequence[Path], pattern: Pattern | None) -> tuple[list[Part]
         parts.append(Part(tuple(by_run[run] for run in order), fields))
     order = in_order([part.words for part in parts])
     return sorted(parts, key=lambda part: order.index(part.words)), refused
-
-
-@dataclass(frozen=True)
-class Source:
-    """Where a recording is, and how it is read.
-
-    Attributes
-    ----------
-    part
-        Its files.
-    reading
-        How they are read.
-    """
-
-    part: Part
-    reading: Reading
-
-    def recording(self, run: int | None = None) -> Recording:
-        """The recording, or one run of it alone, counted from 1.
-
-        Raises
-        ------
-        InputError
-            If a file cannot be used.
-        """
-        (whole,), _ = self.reading.all(self.part.files, joint=True)
-        return whole if run is None else alone(whole, run)
-
-    def digest(self) -> str:
-        """A digest of all that is read.
-
-        Raises
-        ------
-        InputError
-            If a file cannot be read.
-        """
-        digest = hashlib.sha256(repr(self).encode("utf-8", "replace"))
-        for file in self.part.files:
-            try:
-                digest.update(file_of(file).read_bytes())
-                side = sidecar_path(file_of(file))
-                digest.update(side.read_bytes() if side.exists() else b"")
-            except OSError as error:
-                raise InputError(
-                    f"{file}: cannot be read ({error.strerror or error}); check the file and its "
-                    "rights"
-                ) from error
-        return digest.hexdigest()
 
 
 def alone(recording: Recording, run: int) -> Recording:

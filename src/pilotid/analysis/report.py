@@ -37,8 +37,8 @@ from pilotid.analysis.report_tables import (
 )
 from pilotid.analysis.responses import LINES, Response
 from pilotid.analysis.results import Results
-from pilotid.analysis.rows import GROUP, MEASURED, SUBJECT
-from pilotid.analysis.spread import ConditionSpread, spread_sentence
+from pilotid.analysis.rows import GROUP, MEASURED, SUBJECT, grouped
+from pilotid.analysis.spread import spread_sentence
 from pilotid.document import Block, Bullets, Command, Figure, Section, Text, write_page
 from pilotid.limits import ESTIMATE
 from pilotid.report.trust import trust_blocks
@@ -159,12 +159,17 @@ def _summary(results: Results) -> Section:
     told = [f"{len(analysis.parts)} recordings{of}, {runs} runs."]
     items: list[str] = []
     if results.chosen is not None:
-        chosen: dict[str, list[str]] = {}
-        for group, choice in analysis.choices.items():
-            chosen.setdefault(choice.model, []).append(group_words(group) or "all")
-        items += [f"Model `{model}`: {'; '.join(where)}." for model, where in chosen.items()]
+        chosen = grouped(analysis.choices, lambda group: analysis.choices[group].model)
+        items += [
+            f"Model `{model}`: {'; '.join(group_words(group) or 'all' for group in where)}."
+            for model, where in chosen.items()
+        ]
     items += _contrasted(results)
-    told_of = [s for s in map(spread_sentence, _by_condition(results)) if s]
+    conditions = grouped(
+        results.by_condition,
+        lambda s: (s.first.stratum, s.first.condition, s.first.model, s.first.method),
+    )
+    told_of = filter(None, map(spread_sentence, conditions.values()))
     items += [f"{s[0].upper()}{s[1:]}." for s in told_of]
     items += _changing(analysis)
     ends = [
@@ -333,10 +338,9 @@ def _learning(results: Results) -> Iterator[Block]:
 
 def _runs(results: Results) -> Iterator[Block]:
     """How runs differ that were fitted one by one."""
-    groups: dict[str, list[ConditionSpread]] = {}
-    for spread in results.by_condition:
-        title = table_title(spread.stratum, spread.method, "")
-        groups.setdefault(title, []).append(spread)
+    groups = grouped(
+        results.by_condition, lambda s: table_title(s.first.stratum, s.first.method, "")
+    )
     for place, (title, own) in enumerate(groups.items(), start=1):
         caption = (
             f"Scatter of runs over claimed errors, {title}. Bars: 95 % by chi-squared; 1: as "
@@ -351,11 +355,3 @@ def _tried(results: Results, folder: Path) -> Iterator[Block]:
         page = (own.folder / "report.html").relative_to(folder).as_posix()
         yield Text(f"**{own.words}**: [all methods]({page})")
         yield from trust_blocks(own.trust.to_dict())
-
-
-def _by_condition(results: Results) -> list[list[ConditionSpread]]:
-    groups: dict[tuple[object, ...], list[ConditionSpread]] = {}
-    for spread in results.by_condition:
-        key = (spread.stratum, spread.condition, spread.model, spread.method)
-        groups.setdefault(key, []).append(spread)
-    return list(groups.values())

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
-from pilotid.analysis.analyse import Analysis, group_of
+from pilotid.analysis.analyse import Analysis, Group, group_of
 from pilotid.analysis.board import group_words
 from pilotid.analysis.contrasts import LEVEL, Contrast
 from pilotid.analysis.factors import Effect
@@ -22,13 +22,13 @@ from pilotid.analysis.rows import (
     Row,
     Stratum,
     by_table,
+    grouped,
     in_order,
     layouts,
     mean_and_spread,
 )
-from pilotid.document import Column, Table, table_latex
+from pilotid.document import Column, Table, table_latex, table_of
 from pilotid.limits import ESTIMATE
-from pilotid.model_choice import Candidate
 from pilotid.naming.symbols import symbol
 from pilotid.numbers import NONE, number, p_value, percent, to_error, unsigned
 from pilotid.remarks import GRADES, OF_STICK, Remark, counted_grades, gravest_first
@@ -162,10 +162,12 @@ WEIGHTED: list[Column[Contrast]] = [
 
 def contrast_tables(results: Results) -> Iterator[Table[Contrast]]:
     """Differences by stratum, method and model: of many comparisons the significant ones first."""
-    groups: dict[str, list[Contrast]] = {}
-    for c in without_repeats(results.contrasts):
-        same = c.model_a if c.model_a == c.model_b and results.chosen is None else ""
-        groups.setdefault(table_title(c.stratum, c.method, same), []).append(c)
+
+    def title_of(c: Contrast) -> str:
+        same = c.model_a == c.model_b and results.chosen is None
+        return table_title(c.stratum, c.method, c.model_a if same else "")
+
+    groups = grouped(without_repeats(results.contrasts), title_of)
     columns = [*FRONT, *TEST, *ROBUST, *WEIGHTED, *_doubts(results.contrasts)]
     for title, own in groups.items():
         many = len(_pairs(own)) > FEW
@@ -185,10 +187,7 @@ def alarms(analysis: Analysis, worst: int = 3) -> list[str]:
     found = []
     if told:
         found.append(f"Warnings: {counted_grades(remark for _, remark in told)}.")
-    codes: dict[str, list[tuple[str, Remark]]] = {}
-    for place, remark in told:
-        if remark.grade != "note":
-            codes.setdefault(remark.code, []).append((place, remark))
+    codes = grouped((pair for pair in told if pair[1].grade != "note"), lambda pair: pair[1].code)
     order = sorted(
         codes, key=lambda code: (GRADES.index(codes[code][0][1].grade), -len(codes[code]))
     )
@@ -196,8 +195,7 @@ def alarms(analysis: Analysis, worst: int = 3) -> list[str]:
         (place, first), *others = codes[code]
         more = f", and {len(others)} more" if others else ""
         found.append(f"{first.line(place + more)}.")
-    for code in dict.fromkeys(remark.code for _, remark in stick):
-        own = [(place, remark) for place, remark in stick if remark.code == code]
+    for code, own in grouped(stick, lambda pair: pair[1].code).items():
         found.append(f"{code}, of the stick: {own[0][1]} ({len(own)} fits).")
     if analysis.ignored:
         found.append(f"Left out by --ignore: {', '.join(sorted(analysis.ignored))}.")
@@ -359,125 +357,73 @@ def learning_table(found: Sequence[Learning]) -> Table[Learning]:
 # ------------------------------------------------------------------- models and recordings
 
 
-class Model(NamedTuple):
-    """A model on all recordings of a group, beside the best values of any model there."""
-
-    group: tuple[tuple[str, str], ...]
-    name: str
-    chosen: bool
-    candidates: Sequence[Candidate]
-    best: tuple[float, float, float]
-
-    @property
-    def criteria(self) -> tuple[float, float, float]:
-        """Sums over the recordings: misfit of runs left out, AICc, BIC."""
-        own = self.candidates
-        left = sum(sum(c.left_out_chi_squared) for c in own)
-        return left, sum(c.aicc for c in own), sum(c.bic for c in own)
-
-    def mean(self, name: str) -> float:
-        """Mean of a number over the recordings."""
-        return float(sum(getattr(c, name) for c in self.candidates) / len(self.candidates))
-
-    @property
-    def misfit(self) -> float:
-        """Misfit of the lines per degree of freedom."""
-        freedom = max(sum(c.freedom for c in self.candidates), 1)
-        return sum(c.chi_squared for c in self.candidates) / freedom
-
-
-def model_table(analysis: Analysis) -> Table[Model]:
+def model_table(analysis: Analysis) -> Table[Any]:
     """What recordings say for each model, in groups of recordings."""
-
-    def above_best(place: int) -> Callable[[Model], float | None]:
-        def value(m: Model) -> float | None:
-            own = m.criteria[place]
-            return None if place == 0 and not own else own - m.best[place]
-
-        return value
-
-    columns: list[Column[Model]] = [
-        Column("recordings", lambda m: group_words(m.group)),
-        Column("model", lambda m: m.name, mark=lambda m: "good" if m.chosen else ""),
-        Column("parameters", lambda m: m.candidates[0].pilot_parameters, str, "of the pilot"),
-        Column("misfit", lambda m: m.misfit, number, "chi-squared of lines per degree of freedom"),
-        Column("left out", above_best(0), number, "of runs left out of the fit, over the best"),
-        Column("ΔAICc", above_best(1), number, "of pilot and remnant, over the best"),
-        Column("ΔBIC", above_best(2), number, "of pilot and remnant, over the best"),
-        Column("VAF %", lambda m: m.mean("vaf"), number, "of the simulated response"),
-        Column("VAF left out %", lambda m: m.mean("left_out_vaf"), number, "in runs left out"),
+    heads = [
+        *(("recordings",), ("model", None, "", lambda row: "good" if row[-1] else "")),
+        ("parameters", str, "of the pilot"),
+        ("misfit", number, "chi-squared of lines per degree of freedom"),
+        ("left out", number, "of runs left out of the fit, over the best"),
+        ("ΔAICc", number, "of pilot and remnant, over the best"),
+        ("ΔBIC", number, "of pilot and remnant, over the best"),
+        ("VAF %", number, "of the simulated response"),
+        ("VAF left out %", number, "in runs left out"),
     ]
     caption = (
         "What recordings say for each model, summed over the recordings of a group (VAF: mean); "
         "the chosen one is marked"
     )
-    items = [model for group in analysis.choices for model in _models(analysis, group)]
-    return Table(caption, columns, items, heads=2, folded=True)
+    rows = [row for group in analysis.choices for row in _model_rows(analysis, group)]
+    return table_of(caption, heads, rows, 2, folded=True)
 
 
-def _models(analysis: Analysis, group: tuple[tuple[str, str], ...]) -> list[Model]:
+def _model_rows(analysis: Analysis, group: Group) -> Iterator[tuple[object, ...]]:
     """The models that all recordings of a group were fitted with, the best first."""
     parts = [part for part in analysis.parts if group_of(part) == group]
     held = [{c.model: c for c in analysis.candidates(part)} for part in parts]
-    chosen, none = analysis.choices[group].model, (0.0, 0.0, 0.0)
-    found = [
-        Model(group, name, name == chosen, [own[name] for own in held], none)
-        for name in held[0]
-        if all(name in own for own in held)
-    ]
-    left, aicc, bic = (min(values) for values in zip(*(m.criteria for m in found), strict=True))
-    found = [m._replace(best=(left, aicc, bic)) for m in found]
-    return sorted(found, key=lambda m: m.criteria[0] or m.criteria[1])
+    found = []
+    for name in (name for name in held[0] if all(name in own for own in held)):
+        own = [candidates[name] for candidates in held]
+        left_out = sum(sum(c.left_out_chi_squared) for c in own)
+        found.append(((left_out, sum(c.aicc for c in own), sum(c.bic for c in own)), name, own))
+    best = [min(values) for values in zip(*(sums for sums, *_ in found), strict=True)]
+    for sums, name, own in sorted(found, key=lambda each: each[0][0] or each[0][1]):
+        left_out, aicc, bic = (a - b for a, b in zip(sums, best, strict=True))
+        freedom = max(sum(c.freedom for c in own), 1)
+        yield (
+            *(group_words(group), name, own[0].pilot_parameters),
+            sum(c.chi_squared for c in own) / freedom,
+            *(left_out if sums[0] else None, aicc, bic),
+            sum(c.vaf for c in own) / len(own),
+            sum(c.left_out_vaf for c in own) / len(own),
+            name == analysis.choices[group].model,
+        )
 
 
-class Fit(NamedTuple):
-    """A fit of all runs of a recording by one method, and what the model's choice found."""
-
-    name: str
-    model: str
-    runs: int
-    estimate: Mapping[str, Any]
-    remarks: Sequence[Remark]
-    candidate: Candidate | None
-
-
-def recording_table(analysis: Analysis) -> Table[Fit]:
+def recording_table(analysis: Analysis) -> Table[Any]:
     """Every recording, all runs together."""
-
-    def change(name: str) -> Callable[[Fit], float | None]:
-        return lambda f: getattr(f.candidate, name) if f.candidate else None
-
-    columns: list[Column[Fit]] = [
-        Column("recording", lambda f: f.name),
-        Column("model", lambda f: f.model),
-        Column("method", lambda f: f.estimate["method"]),
-        Column("runs", lambda f: f.runs, str),
-        Column("VAF %", lambda f: f.estimate["vaf"], number),
-        Column("p constant", change("change_p"), p_value, "of a constant pilot"),
-        Column("by %", change("change_size"), percent, "how much a gain or lead changes at most"),
-        Column("at s", _change_time, number, "when that is seen best"),
-        Column("outcome", lambda f: f.estimate["outcome"]),
-        Column("remarks", lambda f: "; ".join(f"[{r.code}] {r}" for r in f.remarks) or NONE),
+    heads = [
+        *(("recording",), ("model",), ("method",), ("runs", str), ("VAF %", number)),
+        ("p constant", p_value, "of a constant pilot"),
+        ("by %", percent, "how much a gain or lead changes at most"),
+        ("at s", number, "when that is seen best"),
+        *(("outcome",), ("remarks",)),
     ]
-    items = []
-    for fit in analysis.fits:
-        if fit.run is not None:
-            continue
+    rows = []
+    for fit in (fit for fit in analysis.fits if fit.run is None):
         look, page, model = analysis.looks[fit.part], fit.content.get("page"), fit.content["model"]
         name = f"[{fit.part.words}]({page})" if page else fit.part.words
-        own = next((c for c in analysis.candidates(fit.part) if c.model == model), None)
+        c = next((c for c in analysis.candidates(fit.part) if c.model == model), None)
+        when = c.change_time if c and c.change_p < ESTIMATE.changes else None
+        change = (c.change_p, c.change_size, when) if c else (None, None, None)
         for place, e in enumerate(fit.content["estimates"]):
             told = [Remark(*r) for r in (*(look["remarks"] if not place else ()), *e["remarks"])]
-            told = [remark for remark in told if remark.code not in OF_STICK]
-            runs = int(look["recording"]["runs"])
-            items.append(Fit(name, model, runs, e, gravest_first(told), own))
+            own = gravest_first([remark for remark in told if remark.code not in OF_STICK])
+            front = name, model, e["method"], int(look["recording"]["runs"]), e["vaf"]
+            remarks = "; ".join(f"[{remark.code}] {remark}" for remark in own)
+            rows.append((*front, *change, e["outcome"], remarks or NONE))
     caption = "Every recording, all runs together; the names lead to pages with figures"
-    return Table(caption, columns, items)
-
-
-def _change_time(fit: Fit) -> float | None:
-    own = fit.candidate
-    return own.change_time if own and own.change_p < ESTIMATE.changes else None
+    return table_of(caption, heads, rows)
 
 
 # ----------------------------------------------------------------------------------- LaTeX
@@ -516,10 +462,11 @@ def tables_tex(
             "parentheses; or values ± standard errors",
             table_latex(table),
         ]
-    groups: dict[str, list[Contrast]] = {}
-    for c in contrasts:
-        models = ", ".join(dict.fromkeys((c.model_a, c.model_b)))
-        groups.setdefault(table_title(c.stratum, c.method, models), []).append(c)
+
+    def title_of(c: Contrast) -> str:
+        return table_title(c.stratum, c.method, ", ".join(dict.fromkeys((c.model_a, c.model_b))))
+
+    groups = grouped(contrasts, title_of)
     for title, some in groups.items():
         parts += [
             f"% Paired differences between conditions, b less a, over subjects, {printable(title)}",

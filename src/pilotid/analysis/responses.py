@@ -10,7 +10,8 @@ import numpy as np
 from pilotid.estimates.fitted import Fitted
 from pilotid.estimates.loops import NAMES
 from pilotid.estimates.parts import FrequencyResponse
-from pilotid.pilot.loops import loop_slopes, open_loops
+from pilotid.pilot.loops import open_loops
+from pilotid.show.responses import fitted_response, loop_errors
 from pilotid.types import ComplexArray, FloatArray
 
 #: Frequencies of fitted responses [rad/s].
@@ -58,18 +59,15 @@ def responses_of(fitted: Fitted, points: FrequencyResponse | None) -> list[Respo
         if not e.outcome.usable:
             continue
         for stage, end in zip(stages, model.ends, strict=False):
-            values, jacobian = model.constant.response_and_jacobian(OMEGA, e.values[end])
-            covariance = e.covariance[np.ix_(end, end)]
-            for channel, value, slopes in zip(model.channels, values, jacobian, strict=True):
-                errors = _errors(slopes / value, covariance)
+            for index, channel in enumerate(model.channels):
+                value, errors = fitted_response(e, index, OMEGA, end)
                 found.append(_response(channel.name + stage, e.method, OMEGA, value, errors))
         if element and element.element and not model.changes:
             excited = fitted.loops[place].excited
             loops = open_loops(model, e.values, element.element, OMEGA)
-            slopes_of = loop_slopes(model, e.values, element.element, OMEGA)
-            for name, value, slopes in zip(NAMES, loops, slopes_of, strict=True):
+            errors_of = loop_errors(e, element.element, OMEGA)
+            for name, value, errors in zip(NAMES, loops, errors_of, strict=True):
                 if name in excited:
-                    errors = _errors(slopes, e.covariance)
                     found.append(_response(f"{name} loop", e.method, OMEGA, value, errors))
     for place, channel in enumerate(model.channels):
         if points is None or model.changes:
@@ -83,13 +81,6 @@ def responses_of(fitted: Fitted, points: FrequencyResponse | None) -> list[Respo
             own = own._replace(phase=(np.array(own.phase) - 360.0 * np.round(off / 360.0)).tolist())
         found.append(own)
     return found
-
-
-def _errors(slopes: ComplexArray, covariance: FloatArray) -> FloatArray:
-    """Errors of log-magnitude and phase [rad], (2, n), from slopes of the logarithm."""
-    parts = np.array([slopes.real, slopes.imag])
-    square = np.einsum("cpn,pq,cqn->cn", parts, covariance, parts)
-    return np.asarray(np.sqrt(np.maximum(square, 0.0)))
 
 
 def _response(

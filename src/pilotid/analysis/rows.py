@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
 from pilotid.analysis.combine import plain_mean
 from pilotid.chance import Z95
 from pilotid.estimates.estimate import Outcome
-from pilotid.remarks import Remark
+
+T = TypeVar("T")
+K = TypeVar("K", bound=Hashable)
 
 #: The field of a pattern that names who was recorded, and the one that names under what.
 SUBJECT, CONDITION = "subject", "condition"
@@ -78,55 +80,22 @@ class Row:
         return "/".join(filter(None, (self.field(name) for name in PERSON)))
 
     @property
+    def condition(self) -> str:
+        """The condition; empty where the pattern has none."""
+        return self.field(CONDITION)
+
+    @property
     def stratum(self) -> tuple[tuple[str, str], ...]:
         """All fields but who and under what: contrasts are made within each value of them."""
         return tuple(pair for pair in self.fields if pair[0] not in (*PERSON, CONDITION))
 
 
-def rows_of(
-    file: str,
-    fields: tuple[tuple[str, str], ...],
-    run: int | None,
-    content: Mapping[str, Any],
-    what: str,
-    told: str,
-) -> list[Row]:
-    """Every quantity of a fit, or of its loops.
-
-    Parameters
-    ----------
-    file, fields, run
-        What was fitted.
-    content
-        What `pilotid.analysis.analyse.content_of` gave.
-    what, told
-        Where it has the quantities, and the remarks on them.
-    """
-    return [
-        Row(
-            file=file,
-            fields=fields,
-            run=run,
-            model=content["model"],
-            method=estimate["method"],
-            parameter=key,
-            unit=unit,
-            value=_number(value),
-            std_error=_number(error),
-            lower=_number(lower),
-            upper=_number(upper),
-            outcome=estimate["outcome"],
-            usable=estimate["usable"],
-            remarks=tuple(Remark(*remark) for remark in estimate[told]),
-            agrees=estimate["agrees"],
-        )
-        for estimate in content["estimates"]
-        for key, unit, value, error, lower, upper in estimate[what]
-    ]
-
-
-def _number(held: float | None) -> float:
-    return math.nan if held is None else held
+def grouped(items: Iterable[T], key: Callable[[T], K]) -> dict[K, list[T]]:
+    """Items that share a key, in the order of the first of each."""
+    groups: dict[K, list[T]] = {}
+    for item in items:
+        groups.setdefault(key(item), []).append(item)
+    return groups
 
 
 def in_order(values: Sequence[str]) -> list[str]:
@@ -244,16 +213,15 @@ def layouts(rows: Sequence[Row], chosen: Chosen | None = None) -> list[Layout]:
         The model of each condition; None to keep every model to itself.  With it a quantity
         that the models of several conditions share is one quantity.
     """
-    order: dict[tuple[Stratum, str, str, str], list[Row]] = {}
-    for row in rows:
-        if row.run is not None:
-            continue
-        own = row.model
-        if chosen is not None:
-            if row.model and chosen.get((row.stratum, row.field(CONDITION))) != row.model:
-                continue
-            own = ""
-        order.setdefault((row.stratum, row.method, own, row.parameter), []).append(row)
+
+    def counts(row: Row) -> bool:
+        own = not chosen or chosen.get((row.stratum, row.condition)) == row.model
+        return row.run is None and (own or not row.model)
+
+    order = grouped(
+        filter(counts, rows),
+        lambda r: (r.stratum, r.method, r.model if chosen is None else "", r.parameter),
+    )
     found = [
         _layout(stratum, method, parameter, mine)
         for (stratum, method, _, parameter), mine in order.items()
@@ -263,15 +231,13 @@ def layouts(rows: Sequence[Row], chosen: Chosen | None = None) -> list[Layout]:
 
 
 def _layout(stratum: Stratum, method: str, parameter: str, rows: Sequence[Row]) -> Layout:
-    conditions = in_order([row.field(CONDITION) for row in rows])
     models, cells = {}, {}
-    for condition in conditions:
-        here = [row for row in rows if row.field(CONDITION) == condition]
+    by_condition = grouped(rows, lambda row: row.condition)
+    for condition in in_order(list(by_condition)):
+        here = by_condition[condition]
         models[condition] = here[0].model
-        cells[condition] = {
-            subject: _cell([row for row in here if row.person == subject])
-            for subject in in_order([row.person for row in here])
-        }
+        by_person = grouped(here, lambda row: row.person)
+        cells[condition] = {who: _cell(by_person[who]) for who in in_order(list(by_person))}
     units = ", ".join(dict.fromkeys(row.unit for row in rows))
     return Layout(stratum, method, parameter, units, models, cells)
 
@@ -301,11 +267,10 @@ def by_table(
 
     The model is empty where a table holds several.
     """
-    groups: dict[tuple[Stratum, str, str], list[Layout]] = {}
-    for layout in found:
-        own = next(iter(layout.models.values())) if one_model else ""
-        groups.setdefault((layout.stratum, layout.method, own), []).append(layout)
-    return groups
+    return grouped(
+        found,
+        lambda own: (own.stratum, own.method, next(iter(own.models.values())) if one_model else ""),
+    )
 
 
 def mean_and_spread(cells: Sequence[Cell]) -> tuple[float, float]:

@@ -32,12 +32,8 @@ def share_fits(
     columns = []
     for separate in zip(*(fitted.estimates for fitted in fits), strict=True):
         together, _ = share(dict(zip(conditions, separate, strict=True)), keys)
-        columns.append(
-            [
-                _told_anew(own, together[name], fitted.recording)
-                for own, name, fitted in zip(separate, conditions, fits, strict=True)
-            ]
-        )
+        each = zip(separate, conditions, fits, strict=True)
+        columns.append([_told_anew(own, together[name], f.recording) for own, name, f in each])
     rows = zip(*columns, strict=True)
     return [replace(f, estimates=tuple(own)) for f, own in zip(fits, rows, strict=True)]
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pilotid.analysis.combine import NAN, Ratio, random_effects, ratio_of
-from pilotid.analysis.rows import CONDITION, Row, Stratum
+from pilotid.analysis.rows import Row, grouped
 from pilotid.chance import Z95
 from pilotid.types import FloatArray
 
@@ -26,13 +26,18 @@ FEWEST_TO_JUDGE = 4
 
 
 @dataclass(frozen=True)
-class RunSpread:
+class RunSpread(Row):
     """The runs of one recording, fitted one by one, in one parameter.
+
+    As a row it is that of the fit of all runs together, with the variation from run to run in
+    `std_error` and the interval: the claimed variance plus the variance between runs over their
+    number, Student's t of one less than that.  Where the runs differ no more than claimed, what was
+    claimed; NaN where there is none.
 
     Attributes
     ----------
-    file, stratum, condition, model, method, parameter, unit
-        What was fitted.
+    claimed_error
+        The claimed standard error of the fit of all runs together.
     runs
         Numbers of the runs that are compared.
     chi_squared
@@ -40,32 +45,14 @@ class RunSpread:
         summed; its expectation is the number of runs less one if they differ as claimed.
     between_runs
         Standard deviation of the true values of the runs, apart from the errors of estimation.
-    value, claimed_error
-        The estimate from all runs together, and its claimed standard error; NaN where there is
-        none.
-    std_error, lower, upper
-        Its standard error and 95 % interval with the variation from run to run: the claimed
-        variance plus the variance between runs over their number, Student's t of one less than
-        that.  Where the runs differ no more than claimed, what was claimed.
     notes
         Runs that are left out, and why.
     """
 
-    file: str
-    stratum: Stratum
-    condition: str
-    model: str
-    method: str
-    parameter: str
-    unit: str
-    runs: tuple[int, ...]
-    chi_squared: float
-    between_runs: float
-    value: float
-    claimed_error: float
-    std_error: float
-    lower: float
-    upper: float
+    claimed_error: float = NAN
+    runs: tuple[int, ...] = ()
+    chi_squared: float = NAN
+    between_runs: float = NAN
     notes: tuple[str, ...] = ()
 
     @property
@@ -81,42 +68,40 @@ class RunSpread:
 
 @dataclass(frozen=True)
 class ConditionSpread:
-    """How much the runs differ over the subjects of a condition, by one model and method.
+    """How much the runs differ over the subjects of a condition, in one parameter.
 
     Attributes
     ----------
-    stratum, condition, model, method, parameter
-        What was fitted.
-    files, runs
-        Recordings and runs compared.
-    ratio
-        How many times as much as claimed the runs of a recording differ.
-    notes
-        Runs that are left out, and why.
+    first
+        That of the first subject, which says what was fitted.
+    spreads
+        Those of the subjects with runs that can be compared.
     """
 
-    stratum: Stratum
-    condition: str
-    model: str
-    method: str
-    parameter: str
-    files: int
-    runs: int
-    ratio: Ratio
-    notes: tuple[str, ...] = ()
+    first: RunSpread
+    spreads: tuple[RunSpread, ...]
+
+    @property
+    def runs(self) -> int:
+        """Number of runs compared."""
+        return sum(len(spread.runs) for spread in self.spreads)
+
+    @property
+    def ratio(self) -> Ratio:
+        """How many times as much as claimed the runs of a recording differ."""
+        total = math.fsum(spread.chi_squared for spread in self.spreads)
+        return ratio_of(total, sum(spread.freedom for spread in self.spreads))
 
 
 def run_spreads(rows: Sequence[Row]) -> list[RunSpread]:
     """The spread of runs of every recording, model, method and parameter that has such fits."""
-    single: dict[tuple[str, str, str, str], list[Row]] = {}
-    pooled: dict[tuple[str, str, str, str], Row] = {}
-    for row in rows:
-        key = (row.file, row.model, row.method, row.parameter)
-        if row.run is None:
-            pooled[key] = row
-        else:
-            single.setdefault(key, []).append(row)
-    return [_spread_of(mine, pooled.get(key)) for key, mine in single.items()]
+    pooled = {_place(row): row for row in rows if row.run is None}
+    single = grouped((row for row in rows if row.run is not None), _place)
+    return [_spread_of(mine, pooled.get(place)) for place, mine in single.items()]
+
+
+def _place(row: Row) -> tuple[str, str, str, str]:
+    return row.file, row.model, row.method, row.parameter
 
 
 def with_variation(rows: Sequence[Row], spreads: Sequence[RunSpread]) -> list[Row]:
@@ -129,14 +114,10 @@ def with_variation(rows: Sequence[Row], spreads: Sequence[RunSpread]) -> list[Ro
     spreads
         What `run_spreads` makes of them.
     """
-    known = {
-        (spread.file, spread.model, spread.method, spread.parameter): spread
-        for spread in spreads
-        if math.isfinite(spread.std_error)
-    }
+    known = {_place(spread): spread for spread in spreads if math.isfinite(spread.std_error)}
     result = []
     for row in rows:
-        spread = known.get((row.file, row.model, row.method, row.parameter))
+        spread = known.get(_place(row))
         if spread is not None and row.run is None:
             row = replace(row, std_error=spread.std_error, lower=spread.lower, upper=spread.upper)
         result.append(row)
@@ -145,11 +126,11 @@ def with_variation(rows: Sequence[Row], spreads: Sequence[RunSpread]) -> list[Ro
 
 def condition_spreads(spreads: Sequence[RunSpread]) -> list[ConditionSpread]:
     """The spread of runs over the subjects of every condition."""
-    groups: dict[tuple[Stratum, str, str, str, str], list[RunSpread]] = {}
-    for spread in spreads:
-        key = (spread.stratum, spread.condition, spread.model, spread.method, spread.parameter)
-        groups.setdefault(key, []).append(spread)
-    return [_over_subjects(mine) for mine in groups.values()]
+    groups = grouped(spreads, lambda s: (s.stratum, s.condition, s.model, s.method, s.parameter))
+    return [
+        ConditionSpread(own[0], tuple(spread for spread in own if spread.freedom))
+        for own in groups.values()
+    ]
 
 
 def spread_sentence(spreads: Sequence[ConditionSpread]) -> str:
@@ -168,11 +149,11 @@ def spread_sentence(spreads: Sequence[ConditionSpread]) -> str:
     if not known:
         return ""
     least, most = (pick(known, key=lambda s: s.ratio.value) for pick in (min, max))
-    span = f"{least.ratio.value:.1f} ({least.parameter})"
+    span = f"{least.ratio.value:.1f} ({least.first.parameter})"
     if most is not least:
-        span += f" to {most.ratio.value:.1f} ({most.parameter})"
-    where = f"in {most.condition}, " if most.condition else ""
-    varied = ", ".join(s.parameter for s in known if s.ratio.lower > 1.0)
+        span += f" to {most.ratio.value:.1f} ({most.first.parameter})"
+    where = f"in {most.first.condition}, " if most.first.condition else ""
+    varied = ", ".join(s.first.parameter for s in known if s.ratio.lower > 1.0)
     told = f"overdispersion significant for {varied}" if varied else "not significant"
     return f"{where}between-run scatter is {span} times the reported standard errors: {told}"
 
@@ -195,28 +176,18 @@ def _spread_of(rows: Sequence[Row], pooled: Row | None) -> RunSpread:
         weights = errors**-2
         chi_squared = float(np.sum(weights * (values - np.average(values, weights=weights)) ** 2))
         between = random_effects(values, errors).between
-    first = rows[0]
-    value = claim = error = lower = upper = NAN
+    fit = replace(rows[0], value=NAN, std_error=NAN, lower=NAN, upper=NAN)
+    claimed = NAN
     if pooled is not None and pooled.usable:
-        value, claim = pooled.value, pooled.std_error
-        error, lower, upper = _widened(pooled, between, len(sound))
+        fit, claimed = _widened(pooled, between, len(sound)), pooled.std_error
+    numbers = tuple(row.run or 0 for row in sound)
     return RunSpread(
-        first.file,
-        first.stratum,
-        first.field(CONDITION),
-        first.model,
-        first.method,
-        first.parameter,
-        first.unit,
-        tuple(row.run or 0 for row in sound),
-        chi_squared,
-        between,
-        value,
-        claim,
-        error,
-        lower,
-        upper,
-        tuple(notes),
+        **vars(fit),
+        claimed_error=claimed,
+        runs=numbers,
+        chi_squared=chi_squared,
+        between_runs=between,
+        notes=tuple(notes),
     )
 
 
@@ -246,33 +217,17 @@ def _odd_one(values: FloatArray, errors: FloatArray) -> int | None:
     return farthest if distances[farthest] > limit else None
 
 
-def _widened(row: Row, between: float, runs: int) -> tuple[float, float, float]:
-    """Standard error and interval of an estimate with the variation from run to run."""
+def _widened(row: Row, between: float, runs: int) -> Row:
+    """An estimate with the variation from run to run in its standard error and interval."""
     from scipy.special import stdtrit
 
     value, claim = row.value, row.std_error
     if not (claim > 0.0 and math.isfinite(between)):
-        return NAN, NAN, NAN
+        return replace(row, std_error=NAN, lower=NAN, upper=NAN)
     if between == 0.0:
-        return claim, row.lower, row.upper
+        return row
     error = math.sqrt(claim**2 + between**2 / runs)
     # The interval keeps its shape: profile intervals are longer on one side.
     longer = error / claim * float(stdtrit(runs - 1, 0.975)) / Z95
-    return error, value - longer * (value - row.lower), value + longer * (row.upper - value)
-
-
-def _over_subjects(spreads: Sequence[RunSpread]) -> ConditionSpread:
-    used = [spread for spread in spreads if spread.freedom]
-    total = math.fsum(spread.chi_squared for spread in used)
-    first = spreads[0]
-    return ConditionSpread(
-        first.stratum,
-        first.condition,
-        first.model,
-        first.method,
-        first.parameter,
-        len(used),
-        sum(len(spread.runs) for spread in used),
-        ratio_of(total, sum(spread.freedom for spread in used)),
-        tuple(f"{spread.file}: {note}" for spread in spreads for note in spread.notes),
-    )
+    low, high = value - longer * (value - row.lower), value + longer * (row.upper - value)
+    return replace(row, std_error=error, lower=low, upper=high)

@@ -51,18 +51,19 @@ Cells = tuple[list[str], list[list[object]]]
 def table_cells(results: Results) -> dict[str, Cells]:
     """All tables of an analysis that have rows, and those that always are, by their files."""
     analysis = results.analysis
-    names = field_names(analysis.parts)
+    # The fields of the pattern are columns of every table.
+    names = list(dict(analysis.parts[0].fields)) if analysis.parts else []
     head = ["file", *names, "run", "model", "method"]
     elements = analysis.elements
     found: dict[str, Cells] = {
         ESTIMATES: (
             [*head, "parameter", *QUANTITY_COLUMNS],
-            [_estimate_cells(row, names) for row in results.rows],
+            [_row_cells(row, names) for row in results.rows],
         ),
         LOOPS: (
             [*head, "element", "quantity", *QUANTITY_COLUMNS],
             [
-                _loop_cells(row, names, elements[row.file, row.run, row.model])
+                _row_cells(row, names, elements[row.file, row.run, row.model])
                 for row in results.loops
             ],
         ),
@@ -113,33 +114,13 @@ def write_tables(folder: Path, results: Results, command: str) -> None:
     write_file(folder / TEX, text.encode("utf-8", "replace"))
 
 
-def field_names(parts: Sequence[Part]) -> list[str]:
-    """The fields of the pattern, which are columns of every table."""
-    return [field for field, _ in parts[0].fields] if parts else []
-
-
-def _estimate_cells(row: Row, names: Sequence[str]) -> list[object]:
+def _row_cells(row: Row, names: Sequence[str], *element: str) -> list[object]:
+    numbers = (row.value, row.std_error, row.lower, row.upper)
     return [
-        row.file,
-        *(row.field(name) for name in names),
-        "" if row.run is None else row.run,
-        row.model,
-        row.method,
-        row.parameter,
-        row.unit,
-        row.value,
-        row.std_error,
-        row.lower,
-        row.upper,
-        row.outcome,
-        " | ".join(row.remarks),
+        *(row.file, *map(row.field, names), "" if row.run is None else row.run),
+        *(row.model, row.method, *element, row.parameter, row.unit),
+        *(*numbers, row.outcome, " | ".join(row.remarks)),
     ]
-
-
-def _loop_cells(row: Row, names: Sequence[str], element: str) -> list[object]:
-    cells = _estimate_cells(row, names)
-    place = len(names) + 4  # behind file, fields, run, model and method
-    return [*cells[:place], element, *cells[place:]]
 
 
 def _model_cells(analysis: Analysis, part: Part, names: Sequence[str]) -> list[list[object]]:

@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from pilotid.analysis.analyse import Analysis, Fit, Group, group_of
-from pilotid.analysis.recordings import Source
+from pilotid.analysis.rows import grouped
 from pilotid.report.study import write_report
-from pilotid.study.store import Store
 from pilotid.study.study import Bar
 from pilotid.study.trust import Trust, trial_of
 from pilotid.types import InputError
@@ -53,7 +52,6 @@ def typical(fits: list[Fit]) -> Fit | None:
 
 def tried_conditions(
     analysis: Analysis,
-    sources: Mapping[str, Source],
     folder: Path,
     replications: int,
     places: Mapping[str, str],
@@ -66,8 +64,6 @@ def tried_conditions(
     ----------
     analysis
         What was fitted.
-    sources
-        The recordings by name.
     folder
         The analysis's own.
     replications
@@ -83,11 +79,12 @@ def tried_conditions(
         Those that could be simulated, and a sentence for each condition that could not.
     """
     settings = analysis.settings
-    groups: dict[tuple[Group, str], list[Fit]] = {}
-    for fit in analysis.fits:
-        if fit.run is None:
-            of = tuple(pair for pair in group_of(fit.part) if pair[0] != "file")
-            groups.setdefault((of, fit.content["model"]), []).append(fit)
+
+    def kind(fit: Fit) -> tuple[Group, str]:
+        of = tuple(pair for pair in group_of(fit.part) if pair[0] != "file")
+        return of, fit.content["model"]
+
+    groups = grouped((fit for fit in analysis.fits if fit.run is None), kind)
     done, refused = [], []
     for (group, model), fits in groups.items():
         words = " ".join([value for _, value in group] or ["all"])
@@ -95,7 +92,7 @@ def tried_conditions(
         if example is None:
             refused.append(f"{words}, {model}: no fit is usable, and nothing was simulated.")
             continue
-        recording = sources[example.part.name].recording()
+        recording = example.part.recording(settings.reading)
         if settings.element is not None:
             recording = replace(recording, controlled_element=settings.element.name)
         own = re.sub(r"[^\w.]+", "-", f"{words}-{model}", flags=re.ASCII)
@@ -108,7 +105,6 @@ def tried_conditions(
         except InputError as error:
             refused.append(f"{words}: {error}.")
             continue
-        with Store(place) as store:
-            write_report(place, store, trust.comparison)
+        write_report(place, trust.comparison)
         done.append(Tried(f"{words}, {model}", place, trust))
     return done, refused

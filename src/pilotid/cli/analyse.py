@@ -2,101 +2,39 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
+from pathlib import Path
 
 from pilotid.cli import options
 from pilotid.document import print_blocks
 from pilotid.recordings.files import Reading
-from pilotid.recordings.recording import LEAD_IN
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.terminal import make_console
 
 
 def analyse(
-    files: options.FilesArgument,
-    out: options.OutOption,
-    pattern: Annotated[
-        str | None,
-        typer.Option(
-            metavar="'subj{subject}_{condition}'",
-            help="What the files' names say; files that differ in {run} alone are runs of one "
-            "recording.",
-        ),
-    ] = None,
-    model: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME|auto",
-            help="Pilot model; repeat or use commas; auto takes the catalogue's best.",
-        ),
-    ] = None,
-    method: options.MethodOption = None,
-    contrast: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="A:B",
-            help="Conditions to compare, B less A, all if none; or parameters of one fit, such as "
-            "tlead1:tlead2; repeat.",
-        ),
-    ] = None,
-    model_per_condition: Annotated[
-        bool,
-        typer.Option(
-            "--model-per-condition",
-            help="Choose a model for each condition, also of those that are contrasted.",
-        ),
-    ] = False,
-    per_run: Annotated[
-        bool, typer.Option("--per-run", help="Also fit each run separately.")
-    ] = False,
-    left_out: Annotated[
-        bool,
-        typer.Option("--left-out", help="Leave-one-run-out cross-validation."),
-    ] = False,
-    trust: Annotated[
-        bool,
-        typer.Option(
-            "--trust",
-            help="Simulate a typical recording of each condition, and say what its fit is worth.",
-        ),
-    ] = False,
-    replications: Annotated[
-        int, typer.Option(min=1, help="Simulations of each condition, with --trust.")
-    ] = 40,
-    mapping: options.MapOption = None,
-    dt: options.IntervalOption = None,
-    detrend: options.DetrendOption = False,
-    lead_in: options.LeadInOption = LEAD_IN,
-    runs: options.RunsOption = None,
-    span: options.SpanOption = None,
-    exclude: Annotated[
-        list[str] | None,
-        typer.Option(metavar="subject=6,condition=C4", help="Recordings to leave out; repeat."),
-    ] = None,
-    because: Annotated[
-        str, typer.Option(metavar="WHY", help="Why these are excluded, for the report.")
-    ] = "",
-    factors: Annotated[
-        str | None,
-        typer.Option(
-            metavar="'motion=C1,C2:off;C3,C4:on;...'|F.csv",
-            help="Factors that conditions are combinations of, for an analysis of variance.",
-        ),
-    ] = None,
-    element: options.ElementOption = None,
-    fix: options.FixOption = None,
-    share: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="fnm,dnm", help="Parameters that a subject's conditions have in common."
-        ),
-    ] = None,
-    ignore: options.IgnoreOption = None,
-    seed: options.SeedOption = DEFAULT_SEED,
-    workers: options.WorkersOption = None,
-    force: options.ForceOption = False,
+    files: list[Path],
+    *,
+    out: Path,
+    pattern: str | None = None,
+    model: list[str] | None = None,
+    method: list[str] | None = None,
+    contrast: list[str] | None = None,
+    model_per_condition: bool = False,
+    per_run: bool = False,
+    left_out: bool = False,
+    trust: bool = False,
+    replications: int = 40,
+    reading: Reading,
+    exclude: list[str] | None = None,
+    because: str = "",
+    factors: str | None = None,
+    element: str | None = None,
+    fix: str | None = None,
+    share: list[str] | None = None,
+    ignore: list[str] | None = None,
+    seed: int = DEFAULT_SEED,
+    workers: int | None = None,
+    force: bool = False,
 ) -> None:
     """Analyse a laboratory's recordings: subjects, conditions, runs; tables and a report."""
     given = dict(locals())
@@ -104,7 +42,6 @@ def analyse(
     from pilotid.cli.running import with_progress
     from pilotid.pilot.catalogue import AUTO
 
-    reading = Reading(tuple(mapping or ()), dt, detrend, lead_in, runs or "", span or "")
     with options.resumable(out):
         found = analysed(
             files,

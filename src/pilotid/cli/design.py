@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Literal
 
-import typer
-
-from pilotid.cli.options import ForceOption, SeedOption, numbers_in, typed_command
+from pilotid.cli.options import numbers_in, typed_command
 from pilotid.outputs import require_folder
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.terminal import make_console
@@ -16,94 +14,37 @@ from pilotid.types import InputError
 
 if TYPE_CHECKING:
     from pilotid.datasets.scenarios import Scenario
-    from pilotid.designing.planning import Plan
     from pilotid.pilot.model import PilotModel
 
 
 def design(
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the design.")],
-    scenario: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="[SCENARIO]",
-            help="Pilot, loop, remnant and reference forcing; default: the recordings' of --from, "
-            "else nominal.",
-        ),
-    ] = None,
-    minimise: Annotated[
-        str,
-        typer.Option(metavar="A|D|E|KEY,KEY", help="What is made small, of relative errors."),
-    ] = "A",
-    wanted: Annotated[
-        str | None,
-        typer.Option(metavar="tdvest=3%,Kvest=5%", help="Standard errors: the shortest time."),
-    ] = None,
-    limit: Annotated[
-        str,
-        typer.Option(
-            metavar="e=1.5,u=1.5",
-            help="Variances of e, u, de, du, x, dx, ddx over the reference's; power, line, floor, "
-            "high; peaks ft, fd, stick, travel, velocity, acceleration; shape=false, "
-            "balance=false.",
-        ),
-    ] = "e=1,u=1",
-    at_most: Annotated[
-        float | None, typer.Option(metavar="S", help="Longest window for --wanted.")
-    ] = None,
-    lines: Annotated[
-        int | None, typer.Option(min=1, help="Lines of each signal; default: the reference's.")
-    ] = None,
-    pick: Annotated[
-        Literal["any", "odd", "prime"], typer.Option(help="Which lines may be taken.")
-    ] = "any",
-    period: Annotated[
-        float | None, typer.Option(metavar="S", help="Period of line 1; default: the reference's.")
-    ] = None,
-    seconds: Annotated[
-        float | None, typer.Option(metavar="S", help="Window; default: the scenario's.")
-    ] = None,
-    runs: Annotated[
-        int | None,
-        typer.Option(min=1, help="Runs (of a subject in each condition); default: the scenario's."),
-    ] = None,
-    truth: Annotated[
-        str | None, typer.Option(metavar="tlead=2,Kvest=1", help="True values that differ.")
-    ] = None,
-    estimates: Annotated[
-        Path | None,
-        typer.Option("--from", metavar="F.json", help="Pilots of a pilot study: fit --json."),
-    ] = None,
-    pilots: Annotated[
-        int | None, typer.Option(min=2, help="Pilots of the populations' ranges to suit.")
-    ] = None,
-    over: Annotated[
-        Literal["mean", "worst"], typer.Option(help="What counts of several pilots.")
-    ] = "mean",
-    power: Annotated[
-        str | None,
-        typer.Option(metavar="'tlead +15%'", help="A difference between conditions to plan for."),
-    ] = None,
-    subjects: Annotated[int, typer.Option(min=2, help="Subjects, for --power.")] = 8,
-    between: Annotated[
-        float, typer.Option(help="Spread of the difference between subjects, a share.")
-    ] = 0.1,
-    within: Annotated[float, typer.Option(help="Spread from run to run, a share.")] = 0.05,
-    rate: Annotated[
-        float | None, typer.Option(metavar="HZ", help="Rate of forcing.csv; default: scenario's.")
-    ] = None,
-    fade: Annotated[float, typer.Option(metavar="S", help="Fades of forcing.csv.")] = 2.0,
-    shared: Annotated[
-        bool, typer.Option("--shared", help="ft and fd on the same lines; fd turns between runs.")
-    ] = False,
-    model: Annotated[
-        str | None,
-        typer.Option(metavar="NAME|file.py:NAME", help="Another model; --truth has its values."),
-    ] = None,
-    remnant: Annotated[
-        Literal["held", "share"], typer.Option(help="The remnant's power, or a share of u's.")
-    ] = "held",
-    seed: SeedOption = DEFAULT_SEED,
-    force: ForceOption = False,
+    scenario: str | None = None,
+    *,
+    out: Path,
+    minimise: str = "A",
+    wanted: str | None = None,
+    limit: str = "e=1,u=1",
+    at_most: float | None = None,
+    lines: int | None = None,
+    pick: Literal["any", "odd", "prime"] = "any",
+    period: float | None = None,
+    seconds: float | None = None,
+    runs: int | None = None,
+    truth: str | None = None,
+    estimates: Path | None = None,
+    pilots: int | None = None,
+    over: Literal["mean", "worst"] = "mean",
+    power: str | None = None,
+    subjects: int = 8,
+    between: float = 0.1,
+    within: float = 0.05,
+    rate: float | None = None,
+    fade: float = 2.0,
+    shared: bool = False,
+    model: str | None = None,
+    remnant: Literal["held", "share"] = "held",
+    seed: int = DEFAULT_SEED,
+    force: bool = False,
 ) -> None:
     """Design forcing functions and recording time for the precision wanted."""
     given = dict(locals())
@@ -132,7 +73,7 @@ def design(
     chosen = everyone[0]
     if pilots is not None:
         everyone = drawn_pilots(chosen, pilots, seed)
-    effect = read_effect(power) if power else None
+    effect = read_effect(power) if power else ()
     made = designing.design(
         chosen,
         minimise,
@@ -145,10 +86,11 @@ def design(
         at_most=at_most,
         seed=seed,
     )
-    plans: list[tuple[str, Plan]] = []
-    if effect is not None:
-        for name, experiment in (("design", made.scenario), ("reference", made.reference)):
-            plans.append((name, plan(experiment, *effect, between=between, within=within)))
+    experiments = {"design": made.scenario, "reference": made.reference} if effect else {}
+    plans = [
+        (name, plan(experiment, *effect, between=between, within=within))
+        for name, experiment in experiments.items()
+    ]
 
     command = typed_command(design, given)
     about = {

@@ -10,8 +10,8 @@ import os
 import sys
 import tempfile
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, NoReturn, TextIO
@@ -34,9 +34,8 @@ from pilotid.outputs import is_ours, require_free
 from pilotid.pilot.catalogue import AUTO, MODELS, model_named, with_held
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
-from pilotid.ranges import ranged
-from pilotid.recordings.files import read_with, save_recording
-from pilotid.recordings.recording import LEAD_IN, Recording
+from pilotid.recordings.files import Reading, read_with, save_recording
+from pilotid.recordings.recording import Recording
 from pilotid.recordings.text import sidecar_path
 from pilotid.remarks import OF_STICK, codes_in
 from pilotid.seeds import DEFAULT_SEED, draw_rng, recording_rng
@@ -58,7 +57,10 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         # A terminal that lacks a sign is no reason to stop.
         getattr(stream, "reconfigure", lambda **_: None)(errors="replace")
     given = list(sys.argv[1:] if arguments is None else arguments)
-    with heeding_interruptions(), _warnings_as_sentences():
+    with heeding_interruptions(), warnings.catch_warnings():
+        # A warning costs a line and nothing else: that of a plug-in that is left out, too.
+        warnings.simplefilter("always", PluginWarning)
+        warnings.showwarning = show_warning
         try:
             status = app(given or ["--help"], prog_name="pilotid", standalone_mode=False)
             sys.stdout.flush()
@@ -76,16 +78,6 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         if status == STATUS:  # that is what typer makes of Ctrl-C
             raise KeyboardInterrupt
     raise SystemExit(status or 0)
-
-
-@contextmanager
-def _warnings_as_sentences() -> Iterator[None]:
-    """Let a warning cost a line and nothing else: that of a plug-in that is left out, too."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("always", PluginWarning)
-
-        warnings.showwarning = show_warning
-        yield
 
 
 def _nowhere() -> TextIO:
@@ -143,16 +135,13 @@ def _first_line(method: Method) -> str:
 
 
 def simulate(
-    out: Annotated[Path, typer.Option(metavar="F.csv", help="Recording to write, .csv or .mat.")],
-    scenario: Annotated[
-        str | None, typer.Argument(metavar="SCENARIO", help="See `pilotid list`.")
-    ] = None,
-    like: studies.LikeOption = None,
-    seed: options.SeedOption = DEFAULT_SEED,
-    runs: Annotated[
-        int | None, typer.Option(min=1, help="Runs, each with its own remnant.")
-    ] = None,
-    force: options.ForceOption = False,
+    scenario: str | None = None,
+    *,
+    out: Path,
+    like: Path | None = None,
+    seed: int = DEFAULT_SEED,
+    runs: int | None = None,
+    force: bool = False,
 ) -> None:
     """Simulate a scenario, or a pilot drawn from a population; truth goes to F.truth.json."""
     from pilotid.datasets import scenario_named
@@ -179,33 +168,22 @@ def simulate(
 
 
 def fit(
-    files: options.FilesArgument,
-    model: options.ModelOption = AUTO,
-    method: options.MethodOption = None,
-    mapping: options.MapOption = None,
-    dt: options.IntervalOption = None,
-    joint: options.JointOption = False,
-    detrend: options.DetrendOption = False,
-    lead_in: options.LeadInOption = LEAD_IN,
-    runs: options.RunsOption = None,
-    span: options.SpanOption = None,
-    element: options.ElementOption = None,
-    fix: options.FixOption = None,
-    start: Annotated[
-        str | None, typer.Option(metavar="Kvis=0.2,tlead=1.5", help="Initial guesses.")
-    ] = None,
-    seed: options.SeedOption = DEFAULT_SEED,
-    ignore: options.IgnoreOption = None,
-    plot: options.PlotOption = False,
-    json: options.JsonOption = None,
-    report: Annotated[
-        Path | None, typer.Option(metavar="F.html", help="Write a report with figures.")
-    ] = None,
-    truth: Annotated[
-        Path | None,
-        typer.Option(metavar="F.truth.json", help="Draw a simulation's truth in the report."),
-    ] = None,
-    force: options.ForceOption = False,
+    files: list[Path],
+    *,
+    model: str = AUTO,
+    method: list[str] | None = None,
+    reading: Reading,
+    joint: bool = False,
+    element: str | None = None,
+    fix: str | None = None,
+    start: str | None = None,
+    seed: int = DEFAULT_SEED,
+    ignore: list[str] | None = None,
+    plot: bool = False,
+    json: str | None = None,
+    report: Path | None = None,
+    truth: Path | None = None,
+    force: bool = False,
 ) -> None:
     """Identify a pilot model from recordings."""
     plant, ignored = element_named(element) if element else None, codes_in(ignore or ())
@@ -217,9 +195,7 @@ def fit(
     true = options.read_truth(truth, named[0]) if truth is not None and named else None
     methods = options.methods_of(method, [options.default_method()])
     options.require_free(files, json, report, force=force)
-    recordings, refused = options.recordings_of(
-        files, mapping, dt, detrend, lead_in, runs, span, joint=joint
-    )
+    recordings, refused = reading.all(files, joint=joint)
     announce(recordings, len(methods) * max(1, len(named)))
     todo = with_bar(recordings, "fitting", len(recordings))
     fits = []
@@ -290,17 +266,7 @@ def _fitted(
 
 
 for command in (
-    *(
-        simulate,
-        fit,
-        check,
-        posterior,
-        analyse,
-        design,
-        studies.compare,
-        studies.trust,
-        studies.report,
-    ),
-    *(studies.publish, studies.compare_studies, people.fetch_data),
+    *(simulate, fit, check, posterior, analyse, design, studies.compare, studies.trust),
+    *(studies.report, studies.publish, studies.compare_studies, people.fetch_data),
 ):
-    app.command()(ranged(command, lambda name: f"--{name.replace('_', '-')}"))
+    app.command()(options.as_command(command))

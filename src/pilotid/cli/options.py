@@ -7,12 +7,13 @@ import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from inspect import signature
+from dataclasses import fields
+from functools import wraps
+from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, get_args, get_type_hints
 
 import typer
-from typer.models import ArgumentInfo
 
 from pilotid import outputs
 from pilotid.cli.running import StoppedError
@@ -22,120 +23,164 @@ from pilotid.methods import label_of, method_named, methods
 from pilotid.naming.settings import split_list
 from pilotid.pilot.catalogue import AUTO, model_named
 from pilotid.pilot.model import PilotModel
+from pilotid.ranges import ARGUMENTS, Range, ranged
 from pilotid.recordings.files import Reading, read_with
-from pilotid.recordings.recording import LEAD_IN, Recording
+from pilotid.recordings.recording import Recording
 from pilotid.types import FloatArray, InputError
 
-SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of all random numbers.")]
-MethodOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--method",
-        metavar="NAME",
-        help="Method: arx, 'arx(memory=none)', file.py:CLASS; repeat, use commas, or say all.",
+#: Metavar and help of arguments and options by name, or by command and name where a command means
+#: something of its own.
+MEANINGS: dict[str, tuple[str, str]] = {
+    "files": ("F.csv|F.mat ...", "Recordings to read; F.mat::PART is one of several in a file."),
+    "trust files": ("F.csv|F.mat", "Recording; several are runs of one."),
+    "folder": ("DIR", "What `compare` wrote."),
+    "folders": ("DIR...", "What `compare` wrote, or its rows alone."),
+    "first": ("A", "A study that `compare` wrote."),
+    "second": ("B", "Another of the same scenarios."),
+    # Recordings and how they are read.
+    "mapping": (
+        "u=-stick,fd=3.5*d",
+        "The file's names for t, e, u, x, ft, fd; a sign or a factor before one is applied.",
     ),
-]
-ScenarioOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--scenario",
-        metavar="NAME",
-        help="Scenario: nominal, 'nominal(runs=3)', file.py:NAME; repeat, use commas, or say all.",
+    "dt": ("0.01", "Sampling interval [s] of files without times."),
+    "joint": ("", "Take all files as runs of one recording."),
+    "detrend": ("", "Take a straight line out of u, run by run, and say so."),
+    "lead_in": (
+        "S",
+        "Seconds that are not scored before the first sample that is; a run-in counts.",
     ),
-]
-
-ElementOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="15/s^2",
-        help="Controlled element, for the loops' margins; else the file's, or what u and x show.",
+    "runs": ("2-5", "The runs to use, as in 2-5 or 1,3."),
+    "span": ("0:41", "The seconds of the window to use, START:END."),
+    "element": (
+        "15/s^2",
+        "Controlled element, for the loops' margins; else the file's, or what u and x show.",
     ),
-]
-
-FilesArgument = Annotated[
-    list[Path],
-    typer.Argument(
-        metavar="F.csv|F.mat ...",
-        help="Recordings to read; F.mat::PART is one of several in a file.",
-        readable=False,
-    ),
-]
-ModelOption = Annotated[
-    str,
-    typer.Option(
-        "--model",
-        metavar="NAME|auto",
-        help="Pilot model: single, multi (needs motion of the pilot), file.py:NAME for one of your "
+    "check element": ("4/s^2", "Controlled element, to compare with what is seen."),
+    # Models, methods and scenarios.
+    "model": (
+        "NAME|auto",
+        "Pilot model: single, multi (needs motion of the pilot), file.py:NAME for one of your "
         "own; auto takes the catalogue's best.",
     ),
-]
-JsonOption = Annotated[
-    str | None,
-    typer.Option("--json", metavar="F.json|-", help="Write the results as JSON; - prints."),
-]
-OutOption = Annotated[
-    Path,
-    typer.Option("--out", metavar="DIR", help="Results folder; what is done there is kept."),
-]
-WorkersOption = Annotated[
-    int | None,
-    typer.Option("--workers", min=1, help="Processes; default: one for each processor."),
-]
-MapOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--map",
-        metavar="u=-stick,fd=3.5*d",
-        help="The file's names for t, e, u, x, ft, fd; a sign or a factor before one is applied.",
+    "analyse model": (
+        "NAME|auto",
+        "Pilot model; repeat or use commas; auto takes the catalogue's best.",
     ),
-]
-JointOption = Annotated[
-    bool, typer.Option("--joint", help="Take all files as runs of one recording.")
-]
-IntervalOption = Annotated[
-    float | None,
-    typer.Option("--dt", metavar="0.01", help="Sampling interval [s] of files without times."),
-]
-DetrendOption = Annotated[
-    bool, typer.Option("--detrend", help="Take a straight line out of u, run by run, and say so.")
-]
-LeadInOption = Annotated[
-    float,
-    typer.Option(
-        "--lead-in",
-        metavar="S",
-        help="Seconds that are not scored before the first sample that is; a run-in counts.",
+    "check model": ("NAME,...", "Models of which is told what methods can do."),
+    "design model": ("NAME|file.py:NAME", "Another model; --truth has its values."),
+    "trust model": ("NAME|auto", "Pilot model; auto takes the best."),
+    "method": (
+        "NAME",
+        "Method: arx, 'arx(memory=none)', file.py:CLASS; repeat, use commas, or say all.",
     ),
-]
-
-FixOption = Annotated[
-    str | None,
-    typer.Option(
-        "--fix",
-        metavar="fnm=12,dnm=.1..0.5",
-        help="Parameters held at a value, or searched between others.",
+    "scenario": (
+        "NAME",
+        "Scenario: nominal, 'nominal(runs=3)', file.py:NAME; repeat, use commas, or say all.",
     ),
-]
-ForceOption = Annotated[
-    bool, typer.Option("--force", help="Write over files that pilotid did not write.")
-]
-PlotOption = Annotated[
-    bool,
-    typer.Option("--plot", help="Open the report, or draw in the terminal without a display."),
-]
-IgnoreOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--ignore", metavar="CODE", help="Code of a warning that is left out; repeat, or commas."
+    "simulate scenario": ("SCENARIO", "See `pilotid list`."),
+    "design scenario": (
+        "[SCENARIO]",
+        "Pilot, loop, remnant and reference forcing; default: the recordings' of --from, else "
+        "nominal.",
     ),
-]
-RunsOption = Annotated[
-    str | None, typer.Option("--runs", metavar="2-5", help="The runs to use, as in 2-5 or 1,3.")
-]
-SpanOption = Annotated[
-    str | None,
-    typer.Option("--span", metavar="0:41", help="The seconds of the window to use, START:END."),
-]
+    "like": (
+        "FILE",
+        "The scenario of a recording as mle fits it, or of the trust.json of `trust`.",
+    ),
+    "fix": ("fnm=12,dnm=.1..0.5", "Parameters held at a value, or searched between others."),
+    "start": ("Kvis=0.2,tlead=1.5", "Initial guesses."),
+    "white": ("", "Take the residual for white, as AIAA 2008-7109 does."),
+    # Work and results.
+    "seed": ("", "Seed of all random numbers."),
+    "workers": ("", "Processes; default: one for each processor."),
+    "out": ("DIR", "Results folder; what is done there is kept."),
+    "simulate out": ("F.csv", "Recording to write, .csv or .mat."),
+    "design out": ("DIR", "Folder of the design."),
+    "posterior out": ("DIR", "Folder for draws, summary and figures."),
+    "report out": ("DIR", "Another folder for the report, if DIR is read-only."),
+    "publish out": ("SITE", "Folder of the pages."),
+    "force": ("", "Write over files that pilotid did not write."),
+    "ignore": ("CODE", "Code of a warning that is left out; repeat, or use commas."),
+    "plot": ("", "Open the report, or draw in the terminal without a display."),
+    "json": ("F.json|-", "Write the results as JSON; - prints."),
+    "csv": ("F.csv|-", "Write all comparisons; - prints."),
+    "report": ("F.html", "Write a report with figures."),
+    "truth": ("F.truth.json", "Draw a simulation's truth in the report."),
+    "simulate runs": ("", "Runs, each with its own remnant."),
+    "brief": ("", "One line a file, and a summary of many."),
+    # Studies.
+    "profile": (
+        "quick|full",
+        "quick: some recordings of the nominal scenario and of any pilot; full: 500 of every "
+        "scenario and population.",
+    ),
+    "replications": ("", "Recordings of each scenario."),
+    "trust replications": ("", "Simulations of the recording."),
+    "analyse replications": ("", "Simulations of each condition, with --trust."),
+    "scheduler": ("ADDRESS", "Use the workers of this Dask scheduler instead."),
+    "time_limit": ("S", "Seconds that a fit may take; 0 for no limit."),
+    "memory": ("GB", "Address space of each process; 0 for no limit."),
+    "retry_failed": ("", "Fit again what crashed, died, or ran out of memory or time."),
+    "salvage": ("", "If the store is damaged, put a new one with all that is whole there."),
+    "name": ("NAME", "Which; none lists what there is."),
+    "source": ("FOLDER", "Take the files from here: no download."),
+    "people": ("NAME", "Published recordings of people instead; see fetch-data."),
+    "mix": ("", "Append to a study made with different code or settings."),
+    "keep": ("", "Write all rows in a small form too, and make the report from that."),
+    # Experiments.
+    "pattern": (
+        "'subj{subject}_{condition}'",
+        "What the files' names say; files that differ in {run} alone are runs of one recording.",
+    ),
+    "contrast": (
+        "A:B",
+        "Conditions to compare, B less A, all if none; or parameters of one fit, such as "
+        "tlead1:tlead2; repeat.",
+    ),
+    "model_per_condition": (
+        "",
+        "Choose a model for each condition, also of those that are contrasted.",
+    ),
+    "per_run": ("", "Also fit each run separately."),
+    "left_out": ("", "Leave-one-run-out cross-validation."),
+    "trust": ("", "Simulate a typical recording of each condition, and say what its fit is worth."),
+    "exclude": ("subject=6,condition=C4", "Recordings to leave out; repeat."),
+    "because": ("WHY", "Why these are excluded, for the report."),
+    "factors": (
+        "'motion=C1,C2:off;C3,C4:on;...'|F.csv",
+        "Factors that conditions are combinations of, for an analysis of variance.",
+    ),
+    "share": ("fnm,dnm", "Parameters that a subject's conditions have in common."),
+    # Designs.
+    "minimise": ("A|D|E|KEY,KEY", "What is made small, of relative errors."),
+    "wanted": ("tdvest=3%,Kvest=5%", "Standard errors: the shortest time."),
+    "limit": (
+        "e=1.5,u=1.5",
+        "Variances of e, u, de, du, x, dx, ddx over the reference's; power, line, floor, high; "
+        "peaks ft, fd, stick, travel, velocity, acceleration; shape=false, balance=false.",
+    ),
+    "at_most": ("S", "Longest window for --wanted."),
+    "lines": ("", "Lines of each signal; default: the reference's."),
+    "pick": ("", "Which lines may be taken."),
+    "period": ("S", "Period of line 1; default: the reference's."),
+    "seconds": ("S", "Window; default: the scenario's."),
+    "design runs": ("", "Runs (of a subject in each condition); default: the scenario's."),
+    "design truth": ("tlead=2,Kvest=1", "True values that differ."),
+    "estimates": ("F.json", "Pilots of a pilot study: fit --json."),
+    "pilots": ("", "Pilots of the populations' ranges to suit."),
+    "over": ("", "What counts of several pilots."),
+    "power": ("'tlead +15%'", "A difference between conditions to plan for."),
+    "subjects": ("", "Subjects, for --power."),
+    "between": ("", "Spread of the difference between subjects, a share."),
+    "within": ("", "Spread from run to run, a share."),
+    "rate": ("HZ", "Rate of forcing.csv; default: scenario's."),
+    "fade": ("S", "Fades of forcing.csv."),
+    "shared": ("", "ft and fd on the same lines; fd turns between runs."),
+    "remnant": ("", "The remnant's power, or a share of u's."),
+}
+ONLY = Parameter.KEYWORD_ONLY
+#: Options that are not called like their parameters, which are reserved words or other things.
+SPELLED = {"mapping": "--map", "estimates": "--from", "source": "--from"}
 
 LARGEST_TRUTH = 2**22  # bytes of a file that names true parameters
 
@@ -208,22 +253,6 @@ def require_free(inputs: Sequence[Path], *targets: str | Path | None, force: boo
     outputs.require_free(named, read_with(inputs), force=force)
 
 
-def recordings_of(
-    files: Sequence[Path],
-    mapping: Sequence[str] | None,
-    dt: float | None,
-    detrend: bool,
-    lead_in: float = LEAD_IN,
-    runs: str | None = None,
-    span: str | None = None,
-    *,
-    joint: bool,
-) -> tuple[list[Recording], list[str]]:
-    """The recordings in files, and a sentence for each file that cannot be used."""
-    reading = Reading(tuple(mapping or ()), dt, detrend, lead_in, runs or "", span or "")
-    return reading.all(files, joint=joint)
-
-
 def raise_refused(refused: Sequence[str]) -> None:
     """Say what is wrong with files, once the others are done."""
     if refused:
@@ -257,16 +286,62 @@ def resumable(place: Path) -> Iterator[None]:
         ) from None
 
 
+def spelled(name: str) -> str:
+    """How an option is typed."""
+    return SPELLED.get(name, f"--{name.replace('_', '-')}")
+
+
+def parameters_of(function: Callable[..., None]) -> list[Parameter]:
+    """What users give a command: in place of a `Reading` the fields that it has."""
+    found: list[Parameter] = []
+    for parameter in signature(function, eval_str=True).parameters.values():
+        if parameter.annotation is not Reading:
+            found.append(parameter)
+            continue
+        hints = {**get_type_hints(Reading), "mapping": list[str] | None}
+        for name, usual in vars(Reading()).items():
+            default = None if name == "mapping" else usual
+            found.append(Parameter(name, ONLY, default=default, annotation=hints[name]))
+    return found
+
+
+def as_command(function: Callable[..., None]) -> Callable[..., None]:
+    """A function for typer: what is keyword-only is an option, all else an argument."""
+
+    def described(parameter: Parameter) -> Parameter:
+        name, kind = parameter.name, parameter.annotation
+        metavar, text = MEANINGS.get(f"{function.__name__} {name}") or MEANINGS[name]
+        known = ARGUMENTS.get(name)
+        about: dict[str, Any] = {"metavar": metavar or None, "help": text}
+        if isinstance(known, Range) and known.whole and int in (kind, *get_args(kind)):
+            about["min"] = int(known.low)
+        info = typer.Option(spelled(name), **about)
+        if parameter.kind is not ONLY:
+            info = typer.Argument(readable=name != "files", **about)
+        return parameter.replace(annotation=Annotated[kind, info])
+
+    @wraps(function)
+    def run(**given: Any) -> None:
+        if "reading" in signature(function).parameters:
+            own = {field.name: given.pop(field.name) for field in fields(Reading)}
+            given["reading"] = Reading(**{**own, "mapping": tuple(own["mapping"] or ())})
+        function(**given)
+
+    described_ones = [described(parameter) for parameter in parameters_of(function)]
+    run.__signature__ = Signature(described_ones)  # type: ignore[attr-defined]
+    return ranged(run, spelled)
+
+
 def typed_command(command: Callable[..., None], given: Mapping[str, object]) -> str:
     """The command that does the same again: its arguments, and the options that differ."""
     first, rest = [], []
-    parameters = signature(command, eval_str=True).parameters.values()
-    for parameter in sorted(parameters, key=lambda each: each.name == "out"):
-        value, known = given[parameter.name], parameter.annotation.__metadata__[0]
-        values = [str(v) for v in value] if isinstance(value, list) else [str(value)]
-        if isinstance(known, ArgumentInfo):
+    given = {**given, **(vars(given["reading"]) if "reading" in given else {})}
+    for parameter in sorted(parameters_of(command), key=lambda each: each.name == "out"):
+        value = given[parameter.name]
+        values = [str(v) for v in value] if isinstance(value, list | tuple) else [str(value)]
+        if parameter.kind is not ONLY:
             first += [] if value is None else values
         elif value is not None and value != parameter.default:
-            declared = known.param_decls or (f"--{parameter.name.replace('_', '-')}",)
-            rest += [w for v in values for w in (declared[0], *([] if value is True else [v]))]
+            option = spelled(parameter.name)
+            rest += [w for v in values for w in (option, *([] if value is True else [v]))]
     return shlex.join(["pilotid", command.__name__, *first, *rest])

@@ -5,9 +5,6 @@ from __future__ import annotations
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from pilotid.cli import options
 from pilotid.datasets.people import PEOPLE, People, fetch, people_named, published, recordings_in
@@ -21,15 +18,7 @@ USUAL = ("mle", "mle-white", "mle-reference", "fourier", "arx", "mmle3")
 PAGE = "people.html"
 
 
-def fetch_data(
-    name: Annotated[
-        str | None, typer.Argument(metavar="NAME", help="Which; none lists what there is.")
-    ] = None,
-    source: Annotated[
-        Path | None,
-        typer.Option("--from", metavar="FOLDER", help="Take the files from here: no download."),
-    ] = None,
-) -> None:
+def fetch_data(name: str | None = None, *, source: Path | None = None) -> None:
     """Fetch published recordings of people into the user's cache, or list them."""
     console = make_console()
     if name is None:

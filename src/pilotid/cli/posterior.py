@@ -6,9 +6,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from pilotid.cli import options
 from pilotid.disk import path_shown
@@ -17,7 +14,7 @@ from pilotid.pilot.catalogue import AUTO, model_named
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.files import Reading, expanded, read_with
-from pilotid.recordings.recording import LEAD_IN, Recording
+from pilotid.recordings.recording import Recording
 from pilotid.recordings.selection import stem_of
 from pilotid.seeds import DEFAULT_SEED, fit_rng
 from pilotid.terminal import make_console
@@ -28,34 +25,28 @@ FILES = ("report.html", "draws.npy", "summary.csv", "estimate.json")
 
 
 def posterior(
-    files: options.FilesArgument,
-    model: options.ModelOption = AUTO,
-    white: Annotated[
-        bool, typer.Option("--white", help="Take the residual for white, as AIAA 2008-7109 does.")
-    ] = False,
-    mapping: options.MapOption = None,
-    dt: options.IntervalOption = None,
-    joint: options.JointOption = False,
-    detrend: options.DetrendOption = False,
-    lead_in: options.LeadInOption = LEAD_IN,
-    element: options.ElementOption = None,
-    seed: options.SeedOption = DEFAULT_SEED,
-    out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Folder for draws, summary and figures.")
-    ] = None,
-    force: options.ForceOption = False,
+    files: list[Path],
+    *,
+    model: str = AUTO,
+    white: bool = False,
+    reading: Reading,
+    joint: bool = False,
+    element: str | None = None,
+    seed: int = DEFAULT_SEED,
+    out: Path | None = None,
+    force: bool = False,
 ) -> None:
     """Sample the posterior of a pilot model's parameters with emcee."""
     from pilotid.model_choice import select
 
     plant = element_named(element) if element else None
     named = None if model == AUTO else model_named(model)
-    files = expanded(files, Reading(tuple(mapping or ())).names, dt)
+    files = expanded(files, reading.names, reading.dt)
     folders = folders_of(files, out) if len(files) > 1 and not joint else {}
     for folder in folders.values() or [out] * (out is not None):
         assert folder is not None
         require_folder(folder, FILES, read_with(files), force=force)
-    recordings, refused = options.recordings_of(files, mapping, dt, detrend, lead_in, joint=joint)
+    recordings, refused = reading.all(files, joint=joint)
     for number, recording in enumerate(recordings):
         folder = folders.get(recording.source, out)
         if number:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -13,7 +13,7 @@ from pilotid import outputs
 from pilotid.cli import options
 from pilotid.pilot.catalogue import AUTO
 from pilotid.pilot.element import element_named
-from pilotid.recordings.files import load_recording, read_with
+from pilotid.recordings.files import Reading, load_recording, read_with
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.terminal import make_console
 from pilotid.types import InputError
@@ -26,63 +26,26 @@ if TYPE_CHECKING:
 #: What reports of studies are written as.
 TABLES = ("report.html", "report.md", "estimates.csv", "summary.csv", "population.csv")
 
-SalvageOption = Annotated[
-    bool,
-    typer.Option(
-        "--salvage", help="If the store is damaged, put a new one with all that is whole there."
-    ),
-]
-
 
 def compare(
-    profile: Annotated[
-        str,
-        typer.Option(
-            metavar="quick|full",
-            help="quick: some recordings of the nominal scenario and of any pilot; full: 500 of "
-            "every scenario and population.",
-        ),
-    ] = "quick",
-    scenario: options.ScenarioOption = None,
-    like: LikeOption = None,
-    method: options.MethodOption = None,
-    replications: Annotated[
-        int | None, typer.Option(min=1, help="Recordings of each scenario.")
-    ] = None,
-    seed: options.SeedOption = DEFAULT_SEED,
-    workers: options.WorkersOption = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(metavar="ADDRESS", help="Use the workers of this Dask scheduler instead."),
-    ] = None,
-    time_limit: Annotated[
-        float,
-        typer.Option(metavar="S", help="Seconds that a fit may take; 0 for no limit."),
-    ] = 600.0,
-    memory: Annotated[
-        float,
-        typer.Option(metavar="GB", help="Address space of each process; 0 for no limit."),
-    ] = 4.0,
-    retry_failed: Annotated[
-        bool,
-        typer.Option(
-            "--retry-failed",
-            help="Fit again what crashed, died, or ran out of memory or time.",
-        ),
-    ] = False,
-    salvage: SalvageOption = False,
-    people: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME", help="Published recordings of people instead; see fetch-data."
-        ),
-    ] = None,
-    mix: Annotated[
-        bool, typer.Option("--mix", help="Append to a study made with different code or settings.")
-    ] = False,
-    plot: options.PlotOption = False,
-    force: options.ForceOption = False,
-    out: options.OutOption = Path("results/compare"),
+    *,
+    profile: str = "quick",
+    scenario: list[str] | None = None,
+    like: Path | None = None,
+    method: list[str] | None = None,
+    replications: int | None = None,
+    seed: int = DEFAULT_SEED,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    time_limit: float = 600.0,
+    memory: float = 4.0,
+    retry_failed: bool = False,
+    salvage: bool = False,
+    people: str | None = None,
+    mix: bool = False,
+    plot: bool = False,
+    force: bool = False,
+    out: Path = Path("results/compare"),
 ) -> None:
     """Compare methods on simulated recordings whose truth is known."""
     from pilotid.cli.running import with_progress
@@ -108,13 +71,10 @@ def compare(
         raise InputError("--workers and --scheduler exclude each other; leave one out")
     default, count = PROFILES[profile]
     like_it = [] if like is None else [scenario_like(like, seed)]
-    study = Study(
-        [*like_it, *options.names_of(scenario, () if like_it else default, list(CATALOGUE))],
-        options.names_of(method, list(methods()), list(methods())),
-        replications or count,
-        seed,
-        sparing=method is None,
-    )
+    names = options.names_of(scenario, () if like_it else default, list(CATALOGUE))
+    tried = options.names_of(method, list(methods()), list(methods()))
+    count = replications or count
+    study = Study([*like_it, *names], tried, count, seed, sparing=method is None)
     outputs.require_folder(out, TABLES, read_with([like] if like else []), force=force)
     if salvage:
         _salvage(out)
@@ -135,19 +95,12 @@ def compare(
 
 
 def report(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="What `compare` wrote.")],
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Another folder for the report, if DIR is read-only."),
-    ] = None,
-    keep: Annotated[
-        bool,
-        typer.Option(
-            "--keep", help="Write all rows in a small form too, and make the report from that."
-        ),
-    ] = False,
-    salvage: SalvageOption = False,
-    force: options.ForceOption = False,
+    folder: Path,
+    *,
+    out: Path | None = None,
+    keep: bool = False,
+    salvage: bool = False,
+    force: bool = False,
 ) -> None:
     """Make the tables and the report of a comparison again, from its store alone."""
     from pilotid.study.store import Store
@@ -180,7 +133,7 @@ def _finish(folder: Path, store: Store, *, plot: bool = False) -> None:
 
     study = comparison_of(store)
     study.write_tables(folder)
-    path = write_report(folder, store, study)
+    path = write_report(folder, study)
     words, tables = overview(study, widest=5 if len(compared(study)) <= 5 else 0)
     print_blocks(make_console(), *tables, Bullets([*words, f"report: {path}"]))
     if plot:
@@ -190,14 +143,7 @@ def _finish(folder: Path, store: Store, *, plot: bool = False) -> None:
             make_console().print(f"\n{losses_text(study, compared(study))}", soft_wrap=True)
 
 
-def publish(
-    folders: Annotated[
-        list[Path],
-        typer.Argument(metavar="DIR...", help="What `compare` wrote, or its rows alone."),
-    ],
-    out: Annotated[Path, typer.Option(metavar="SITE", help="Folder of the pages.")],
-    force: options.ForceOption = False,
-) -> None:
+def publish(folders: list[Path], *, out: Path, force: bool = False) -> None:
     """Make static pages over several studies, from their stores alone."""
     from pilotid.publishing.pages import INDEX, SCORES
     from pilotid.publishing.pages import publish as published
@@ -207,13 +153,12 @@ def publish(
 
 
 def compare_studies(
-    first: Annotated[Path, typer.Argument(metavar="A", help="A study that `compare` wrote.")],
-    second: Annotated[Path, typer.Argument(metavar="B", help="Another of the same scenarios.")],
-    csv: Annotated[
-        str | None, typer.Option(metavar="F.csv|-", help="Write all comparisons; - prints.")
-    ] = None,
-    json: options.JsonOption = None,
-    force: options.ForceOption = False,
+    first: Path,
+    second: Path,
+    *,
+    csv: str | None = None,
+    json: str | None = None,
+    force: bool = False,
 ) -> None:
     """Say what changed from one study to another of the same scenarios, and how surely."""
     from pilotid.disk import table_bytes, write_file
@@ -255,9 +200,9 @@ def _print(found: Changes) -> None:
         Column("", lambda c: "better" if c.better == "yes" else "worse"),
     ]
     studies = []
-    for letter, data in (("A", found.first), ("B", found.second)):
-        facts = (f"{name} {data.about.get(name, '?')}" for name in ("pilotid", "code", "seed"))
-        studies.append(f"{letter}: {data.folder} ({', '.join(facts)})")
+    for letter, study in (("A", found.first), ("B", found.second)):
+        facts = (f"{name} {study.about.get(name, '?')}" for name in ("pilotid", "code", "seed"))
+        studies.append(f"{letter}: {study.folder} ({', '.join(facts)})")
     verdicts = {
         f"{c.scenario}, {c.method}: {c.verdict_first} -> {c.verdict_second}"
         for c in found.all
@@ -266,16 +211,6 @@ def _print(found: Changes) -> None:
     table = [Table("What changed", columns, found.changed)] if found.changed else []
     told = Bullets([found.words, *sorted(verdicts), *found.notes])
     print_blocks(make_console(), Bullets(studies), *table, told)
-
-
-LikeOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--like",
-        metavar="FILE",
-        help="The scenario of a recording as mle fits it, or of the trust.json of `trust`.",
-    ),
-]
 
 
 def scenario_like(path: Path, seed: int) -> Scenario:
@@ -292,25 +227,17 @@ def scenario_like(path: Path, seed: int) -> Scenario:
 
 
 def trust(
-    files: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="F.csv|F.mat", help="Recording; several are runs of one.", readable=False
-        ),
-    ],
-    out: options.OutOption,
-    model: Annotated[
-        str, typer.Option(metavar="NAME|auto", help="Pilot model; auto takes the best.")
-    ] = AUTO,
-    method: options.MethodOption = None,
-    replications: Annotated[int, typer.Option(min=1, help="Simulations of the recording.")] = 40,
-    mapping: options.MapOption = None,
-    dt: options.IntervalOption = None,
-    detrend: options.DetrendOption = False,
-    element: options.ElementOption = None,
-    seed: options.SeedOption = DEFAULT_SEED,
-    workers: options.WorkersOption = None,
-    force: options.ForceOption = False,
+    files: list[Path],
+    *,
+    out: Path,
+    model: str = AUTO,
+    method: list[str] | None = None,
+    replications: int = 40,
+    reading: Reading,
+    element: str | None = None,
+    seed: int = DEFAULT_SEED,
+    workers: int | None = None,
+    force: bool = False,
 ) -> None:
     """Compare methods on simulations of a recording, and correct the intervals of its fit.
 
@@ -322,11 +249,10 @@ def trust(
     from pilotid.methods import methods
     from pilotid.report.study import overview, write_report
     from pilotid.report.trust import advice, trust_table
-    from pilotid.study.store import Store
     from pilotid.study.trust import TRUST, UNKNOWN, trial_of
 
     outputs.require_folder(out, TABLES, read_with(files), force=force)
-    recordings, _ = options.recordings_of(files, mapping, dt, detrend, joint=len(files) > 1)
+    recordings, _ = reading.all(files, joint=len(files) > 1)
     recording = recordings[0]
     if element is not None:
         recording = replace(recording, controlled_element=element_named(element).name)
@@ -334,8 +260,7 @@ def trust(
     trial = trial_of(recording, chosen, options.names_of(method, [], list(methods())), seed)
     with options.resumable(out):
         found = trial.run(out, replications, seed, workers, model_place(model), with_progress)
-    with Store(out) as store:
-        page = write_report(out, store, found.comparison)
+    page = write_report(out, found.comparison)
     told = found.to_dict()
     words, tables = overview(found.comparison)
     written = f"scenario and numbers: {out / TRUST}, report: {page}"

@@ -30,7 +30,7 @@ from pilotid.designing.lines import (
     with_held_remnant,
     with_shared_remnant,
 )
-from pilotid.designing.optimum import Optimum, Over, gains_of, goal_of, minimise_within
+from pilotid.designing.optimum import Aim, Optimum, Over, gains_of, goal_of, minimise_within
 from pilotid.ranges import Range, in_range
 from pilotid.seeds import DEFAULT_SEED, draw_rng
 from pilotid.types import ComplexArray, FloatArray, InputError
@@ -69,15 +69,10 @@ def with_signals(
         numbers = np.array(lines.target if name == "ft" else lines.disturbance, dtype=float)
         amplitudes = np.sqrt(2.0 * powers[at])
         phases = low_crest(numbers, amplitudes, rng)
-        made[name] = Multisine(
-            tuple(int(n) for n in numbers),
-            tuple(amplitudes.tolist()),
-            tuple(phases.tolist()),
-            lines.period,
-        )
+        sines = tuple(map(int, numbers)), tuple(amplitudes.tolist()), tuple(phases.tolist())
+        made[name] = Multisine(*sines, lines.period)
         old = sines_of(scenario, name)
-        before = math.nan if old is None else crest_of(old)
-        crest[name] = crest_factor(numbers, amplitudes, phases), before
+        crest[name] = crest_of(made[name]), math.nan if old is None else crest_of(old)
     digest = crc32(repr(made).encode() + repr(scenario).encode())
     return replace(
         scenario,
@@ -335,7 +330,8 @@ def design(
         unit[at] = usual[dict(known.signals)[name]].sum()
     for key, share in (wanted or {}).items():
         in_range(share, WISH, f"the standard error wanted of {key}, as a share,")
-    goal = goal_of(minimise, wanted or {}, loops, references, usual, unit, over)
+    aim = Aim(minimise, wanted or {}, over)
+    goal = goal_of(aim, loops, references, usual, unit)
     rows = linear(limits, loops, references, usual, over=over)
     rows = [replace(row, gradient=row.gradient * unit) for row in rows]
     forced = loops[0].gains["u"] * unit if remnant == "share" else None
@@ -376,7 +372,7 @@ def design(
         crest=crest,
         optimum=optimum,
         gap=_gap(optimum, minimise if not wanted else ""),
-        gains=gains_of(minimise, wanted or {}, loops, references, usual, powers),
+        gains=gains_of(aim, loops, references, usual, powers),
         unrounded=unrounded,
         loops=loops,
         references=references,

@@ -8,7 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from pilotid.datasets.experiments import experiment_of, inputs_of
-from pilotid.datasets.forcing import Forcing, Multisine
+from pilotid.datasets.forcing import Multisine
 from pilotid.datasets.remnant import UNIT_LEVEL
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.simulation import closed_loop, remnant_ratio, white_level
@@ -43,16 +43,6 @@ class Lines:
         return np.asarray(2.0 * np.pi * both / self.period)
 
     @property
-    def of_target(self) -> slice:
-        """Where the target's lines are among all."""
-        return slice(0, len(self.target))
-
-    @property
-    def of_disturbance(self) -> slice:
-        """Where the disturbance's lines are among all."""
-        return slice(len(self.target), len(self.target) + len(self.disturbance))
-
-    @property
     def shared(self) -> bool:
         """Whether both signals have a line in common."""
         return bool(set(self.target) & set(self.disturbance))
@@ -60,18 +50,20 @@ class Lines:
     @property
     def signals(self) -> tuple[tuple[str, slice], ...]:
         """Name and place of each signal that is there."""
-        both = ("ft", self.of_target), ("fd", self.of_disturbance)
+        first, count = len(self.target), len(self.target) + len(self.disturbance)
+        both = ("ft", slice(0, first)), ("fd", slice(first, count))
         return tuple((name, at) for name, at in both if at.stop > at.start)
 
 
-def multisine(scenario: Scenario, forcing: Forcing | None) -> Multisine | None:
-    """A forcing function, if it is a multisine or none.
+def sines_of(scenario: Scenario, name: str) -> Multisine | None:
+    """The forcing function ``ft`` or ``fd`` of a scenario, if it is a multisine or none.
 
     Raises
     ------
     InputError
         If it is of another kind, or has no whole number of periods in the window.
     """
+    forcing = scenario.target if name == "ft" else scenario.disturbance
     if forcing is None:
         return None
     if not isinstance(forcing, Multisine):
@@ -86,11 +78,6 @@ def multisine(scenario: Scenario, forcing: Forcing | None) -> Multisine | None:
             f"of periods of {forcing.period:g} s; a design needs that"
         )
     return forcing
-
-
-def sines_of(scenario: Scenario, name: str) -> Multisine | None:
-    """The forcing function ``ft`` or ``fd`` of a scenario; see `multisine`."""
-    return multisine(scenario, scenario.target if name == "ft" else scenario.disturbance)
 
 
 def reference_lines(scenario: Scenario) -> Lines:
@@ -289,13 +276,12 @@ def loop_of(scenario: Scenario, lines: Lines, band: float | None = None) -> Loop
     """
     experiment = experiment_of(scenario)
     omega = lines.omega
-    error, output = np.zeros((2, omega.size), dtype=complex)
+    error, control, output = np.zeros((3, omega.size), dtype=complex)
     at_lines = closed_loop(scenario, omega)
-    control = np.concatenate(
-        [at_lines.u["target"][lines.of_target], at_lines.u["disturbance"][lines.of_disturbance]]
-    )
-    for cause, at in (("target", lines.of_target), ("disturbance", lines.of_disturbance)):
+    for name, at in lines.signals:
+        cause: Literal["target", "disturbance"] = "target" if name == "ft" else "disturbance"
         error[at], output[at] = inputs_of(scenario, omega[at], cause)
+        control[at] = at_lines.u[cause][at]
     grid = np.linspace(0.0, np.pi / scenario.dt, GRID + 1)
     weights = np.full(GRID + 1, 1.0 / GRID)
     weights[[0, -1]] *= 0.5

@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -72,6 +72,14 @@ class Criterion:
         if self.kind == "E":
             return float(1.0 / axes[0] / self.scale)
         return float(self.weights @ np.diag(np.linalg.inv(information)) / self.scale)
+
+
+class Aim(NamedTuple):
+    """What is asked of a design, see `pilotid.designing.design.design`."""
+
+    minimise: str
+    wanted: Mapping[str, float]
+    over: Over = "mean"
 
 
 @dataclass(frozen=True, eq=False)
@@ -341,14 +349,8 @@ class _Program:
         settings.verbose = False
         settings.tol_feas = settings.tol_gap_abs = settings.tol_gap_rel = TOLERANCE
         nothing = sparse.csc_matrix((self.cost.size, self.cost.size))
-        return clarabel.DefaultSolver(
-            nothing,
-            self.cost,
-            sparse.csc_matrix(matrix),
-            np.concatenate(self._constants),
-            cones,
-            settings,
-        ).solve()
+        held, constants = sparse.csc_matrix(matrix), np.concatenate(self._constants)
+        return clarabel.DefaultSolver(nothing, self.cost, held, constants, cones, settings).solve()
 
 
 def _require_keys(named: Sequence[str], keys: Sequence[str]) -> None:
@@ -360,11 +362,9 @@ def _require_keys(named: Sequence[str], keys: Sequence[str]) -> None:
         )
 
 
-def _criteria(
-    minimise: str, wanted: Mapping[str, float], loop: Loop, unit: FloatArray
-) -> list[Criterion]:
+def _criteria(aim: Aim, loop: Loop, unit: FloatArray) -> list[Criterion]:
     """What counts of one pilot: one criterion, or variance over that wished for by parameter."""
-    keys = loop.scenario.model.keys
+    keys, minimise, wanted = loop.scenario.model.keys, aim.minimise, aim.wanted
     kind: Kind = "A"
     if wanted:
         _require_keys(list(wanted), keys)
@@ -384,20 +384,14 @@ def _criteria(
 
 
 def goal_of(
-    minimise: str,
-    wanted: Mapping[str, float],
-    loops: Sequence[Loop],
-    references: Sequence[Loop],
-    usual: FloatArray,
-    unit: FloatArray,
-    over: Over,
+    aim: Aim, loops: Sequence[Loop], references: Sequence[Loop], usual: FloatArray, unit: FloatArray
 ) -> Goal:
     """The goal of a design: wishes, or each pilot's criterion in units of the reference's.
 
     Parameters
     ----------
-    minimise, wanted, over
-        See `pilotid.designing.design.design`.
+    aim
+        What is asked for.
     loops, references
         One for each pilot, with the lines of the design and those of the reference.
     usual
@@ -407,17 +401,16 @@ def goal_of(
     """
     found = []
     for loop, reference in zip(loops, references, strict=True):
-        own = _criteria(minimise, wanted, loop, unit)
-        if not wanted:
-            (before,) = _criteria(minimise, wanted, reference, np.ones(usual.size))
+        own = _criteria(aim, loop, unit)
+        if not aim.wanted:
+            (before,) = _criteria(aim, reference, np.ones(usual.size))
             own = [replace(own[0], scale=before.value(usual))]
         found += own
-    return Goal(found, "worst" if wanted else over)
+    return Goal(found, "worst" if aim.wanted else aim.over)
 
 
 def gains_of(
-    minimise: str,
-    wanted: Mapping[str, float],
+    aim: Aim,
     loops: Sequence[Loop],
     references: Sequence[Loop],
     usual: FloatArray,
@@ -427,10 +420,10 @@ def gains_of(
     found = []
     for loop, reference in zip(loops, references, strict=True):
         after, before = (
-            max(c.value(at) for c in _criteria(minimise, wanted, own, np.ones(at.size)))
+            max(c.value(at) for c in _criteria(aim, own, np.ones(at.size)))
             for own, at in ((loop, loop.told(powers)), (reference, usual))
         )
-        is_logarithm = minimise == "D" and not wanted
+        is_logarithm = aim.minimise == "D" and not aim.wanted
         ratio = math.exp(0.5 * (after - before)) if is_logarithm else math.sqrt(after / before)
         found.append(ratio)
     return tuple(found)

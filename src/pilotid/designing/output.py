@@ -87,10 +87,8 @@ def forcing_table(made: Design, rate: float | None = None, fade: float = FADE) -
     """
     scenario = made.scenario
     step = scenario.dt if rate is None else 1.0 / rate
-    first, last = (
-        -round(max(scenario.run_in, fade) / step),
-        round((scenario.duration + fade) / step),
-    )
+    first = -round(max(scenario.run_in, fade) / step)
+    last = round((scenario.duration + fade) / step)
     time = np.asarray(np.arange(first, last + 1) * step, dtype=float)
     begun, left = time - time[0], time[-1] - time
     gain = _ramp(begun, fade) * _ramp(left, fade)

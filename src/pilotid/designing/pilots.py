@@ -178,14 +178,9 @@ def _remnant(estimated: dict[str, Any]) -> Remnant | None:
     if not estimated:
         return None
     if estimated.get("model") == "second-order":
-        shape = estimated["parameters"]
-        return Remnant(
-            2,
-            float(shape["frequency"]),
-            float(shape["damping"]),
-            float(estimated["power_ratio"]),
-            level_is="ratio",
-        )
+        frequency, damping = (float(estimated["parameters"][k]) for k in ("frequency", "damping"))
+        level = float(estimated["power_ratio"])
+        return Remnant(2, frequency, damping, level, level_is="ratio")
     omega, density = estimated["omega"], estimated["density"]
     return TabulatedRemnant(
         omega=(*omega, EVERYWHERE),

@@ -98,16 +98,10 @@ def print_design(made: Design, plans: Plans, subjects: int) -> None:
 
 def report_sections(made: Design, plans: Plans, subjects: int) -> list[Section]:
     """Summary, spectra, price, signals, wrong pilots, and plans if there are any."""
-    spectra = Figure(
-        "spectra",
-        spectra_figure(made),
-        "Amplitudes of the design and of the reference, and the standard errors predicted",
-    )
-    signals = Figure(
-        "signals",
-        signals_figure(made),
-        "The forcing functions in the first seconds of the measurement window",
-    )
+    caption = "Amplitudes of the design and of the reference, and the standard errors predicted"
+    spectra = Figure("spectra", spectra_figure(made), caption)
+    caption = "The forcing functions in the first seconds of the measurement window"
+    signals = Figure("signals", signals_figure(made), caption)
     whose = "is held" if made.remnant == "held" else "grows with the control"
     price = Text(f"What the pilot pays for it: variances with the remnant's part, which {whose}.")
     told = Bullets([reference_sentence(made), *sentences(made)])
@@ -148,11 +142,10 @@ def error_table(made: Design) -> Table[Any]:
         "parameters estimated too"
     )
     title, hint = OTHERWISE[made.remnant]
+    usual = made.reference_errors
     rows = [
-        (key, 100.0 * own, 100.0 * usual, own / usual, 100.0 * other[key])
-        for (key, own), usual in zip(
-            made.errors.items(), made.reference_errors.values(), strict=True
-        )
+        (key, 100.0 * own, 100.0 * usual[key], own / usual[key], 100.0 * other[key])
+        for key, own in made.errors.items()
     ]
     heads = [
         *(("parameter",), ("design %", number), ("reference %", number)),
@@ -231,12 +224,9 @@ def peak_table(made: Design) -> Table[Any]:
 
 def wrong_table(made: Design) -> Table[Any]:
     """What the design is worth for pilots with one other parameter."""
+    unknown = [math.nan] * len(made.errors)
     rows = [
-        (
-            f"{w.key} {100.0 * w.share:+.0f} %",
-            *(w.errors or [math.nan] * len(made.errors)),
-            *w.costs,
-        )
+        (f"{w.key} {100.0 * w.share:+.0f} %", *(w.errors or unknown), *w.costs)
         for w in wrong_pilots(made)
     ]
     caption = (

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pilotid.chance import Z95
-from pilotid.document import Text, blocks_html, table_text
+from pilotid.document import Text, blocks_html, blocks_text
 from pilotid.estimates.draws import Draws
 from pilotid.estimates.loops import Loops, loops_of
 from pilotid.estimates.parts import AnalysedBand, FrequencyResponse, RemnantEstimate, Trajectory
@@ -265,7 +265,7 @@ class Estimate:
         lines = []
         if np.isfinite(self.values).any():
             (table,) = quantity_tables([(self.method, self.quantities)], 1)
-            lines += [table_text(table), ""]
+            lines += [blocks_text(table), ""]
         tested = [self.specification.sentence] if self.specification else []
         return "\n".join([*lines, *self.model.held_words, *tested, self.verdict(), *self.remarks])
 

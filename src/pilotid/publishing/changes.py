@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -17,7 +17,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from pilotid.study.comparison import ALL, Comparison, MethodResults, Numbers, comparison_of
-from pilotid.study.entries import MethodEntry, ScenarioEntry
+from pilotid.study.entries import ScenarioEntry
 from pilotid.study.judge import LEVEL, judge
 from pilotid.study.scores import mean_difference
 from pilotid.study.store import Store
@@ -80,8 +80,8 @@ class Changes:
         What was left out, and what else must be known, a sentence each.
     """
 
-    first: StudyData
-    second: StudyData
+    first: Comparison
+    second: Comparison
     all: Sequence[Change]
     same: int
     fits: int
@@ -126,7 +126,7 @@ def _yes(true: bool) -> YesNo:
     return "yes" if true else "no"
 
 
-def find_changes(first: StudyData, second: StudyData) -> Changes:
+def find_changes(first: Comparison, second: Comparison) -> Changes:
     """Compare two studies.
 
     Parameters
@@ -155,13 +155,14 @@ def find_changes(first: StudyData, second: StudyData) -> Changes:
         paired = one_seed and _same_pilots(ours, theirs)
         if one_seed and not paired:
             notes.append(f"Other pilots were drawn in {ours.scenario.name}: no pairs.")
-        places = _places(ours, theirs, paired=paired)
         if paired or not ours.scenario.population:
             theirs = _with_bounds_of(ours, theirs)
-        found += _changes(ours, theirs, places, paired=paired)
+        verdicts = (judge(ours.scores).words, judge(theirs.scores).words)
+        ours, theirs = _tried(ours, theirs, paired=paired)
+        found += _changes(ours, theirs, verdicts, paired=paired)
         if paired:
-            fits += len(places[0])
-            same += _count_same(ours, theirs, places)
+            fits += len(ours.results)
+            same += _count_same(ours, theirs)
     moved = [
         ours.scenario.name
         for ours, theirs in common
@@ -172,28 +173,23 @@ def find_changes(first: StudyData, second: StudyData) -> Changes:
     return Changes(first, second, found, same, fits, list(dict.fromkeys(notes)))
 
 
-def _places(
+def _tried(
     ours: MethodResults, theirs: MethodResults, *, paired: bool
-) -> tuple[list[int], list[int]]:
+) -> tuple[MethodResults, MethodResults]:
     """Fits of recordings that the method can treat; if paired, of those that both have."""
-    places = [
-        {r.unit.replication: i for i, r in enumerate(cell.results) if cell.applicable[i]}
-        for cell in (ours, theirs)
-    ]
-    both = [number for number in places[0] if number in places[1]]
-    first, second = ([own[n] for n in (both if paired else own)] for own in places)
-    return first, second
+    tried = [{r.unit.replication: r for r in cell.attempts} for cell in (ours, theirs)]
+    if paired:
+        tried = [{n: own[n] for n in tried[0] if n in tried[1]} for own in tried]
+    first, second = (tuple(own.values()) for own in tried)
+    return replace(ours, results=first), replace(theirs, results=second)
 
 
 def _changes(
-    ours: MethodResults, theirs: MethodResults, places: tuple[list[int], list[int]], *, paired: bool
+    ours: MethodResults, theirs: MethodResults, verdicts: tuple[str, str], *, paired: bool
 ) -> Iterator[Change]:
     """All comparisons of one method in one scenario."""
     keys = [key for key in ours.keys if key in theirs.keys]
-    first, second = (
-        _by_recording(cell, own, keys) for cell, own in zip((ours, theirs), places, strict=True)
-    )
-    verdicts = (judge(ours.scores).words, judge(theirs.scores).words)
+    first, second = _by_recording(ours, keys), _by_recording(theirs, keys)
     for parameter, score in first:
         a, b = first[parameter, score], second[parameter, score]
         if paired:
@@ -205,34 +201,30 @@ def _changes(
         if not a.size or not b.size:
             continue
         change, error, p = mean_difference(a, b, paired=paired)
-        values = [float(np.mean(own)) for own in (a, b)]
+        before, after = float(np.mean(a)), float(np.mean(b))
         if score == "time":  # of logarithms
-            values = [math.exp(float(np.median(own))) for own in (a, b)]
+            before, after = math.exp(float(np.median(a))), math.exp(float(np.median(b)))
             change, error = math.exp(change), math.exp(change) * error
         matters = score != "time" or max(change, 1.0 / change) > SLOWER
         wanted = 0.95 if score == "coverage" else 0.0
-        is_better = abs(values[1] - wanted) < abs(values[0] - wanted)
+        is_better = abs(after - wanted) < abs(before - wanted)
         head = (ours.scenario.name, ours.method, parameter, score, UNITS[score], _yes(paired))
-        is_changed = _yes(matters and p <= LEVEL)
-        numbers = (*head, a.size, b.size, values[0], values[1], change, error, p)
-        yield Change(*numbers, is_changed, _yes(is_better), verdicts[0], verdicts[1])
+        row = *head, a.size, b.size, before, after, change, error, p
+        yield Change(*row, _yes(matters and p <= LEVEL), _yes(is_better), *verdicts)
 
 
-def _by_recording(
-    cell: MethodResults, places: Sequence[int], keys: Sequence[str]
-) -> dict[tuple[str, str], FloatArray]:
+def _by_recording(cell: MethodResults, keys: Sequence[str]) -> dict[tuple[str, str], FloatArray]:
     """What is compared, a number for each recording, by parameter and score."""
-    counted = cell.counted[places]
-    seconds = [cell.results[place].seconds for place in places]
+    counted = cell.counted
     found = {
         (ALL, "failures"): 1.0 - counted.astype(float),
-        (ALL, "time"): np.array([math.log(s) if s else math.nan for s in seconds]),
+        (ALL, "time"): np.array([math.log(r.seconds or math.nan) for r in cell.results]),
     }
     if cell.scenario.one_recording:
         return found
     columns = [cell.keys.index(key) for key in keys]
-    known = Numbers(*(table[places][:, columns] for table in cell.numbers))
-    losses = cell.losses[places][:, columns]
+    known = Numbers(*(table[:, columns] for table in cell.numbers))
+    losses = cell.losses[:, columns]
     given = counted[:, None] & np.isfinite(known.lower) & np.isfinite(known.upper)
     hits = (known.lower <= known.truth) & (known.truth <= known.upper)
     found[ALL, "loss"] = _together(losses)
@@ -268,11 +260,11 @@ def _together(losses: FloatArray) -> FloatArray:
 
 
 def _common(
-    first: StudyData, second: StudyData
+    first: Comparison, second: Comparison
 ) -> tuple[list[tuple[MethodResults, MethodResults]], list[str]]:
     """What both studies tried on the same scenarios, and what is left out."""
     ours, theirs = (
-        {(c.scenario.name, c.method): c for c in d.study.cells} for d in (first, second)
+        {(c.scenario.name, c.method): c for c in study.cells} for study in (first, second)
     )
     notes = []
     for which, mine, yours in (("first", ours, theirs), ("second", theirs, ours)):
@@ -319,52 +311,17 @@ def _same_pilots(first: MethodResults, second: MethodResults) -> bool:
     )
 
 
-def _count_same(
-    ours: MethodResults, theirs: MethodResults, places: tuple[list[int], list[int]]
-) -> int:
+def _count_same(ours: MethodResults, theirs: MethodResults) -> int:
     """How many fits are the same, to the digits that stores keep, but for times and remarks."""
     if ours.keys != theirs.keys:
         return 0
-    sides = zip((ours, theirs), places, strict=True)
-    first, second = (np.stack(cell.numbers[:4], axis=-1)[own] for cell, own in sides)
+    first, second = (np.stack(cell.numbers[:4], axis=-1) for cell in (ours, theirs))
     apart = ~np.isclose(first, second, rtol=SAME, atol=0.0, equal_nan=True)
-    return sum(
-        ours.results[a].outcome == theirs.results[b].outcome and not apart[place].any()
-        for place, (a, b) in enumerate(zip(*places, strict=True))
-    )
+    pairs = zip(ours.results, theirs.results, apart, strict=True)
+    return sum(a.outcome == b.outcome and not own.any() for a, b, own in pairs)
 
 
-@dataclass(frozen=True, eq=False)
-class StudyData:
-    """One study.
-
-    Attributes
-    ----------
-    name
-        What pages call it: its folder's name.
-    folder
-        Its folder.
-    about
-        Facts on it, see `pilotid.study.study`.
-    methods
-        Its methods by their labels.
-    study
-        Its fits.
-    """
-
-    name: str
-    folder: Path
-    about: Mapping[str, str]
-    methods: Mapping[str, MethodEntry]
-    study: Comparison
-
-    @property
-    def fits(self) -> int:
-        """Number of its fits."""
-        return sum(len(each.results) for each in self.study.cells)
-
-
-def read_study(folder: Path, name: str = "") -> StudyData:
+def read_study(folder: Path, name: str = "") -> Comparison:
     """Read the study of a folder.
 
     Parameters
@@ -381,7 +338,7 @@ def read_study(folder: Path, name: str = "") -> StudyData:
     """
     with Store(folder) as store:
         study = comparison_of(store)
-        return StudyData(name or folder.name, folder, store.about(), store.methods(), study)
+        return replace(study, name=name or study.name)
 
 
 def names_for(folders: Sequence[Path], taken: Sequence[str] = ()) -> list[str]:

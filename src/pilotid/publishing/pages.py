@@ -22,11 +22,17 @@ from pilotid.document import (
     write_page,
 )
 from pilotid.naming.settings import shown
-from pilotid.publishing.changes import StudyData, difference, free_name, names_for, read_study
+from pilotid.publishing.changes import difference, free_name, names_for, read_study
 from pilotid.report.study import COLUMNS, LOSS, command, details, mixed, write_report
 from pilotid.report.study_tables import key_of, ranked, ranking, ranking_columns
 from pilotid.study.archive import KEPT
-from pilotid.study.comparison import ESTIMATES, SUMMARY, SUMMARY_COLUMNS, MethodResults
+from pilotid.study.comparison import (
+    ESTIMATES,
+    SUMMARY,
+    SUMMARY_COLUMNS,
+    Comparison,
+    MethodResults,
+)
 from pilotid.study.entries import ScenarioEntry
 from pilotid.study.judge import RULES, sentence
 from pilotid.study.store import Store
@@ -56,7 +62,7 @@ class SharedScenario:
 
     key: str
     entry: ScenarioEntry
-    studies: tuple[StudyData, ...]
+    studies: tuple[Comparison, ...]
 
     @property
     def link(self) -> str:
@@ -64,10 +70,10 @@ class SharedScenario:
         return f"[{self.entry.name}]({FOLDER}/{self.key}.html)"
 
     @property
-    def cells(self) -> list[tuple[StudyData, MethodResults]]:
+    def cells(self) -> list[tuple[Comparison, MethodResults]]:
         """What methods did: in the order of the catalogue, one method's studies together."""
-        found = [(data, cell) for data in self.studies for cell in data.study.of(self.entry.name)]
-        places = {m.label: m.position for data in self.studies for m in data.methods.values()}
+        found = [(study, cell) for study in self.studies for cell in study.of(self.entry.name)]
+        places = {m.label: m.position for study in self.studies for m in study.entries.values()}
         return sorted(found, key=lambda pair: (places[pair[1].method], pair[1].method))
 
     @property
@@ -75,8 +81,8 @@ class SharedScenario:
         """The same, methods called by the study as well where there are several."""
         several = len(self.studies) > 1
         return [
-            replace(cell, method=f"{cell.method}, {data.name}") if several else cell
-            for data, cell in self.cells
+            replace(cell, method=f"{cell.method}, {study.name}") if several else cell
+            for study, cell in self.cells
         ]
 
 
@@ -114,13 +120,13 @@ def publish(folders: Sequence[Path], out: Path) -> Path:
             )
     studies = [read_study(folder, name) for folder, name in names.items() if name not in boards]
     make_folder(out / FOLDER)
-    for data in studies:
-        _write_study(data, out / data.name)
+    for study in studies:
+        _write_study(study, out / study.name)
     scenarios = shared_scenarios(studies)
     for shared in scenarios:
         page, title = out / FOLDER / f"{shared.key}.html", f"Scenario {shared.entry.name}"
         write_page(page, title, _scenario_page(shared), f"../{INDEX}", ("svg", "pdf"))
-    rows = ([data.name, *row] for data in studies for row in data.study.summary_rows())
+    rows = ([study.name, *row] for study in studies for row in study.summary_rows())
     columns = ("study", "scenario", "method", *SUMMARY_COLUMNS)
     write_file(out / SCORES, table_bytes(columns, rows))
     for name, board in boards.items():
@@ -131,30 +137,30 @@ def publish(folders: Sequence[Path], out: Path) -> Path:
     return out / INDEX
 
 
-def _write_study(data: StudyData, folder: Path) -> None:
+def _write_study(study: Comparison, folder: Path) -> None:
     """A study's report with its figures, its tables, and its rows in their small form."""
     make_folder(folder)
-    with Store(data.folder) as store:
+    with Store(study.folder) as store:
         store.keep(folder)
-        data.study.write_tables(folder)
-        write_report(folder, store, data.study, kinds=("svg", "pdf"), above=f"../{INDEX}")
+    study.write_tables(folder)
+    write_report(folder, study, kinds=("svg", "pdf"), above=f"../{INDEX}")
 
 
-def shared_scenarios(studies: Sequence[StudyData]) -> list[SharedScenario]:
+def shared_scenarios(studies: Sequence[Comparison]) -> list[SharedScenario]:
     """The scenarios of all studies; those of one name stand together if they are the same."""
     found: list[SharedScenario] = []
-    for data in studies:
-        for entry in data.study.scenarios:
+    for study in studies:
+        for entry in study.scenarios:
             same = [
                 s for s in found if s.entry.name == entry.name and not difference(s.entry, entry)
             ]
             if same:
                 place = found.index(same[0])
-                found[place] = replace(same[0], studies=(*same[0].studies, data))
+                found[place] = replace(same[0], studies=(*same[0].studies, study))
                 continue
             plain = key_of(entry.name).encode("ascii", "replace").decode().replace("?", "-")
             key = free_name(plain, [shared.key for shared in found])
-            found.append(SharedScenario(key, entry, (data,)))
+            found.append(SharedScenario(key, entry, (study,)))
     return found
 
 
@@ -162,9 +168,9 @@ def _scenario_page(shared: SharedScenario) -> list[Section]:
     """One scenario: the methods of all studies side by side."""
     entry, cells = shared.entry, shared.labelled
     recordings = "; ".join(
-        f"[{data.name}](../{data.name}/report.html) {data.study.replications([entry.name])} "
-        f"recordings, seed {data.about.get('seed', '?')}"
-        for data in shared.studies
+        f"[{study.name}](../{study.name}/report.html) {study.replications([entry.name])} "
+        f"recordings, seed {study.about.get('seed', '?')}"
+        for study in shared.studies
     )
     what = f"{entry.description[:1].upper()}{entry.description[1:]}"
     blocks: list[Block] = [Text(f"{what}; model {entry.model}. {recordings}.")]
@@ -172,12 +178,10 @@ def _scenario_page(shared: SharedScenario) -> list[Section]:
         blocks.append(Text("All fits are of one recording: means say nothing of others."))
     blocks.append(ranking(cells))
     blocks.append(Bullets([sentence(cell.method, cell.scores) for cell in ranked(cells)]))
+    key = key_of(entry.name)
     commands = [
-        Command(
-            f"To reproduce what {data.name} has:",
-            command(data.study, data.about, [entry.name], key_of(entry.name)),
-        )
-        for data in shared.studies
+        Command(f"To reproduce what {study.name} has:", command(study, [entry.name], key))
+        for study in shared.studies
     ]
     return [
         Section("methods", "Methods side by side", blocks),
@@ -187,7 +191,7 @@ def _scenario_page(shared: SharedScenario) -> list[Section]:
     ]
 
 
-def _index(studies: Sequence[StudyData], scenarios: Sequence[SharedScenario]) -> list[Section]:
+def _index(studies: Sequence[Comparison], scenarios: Sequence[SharedScenario]) -> list[Section]:
     """The first page's sections on simulated recordings; none without studies."""
     if not studies:
         return []
@@ -209,14 +213,14 @@ def _people(boards: Mapping[str, Board]) -> Iterator[Section]:
         yield Section(f"people-{name}", f"Recordings of people: {name}", blocks)
 
 
-def _results(studies: Sequence[StudyData], scenarios: Sequence[SharedScenario]) -> list[Block]:
-    fits = sum(data.fits for data in studies)
+def _results(studies: Sequence[Comparison], scenarios: Sequence[SharedScenario]) -> list[Block]:
+    fits = sum(study.fits for study in studies)
     what = (
         f"{len(studies)} studies, {len(scenarios)} scenarios, {fits} fits of simulated recordings "
         f"whose truth is known. A scenario's page has its methods side by side; "
         f"[{SCORES}]({SCORES}) has every score, and each study its rows."
     )
-    origin = {cell: (shared, data) for shared in scenarios for data, cell in shared.cells}
+    origin = {cell: (shared, study) for shared in scenarios for study, cell in shared.cells}
     orders = [ranked([cell for _, cell in shared.cells]) for shared in scenarios]
     best = {cell: order[0] for order in orders for cell in order}
     method, *columns = ranking_columns(best, LogAxis(-0.1, 2.0))
@@ -225,50 +229,46 @@ def _results(studies: Sequence[StudyData], scenarios: Sequence[SharedScenario]) 
         method,
         Column("study", lambda c: f"[{origin[c][1].name}]({origin[c][1].name}/report.html)"),
     ]
-    table = Table(
-        "What every method did, by scenario and study, in the order of the loss",
-        [*front, *columns],
-        list(best),
-        heads=2,
-        filters=(0, 1, 2),
-    )
+    caption = "What every method did, by scenario and study, in the order of the loss"
+    table = Table(caption, [*front, *columns], list(best), heads=2, filters=(0, 1, 2))
     return [Text(what), table, Text(LOSS), Text(COLUMNS), Text(RULES)]
 
 
-def _studies(studies: Sequence[StudyData]) -> list[Block]:
+def _studies(studies: Sequence[Comparison]) -> list[Block]:
     facts = ("seed", "pilotid", "code", "python", *(n for n in LIBRARIES if n in studies[0].about))
     rows = [
         (
-            f"[{d.name}]({d.name}/report.html)",
-            f"[fits]({d.name}/{ESTIMATES}), [scores]({d.name}/{SUMMARY}), [store]({d.name}/{KEPT})",
-            *(len(d.study.names), len(d.study.methods), d.study.replications(d.study.names)),
-            d.fits,
-            *map(d.about.get, facts),
+            f"[{s.name}]({s.name}/report.html)",
+            f"[fits]({s.name}/{ESTIMATES}), [scores]({s.name}/{SUMMARY}), [store]({s.name}/{KEPT})",
+            *(len(s.names), len(s.methods), s.replications(s.names), s.fits),
+            *map(s.about.get, facts),
         )
-        for d in studies
+        for s in studies
     ]
     numbers = [(title, str) for title in ("scenarios", "methods", "recordings", "fits")]
     named = [("code digest" if name == "code" else name,) for name in facts]
     heads = [("study",), ("rows",), *numbers, *named]
     blocks: list[Block] = [table_of("What each study is of", heads, rows)]
-    for data in studies:
-        if "mixed" in data.about:
-            blocks.append(Text(f"**{data.name}: {mixed(data.about['mixed'])}**"))
-        if data.study.cells:
-            whole = command(data.study, data.about, data.study.names, data.name)
-            blocks.append(Command(f"To make {data.name} again:", whole))
+    for study in studies:
+        if "mixed" in study.about:
+            blocks.append(Text(f"**{study.name}: {mixed(study)}**"))
+        if study.cells:
+            whole = command(study, study.names, study.name)
+            blocks.append(Command(f"To make {study.name} again:", whole))
         else:
-            blocks.append(Text(f"{data.name} holds no fits yet."))
+            blocks.append(Text(f"{study.name} holds no fits yet."))
     return blocks
 
 
-def _methods(studies: Sequence[StudyData]) -> Table[Any]:
-    rows = []
-    for data in studies:
-        for label in data.study.methods:
-            held, typed = data.methods[label], data.study.typed[label]
-            code = f"of its own, digest {held.code}" if held.code else "of pilotid"
-            rows.append((label, data.name, f"`{shown(held.settings)}`", f"`{typed}`", code))
+def _methods(studies: Sequence[Comparison]) -> Table[Any]:
+    rows = [
+        (
+            *(label, study.name, f"`{shown(own.settings)}`", f"`{own.typed or label}`"),
+            f"of its own, digest {own.code}" if own.code else "of pilotid",
+        )
+        for study in studies
+        for label, own in study.entries.items()
+    ]
     heads = [(title,) for title in ("method", "study", "settings", "to type", "code")]
     return table_of("All that defines each method", heads, rows, 2)
 
@@ -276,7 +276,7 @@ def _methods(studies: Sequence[StudyData]) -> Table[Any]:
 def _scenarios(scenarios: Sequence[SharedScenario]) -> Table[Any]:
     rows = [
         (
-            *(s.link, ", ".join(data.name for data in s.studies)),
+            *(s.link, ", ".join(study.name for study in s.studies)),
             *(s.entry.description, s.entry.model),
             ", ".join(f"{p.parameter} {p.truth:.4g} {p.unit}".rstrip() for p in s.entry.parameters)
             or "drawn for each recording",

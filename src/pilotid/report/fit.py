@@ -15,16 +15,7 @@ from pilotid.estimates.parts import FrequencyResponse
 from pilotid.estimates.quantities import Quantity
 from pilotid.pilot.element import ControlledElement, parsed_element
 from pilotid.recordings.recording import INPUTS
-from pilotid.show.panels import (
-    band_figure,
-    correlation_figure,
-    open_loop_figure,
-    remnant_figure,
-    response_figure,
-    time_figure,
-    trajectory_figure,
-    whiteness_figure,
-)
+from pilotid.show import panels
 from pilotid.show.responses import BANDS
 from pilotid.show.spectra import RESIDUALS
 from pilotid.show.style import leading
@@ -49,7 +40,6 @@ def html_report(
     truth: FloatArray | None = None,
     *,
     points: Sequence[FrequencyResponse | None] | None = None,
-    element: ControlledElement | None = None,
 ) -> str:
     """The report as one HTML text that needs no network; equal fits give equal bytes.
 
@@ -62,14 +52,12 @@ def html_report(
     points
         For each fit an estimate of the responses without a model of the pilot, or None; see
         `figures_of`.
-    element
-        The controlled element; None for that of each fit, see `figures_of`.
     """
-    behind = points if points is not None else [None] * len(fits)
-    sections = [
-        fit_section(fit, f"recording-{number}", figures_of(fit, own, element, truth, f"-{number}"))
-        for number, (fit, own) in enumerate(zip(fits, behind, strict=True), start=1)
-    ]
+    sections = []
+    behind = points or [None] * len(fits)
+    for number, (fit, own) in enumerate(zip(fits, behind, strict=True), start=1):
+        shown = [replace(f, name=f"{f.name}-{number}") for f in figures_of(fit, own, None, truth)]
+        sections.append(fit_section(fit, f"recording-{number}", shown))
     return to_html(TITLE, sections)
 
 
@@ -162,15 +150,12 @@ def _known(chosen: Estimate) -> list[str]:
         return []
     well = [f"{key} (± {_percent(share)})" for key, share in shares.items() if share <= WELL]
     poorly = [f"{key} (± {_percent(share)})" for key, share in shares.items() if share >= POORLY]
-    told = [
-        f"{what}: {listed(keys)}"
-        for what, keys in (
-            ("well identified (95 % interval within 10 %)", well),
-            ("poorly identified (beyond 50 %)", poorly),
-            ("at a bound", bound),
-        )
-        if keys
-    ]
+    kinds = {
+        "well identified (95 % interval within 10 %)": well,
+        "poorly identified (beyond 50 %)": poorly,
+        "at a bound": bound,
+    }
+    told = [f"{what}: {listed(keys)}" for what, keys in kinds.items() if keys]
     if not (poorly or bound):
         told.append("poorly identified (beyond 50 %): none")
     return [f"By {chosen.method}, {'; '.join(told)}."]
@@ -215,8 +200,7 @@ def figures_of(
     points: FrequencyResponse | None = None,
     element: ControlledElement | None = None,
     truth: FloatArray | None = None,
-    suffix: str = "",
-) -> list[Figure]:
+) -> Iterator[Figure]:
     """All figures that a recording's estimates allow, in the order of a page.
 
     Parameters
@@ -232,19 +216,7 @@ def figures_of(
         none, that which the recording names.
     truth
         True parameters of a simulation, shape (parameters,).
-    suffix
-        Behind the names of all figures, which tells them from others of a page.
     """
-    found = _figures(fit, points, element, truth)
-    return [replace(figure, name=f"{figure.name}{suffix}") for figure in found]
-
-
-def _figures(
-    fit: Fitted,
-    points: FrequencyResponse | None,
-    element: ControlledElement | None,
-    truth: FloatArray | None,
-) -> Iterator[Figure]:
     recording = fit.recording
     shown = [e for e in fit.estimates if np.isfinite(e.values).all()]
     first_steps = [e for e in fit.estimates if e.frequency_response is not None]
@@ -256,11 +228,11 @@ def _figures(
             f"({chosen.method}) to the recorded inputs with 95 % of its remnant about it; below, "
             "what each method leaves."
         )
-        yield Figure("time", time_figure(recording, shown, chosen), caption)
+        yield Figure("time", panels.time_figure(recording, shown, chosen), caption)
     if shown or first_steps:
         either = [e for e in fit.estimates if e in shown or e in first_steps]
         behind = None if first_steps else points
-        figure = response_figure(either, truth, points=behind, units=recording.units)
+        figure = panels.response_figure(either, truth, points=behind, units=recording.units)
         yield Figure("describing-function", figure, _response_words(either, first_steps, behind))
     followed = [e for e in shown if e.trajectory is not None]
     if followed:
@@ -268,7 +240,7 @@ def _figures(
             "Parameters of the pilot over time, from the start of the measurement window, with the "
             f"95 % band of {(leading(followed) or followed[0]).method}."
         )
-        yield Figure("trajectories", trajectory_figure(followed, truth), caption)
+        yield Figure("trajectories", panels.trajectory_figure(followed, truth), caption)
     if chosen is None:
         return
     drawn = fit.loop_element
@@ -280,9 +252,9 @@ def _figures(
             f"{plant.name or 'given'}, with 95 % bands: that which the target sees and that which "
             "the disturbance sees. Marks: first crossovers; bars: phase margins."
         )
-        yield Figure("open-loop", open_loop_figure(chosen, plant), caption)
+        yield Figure("open-loop", panels.open_loop_figure(chosen, plant), caption)
     modelled = [e for e in shown if e.remnant is not None] or [chosen]
-    yield Figure("remnant", remnant_figure(recording, modelled), _remnant_words(modelled))
+    yield Figure("remnant", panels.remnant_figure(recording, modelled), _remnant_words(modelled))
     if chosen.band is not None:
         caption = (
             "Spectra of what the pilot acts on and of the control (running medians over the "
@@ -291,7 +263,7 @@ def _figures(
         )
         if chosen.band.element:
             caption += f" The loop of the likelihood is closed by {chosen.band.element}."
-        yield Figure("band", band_figure(recording, chosen), caption)
+        yield Figure("band", panels.band_figure(recording, chosen), caption)
     by = (
         "its own model of the remnant"
         if chosen.remnant
@@ -303,14 +275,14 @@ def _figures(
         f"correlation with {inputs} some time before (shaded: after, which the loop explains), and "
         "their distribution against a normal one. Dashed: 95 % of white errors lie within."
     )
-    yield Figure("residual-tests", whiteness_figure(recording, chosen), caption)
+    yield Figure("residual-tests", panels.whiteness_figure(recording, chosen), caption)
     known = [e for e in shown if np.isfinite(e.covariance).all() and len(e.values) > 1]
     for begin in range(0, len(known), MATRICES):
         some = known[begin : begin + MATRICES]
         number = f"-{1 + begin // MATRICES}" if begin else ""
         names = listed([e.method for e in some])
         caption = f"Correlations of errors, claimed by {names}: the darker, the stronger."
-        yield Figure(f"correlations{number}", correlation_figure(some), caption)
+        yield Figure(f"correlations{number}", panels.correlation_figure(some), caption)
 
 
 def _response_words(

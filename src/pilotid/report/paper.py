@@ -8,27 +8,19 @@ tuned to them.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from pilotid.document import Block, Figure, Section, Text
-from pilotid.report.study_figures import errors, sweep
+from pilotid.report.study_figures import PAPER, errors, sweep
 from pilotid.report.study_tables import all_numbers, bias_table
 from pilotid.study.comparison import Comparison
 from pilotid.study.entries import ScenarioEntry
 
-PAPER = "AIAA 2008-7109"
 #: Order of the paper's numbers.
 KEYS = ("Kvis", "tlead", "tdvis", "Kvest", "tdvest", "fnm", "dnm")
 #: Fig. 3: bias and standard deviation [%] of 10 runs.
-FIGURE_3 = (
-    (10.8, 44.0),
-    (-4.6, 51.0),
-    (-2.6, 3.1),
-    (-11.6, 18.0),
-    (16.0, 5.7),
-    (-3.4, 6.5),
-    (-9.2, 4.4),
-)
+BIAS = (10.8, -4.6, -2.6, -11.6, 16.0, -3.4, -9.2)
+DEVIATION = (44.0, 51.0, 3.1, 18.0, 5.7, 6.5, 4.4)
 #: Fig. 5: error of the estimates of one record, in the parameters' units.
 FIGURE_5 = (0.0144, -0.209, -0.00283, -0.377, 0.0482, -0.575, -0.0416)
 #: Table 3: bias [%] by scenario.
@@ -56,13 +48,14 @@ INFERRED = (
 
 def paper_of(entry: ScenarioEntry) -> Sequence[tuple[float, float]]:
     """The paper's numbers of a scenario; none if it is not one that the paper gives them of."""
-    return FIGURE_3 if entry.name == "nominal" and _is_papers(entry) else ()
+    is_known = entry.name == "nominal" and _is_papers(entry)
+    return list(zip(BIAS, DEVIATION, strict=True)) if is_known else ()
 
 
-def paper_sections(study: Comparison, about: Mapping[str, str]) -> list[Section]:
+def paper_sections(study: Comparison) -> list[Section]:
     """The paper's experiments whose scenarios are in the study, beside the paper's numbers."""
     own = [entry for entry in study.scenarios if _is_papers(entry)]
-    found = [_forcing(study, own), _remnant(study, own, about), _starts(study, own)]
+    found = [_forcing(study, own), _remnant(study, own), _starts(study, own)]
     blocks = [block for part in found for block in part]
     if not blocks:
         return []
@@ -87,9 +80,7 @@ def _forcing(study: Comparison, own: Sequence[ScenarioEntry]) -> list[Block]:
     return [Text(text), bias_table(study, names, TABLE_3, "Bias, beside Table 3 of the paper")]
 
 
-def _remnant(
-    study: Comparison, own: Sequence[ScenarioEntry], about: Mapping[str, str]
-) -> list[Block]:
+def _remnant(study: Comparison, own: Sequence[ScenarioEntry]) -> list[Block]:
     points = [(e.name, e.number("remnant.level")) for e in own if e.family == "remnant"]
     points = [(name, level) for name, level in points if level > 0.0]
     if len(points) < 2:
@@ -102,7 +93,7 @@ def _remnant(
     )
 
     def tick(name: str, level: float) -> str:
-        power = float(about.get(f"remnant ratio {name}", "nan"))
+        power = study.remnant_ratio(name)
         return f"{level:.1f}\n{100 * power:.0f} %" if math.isfinite(power) else f"{level:.1f}"
 
     label = "remnant gain, and its share of the control's power"
@@ -113,9 +104,8 @@ def _remnant(
         Text(text),
         Figure("remnant-bias", bias, "Bias over the remnant. Triangles lie outside the scale."),
         Figure("remnant-std", std, "Standard deviation over the remnant."),
-        bias_table(study, [n for n, _ in points], {"remnant-0.4": [b for b, _ in FIGURE_3]},
-                   "Bias by remnant gain"),
-    ]  # fmt: skip
+        bias_table(study, [n for n, _ in points], {"remnant-0.4": BIAS}, "Bias by remnant gain"),
+    ]
 
 
 def _starts(study: Comparison, own: Sequence[ScenarioEntry]) -> list[Block]:
@@ -137,6 +127,6 @@ def _starts(study: Comparison, own: Sequence[ScenarioEntry]) -> list[Block]:
     )
     return [
         Text(text),
-        Figure("starts", errors(cells, paper, PAPER, dots=True), caption),
+        Figure("starts", errors(cells, paper, dots=True), caption),
         all_numbers(cells, paper),
     ]

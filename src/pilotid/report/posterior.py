@@ -131,15 +131,10 @@ def write_posterior(
         *figures,
     ]
     page = to_html(TITLE, [Section("posterior", fit.heading, blocks)])
-    rows = [
-        (
-            *(s.key, s.unit, s.mean, s.deviation, *s.equal_tailed),
-            *s.highest_density,
-            s.effective,
-            s.r_hat,
-        )
-        for s in spreads
-    ]
+    rows = []
+    for s in spreads:
+        ends = *s.equal_tailed, *s.highest_density
+        rows.append((s.key, s.unit, s.mean, s.deviation, *ends, s.effective, s.r_hat))
     contents = {
         "report.html": page.encode("utf-8", "replace"),
         "draws.npy": draws_bytes(draws),

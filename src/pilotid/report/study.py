@@ -27,7 +27,7 @@ from pilotid.limits import LIMITS, Constant, constants_of, shown_value
 from pilotid.naming.settings import shown
 from pilotid.numbers import number, share
 from pilotid.report import study_figures as figures
-from pilotid.report.paper import PAPER, paper_of, paper_sections
+from pilotid.report.paper import paper_of, paper_sections
 from pilotid.report.study_tables import (
     RECORDER,
     VIOLATION,
@@ -48,7 +48,6 @@ from pilotid.study.comparison import Comparison, MethodResults, loss_ratio
 from pilotid.study.entries import TRAJECTORY
 from pilotid.study.judge import RULES, USABLE, judge, sentence
 from pilotid.study.scores import EFFICIENT, loss_text
-from pilotid.study.store import Store
 from pilotid.time_domain.settings import BAND, PROFILE, SEARCH
 
 TITLE = "Pilot-model identification: methods compared"
@@ -82,12 +81,7 @@ NUMBERS = "Numbers: [summary.csv](summary.csv), each fit: [estimates.csv](estima
 
 
 def write_report(
-    folder: Path,
-    store: Store,
-    study: Comparison,
-    *,
-    kinds: Kinds = ("svg",),
-    above: str = "",
+    folder: Path, study: Comparison, *, kinds: Kinds = ("svg",), above: str = ""
 ) -> Path:
     """Write report.html, report.md and the figures; equal stores give equal bytes.
 
@@ -99,8 +93,6 @@ def write_report(
     ----------
     folder
         Where to write.
-    store
-        The study's store.
     study
         What the store holds.
     kinds
@@ -113,8 +105,8 @@ def write_report(
     Path
         The page.
     """
-    told = read_trust(store.path.parent)
-    sections = [*([trust_section(told)] if told else []), *report_sections(study, store)]
+    told = read_trust(study.folder)
+    sections = [*([trust_section(told)] if told else []), *report_sections(study)]
     page = folder / "report.html"
     write_page(page, TITLE, sections, above, kinds)
     short = to_markdown(TITLE, [section.in_short() for section in sections if not section.folded])
@@ -189,27 +181,26 @@ def answer(cells: Sequence[MethodResults]) -> str:
     return words
 
 
-def report_sections(study: Comparison, store: Store) -> list[Section]:
+def report_sections(study: Comparison) -> list[Section]:
     """The report's sections: the answer, all on each scenario, failures, provenance."""
-    about = store.about()
     if not study.cells:
         return [Section("summary", "Summary", [Text("The study holds no fits yet.")])]
     names = compared(study)
     return [
-        _summary(study, about),
+        _summary(study),
         *_recorders(study, names),
-        *(_scenario(study, about, name) for name in names),
+        *(_scenario(study, name) for name in names),
         *_trends(study),
-        *paper_sections(study, about),
+        *paper_sections(study),
         failures(study),
-        provenance(study, store, about),
+        provenance(study),
     ]
 
 
-def _summary(study: Comparison, about: Mapping[str, str]) -> Section:
+def _summary(study: Comparison) -> Section:
     blocks: list[Block] = []
-    if "mixed" in about:
-        blocks.append(Text(f"**Careful: {mixed(about['mixed'])}**"))
+    if "mixed" in study.about:
+        blocks.append(Text(f"**Careful: {mixed(study)}**"))
     words, tables = overview(study)
     names = compared(study)
     blocks += [Text(" ".join(words)) if len(words) == 1 else Bullets(words), *tables]
@@ -219,15 +210,12 @@ def _summary(study: Comparison, about: Mapping[str, str]) -> Section:
         if len(names) == 1:
             blocks.append(Bullets([sentence(cell.method, cell.scores) for cell in order]))
         if any(cell.seconds > 0.0 and cell.overall.loss.value > 0.0 for cell in order):
-            blocks.append(
-                Figure(
-                    "cost",
-                    figures.cost(order),
-                    f"`{name}`: loss with its 95 % interval, and what a fit takes on one core. "
-                    f"Stepped line: no other method is both faster and better. {NUMBERS}",
-                    f"Loss of each method in {name} over the median time of a fit",
-                )
+            caption = (
+                f"`{name}`: loss with its 95 % interval, and what a fit takes on one core. "
+                f"Stepped line: no other method is both faster and better. {NUMBERS}"
             )
+            alt = f"Loss of each method in {name} over the median time of a fit"
+            blocks.append(Figure("cost", figures.cost(order), caption, alt))
         blocks += [Text(LOSS), Text(COLUMNS), Text(RULES)]
     return Section("summary", "Which method to use", blocks)
 
@@ -240,16 +228,13 @@ def _recorders(study: Comparison, names: Sequence[str]) -> list[Section]:
     return [Section("recorders", "What your recorder may do to you", [recorder_table(study, own)])]
 
 
-def _scenario(study: Comparison, about: Mapping[str, str], name: str) -> Section:
+def _scenario(study: Comparison, name: str) -> Section:
     """All on one scenario or population."""
     entry, cells = study.entry(name), study.of(name)
-    power = float(about.get(f"remnant ratio {name}", "nan"))
+    power = study.remnant_ratio(name)
     remnant = f"; remnant {100 * power:.0f} % of the control's power" if power == power else ""
-    blocks: list[Block] = [
-        Text(
-            f"{entry.description[:1].upper()}{entry.description[1:]}{remnant}; model {entry.model}."
-        )
-    ]
+    what = f"{entry.description[:1].upper()}{entry.description[1:]}{remnant}"
+    blocks: list[Block] = [Text(f"{what}; model {entry.model}.")]
     if len(compared(study)) > OPEN and name != _reference(compared(study)):
         blocks.append(ranking(cells))
     if len(compared(study)) > 1:
@@ -257,8 +242,8 @@ def _scenario(study: Comparison, about: Mapping[str, str], name: str) -> Section
     if entry.family in (RECORDER, VIOLATION):
         blocks.append(remark_table(cells))
     blocks += details(cells, name)
-    if f"{TRAJECTORY} {name}" in about:
-        blocks += _varying(name, cells, json.loads(about[f"{TRAJECTORY} {name}"]))
+    if truth := study.about.get(f"{TRAJECTORY} {name}"):
+        blocks += _varying(name, cells, json.loads(truth))
     return Section(key_of(name), f"Scenario {name}", blocks, folded=True)
 
 
@@ -280,10 +265,14 @@ def details(cells: Sequence[MethodResults], key: str, *, linked: bool = True) ->
 
 def _errors(key: str, cells: Sequence[MethodResults], source: str) -> Figure:
     name, paper = cells[0].scenario.name, paper_of(cells[0].scenario)
-    beside = f"; the crosses are {PAPER}, Fig. 3 (10 runs, ± standard deviation)" if paper else ""
+    beside = (
+        f"; the crosses are {figures.PAPER}, Fig. 3 (10 runs, ± standard deviation)"
+        if paper
+        else ""
+    )
     return Figure(
         f"errors-{key}",
-        figures.errors(cells, paper, PAPER),
+        figures.errors(cells, paper),
         f"Scenario {name}: mean error, standard deviation and claimed standard error beside the "
         f"Cramér-Rao bound{beside}. Each panel has its own scale; a triangle marks a method whose "
         f"mean error lies outside it. {source}".rstrip(),
@@ -378,13 +367,8 @@ def _trends(study: Comparison) -> list[Section]:
         known = [(name, x) for x, name in points.items() if x > 0.0]
         if len(known) < 2:
             continue
-        figure = figures.sweep(
-            study,
-            known,
-            lambda s: s.rmse,
-            (path, "rmse [% of true value]"),
-            log=True,
-        )
+        labels = (path, "rmse [% of true value]")
+        figure = figures.sweep(study, known, lambda s: s.rmse, labels, log=True)
         alt = f"Root mean square error by parameter and method over {path}"
         caption = f"Root mean square error and Cramér-Rao bound over `{path}`. {NUMBERS}"
         blocks.append(Figure(f"trend-{family}", figure, caption, alt))
@@ -397,32 +381,30 @@ def _trends(study: Comparison) -> list[Section]:
 OWN_FACTS = ("format", "seed", "mixed", "code", "sparing")
 
 
-def command(
-    study: Comparison, about: Mapping[str, str], scenarios: Sequence[str], folder: str
-) -> str:
+def command(study: Comparison, scenarios: Sequence[str], folder: str) -> str:
     """What to type for these scenarios and the methods that were tried on them.
 
     Where methods for time-varying pilots were left out of other scenarios, the whole study is
     that of all methods, which `compare` chooses by itself.
     """
     tried = {cell.method for name in scenarios for cell in study.of(name)}
-    methods = [study.typed[method] for method in study.methods if method in tried]
+    methods = [entry.typed or own for own, entry in study.entries.items() if own in tried]
     names = dict.fromkeys(study.entry(name).typed or name for name in scenarios)
     chosen = f"--method {quote(','.join(methods))} "
-    if "sparing" in about and set(scenarios) == set(study.names):
+    if "sparing" in study.about and set(scenarios) == set(study.names):
         chosen = ""
     return (
         f"pilotid compare --scenario {quote(','.join(names))} {chosen}"
-        f"--replications {study.replications(scenarios)} --seed {about.get('seed', '?')} "
+        f"--replications {study.replications(scenarios)} --seed {study.about.get('seed', '?')} "
         f"--out results/{folder}"
     )
 
 
-def mixed(what: str) -> str:
+def mixed(study: Comparison) -> str:
     """The warning on a store with results of different code."""
     return (
-        f"this store mixes results of different code or settings ({what}); differences between "
-        "methods may be differences between versions."
+        f"this store mixes results of different code or settings ({study.about['mixed']}); "
+        "differences between methods may be differences between versions."
     )
 
 
@@ -443,16 +425,16 @@ def failures(study: Comparison) -> Section:
     )
 
 
-def provenance(study: Comparison, store: Store, about: Mapping[str, str]) -> Section:
+def provenance(study: Comparison) -> Section:
     """All that defines methods and scenarios, seed, versions, and how to make the numbers again."""
-    held = store.methods()
+    about = study.about
     facts = ", ".join(
         f"{key} {value}"
         for key, value in about.items()
         if key not in OWN_FACTS and not key.startswith(("remnant ratio", TRAJECTORY))
     )
     seed = f"Seed {about.get('seed', '?')}, code digest {about.get('code', '?')}; {facts}."
-    methods = [(label, f"`{shown(held[label].settings)}`") for label in study.methods]
+    methods = [(label, f"`{shown(entry.settings)}`") for label, entry in study.entries.items()]
     scenarios = [
         (e.name, e.description, e.model, e.start, f"`{shown(e.settings)}`") for e in study.scenarios
     ]
@@ -461,7 +443,7 @@ def provenance(study: Comparison, store: Store, about: Mapping[str, str]) -> Sec
         Command(
             "The whole study (resumes an interrupted one; the same numbers for any number of "
             "workers):",
-            command(study, about, study.names, "compare"),
+            command(study, study.names, "compare"),
         ),
         Command("This report again, from the store alone:", "pilotid report DIR"),
         Text(
@@ -485,5 +467,5 @@ def provenance(study: Comparison, store: Store, about: Mapping[str, str]) -> Sec
         ),
     ]
     if "mixed" in about:
-        blocks.insert(0, Text(f"**{mixed(about['mixed'])}**"))
+        blocks.insert(0, Text(f"**{mixed(study)}**"))
     return Section("provenance", "Provenance", blocks)

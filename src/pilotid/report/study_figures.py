@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+PAPER = "AIAA 2008-7109"
 COLUMNS = 4
 BOUND = "#c9ced6"
 #: Coverage [%] that is as good as it can be asked for, and the lowest that an axis shows.
@@ -102,7 +103,6 @@ def _is_outside(axes: Axes, row: float, value: float, colour: str) -> bool:
 def errors(
     cells: Sequence[MethodResults],
     paper: Sequence[tuple[float, float]] = (),
-    label: str = "",
     *,
     dots: bool = False,
 ) -> Figure:
@@ -113,9 +113,7 @@ def errors(
     cells
         Methods in one scenario.
     paper
-        Bias and standard deviation that a paper gives for each parameter [%].
-    label
-        How that paper is named in the figure.
+        Bias and standard deviation that `PAPER` gives for each parameter [%].
     dots
         Whether each fit is a dot, in place of the claimed standard error.
     """
@@ -123,7 +121,7 @@ def errors(
     from matplotlib.patches import Patch
 
     every = [cell.percent for cell in cells]
-    labels = [c.method for c in cells] + ([label] if paper else [])
+    labels = [c.method for c in cells] + ([PAPER] if paper else [])
     colours = [colour_of(cell.method) for cell in cells]
     # The legend needs some inches, too.
     height = max(1.35, 0.62 + 0.155 * len(labels))
@@ -240,8 +238,7 @@ def sweep(
     with panelled(keys, 1.75, labels) as (figure, panels, spare):
         for index, axes in enumerate(panels):
             if log:
-                axes.set_xscale("log")
-                axes.set_yscale("log")
+                axes.set(xscale="log", yscale="log")
                 bounds = [study.of(name)[0].percent[index].bound for name, _ in points]
                 axes.plot([x for _, x in points], bounds, color=INK, linestyle="--",
                           linewidth=0.8, zorder=0)  # fmt: skip
@@ -308,13 +305,11 @@ def cost(cells: Sequence[MethodResults]) -> Figure:
             axes.errorbar(cell.seconds, loss.value, reach, color=colour_of(cell.method),
                           marker=marker_of(cell.method), markersize=5.0, linewidth=0.0,
                           elinewidth=0.9, label=cell.method)  # fmt: skip
-        axes.set_xscale("log")
-        axes.set_yscale("log")
+        axes.set(xscale="log", yscale="log")
         axes.margins(0.08)
         log_ticks(axes, "x")
         log_ticks(axes, "y")
-        axes.set_xlabel("median time of a fit [s]")
-        axes.set_ylabel("loss (1: Cramér-Rao bound)")
+        axes.set(xlabel="median time of a fit [s]", ylabel="loss (1: Cramér-Rao bound)")
         figure.legend(loc="outside right upper")
     return figure
 
@@ -346,8 +341,7 @@ def by_stratum(cells: Sequence[MethodResults]) -> Figure:
                     if (name, value) in own:
                         _draw_coverage(axes, row + shift, own[name, value][0], cell.method, low)
             axes.set_yticks(range(len(values)), values)
-            axes.set_ylim(len(values) - 0.45, -0.55)
-            axes.set_xlim(low, 100.6)
+            axes.set(ylim=(len(values) - 0.45, -0.55), xlim=(low, 100.6))
             axes.tick_params(axis="y", length=0)
         _add_legend(spare, [cell.method for cell in cells])
     return figure
@@ -387,8 +381,7 @@ def by_parameter(cells: Sequence[MethodResults]) -> Figure:
                 axes.plot(quantiles(z.size), z, color=colour_of(method), linewidth=0.9,
                           marker=marker_of(method) if z.size <= 60 else "",
                           markersize=2.4)  # fmt: skip
-            axes.set_xlim(-QUANTILES, QUANTILES)
-            axes.set_ylim(-REACH, REACH)
+            axes.set(xlim=(-QUANTILES, QUANTILES), ylim=(-REACH, REACH))
             axes.set_xticks([-2.0, 0.0, 2.0])
         _add_legend(spare, [cell.method for cell in cells])
     return figure

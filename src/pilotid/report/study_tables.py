@@ -139,28 +139,22 @@ def _warned_of_violation(cell: MethodResults) -> str | None:
     return _warned(cell) if cell.scenario.family in (VIOLATION, RECORDER) else None
 
 
-def recorder_table(study: Comparison, names: Sequence[str]) -> Table[MethodResults]:
+def recorder_table(study: Comparison, names: Sequence[str]) -> Table[Any]:
     """What each method makes of faulty recorders."""
-    columns: list[Column[MethodResults]] = [
-        Column("recorder", lambda c: c.scenario.name),
-        Column("method", lambda c: c.method),
-        Column("n", lambda c: c.tried),
-        Column(
-            "right %",
-            lambda c: 100.0 * shares_told(c)[0],
-            "{:.0f}".format,
-            f"off by {OFF:g} errors at most",
-        ),
-        Column(
-            "wrong, said %",
-            lambda c: 100.0 * shares_told(c)[1],
-            "{:.0f}".format,
-            "a remark or a failure",
-        ),
-        Column("wrong, silent %", lambda c: 100.0 * shares_told(c)[2], "{:.0f}".format),
+    whole = "{:.0f}".format
+    heads = [
+        *(("recorder",), ("method",), ("n",)),
+        ("right %", whole, f"off by {OFF:g} errors at most"),
+        ("wrong, said %", whole, "a remark or a failure"),
+        ("wrong, silent %", whole),
     ]
-    cells = [cell for name in names for cell in study.of(name) if cell.tried]
-    return Table("What faulty recorders do to each method", columns, cells, 2)
+    rows = [
+        (name, cell.method, cell.tried, *(100.0 * share for share in shares_told(cell)))
+        for name in names
+        for cell in study.of(name)
+        if cell.tried
+    ]
+    return table_of("What faulty recorders do to each method", heads, rows, 2)
 
 
 def shares_told(cell: MethodResults) -> tuple[float, float, float]:

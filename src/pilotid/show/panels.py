@@ -20,7 +20,6 @@ from pilotid.show.style import SMALLEST, journal_figure, with_unit
 from pilotid.types import FloatArray
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 SECONDS = 30.0  # of the control that are shown: beyond, strokes run into one another
@@ -182,11 +181,7 @@ def _legend_above(figure: Figure, columns: int = 5) -> None:
     """One legend for all axes, where it hides none of them."""
     handles, labels = figure.axes[0].get_legend_handles_labels()
     for axes in figure.axes:
-        _without_legend(axes)
+        if (own := axes.get_legend()) is not None:
+            own.remove()
     if labels:
         figure.legend(handles, labels, loc="outside upper left", ncols=columns, frameon=False)
-
-
-def _without_legend(axes: Axes) -> None:
-    if (own := axes.get_legend()) is not None:
-        own.remove()

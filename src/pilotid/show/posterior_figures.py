@@ -126,8 +126,7 @@ def trace(draws: Draws, units: dict[str, str]) -> Figure:
                 axes.plot(steps, own.mean(axis=1), color=colour, linewidth=0.7)
             axes.set_ylabel(_label(key, units, "\n"))
             axes.locator_params(axis="y", nbins=4)
-        panels[-1].set_xlabel("step")
-        panels[-1].set_xlim(0, max(1, steps[-1]))
+        panels[-1].set(xlabel="step", xlim=(0, max(1, steps[-1])))
         figure.align_ylabels()
     return figure
 
@@ -148,9 +147,7 @@ def autocorrelation(draws: Draws, lags: int = 60) -> Figure:
             axes.plot(np.array(products) / power[i], color=colour, label=label,
                       linestyle=STROKES[i % len(STROKES)])  # fmt: skip
         axes.axhline(0.0, color=GREY, linewidth=0.7)
-        axes.set_xlabel("lag [steps]")
-        axes.set_ylabel("autocorrelation [-]")
-        axes.set_xlim(0, lags)
+        axes.set(xlabel="lag [steps]", ylabel="autocorrelation [-]", xlim=(0, lags))
         axes.legend(ncols=2, frameon=False, title="integrated autocorrelation time",
                     title_fontsize=SMALLEST)  # fmt: skip
     return figure
@@ -177,7 +174,6 @@ def band(predictive: PredictiveBand, unit: str = "", seconds: float = 30.0) -> F
             )
         axes.plot(time, predictive.control[0, shown], color=INK, linewidth=0.9, label="recorded")
         axes.set_xlabel("time from the first scored sample [s]")
-        axes.set_ylabel(with_unit("control u", unit))
-        axes.set_xlim(0.0, time[-1])
+        axes.set(ylabel=with_unit("control u", unit), xlim=(0.0, time[-1]))
         legend(axes, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.1)
     return figure

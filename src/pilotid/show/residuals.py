@@ -104,8 +104,7 @@ def normal_plot(recording: Recording, *estimates: Estimate, axes: Axes | None = 
         axes.plot(expected[kept], ordered[kept], own.marker, color=own.colour, markersize=2.5,
                   markerfacecolor="white", markeredgewidth=0.6, label=own.label)  # fmt: skip
     draw_grid(axes)
-    axes.set_xlabel("normal quantile [-]")
-    axes.set_ylabel("prediction error [std. dev.]")
+    axes.set(xlabel="normal quantile [-]", ylabel="prediction error [std. dev.]")
     if len(estimates) > 1:
         legend(axes)
     return axes

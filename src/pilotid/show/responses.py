@@ -94,7 +94,7 @@ def describing_function(
         found, response = estimate.frequency_response, None
         if own.known:
             for number, end in enumerate(_ends(estimate.model)):
-                response, errors = _fitted(estimate, index, bode.omega, end)
+                response, errors = fitted_response(estimate, index, bode.omega, end)
                 first = response if first is None else first
                 label = f"{own.label}, after the change" if number else own.label
                 bode.line(
@@ -161,7 +161,7 @@ def open_loop(
     bode = Bode(axes, np.geomspace(*OF_LOOPS, 2 * POINTS))
     model, values = estimate.model, estimate.values
     loops = np.array(open_loops(model, values, element, bode.omega))
-    errors = _loop_errors(estimate, element, bode.omega)
+    errors = loop_errors(estimate, element, bode.omega)
     same = bool(np.allclose(loops[0], loops[1]))
     above.axhline(1.0, color=INK, linewidth=0.6)
     pairs = [*zip(loops, errors, margins(model, values, element), LOOP_STYLES, strict=True)]
@@ -194,7 +194,7 @@ def _margin_words(margin: Margin) -> str:
     return f"crossover {margin.crossover:.2f} rad/s, phase margin {margin.phase_margin:.0f}°"
 
 
-def _loop_errors(estimate: Estimate, element: ControlledElement, omega: FloatArray) -> FloatArray:
+def loop_errors(estimate: Estimate, element: ControlledElement, omega: FloatArray) -> FloatArray:
     """Errors of log-magnitude and phase [rad] of both open loops, shape (2 loops, 2, n)."""
     with np.errstate(invalid="ignore", divide="ignore"):  # a loop without a channel is zero
         slopes = np.array(loop_slopes(estimate.model, estimate.values, element, omega))
@@ -243,7 +243,7 @@ def _ends(model: PilotModel) -> tuple[IntArray, ...]:
     return model.ends if model.changes else model.ends[:1]
 
 
-def _fitted(
+def fitted_response(
     estimate: Estimate, channel: int, omega: FloatArray, end: IntArray
 ) -> tuple[ComplexArray, FloatArray]:
     """A channel's response, shape (n,), and errors of its log-magnitude and phase, (2, n)."""
@@ -361,8 +361,7 @@ class Bode:
 
         self.above.set_yscale("log")
         for axes in (self.above, self.below):
-            axes.set_xscale("log")
-            axes.set_xlim(self.omega[0], self.omega[-1])
+            axes.set(xscale="log", xlim=(self.omega[0], self.omega[-1]))
             draw_grid(axes)
             axes.minorticks_off()
             log_ticks(axes, "x")
@@ -377,8 +376,7 @@ class Bode:
             self.below.yaxis.set_major_locator(MultipleLocator(step))
         log_ticks(self.above, "y")
         self.above.tick_params(axis="x", labelbottom=False)
-        self.below.set_ylabel("phase [deg]")
-        self.below.set_xlabel("frequency [rad/s]")
+        self.below.set(ylabel="phase [deg]", xlabel="frequency [rad/s]")
 
 
 def _drawn(axes: Axes) -> FloatArray:

@@ -142,9 +142,7 @@ def _widths(count: int) -> list[float]:
 
 def _over_time(axes: Axes, recording: Recording, what: str, span: tuple[float, float]) -> Axes:
     """Labels of a signal in the unit of the control."""
-    axes.set_ylabel(with_unit(what, recording.units.get("u", "")))
-    axes.set_xlabel("time [s]")
-    axes.set_xlim(*span)
+    axes.set(ylabel=with_unit(what, recording.units.get("u", "")), xlabel="time [s]", xlim=span)
     # Above the axes, since signals are everywhere inside them.
     legend(axes, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=5, borderaxespad=0.1)
     return axes
@@ -201,8 +199,8 @@ def trajectory(
         axes.set_ylim(min(reach) - room, max(reach) + room)
     if found:
         unit = next(p.unit for p in found[0][0].model.constant.parameters if p.key == key)
-        axes.set_ylabel(with_unit(key, unit or "-"))
-        axes.set_xlim(float(found[0][1].time[0]), float(found[0][1].time[-1]))
+        time = found[0][1].time
+        axes.set(ylabel=with_unit(key, unit or "-"), xlim=(time[0], time[-1]))
     axes.set_xlabel("time [s]")
     return axes
 

@@ -78,8 +78,7 @@ def remnant(
             axes.plot(omega[shown], density[shown], estimate.marker, color=estimate.colour,
                       markersize=3.5, markerfacecolor="white",
                       label=f"{estimate.label}: residual")  # fmt: skip
-    axes.set_xscale("log")
-    axes.set_yscale("log")
+    axes.set(xscale="log", yscale="log")
     draw_grid(axes)
     axes.minorticks_off()
     log_ticks(axes, "x")
@@ -164,15 +163,12 @@ def band(
     elif analysed is not None:
         below.axvspan(0.0, analysed.highest, color="#9ecae1", linewidth=0.0)
     for each in (above, below):
-        each.set_xscale("log")
-        each.set_xlim(LOWEST, nyquist)
+        each.set(xscale="log", xlim=(LOWEST, nyquist))
         draw_grid(each)
         each.minorticks_off()
     above.set_yscale("log")
     log_ticks(below, "x")
     above.set_ylabel("power density / variance [s/rad]")
-    below.set_ylim(0.0, 1.0)
-    below.set_ylabel("weight [-]")
-    below.set_xlabel("frequency [rad/s]")
+    below.set(ylim=(0.0, 1.0), ylabel="weight [-]", xlabel="frequency [rad/s]")
     legend(above)
     return above, below

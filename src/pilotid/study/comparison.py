@@ -20,7 +20,15 @@ from pilotid.chance import Z95
 from pilotid.disk import table_bytes, write_file
 from pilotid.estimates.estimate import Outcome
 from pilotid.study import scores
-from pilotid.study.entries import Draw, ParameterTruth, Result, ScenarioEntry, Stratum, strata_of
+from pilotid.study.entries import (
+    Draw,
+    MethodEntry,
+    ParameterTruth,
+    Result,
+    ScenarioEntry,
+    Stratum,
+    strata_of,
+)
 from pilotid.study.scores import Interval, Mean
 from pilotid.study.store import Store
 from pilotid.study.tracks import PERIODS, TrackScore, track_scores
@@ -418,18 +426,26 @@ class Comparison:
     cells
         What each method did in each scenario and on each population, in the order of the
         catalogues.
-    typed
-        What to type for each method on the command line, by its label and in the order of
-        tables and figures.
+    entries
+        The methods by their labels, in the order of tables and figures.
+    about
+        Facts on the study, see `pilotid.study.study`.
+    folder
+        Where its store is.
+    name
+        What pages call it.
     """
 
     cells: tuple[MethodResults, ...]
-    typed: Mapping[str, str]
+    entries: Mapping[str, MethodEntry]
+    about: Mapping[str, str]
+    folder: Path
+    name: str = ""
 
     @property
     def methods(self) -> tuple[str, ...]:
         """The methods' labels, in the order of tables and figures."""
-        return tuple(self.typed)
+        return tuple(self.entries)
 
     @cached_property
     def _by_name(self) -> dict[tuple[str, str], MethodResults]:
@@ -444,6 +460,11 @@ class Comparison:
     def names(self) -> list[str]:
         """Names of scenarios and populations."""
         return [entry.name for entry in self.scenarios]
+
+    @property
+    def fits(self) -> int:
+        """Number of fits."""
+        return sum(len(cell.results) for cell in self.cells)
 
     @property
     def populations(self) -> list[MethodResults]:
@@ -469,6 +490,10 @@ class Comparison:
         """A scenario or population by its name."""
         return next(entry for entry in self.scenarios if entry.name == scenario)
 
+    def remnant_ratio(self, scenario: str) -> float:
+        """The remnant's share of the control's power; NaN where it is not known."""
+        return float(self.about.get(f"remnant ratio {scenario}", "nan"))
+
     def replications(self, scenarios: Sequence[str]) -> int:
         """Recordings of each scenario, the largest number if they differ."""
         results = [r for name in scenarios for c in self.of(name) for r in c.results]
@@ -478,18 +503,11 @@ class Comparison:
         """Scenario, method and `SUMMARY_COLUMNS` of every parameter and of all in every cell."""
         for cell in self.cells:
             for s in (*cell.scores[1:], cell.overall):
-                yield [
-                    *(cell.scenario.name, cell.method, s.parameter),
-                    cell.usable if s.parameter == ALL else s.n,
-                    *(
-                        s.failures + s.objections,
-                        s.truth,
-                        *s.bias,
-                        s.percent.bias.value,
-                        s.std.value,
-                    ),
-                    *(s.rmse.value, s.bound, s.claimed, s.coverage.value, s.posterior, *s.loss),
-                ]
+                count = cell.usable if s.parameter == ALL else s.n
+                head = cell.scenario.name, cell.method, s.parameter, count
+                errors = s.truth, *s.bias, s.percent.bias.value, s.std.value, s.rmse.value
+                claims = s.bound, s.claimed, s.coverage.value, s.posterior
+                yield [*head, s.failures + s.objections, *errors, *claims, *s.loss]
 
     def population_rows(self) -> Iterator[list[object]]:
         """Population, method and `POPULATION_COLUMNS` of every stratum and parameter."""
@@ -575,10 +593,10 @@ def comparison_of(store: Store) -> Comparison:
     for (name, replication), draw in store.draws().items():
         drawn.setdefault(name, {})[replication] = draw
     strata = {name: strata_of(draws) for name, draws in drawn.items()}
-    return Comparison(
-        tuple(
-            MethodResults(entries[name], method, tuple(own), strata.get(name, {}))
-            for (name, method), own in found.items()
-        ),
-        {label: m.typed or label for label, m in store.methods().items() if label in present},
+    cells = tuple(
+        MethodResults(entries[name], method, tuple(own), strata.get(name, {}))
+        for (name, method), own in found.items()
     )
+    methods = {label: entry for label, entry in store.methods().items() if label in present}
+    folder = store.path.parent
+    return Comparison(cells, methods, store.about(), folder, folder.name)

@@ -87,8 +87,9 @@ class Track:
     ----------
     parameter
         Of the constant pilot.
-    before, during, after, whole
-        Root mean square of the relative error in parts of the window, and in all of it.
+    rmse
+        Root mean square of the relative error before, during and after the change, and in all of
+        the window.
     lag
         By how much it is later than the truth [s].
     coverage
@@ -98,10 +99,7 @@ class Track:
     """
 
     parameter: str
-    before: float | None
-    during: float | None
-    after: float | None
-    whole: float | None
+    rmse: tuple[float | None, ...]
     lag: float | None
     coverage: float | None
     values: tuple[float | None, ...]
@@ -250,7 +248,10 @@ def strata_of(draws: Mapping[int, Draw]) -> dict[str, Stratum]:
     draws
         What was drawn, by replication.
     """
-    return {name: stratify(draws) for name, stratify in STRATA.items()}
+    return {
+        name: _thirds(draws, *how) if isinstance(how, tuple) else _steps(draws, how)
+        for name, how in STRATA.items()
+    }
 
 
 def _number(draw: Draw, name: str) -> float:
@@ -287,23 +288,21 @@ def _thirds(draws: Mapping[int, Draw], name: str, scale: float, unit: str) -> St
     return dict(sorted(found.items(), key=lambda item: _in_order(item[0])))
 
 
-def _fact(name: str) -> Callable[[Mapping[int, Draw]], Stratum]:
-    return lambda draws: _steps(draws, lambda draw: str(draw.facts.get(name, "?")))
+def _runs(draw: Draw) -> str:
+    runs = _number(draw, "runs")
+    return "1 run" if runs == 1 else f"{runs:.0f} runs"
 
 
-def _numbered(name: str, label: Callable[[float], str]) -> Callable[[Mapping[int, Draw]], Stratum]:
-    return lambda draws: _steps(draws, lambda draw: label(_number(draw, name)))
-
-
-#: How recordings are divided, by the name of the fact and in the order of tables and figures.
-STRATA: dict[str, Callable[[Mapping[int, Draw]], Stratum]] = {
-    "model": lambda draws: _steps(draws, lambda draw: draw.model),
-    "element": _fact("element"),
-    "remnant": _fact("remnant"),
-    "level": lambda draws: _thirds(draws, "remnant_level", 100.0, "%"),
-    "rate": _numbered("dt", lambda dt: f"{1.0 / dt:.0f} Hz"),
-    "length": lambda draws: _thirds(draws, "duration", 1.0, "s"),
-    "run-in": _numbered("run_in", lambda seconds: f"{seconds:.0f} s"),
-    "runs": _numbered("runs", lambda runs: "1 run" if runs == 1 else f"{runs:.0f} runs"),
-    "forcing": _fact("forcing"),
+#: How recordings are divided, by the name of the fact and in the order of tables and figures: by
+#: the label of a draw, or in thirds of a number, with its factor and unit.
+STRATA: dict[str, Callable[[Draw], str] | tuple[str, float, str]] = {
+    "model": lambda draw: draw.model,
+    "element": lambda draw: str(draw.facts.get("element", "?")),
+    "remnant": lambda draw: str(draw.facts.get("remnant", "?")),
+    "level": ("remnant_level", 100.0, "%"),
+    "rate": lambda draw: f"{1.0 / _number(draw, 'dt'):.0f} Hz",
+    "length": ("duration", 1.0, "s"),
+    "run-in": lambda draw: f"{_number(draw, 'run_in'):.0f} s",
+    "runs": _runs,
+    "forcing": lambda draw: str(draw.facts.get("forcing", "?")),
 }

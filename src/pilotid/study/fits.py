@@ -23,7 +23,7 @@ from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import Recording
 from pilotid.remarks import codes_of
 from pilotid.seeds import draw_rng, fit_rng, recording_rng, start_rng
-from pilotid.study.entries import Draw, ParameterTruth, Result, Track, Unit, number
+from pilotid.study.entries import Draw, ParameterTruth, Result, Unit, number
 from pilotid.study.tracks import tracks_of
 from pilotid.theory.bounds import bounds
 from pilotid.types import one_line
@@ -67,7 +67,8 @@ def run_task(task: Task) -> Result:
         rng = fit_rng(seed, unit.method, unit.scenario, unit.replication)
         estimate = identify(method, recording, model, rng)
         excess = None if draw is None else excess_of(method, recording, estimate, scenario)
-        tracks = _tracks(estimate, scenario)
+        path, changes = estimate.trajectory, scenario.model.changes
+        tracks = tracks_of(path, scenario) if path is not None and changes else ()
         found = _result(unit, estimate, excess, draw)
         shown = remarks_of(origin, seed, replication)
         return replace(found, remarks=told(shown, estimate), tracks=tracks)
@@ -75,13 +76,6 @@ def run_task(task: Task) -> Result:
         return Result(unit, Outcome.OUT_OF_MEMORY.slug, one_line(str(error)), draw=draw)
     except BaseException as error:  # an interruption too: the user's go to another process
         return Result(unit, Outcome.CRASHED.slug, one_line(reason(error)), draw=draw)
-
-
-def _tracks(estimate: Estimate, scenario: Scenario) -> tuple[Track, ...]:
-    """Scores of an estimate's trajectory, where the truth has one."""
-    if estimate.trajectory is None or not scenario.model.changes:
-        return ()
-    return tracks_of(estimate.trajectory, scenario)
 
 
 @lru_cache(maxsize=2)  # methods of a replication come one after the other
@@ -149,23 +143,13 @@ def given_up(task: Task, loss: Loss, why: str) -> Result:
     return Result(task.unit, Outcome[loss.name].slug, why)
 
 
-def _result(unit: Unit, estimate: Estimate, excess: float | None, draw: Draw | None) -> Result:
-    return Result(
-        unit,
-        estimate.outcome.slug,
-        estimate.message,
-        estimate.outcome.usable,
-        number(estimate.vaf),
-        int(estimate.iterations),
-        estimate.draws is not None,
-        number(estimate.seconds),
-        tuple(
-            (q.key, number(q.value), number(q.std_error), number(q.lower), number(q.upper))
-            for q in estimate.parameters
-        ),
-        excess,
-        draw,
+def _result(unit: Unit, e: Estimate, excess: float | None, draw: Draw | None) -> Result:
+    known = tuple(
+        (q.key, number(q.value), number(q.std_error), number(q.lower), number(q.upper))
+        for q in e.parameters
     )
+    ended = unit, e.outcome.slug, e.message, e.outcome.usable, number(e.vaf), int(e.iterations)
+    return Result(*ended, e.draws is not None, number(e.seconds), known, excess, draw)
 
 
 # ------------------------------------------------------------ what a population draws
@@ -202,11 +186,10 @@ def truths_of(scenario: Scenario) -> tuple[ParameterTruth, ...]:
         deviations = bound_of(scenario)
     else:
         deviations = np.sqrt(np.diag(bounds(experiment_of(scenario)).full))
+    known = zip(scenario.model.parameters, scenario.values, deviations, strict=True)
     return tuple(
         ParameterTruth(p.key, p.unit, float(value), number(float(deviation)))
-        for p, value, deviation in zip(
-            scenario.model.parameters, scenario.values, deviations, strict=True
-        )
+        for p, value, deviation in known
     )
 
 

@@ -198,7 +198,8 @@ class Store:
             If another pilot was drawn for other fits of the replication.
         """
         r = result
-        tracks = json.dumps([astuple(track) for track in r.tracks]) if r.tracks else ""
+        kept = [(t.parameter, *t.rmse, t.lag, t.coverage, t.values) for t in r.tracks]
+        tracks = json.dumps(kept) if kept else ""
         row = (*astuple(r.unit), r.outcome, r.message, int(r.usable), r.vaf, int(r.iterations))
         row = (*row, int(r.posterior), r.seconds, r.excess, r.remarks, tracks)
         with self._transaction():
@@ -459,21 +460,13 @@ def _entry(content: str) -> Entry:
 def _result(row: Row, parts: list[Row], draw: Draw | None, order: list[str]) -> Result:
     *unit, outcome, message, usable, vaf, count, posterior, seconds, excess, remarks, tracks = row
     known = [part for part in parts if part[0] in order]
-    return Result(
-        Unit(*unit),
-        outcome,
-        message,
-        bool(usable),
-        vaf,
-        count,
-        bool(posterior),
-        seconds,
-        tuple(sorted(known, key=lambda part: order.index(part[0]))),
-        excess,
-        draw,
-        remarks,
-        tuple(Track(*(*own, tuple(values))) for *own, values in _loaded(tracks or "[]")),
+    estimates = tuple(sorted(known, key=lambda part: order.index(part[0])))
+    paths = tuple(
+        Track(key, tuple(rmse), lag, coverage, tuple(values))
+        for key, *rmse, lag, coverage, values in _loaded(tracks or "[]")
     )
+    head = Unit(*unit), outcome, message, bool(usable), vaf, count, bool(posterior), seconds
+    return Result(*head, estimates, excess, draw, remarks, paths)
 
 
 def _draw(row: Row) -> Draw:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib.metadata import version
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -106,26 +106,21 @@ def scenario_entry(scenario: AnyScenario, position: int = 0, typed: str = "") ->
         raise InputError(
             f"scenario {scenario.name}: cannot be simulated ({reason(error)}); check its settings"
         ) from error
-    return ScenarioEntry(
-        scenario.name,
-        known.index(scenario.name) if scenario.name in known else len(known) + position,
-        scenario.description,
-        model,
-        plain(scenario),
-        parameters,
-        family,
-        code_digest(scenario),
-        typed or scenario.name,
-    )
+    name, about = scenario.name, scenario.description
+    place = known.index(name) if name in known else len(known) + position
+    own = plain(scenario), parameters, family, code_digest(scenario)
+    return ScenarioEntry(name, place, about, model, *own, typed or name)
 
 
-def trajectory_fact(scenario: Scenario) -> dict[str, str]:
-    """What a report needs of the truth of a pilot who changes; nothing for one who stays."""
+def scenario_facts(scenario: Scenario) -> dict[str, str]:
+    """What a report needs besides: the remnant's share, and the truth of a pilot who changes."""
+    found = {f"remnant ratio {scenario.name}": f"{remnant_ratio(scenario):.4f}"}
     truth = truth_over_time(scenario)
-    if truth is None:
-        return {}
-    values = dict(zip(truth.keys, truth.values.tolist(), strict=True))
-    return {f"{TRAJECTORY} {scenario.name}": json.dumps({"time": truth.time.tolist(), **values})}
+    if truth is not None:
+        values = dict(zip(truth.keys, truth.values.tolist(), strict=True))
+        path = json.dumps({"time": truth.time.tolist(), **values})
+        found[f"{TRAJECTORY} {scenario.name}"] = path
+    return found
 
 
 def _try_out(population: Population) -> None:
@@ -179,7 +174,11 @@ class Study:
         *,
         sparing: bool = False,
     ) -> None:
-        typed = [(s, text) for given in _each(scenarios) for s, text in _scenarios_of(given)]
+        typed = [
+            (scenario, given if isinstance(given, str) else "")
+            for given in _each(scenarios)
+            for scenario in (scenarios_named(given) if isinstance(given, str) else [given])
+        ]
         tried = [(method_named(m), m) if isinstance(m, str) else (m, "") for m in _each(methods)]
         self.labels = tuple(label_of(method) for method, _ in tried)
         _require_different("scenarios", [sound(scenario).name for scenario, _ in typed])
@@ -253,9 +252,7 @@ class Study:
         for scenario, entry in zip(self.scenarios, scenarios, strict=True):
             store.add_scenario(entry)
             if isinstance(scenario, Scenario):
-                share = f"{remnant_ratio(scenario):.4f}"
-                store.describe({f"remnant ratio {entry.name}": share})
-                store.describe(trajectory_fact(scenario))
+                store.describe(scenario_facts(scenario))
         for method in methods:
             store.add_method(method)
         fits = store.done()
@@ -279,16 +276,13 @@ class Study:
         A fit that nobody answered, or for which an answer to another came, is one that failed.
         """
         answered: set[Unit] = set()
-        for found in run_tasks(run_task, self.tasks(pending), given_up, workers, scheduler, limits):
+        answers = run_tasks(run_task, self.tasks(pending), given_up, workers, scheduler, limits)
+        lost = (u for u in pending if u not in answered)
+        for found in chain(answers, (Result(u, Outcome.DIED.slug, UNANSWERED) for u in lost)):
             answered.add(found.unit)
             result = self._with_draw(found)
             store.add(result)
             yield result
-        for unit in pending:
-            if unit not in answered:
-                result = self._with_draw(Result(unit, Outcome.DIED.slug, UNANSWERED))
-                store.add(result)
-                yield result
 
     def _with_draw(self, result: Result) -> Result:
         """A fit whose process died could not say which pilot a population drew for it."""
@@ -375,13 +369,6 @@ def changes(scenario: AnyScenario) -> bool:
 def _each(given: Any) -> list[Any]:
     """Several, or one that the caller did not put into a list."""
     return list(given) if isinstance(given, Iterable) and not isinstance(given, str) else [given]
-
-
-def _scenarios_of(given: AnyScenario | str) -> list[tuple[AnyScenario, str]]:
-    """Scenarios, and what was typed for them."""
-    if isinstance(given, str):
-        return [(scenario, given) for scenario in scenarios_named(given)]
-    return [(given, "")]
 
 
 def _require_different(what: str, names: Sequence[str]) -> None:

@@ -83,15 +83,13 @@ def tracks_of(trajectory: Trajectory, scenario: Scenario) -> tuple[Track, ...]:
     for i, key in enumerate(found.keys):
         relative = found.values[i] / truth[i] - 1.0
         band = np.stack([found.lower[i], found.upper[i]], axis=1)
-        before, during, after, whole = (
-            number(root_mean_square(relative[chosen])) for chosen in periods
-        )
+        errors = tuple(number(root_mean_square(relative[chosen])) for chosen in periods)
         lag = math.nan
         if np.ptp(truth[i]) > 1e-9 * np.max(np.abs(truth[i])):
             lag = lag_of(fine, found.values[i], beyond, around[i])
         kept = tuple(number(round_off(value)) for value in thinned[i])
         share = number(share_inside(band, truth[i]))
-        tracks.append(Track(key, before, during, after, whole, number(lag), share, kept))
+        tracks.append(Track(key, errors, number(lag), share, kept))
     return tuple(tracks)
 
 
@@ -174,9 +172,7 @@ def track_scores(fits: Sequence[Sequence[Track]]) -> tuple[TrackScore, ...]:
     found = []
     for key in dict.fromkeys(track.parameter for tracks in fits for track in tracks):
         own = [track for tracks in fits for track in tracks if track.parameter == key]
-        columns = np.array(
-            [[t.before, t.during, t.after, t.whole, t.lag, t.coverage] for t in own], dtype=float
-        ).T
+        columns = np.array([[*t.rmse, t.lag, t.coverage] for t in own], dtype=float).T
         *periods, lags, shares = (column[np.isfinite(column)] for column in columns)
         rmse = (Mean(root_mean_square(own), scores.rmse(own, 0.0).error) for own in periods)
         lag_error = math.nan

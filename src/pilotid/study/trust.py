@@ -229,20 +229,10 @@ class Trust:
             if math.isfinite(factor):  # no end lies outside the bounds of the search
                 model = self.trial.estimate.model
                 low, high = max(low, model.lower[i]), min(high, model.upper[i])
-            found.append(
-                Trusted(
-                    quantity.key,
-                    quantity.unit,
-                    quantity.value,
-                    (quantity.lower, quantity.upper),
-                    (low, high),
-                    score.bias,
-                    score.z,
-                    score.coverage.value,
-                    score.coverage_interval,
-                    factor,
-                )
-            )
+            ends = (quantity.lower, quantity.upper), (low, high)
+            covered = score.coverage.value, score.coverage_interval
+            own = quantity.key, quantity.unit, quantity.value, *ends, score.bias, score.z, *covered
+            found.append(Trusted(*own, factor))
         return tuple(found)
 
     @property
