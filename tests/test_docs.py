@@ -160,6 +160,18 @@ def test_examples_run(name: str, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
+def test_the_pipeline_is_where_its_page_says() -> None:
+    text = (DOCS / "theory/pipeline.md").read_text("utf-8")
+    rows = re.findall(r"(?m)^\| \d+\. [^|]+\| `([\w/.]+)` \| ([^|]+) \|", text)
+    assert len(rows) == 10
+    for file, names in rows:
+        code = (ROOT / "src/pilotid" / file).read_text("utf-8")
+        for name in re.findall(r"`(\w+)`", names):
+            assert re.search(rf"(?m)^(def|class) {name}\b", code), f"{file}: no {name}"
+    for file in re.findall(r"`((?:solve|lines|time_domain)/\w+\.py)`", text):
+        assert (ROOT / "src/pilotid" / file).exists(), file
+
+
 def test_each_method_says_what_it_assumes_and_when_to_use_it() -> None:
     from pilotid.methods import METHODS
 
