@@ -110,8 +110,7 @@ def test_models_that_do_not_suit_have_no_number() -> None:
         for name, misfit in (("gain", 1.3e9), ("rate", 5e8), ("lead-lag", 300.0))
     ]
     reason = choose_model([[candidate("single", 5, ()), *others]]).reason
-    assert "rate, gain leave over 1000 more." in reason
-    assert "lead-lag leaves 274 more." in reason
+    assert reason.endswith("lead-lag 274, rate over 1000, gain over 1000.")
 
 
 def test_a_single_run_is_judged_by_a_criterion() -> None:

@@ -34,7 +34,7 @@ def test_draws_are_in_range_and_make_recordings(name: str) -> None:
         assert scenario.name == name
         assert scenario.model.name in POPULATIONS[name].models
         values = dict(zip(scenario.model.keys, scenario.truth, strict=True))
-        for key in set(values) - {"Kvis", "Kvest", "Km"}:  # gains go by the loop
+        for key in set(values) - {"Kvis", "Kvest", "Km", "Kn"}:  # gains go by the loop
             assert RANGES[key][0] <= values[key] <= RANGES[key][1]
         target, _ = margins(scenario.model, scenario.values, scenario.element)
         assert 0.5 * CROSSOVER[0] <= target.crossover <= 1.2 * CROSSOVER[1]

@@ -25,10 +25,9 @@ CONSISTENT = ("fourier", "mle-reference")
 MEDIAN = 0.6745
 
 TEXT = (
-    "Differences from a method that is consistent without a model of the remnant, over its "
-    "standard errors: the median magnitude over all parameters and recordings, so scaled that it "
-    "is 1 where the differences are as large as these errors. A method that is right and more "
-    "precise lies below 1, a biased one above."
+    "Differences from a consistent method, over its standard errors: the median magnitude over "
+    "parameters and recordings, scaled to 1 where differences are as large as these errors. Right "
+    "and more precise methods lie below 1, biased ones above."
 )
 
 
