@@ -28,9 +28,9 @@ from pilotid.pilot.model import (
 from pilotid.pilot.timevarying import Changing, Curve, Fading, Sigmoid, Spline
 from pilotid.posterior.priors import LogUniform, priors_of
 from pilotid.recordings.recording import Recording
+from pilotid.remarks import codes_of
 from pilotid.report.fit import html_report
 from pilotid.solve.least_squares import Penalty
-from pilotid.remarks import codes_of
 from pilotid.solve.smoothing import Restricted
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.remnant_models import LowPass

@@ -36,10 +36,13 @@ def test_draws_are_in_range_and_make_recordings(name: str) -> None:
         values = dict(zip(scenario.model.keys, scenario.truth, strict=True))
         for key in set(values) - {"Kvis", "Kvest", "Km", "Kn"}:  # gains go by the loop
             assert RANGES[key][0] <= values[key] <= RANGES[key][1]
-        target, _ = margins(scenario.model, scenario.values, scenario.element)
-        assert 0.5 * CROSSOVER[0] <= target.crossover <= 1.2 * CROSSOVER[1]
+        # An answer to a target that is seen is in no loop.
+        first = int(name == "population-preview")
+        if "following" not in name:
+            own = margins(scenario.model, scenario.values, scenario.element)[first]
+            assert 0.5 * CROSSOVER[0] <= own.crossover <= 1.2 * CROSSOVER[1]
         omega = np.geomspace(0.05, 60.0, 400)
-        for loop in open_loops(scenario.model, scenario.values, scenario.element, omega):
+        for loop in open_loops(scenario.model, scenario.values, scenario.element, omega)[first:]:
             assert np.min(np.abs(1.0 + loop)) >= 1.0 / SENSITIVITY
         assert remnant_ratio(scenario) == pytest.approx(scenario.remnant.level)
         recording = simulate(scenario, np.random.default_rng(1))
