@@ -38,9 +38,8 @@ def test_draws_are_in_range_and_make_recordings(name: str) -> None:
             assert RANGES[key][0] <= values[key] <= RANGES[key][1]
         # An answer to a target that is seen is in no loop.
         first = int(name == "population-preview")
-        if "following" not in name:
-            own = margins(scenario.model, scenario.values, scenario.element)[first]
-            assert 0.5 * CROSSOVER[0] <= own.crossover <= 1.2 * CROSSOVER[1]
+        own = margins(scenario.model, scenario.values, scenario.element)[first]
+        assert 0.5 * CROSSOVER[0] <= own.crossover <= 1.2 * CROSSOVER[1]
         omega = np.geomspace(0.05, 60.0, 400)
         for loop in open_loops(scenario.model, scenario.values, scenario.element, omega)[first:]:
             assert np.min(np.abs(1.0 + loop)) >= 1.0 / SENSITIVITY
