@@ -42,7 +42,7 @@ MEANINGS: dict[str, tuple[str, str]] = {
         "u=-stick,fd=3.5*d",
         "The file's names for t, e, u, x, ft, fd; a sign or a factor before one is applied.",
     ),
-    "dt": ("0.01", "Sampling interval [s] of files without times."),
+    "dt": ("0.01", "Sampling interval in seconds, of files without times."),
     "joint": ("", "Take all files as runs of one recording."),
     "detrend": ("", "Take a straight line out of u, run by run, and say so."),
     "lead_in": (
