@@ -182,6 +182,17 @@ def effects(
     return [effect for layout in own for effect in _effects(layout, factors, models)]
 
 
+def notes_on(
+    layout: Layout, conditions: Sequence[str], out: Sequence[str], models: Mapping[str, PilotModel]
+) -> list[str]:
+    """Who is left out of a test over conditions, and whether it is one across models."""
+    notes = [f"left out: {'; '.join(out)}"] if out else []
+    known = dict.fromkeys(layout.models[c] for c in conditions)
+    if is_across(layout.parameter, [models[name] for name in known if name in models]):
+        notes.append("across models")
+    return notes
+
+
 def _effects(
     layout: Layout, factors: Factors, models: Mapping[str, PilotModel]
 ) -> Iterator[Effect]:
@@ -192,10 +203,7 @@ def _effects(
         return  # a parameter that some models do not have
     subjects, out = layout.split(conditions)
     table = np.array([[layout.cells[c][s].value for c in conditions] for s in subjects])
-    notes = [f"left out: {'; '.join(out)}"] if out else []
-    known = dict.fromkeys(layout.models[c] for c in conditions)
-    if is_across(layout.parameter, [models[name] for name in known if name in models]):
-        notes.append("across models")
+    notes = notes_on(layout, conditions, out, models)
     names = list(factors)
     for size in range(1, len(names) + 1):
         for some in combinations(range(len(names)), size):

@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pilotid.analysis.combine import NAN, ROUNDING, holm, mean_of
-from pilotid.analysis.contrasts import is_across
-from pilotid.analysis.factors import Effect, Variance, contrasts_of
+from pilotid.analysis.factors import Effect, Variance, contrasts_of, notes_on
 from pilotid.analysis.rows import (
     CONDITION,
     GROUP,
@@ -161,10 +160,7 @@ def _effects(layout: Layout, models: Mapping[str, PilotModel]) -> Iterator[Effec
     names = [group_in(s) for s in subjects]
     groups = np.unique(names, return_inverse=True)[1] if names else np.zeros(0, dtype=int)
     table = np.array([[layout.cells[c][s].value for c in conditions] for s in subjects])
-    notes = [f"left out: {'; '.join(out)}"] if out else []
-    known = dict.fromkeys(layout.models[c] for c in conditions)
-    if is_across(layout.parameter, [models[name] for name in known if name in models]):
-        notes.append("across models")
+    notes = notes_on(layout, conditions, out, models)
     count = len(conditions)
     plans = {GROUP: np.full((1, count), count**-0.5)}
     if count > 1:
