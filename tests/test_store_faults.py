@@ -385,3 +385,20 @@ def test_two_can_write_one_store(tmp_path: Path) -> None:
             heard("done")
             with Store(folder) as store:
                 assert {unit.replication for unit in store.done()} == {1000, 1001}
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("remnant ratio nominal", "{{ 7*7 }}"),
+        ("trajectory nominal", "<b>"),
+        ("trajectory nominal", '{"time": [0.0, 1.0], "Kvis": [0.1]}'),
+    ],
+)
+def test_facts_that_no_report_could_read_are_refused(
+    finished: Path, tmp_path: Path, run: Run, key: str, value: str
+) -> None:
+    folder = copied(finished, tmp_path / "stranger")
+    with Store(folder) as store:
+        store.describe({**store.about(), key: value})
+    refused(run("report", folder), "is damaged", "--salvage")

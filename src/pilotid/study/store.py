@@ -24,6 +24,7 @@ from pilotid.database import DamagedError, beside, checksum, damaged, in_words
 from pilotid.disk import write_file
 from pilotid.study.archive import KEPT, UNREADABLE, Row, from_archive, not_an_archive, to_archive
 from pilotid.study.entries import (
+    TRAJECTORY,
     Draw,
     MethodEntry,
     ParameterTruth,
@@ -449,7 +450,23 @@ def _adapter(kind: str) -> Any:
 def _checked(kind: str, content: str) -> Entry:
     """A row and its parts of the types that they should have."""
     _adapter(kind).validate_json(content)
-    return _entry(content)
+    entry = _entry(content)
+    if kind == "about":
+        _require_facts(dict(entry.row))
+    return entry
+
+
+def _require_facts(facts: Mapping[str, str]) -> None:
+    """Refuse facts that a report could not read, with a ValueError."""
+    from pydantic import TypeAdapter
+
+    for key, value in facts.items():
+        if key.startswith("remnant ratio "):
+            float(value)
+        if key.startswith(f"{TRAJECTORY} "):
+            truth = TypeAdapter(dict[str, list[float]]).validate_json(value)
+            if "time" not in truth or len({len(path) for path in truth.values()}) > 1:
+                raise ValueError(key)
 
 
 def _entry(content: str) -> Entry:
