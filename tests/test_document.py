@@ -29,7 +29,7 @@ from pilotid.document import (
     to_markdown,
     typeset,
 )
-from pilotid.numbers import plus_minus, share
+from pilotid.numbers import number, plus_minus, share
 
 Item = tuple[str, float, float]
 NASTY = "a|b <i>&\x1b[1m_%"
@@ -173,6 +173,21 @@ def test_a_figure_that_is_there_is_not_written_again(
     assert [saved("a"), saved("a"), saved("b")] == [1, 1, 2]
     (tmp_path / "one.pdf").unlink()
     assert saved("b") == 3
+
+
+def test_labels_of_ticks_are_made_harmless() -> None:
+    from matplotlib.figure import Figure as Drawing
+
+    drawing = Drawing()
+    drawing.subplots().set_yticks([0.0, 1.0], ["\x00\x01a", "$\\frac{$"])
+    shown = Figure("one", drawing, "A figure.").svg
+    assert "\x00" not in shown
+    assert "frac" in shown
+
+
+def test_differences_beyond_all_numbers_are_told() -> None:
+    assert plus_minus(1.2, 0.3) == "+1.20 ± 0.30"
+    assert plus_minus(math.inf, 1.0) == number(math.inf)
 
 
 def test_a_narrow_terminal_has_a_table_in_parts_and_cuts_no_number() -> None:

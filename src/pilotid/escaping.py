@@ -97,10 +97,17 @@ def clean_drawing(drawing: Figure) -> None:
     from matplotlib.mathtext import MathTextParser
     from matplotlib.text import Text
 
+    def cleaned(label: str) -> str:
+        return "\n".join(map(clean, label.split("\n")))[:LONGEST_LABEL]
+
+    for axis in (axis for axes in drawing.axes for axis in (axes.xaxis, axes.yaxis)):
+        labels = [text.get_text() for text in axis.get_ticklabels()]
+        if any(label != cleaned(label) for label in labels):  # a formatter sets them anew
+            axis.set_ticks(axis.get_majorticklocs(), labels=[*map(cleaned, labels)])
     for text in drawing.findobj(Text):
         assert isinstance(text, Text)
         given = text.get_text()
-        words = "\n".join(map(clean, given.split("\n")))[:LONGEST_LABEL]
+        words = cleaned(given)
         if words != given:
             text.set_text(words)
         if "$" in words:

@@ -43,8 +43,8 @@ def unsigned(value: float, error: float) -> str:
 def plus_minus(value: float, error: float) -> str:
     """A difference, with its sign, and its error, of which two digits are shown."""
     text = unsigned(value, error)
-    known = value > 0.0 and error > 0.0 and float(text.partition(" ")[0]) > 0.0
-    return f"+{text}" if known and math.isfinite(error) else text
+    known = math.isfinite(value) and math.isfinite(error) and value > 0.0 and error > 0.0
+    return f"+{text}" if known and float(text.partition(" ")[0]) > 0.0 else text
 
 
 def percent(value: float, error: float = math.nan) -> str:

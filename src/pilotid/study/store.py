@@ -453,6 +453,8 @@ def _checked(kind: str, content: str) -> Entry:
     entry = _entry(content)
     if kind == "about":
         _require_facts(dict(entry.row))
+    if kind == "fits":
+        _tracks(entry.row[-1])
     return entry
 
 
@@ -478,12 +480,23 @@ def _result(row: Row, parts: list[Row], draw: Draw | None, order: list[str]) -> 
     *unit, outcome, message, usable, vaf, count, posterior, seconds, excess, remarks, tracks = row
     known = [part for part in parts if part[0] in order]
     estimates = tuple(sorted(known, key=lambda part: order.index(part[0])))
-    paths = tuple(
-        Track(key, tuple(rmse), lag, coverage, tuple(values))
-        for key, *rmse, lag, coverage, values in _loaded(tracks or "[]")
-    )
     head = Unit(*unit), outcome, message, bool(usable), vaf, count, bool(posterior), seconds
-    return Result(*head, estimates, excess, draw, remarks, paths)
+    return Result(*head, estimates, excess, draw, remarks, _tracks(tracks))
+
+
+@cache
+def _adapter_of_tracks() -> Any:
+    from pydantic import TypeAdapter
+
+    return TypeAdapter(list[tuple[str, Num, Num, Num, Num, Num, Num, list[Num]]])
+
+
+def _tracks(text: str) -> tuple[Track, ...]:
+    """The trajectories of a fit; a ValueError if the text holds something else."""
+    return tuple(
+        Track(key, tuple(rmse), lag, coverage, tuple(values))
+        for key, *rmse, lag, coverage, values in _adapter_of_tracks().validate_json(text or "[]")
+    )
 
 
 def _draw(row: Row) -> Draw:
