@@ -50,7 +50,9 @@ def test_a_model_that_lacks_a_channel_disagrees() -> None:
 
 def test_it_is_the_first_line_under_the_table() -> None:
     lines = str(fit("nominal", "multi", 0)).split("\n\n")[1].splitlines()
-    assert lines[0].startswith("specification: agrees with fourier (p = ")
+    assert lines[0].startswith(
+        "specification: agrees with fourier (difference not significant, p = "
+    )
     assert lines[1].startswith("mle: converged")
 
 

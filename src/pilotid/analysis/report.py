@@ -46,10 +46,10 @@ from pilotid.study.trust import UNKNOWN
 
 TITLE = "Pilot models of recorded subjects"
 CRITERIA = (
-    "What judges is the control at the lines of the forcing functions against what the model "
-    "in its loop makes of them, in runs left out of the fit. Information criteria of the whole "
-    "control are shown beside it, but a channel on the output can win there as the inverse of "
-    "the controlled element, with a simulated response that explains nothing (VAF)."
+    "Models are ranked by how well they predict the control at the forcing frequencies, in runs "
+    "that were not used for the fit. Information criteria of the whole control are shown beside "
+    "it; they can prefer a model that only inverts the controlled element, with a variance "
+    "accounted for (VAF) near zero."
 )
 MEANS = (
     "Means over subjects with the standard deviation between them in parentheses, or single values "
@@ -249,7 +249,7 @@ def _changing(analysis: Analysis) -> list[str]:
     where = [f"{words} {sum(own)} of {len(own)}" for words, own in told.items() if any(own)]
     return [
         f"A gain or lead changes by a third or more during {sum(every)} of {len(every)} recordings "
-        f"(p < {ESTIMATE.changes:g} of a constant pilot): {', '.join(where)}. `adapting` is a "
+        f"(a constant pilot is rejected, p < {ESTIMATE.changes:g}): {', '.join(where)}. `adapting` is a "
         "model of such pilots."
     ]
 

@@ -38,7 +38,7 @@ class Specification:
         """The test in words."""
         return (
             f"specification: {'agrees' if self.agrees else 'disagrees'} with {self.against} "
-            f"(p = {self.p_value:.2g})"
+            f"(difference {'not ' if self.agrees else ''}significant, p = {self.p_value:.2g})"
         )
 
     @property

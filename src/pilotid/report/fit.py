@@ -27,7 +27,7 @@ ABREAST = 3
 #: Correlation matrices in one figure, which a page of paper holds.
 MATRICES = 6
 READING = (
-    "Values with the standard error that the method claims, and 95 % intervals. Gain and lead time "
+    "Values with the standard error that the method reports, and 95 % intervals. Gain and lead time "
     "of the visual channel are strongly correlated; their product is known better than either."
 )
 #: Half of a 95 % interval over the value up to which a parameter is well known, and from which

@@ -334,7 +334,7 @@ def _varying(found: Optimum, rows: FloatArray) -> Remark | None:
     share = 100.0 * PLACES[int(np.argmax(scores.statistics))]
     return Remark(
         "gains-change",
-        f"{' and '.join(keys)} change during the recording, most about {share:.0f} % through it "
+        f"{' and '.join(keys)} change during the recording, mainly near {share:.0f} % of its time "
         f"({in_words(keys, steps)}; score test {scores.statistics.max():.0f}, {scores.freedom} "
         "expected), or the model lacks a channel or a lag; fit segments separately, or use a "
         "time-varying model",
