@@ -249,8 +249,8 @@ def _changing(analysis: Analysis) -> list[str]:
     where = [f"{words} {sum(own)} of {len(own)}" for words, own in told.items() if any(own)]
     return [
         f"A gain or lead changes by a third or more during {sum(every)} of {len(every)} recordings "
-        f"(a constant pilot is rejected, p < {ESTIMATE.changes:g}): {', '.join(where)}. `adapting` is a "
-        "model of such pilots."
+        f"(a constant pilot is rejected, p < {ESTIMATE.changes:g}): {', '.join(where)}. "
+        "`adapting` is a model of such pilots."
     ]
 
 

@@ -27,8 +27,8 @@ ABREAST = 3
 #: Correlation matrices in one figure, which a page of paper holds.
 MATRICES = 6
 READING = (
-    "Values with the standard error that the method reports, and 95 % intervals. Gain and lead time "
-    "of the visual channel are strongly correlated; their product is known better than either."
+    "Values with the standard error that the method reports, and 95 % intervals. Gain and lead "
+    "time of the visual channel are strongly correlated; their product is known better than either."
 )
 #: Half of a 95 % interval over the value up to which a parameter is well known, and from which
 #: on it is poorly known.
