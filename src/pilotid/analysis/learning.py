@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pilotid.analysis.combine import NAN, mean_of, plain_mean
-from pilotid.analysis.rows import CONDITION, Row, Stratum, in_order
+from pilotid.analysis.rows import Row, Stratum, grouped, in_order
 from pilotid.types import FloatArray
 
 #: The field of a pattern that numbers sessions.
@@ -107,12 +107,15 @@ def learning(rows: Sequence[Row]) -> list[Learning]:
     single = {(row.file, row.method) for row in rows if row.run is not None}
     used = [row for row in rows if (row.run is None) != ((row.file, row.method) in single)]
     used = [row for row in used if row.run is not None or row.field(SESSION)]
-    series: dict[tuple[object, ...], list[Row]] = {}
-    for row in used:
-        stratum = tuple(pair for pair in row.stratum if pair[0] != SESSION)
-        key = (stratum, row.field(CONDITION), row.model, row.method, row.parameter)
-        series.setdefault(key, []).append(row)
+    series = grouped(
+        used, lambda row: (_stratum(row), row.condition, row.model, row.method, row.parameter)
+    )
     return [line for own in series.values() for line in _curves(own)]
+
+
+def _stratum(row: Row) -> Stratum:
+    """The stratum without the session, over which curves go."""
+    return tuple(pair for pair in row.stratum if pair[0] != SESSION)
 
 
 def _curves(rows: Sequence[Row]) -> list[Learning]:
@@ -132,8 +135,8 @@ def _curves(rows: Sequence[Row]) -> list[Learning]:
     if not whole:
         return []
     about = (
-        tuple(pair for pair in rows[0].stratum if pair[0] != SESSION),
-        rows[0].field(CONDITION),
+        _stratum(rows[0]),
+        rows[0].condition,
         rows[0].model,
         rows[0].method,
         rows[0].parameter,

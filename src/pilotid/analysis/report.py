@@ -327,11 +327,12 @@ def _conditions(results: Results) -> Section:
 def _learning(results: Results) -> Iterator[Block]:
     """Quantities over runs: a table, and a figure for each condition and method."""
     yield learning_table([c for c in results.learning if not c.subject] or results.learning)
-    groups: dict[str, list[Learning]] = {}
-    for curve in results.learning:
+
+    def title_of(curve: Learning) -> str:
         title = table_title(curve.stratum, curve.method, curve.model)
-        groups.setdefault(", ".join(filter(None, (title, curve.condition))), []).append(curve)
-    for place, (title, own) in enumerate(groups.items(), start=1):
+        return ", ".join(filter(None, (title, curve.condition)))
+
+    for place, (title, own) in enumerate(grouped(results.learning, title_of).items(), start=1):
         caption = f"Over runs, {title}. Thin: subjects; black: their mean, and the common curve."
         yield Figure(f"learning-{place}", learning_figure(own), caption)
 

@@ -22,10 +22,7 @@ from pilotid.recordings.text import read_table
 from pilotid.recordings.variables import Variables, contents_of, parts_of
 from pilotid.types import InputError
 
-HDF5 = (".h5", ".hdf5", ".hdf")
-NUMPY = (".npz", ".npy")
 PARQUET = (".parquet",)
-SUFFIXES = (".mat", *HDF5, *NUMPY, *PARQUET)
 #: How a good file is made.
 SAVED = {
     ".mat": "save it again with save -v7",

@@ -390,7 +390,7 @@ def _starts(
 
 def together(ends: Minima, samples: int) -> list[list[int]]:
     """Which ends are in one optimum, the best one's first; `ends`, `samples` as in `optima`."""
-    return grouped(
+    return clusters(
         range(len(ends.values)),
         lambda first, index: (
             ends.apart(ends.values[index], samples, first) <= SEARCH.same_optimum_distance
@@ -398,7 +398,7 @@ def together(ends: Minima, samples: int) -> list[list[int]]:
     )
 
 
-def grouped(indices: Iterable[int], near: Callable[[int, int], bool]) -> list[list[int]]:
+def clusters(indices: Iterable[int], near: Callable[[int, int], bool]) -> list[list[int]]:
     """Indices, each with the first before it that it is near to.
 
     Parameters
@@ -485,7 +485,7 @@ def _likely(choices: list[RemnantChoice], check: SimulationCheck) -> list[Remnan
         reached[~kept] = np.inf
     near = np.flatnonzero(reached < np.min(reached) + SEARCH.look_criterion)
     ranked = near[np.argsort(reached[near], kind="stable")].tolist()
-    met = grouped(ranked, lambda first, index: firsts[first].is_near(firsts[index].pilot))
+    met = clusters(ranked, lambda first, index: firsts[first].is_near(firsts[index].pilot))
     return [choices[group[0]] for group in met]
 
 
