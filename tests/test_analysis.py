@@ -246,7 +246,7 @@ def test_remarks_are_counted_and_the_worst_named() -> None:
     settings = Settings({}, auto=True, methods={})
     analysis = Analysis(settings, {part: {"remarks": []}}, {}, fits, [])
     count, *worst, stick = alarms(analysis)
-    assert count == "Warnings: 1 wrong, 6 doubt, 9 note."
+    assert count == "Warnings: 1 wrong, 6 doubts, 9 notes; the gravest, then the commonest:"
     assert [line.partition("]")[0] for line in worst] == [
         "wrong [misspecified",
         "doubt [halves-differ",
@@ -255,7 +255,7 @@ def test_remarks_are_counted_and_the_worst_named() -> None:
     assert "and 2 more" in worst[1]
     assert stick.startswith("held-control, of the stick")
     count, *_, ignored = alarms(analysis.without(frozenset({"misspecified", "held-control"})))
-    assert count == "Warnings: 6 doubt, 9 note."
+    assert count == "Warnings: 6 doubts, 9 notes; the gravest, then the commonest:"
     assert ignored == "Left out by --ignore: held-control, misspecified."
 
 

@@ -637,7 +637,7 @@ def _warnings(
     bounds = [own[taken].bounds for own in held if own[taken].bounds]
     if bounds:
         told.append(
-            f"In this comparison, {len(bounds)} of {len(held)} fits of {taken} end at a bound "
+            f"{len(bounds)} of the {len(held)} fits of {taken} made for this choice end at a bound "
             f"({bounds[0]})."
         )
     return told

@@ -154,7 +154,11 @@ def gravest_first(remarks: Iterable[Remark]) -> tuple[Remark, ...]:
 def counted_grades(remarks: Iterable[Remark]) -> str:
     """How many remarks there are of each grade, in words; empty for none."""
     grades = [remark.grade for remark in remarks]
-    return ", ".join(f"{grades.count(grade)} {grade}" for grade in GRADES if grade in grades)
+    counts = {grade: grades.count(grade) for grade in GRADES if grade in grades}
+    return ", ".join(
+        f"{count} {grade}{'s' * (count > 1 and grade != 'wrong')}"
+        for grade, count in counts.items()
+    )
 
 
 def remark_of(sentence: str) -> Remark:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 from cases import far_model, position_control, recorded
 from pytest_benchmark.fixture import BenchmarkFixture
 
+from pilotid import load_recording
 from pilotid.datasets import scenario_named, simulate
 from pilotid.estimates.method import identify
 from pilotid.methods import method_named
@@ -59,6 +62,26 @@ def test_position_control(benchmark: BenchmarkFixture, name: str) -> None:
     fit = (method_named(name), recording, scenario.model, np.random.default_rng(1))
     estimate = benchmark.pedantic(identify, fit, rounds=5, warmup_rounds=1)
     assert estimate.outcome.usable
+
+
+def test_people(benchmark: BenchmarkFixture, measured: Path) -> None:
+    """Recordings of people with `multi`, whose true model is another; half a minute in all."""
+    benchmark.group = "fit: recordings of people, 5 runs, multi"
+    recordings = [load_recording(file) for file in sorted((measured / "yaw").glob("*.mat"))]
+    seconds: list[float] = []
+
+    def fit_all() -> None:
+        for recording in recordings:
+            begin = time.perf_counter()
+            identify(method_named("mle"), recording, MODELS["multi"], np.random.default_rng(1))
+            seconds.append(time.perf_counter() - begin)
+
+    benchmark.pedantic(fit_all, rounds=1)
+    benchmark.extra_info |= {
+        "recordings": len(recordings),
+        "median": round(float(np.median(seconds)), 3),
+        "worst": round(max(seconds), 3),
+    }
 
 
 @pytest.mark.parametrize("name", ["mle-windowed", "rarx", "ukf"])

@@ -106,6 +106,14 @@ def test_analyse(benchmark: BenchmarkFixture, tmp_path: Path) -> None:
     assert (tmp_path / "results" / "report.html").is_file()
 
 
+def test_analyse_people(benchmark: BenchmarkFixture, measured: Path, tmp_path: Path) -> None:
+    benchmark.group = "analyse: recordings of people, 4 subjects, 6 conditions, 5 runs"
+    files = sorted((measured / "yaw").glob("*.mat"))
+    command = ("-c", PROGRAM, "analyse", *files, "--pattern", "subj{subject}_{condition}")
+    benchmark.pedantic(run, (*command, "--out", tmp_path / "results"), rounds=1)
+    assert (tmp_path / "results" / "report.html").is_file()
+
+
 def test_compare(benchmark: BenchmarkFixture, tmp_path: Path) -> None:
     """The quick comparison, and the largest memory that any of its processes took."""
     benchmark.group = "compare, quick profile"

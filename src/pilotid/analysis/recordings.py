@@ -162,14 +162,12 @@ def parts_of(files: Sequence[Path], pattern: Pattern | None) -> tuple[list[Part]
     if pattern is None:
         return [Part((file,), ()) for file in dict.fromkeys(files)], []
     refused: list[str] = []
+    unfit: list[Path] = []
     grouped: dict[tuple[tuple[str, str], ...], list[tuple[str, Path]]] = {}
     for file in dict.fromkeys(files):
         found = pattern.match(file)
         if found is None:
-            refused.append(
-                f"{file}: its name does not fit the pattern '{pattern.text}'; change the pattern, "
-                "or leave the file out"
-            )
+            unfit.append(file)
             continue
         run = found.pop(RUN, "")
         held = grouped.setdefault(tuple(found.items()), [])
@@ -181,6 +179,12 @@ def parts_of(files: Sequence[Path], pattern: Pattern | None) -> tuple[list[Part]
             )
             continue
         held.append((run, file))
+    if unfit:
+        more = f", and {len(unfit) - 1} more files" if unfit[1:] else ""
+        refused.append(
+            f"{unfit[0]}{more}: the name does not fit the pattern '{pattern.text}'; change the "
+            "pattern, or leave the file out"
+        )
     parts = []
     for fields, entries in grouped.items():
         order = in_order([run for run, _ in entries])

@@ -24,9 +24,11 @@ from pilotid.analysis.report_tables import (
     alarms,
     contrast_tables,
     counted,
+    difference_words,
     estimate_groups,
     factor_table,
     group_table,
+    is_headline,
     is_significant,
     learning_table,
     means_table,
@@ -40,11 +42,13 @@ from pilotid.analysis.results import Results
 from pilotid.analysis.rows import GROUP, MEASURED, SUBJECT, grouped
 from pilotid.analysis.spread import spread_sentence
 from pilotid.document import Block, Bullets, Command, Figure, Section, Text, write_page
+from pilotid.estimates.estimate import Outcome
 from pilotid.limits import ESTIMATE
 from pilotid.report.trust import trust_blocks
 from pilotid.study.trust import UNKNOWN
 
 TITLE = "Pilot models of recorded subjects"
+MOST = 6  # differences that the summary names
 CRITERIA = (
     "Models are ranked by how well they predict the control at the forcing frequencies, in runs "
     "that were not used for the fit. Information criteria of the whole control are shown beside "
@@ -53,7 +57,8 @@ CRITERIA = (
 )
 MEANS = (
     "Means over subjects with the standard deviation between them in parentheses, or single values "
-    "with their standard errors."
+    "with their standard errors. Variances (var) and root mean squares (rms) are means over runs, "
+    "so that one need not be the square of the other; the remnant's share is of the variance of u."
 )
 PAIRED = (
     "Paired differences over subjects, b less a, between conditions or between parameters "
@@ -178,11 +183,12 @@ def _summary(results: Results) -> Section:
         if fit.run is None
         for e in fit.content["estimates"]
     ]
+    words = {outcome.slug: outcome.value.replace(":", ",") for outcome in Outcome}
     for outcome in dict.fromkeys(how for how, _ in ends if how != "converged"):
         where = [place for how, place in ends if how == outcome]
         more = f", and {len(where) - FEW} more" if len(where) > FEW else ""
         items.append(
-            f"{len(where)} of {len(ends)} fits: {outcome} ({'; '.join(where[:FEW])}{more})."
+            f"{len(where)} of {len(ends)} fits {words[outcome]} ({'; '.join(where[:FEW])}{more})."
         )
     items += alarms(analysis)
     items += results.notes
@@ -201,7 +207,10 @@ def _contrasted(results: Results) -> Iterator[str]:
     every = counted(results.contrasts)
     clear = [c for c in every if is_significant(c)]
     told = f"{len(clear)} of {len(every)} {_compared(results)} have p < {LEVEL:g} after Holm's"
-    yield f"{told} correction" + (": see [conditions](#conditions)." if clear else ".")
+    told_first = sorted(clear, key=lambda c: (c.method == MEASURED, not is_headline(c), c.p_holm))
+    named = "; ".join(map(difference_words, told_first[:MOST]))
+    more = f"; and {len(clear) - MOST} more" if len(clear) > MOST else ""
+    yield f"{told} correction" + (f": {named}{more} ([all](#conditions))." if clear else ".")
     out: dict[str, dict[str, None]] = {}
     for c in results.contrasts:
         for reason in c.left_out:

@@ -30,7 +30,7 @@ from pilotid.analysis.rows import (
 from pilotid.document import Column, Table, table_latex, table_of
 from pilotid.limits import ESTIMATE
 from pilotid.naming.symbols import symbol
-from pilotid.numbers import NONE, number, p_value, percent, to_error, unsigned
+from pilotid.numbers import NONE, number, p_value, percent, plus_minus, to_error, unsigned
 from pilotid.remarks import GRADES, OF_STICK, Remark, counted_grades, gravest_first
 from pilotid.types import printable
 
@@ -118,6 +118,16 @@ def is_significant(c: Contrast) -> bool:
     return c.p_holm < LEVEL and not c.across
 
 
+def difference_words(c: Contrast) -> str:
+    """A difference in a sentence: where, of what, by how much, which way, how certain."""
+    where = " ".join((*(value for _, value in c.stratum), _compared(c), c.method))
+    unit = f" {c.unit}" if c.unit else ""
+    size = plus_minus(c.difference, _error(c))
+    p = p_value(c.p_holm)
+    p = f"p {p}" if p.startswith("<") else f"p = {p}"
+    return f"{where}, {c.parameter} {size}{unit} ({p})"
+
+
 def _significant(c: Contrast) -> str:
     return "good" if is_significant(c) else ""
 
@@ -186,7 +196,10 @@ def alarms(analysis: Analysis, worst: int = 3) -> list[str]:
     told = [(place, remark) for place, remark in every if remark.code not in OF_STICK]
     found = []
     if told:
-        found.append(f"Warnings: {counted_grades(remark for _, remark in told)}.")
+        found.append(
+            f"Warnings: {counted_grades(remark for _, remark in told)}; "
+            "the gravest, then the commonest:"
+        )
     codes = grouped((pair for pair in told if pair[1].grade != "note"), lambda pair: pair[1].code)
     order = sorted(
         codes, key=lambda code: (GRADES.index(codes[code][0][1].grade), -len(codes[code]))

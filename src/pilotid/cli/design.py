@@ -74,18 +74,19 @@ def design(
     if pilots is not None:
         everyone = drawn_pilots(chosen, pilots, seed)
     effect = read_effect(power) if power else ()
-    made = designing.design(
-        chosen,
-        minimise,
-        wanted=numbers_in("--wanted", wanted) if wanted else None,
-        limits=configured(Limits, limit, f"--limit {limit}"),
-        lines=chosen_lines(reference_lines(chosen), lines, pick, period, shared=shared),
-        pilots=everyone if pilots is not None or len(everyone) > 1 else (),
-        over=over,
-        remnant=remnant,
-        at_most=at_most,
-        seed=seed,
-    )
+    with make_console(errors=True).status("designing"):
+        made = designing.design(
+            chosen,
+            minimise,
+            wanted=numbers_in("--wanted", wanted) if wanted else None,
+            limits=configured(Limits, limit, f"--limit {limit}"),
+            lines=chosen_lines(reference_lines(chosen), lines, pick, period, shared=shared),
+            pilots=everyone if pilots is not None or len(everyone) > 1 else (),
+            over=over,
+            remnant=remnant,
+            at_most=at_most,
+            seed=seed,
+        )
     experiments = {"design": made.scenario, "reference": made.reference} if effect else {}
     plans = [
         (name, plan(experiment, *effect, between=between, within=within))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from operator import itemgetter
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from pilotid.estimates.parts import FrequencyResponse
 from pilotid.estimates.quantities import Quantity
 from pilotid.pilot.element import ControlledElement, parsed_element
 from pilotid.recordings.recording import INPUTS
+from pilotid.remarks import counted_grades
 from pilotid.show import panels
 from pilotid.show.responses import BANDS
 from pilotid.show.spectra import RESIDUALS
@@ -30,9 +32,8 @@ READING = (
     "Values with the standard error that the method reports, and 95 % intervals. Gain and lead "
     "time of the visual channel are strongly correlated; their product is known better than either."
 )
-#: Half of a 95 % interval over the value up to which a parameter is well known, and from which
-#: on it is poorly known.
-WELL, POORLY = 0.1, 0.5
+#: Half of a 95 % interval over the value from which on a parameter is poorly identified.
+POORLY = 0.5
 
 
 def html_report(
@@ -80,8 +81,14 @@ def warnings_of(fit: Fitted) -> list[Block]:
     """All remarks, if there are any."""
     if not fit.warnings:
         return []
-    title = Text("Warnings: read them before you use the numbers", "heading")
-    return [title, Bullets(fit.warnings)]
+    return [Text(_warned(fit), "heading"), Bullets(fit.warnings)]
+
+
+def _warned(fit: Fitted) -> str:
+    """How many remarks of each grade there are, and what they ask."""
+    grave = any(remark.grade != "note" for remark in fit.graded)
+    what = "read before you use the numbers" if grave else "for information, no doubts"
+    return f"{counted_grades(fit.graded)}: {what}"
 
 
 # ---------------------------------------------------------------------------------- words
@@ -97,10 +104,8 @@ def summary(fit: Fitted) -> list[str]:
             sentences += [*_known(chosen), *_agreement(chosen, fit.estimates)]
         else:
             sentences.append("No numbers here are to be used.")
-    count = len(fit.warnings)
-    if count:
-        warnings = "One warning" if count == 1 else f"{count} warnings"
-        sentences.append(f"{warnings} below: read before you use the numbers.")
+    if fit.warnings:
+        sentences.append(f"Below, {_warned(fit)}.")
     elif chosen is not None:
         sentences.append("No check of recording or fit found a fault.")
     return sentences
@@ -148,17 +153,14 @@ def _known(chosen: Estimate) -> list[str]:
     shares = {q.key: _share(q) for q in chosen.quantities if not set(q.key.split("*")) & set(bound)}
     if not all(math.isfinite(share) for share in shares.values()):
         return []
-    well = [f"{key} (± {_percent(share)})" for key, share in shares.items() if share <= WELL]
-    poorly = [f"{key} (± {_percent(share)})" for key, share in shares.items() if share >= POORLY]
+    poorly = [key for key, share in shares.items() if share >= POORLY]
+    each = [f"{key} {_percent(share)}" for key, share in sorted(shares.items(), key=itemgetter(1))]
     kinds = {
-        "well identified (95 % interval within 10 %)": well,
-        "poorly identified (beyond 50 %)": poorly,
-        "at a bound": bound,
+        f"Half of the 95 % interval of {chosen.method} over the value": each,
+        f"Poorly identified (above {100.0 * POORLY:.0f} %)": poorly,
+        "At a bound": bound,
     }
-    told = [f"{what}: {listed(keys)}" for what, keys in kinds.items() if keys]
-    if not (poorly or bound):
-        told.append("poorly identified (beyond 50 %): none")
-    return [f"By {chosen.method}, {'; '.join(told)}."]
+    return [f"{what}: {listed(keys)}." for what, keys in kinds.items() if keys]
 
 
 def _share(quantity: Quantity) -> float:

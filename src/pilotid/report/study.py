@@ -58,17 +58,18 @@ FEWEST = 20  # fits of a part of a population that can be its weakest
 LOSS = (
     "**Loss**: for each parameter of each fit the interval score of its 95 % interval (width, plus "
     "40 times the distance by which it misses the truth), over the score that an exact and "
-    f"efficient estimator has on that recording ({EFFICIENT:.3f} Cramér-Rao bounds): **1 is "
-    "perfect**, and bias, scatter, and intervals too short or too long all cost. Mean over "
-    "recordings, geometric mean over parameters; in parentheses a 95 % bootstrap interval over "
-    "recordings. A fit that failed is charged with the interval from zero to twice the true value. "
-    "A method without intervals is ranked behind the others, by its rmse over the bound."
+    f"efficient estimator has on that recording ({EFFICIENT:.3f} Cramér-Rao bounds). Such an "
+    "estimator has **1** on average, a few recordings may give less, and bias, scatter, and "
+    "intervals too short or too long all cost. Mean over recordings, geometric mean over "
+    "parameters; in parentheses a 95 % bootstrap interval over recordings. A fit that failed is "
+    "charged with the interval from zero to twice the true value. A method without intervals is "
+    "ranked behind the others, by its rmse over the bound."
 )
 COLUMNS = (
-    "**Times best**: the ratio of losses on the same recordings, with an interval of its own; one "
-    "that holds 1 means that the recordings do not tell the two apart. **Bias**: the largest mean "
-    "error in claimed standard errors, with its Monte Carlo standard error. **Coverage**: share of "
-    "the 95 % intervals that hold the truth, with its 95 % interval."
+    "**Times best**: the ratio of losses on the same recordings, with an interval of its own; if "
+    "it holds 1, the recordings do not tell the two apart, whatever the colours of their losses. "
+    "**Largest bias**: mean error in claimed standard errors, with its Monte Carlo standard error. "
+    "**Coverage**: share of the 95 % intervals that hold the truth, with its 95 % interval."
 )
 VARYING = (
     "The controlled element varies during the run, and the pilot with it. **Trajectories** are the "
@@ -171,13 +172,15 @@ def answer(cells: Sequence[MethodResults]) -> str:
     alike = [cell for cell in others if (r := loss_ratio(cell, best)).lower <= 1.0 <= r.upper]
     if alike:
         listed = ", ".join(f"`{cell.method}`" for cell in alike)
-        words += f" Not distinguishable from it with these recordings: {listed}."
+        words += f" Not clearly worse (the ratio of losses may be 1): {listed}."
     worse = next((cell for cell in others if cell not in alike), None)
     if worse is not None:
-        words += f" Then comes `{worse.method}`, with {loss_ratio(worse, best)} times that loss."
+        words += (
+            f" Next, clearly worse: `{worse.method}`, {loss_ratio(worse, best)} times that loss."
+        )
     poor = [f"`{cell.method}`" for cell in others if cell.overall.loss.lower >= USABLE]
     if poor and grade != "poor":
-        words += f" **Do not use** {', '.join(poor)}: certainly poor."
+        words += f" **Do not use** {', '.join(poor)}: loss surely above {USABLE:g}."
     return words
 
 

@@ -62,7 +62,7 @@ def ranking(cells: Sequence[MethodResults]) -> Table[MethodResults]:
     if count > 1 and not entry.one_recording:
         what = f"{count} recordings"
     axis = LogAxis.of(cell.overall.loss for cell in order)
-    caption = f"`{entry.name}`, {what}: methods by their loss (1: perfect)"
+    caption = f"`{entry.name}`, {what}: methods by their loss (1: exact and efficient)"
     return Table(caption, ranking_columns(dict.fromkeys(order, order[0]), axis), order)
 
 
@@ -82,15 +82,15 @@ def ranking_columns(
         Column(
             "",
             lambda c: c.overall.loss,
-            hint="logarithmic; 1 is perfect",
+            hint="logarithmic; 1: exact and efficient",
             mark=lambda c: loss_mark(c.overall.loss.value),
             axis=axis,
         ),
         Column("times best", times_best, str, "ratio to the first row's loss, same recordings"),
         Column("verdict", lambda c: judge(c.scores).words, None, "by fixed limits", _grade),
-        Column("bias", _largest_bias, str, "mean error in claimed standard errors"),
+        Column("largest bias", _largest_bias, str, "in claimed standard errors, ± its own error"),
         Column("coverage %", lambda c: covered(c.overall), share, "of 95 % intervals"),
-        Column("failed", _failed, str, "in parentheses the loss of the other fits"),
+        Column("failed (loss else)", _failed, str, "loss of the other fits"),
         Column("objects", _objections, of, "recordings that it objects to"),
         Column("warned", _warned_of_violation, str, "recordings with a remark or a failure"),
         Column("lag", _lags, hint="of what varies, if certainly above 1 s"),
@@ -242,7 +242,7 @@ def matrices(study: Comparison, names: Sequence[str], widest: int) -> list[Table
         Column("mean", mean, str, "geometric, where there is a loss in every scenario"),
         Column("worst", worst),
     ]
-    caption = f"Loss of every method in {len(names)} scenarios (1: perfect; n/a: not applicable)"
+    caption = f"Loss of every method in {len(names)} scenarios (1: exact and efficient)"
     tables = []
     for i in range(0, len(names), size):
         shown = [column(name) for name in names[i : i + size]] if widest else []

@@ -88,7 +88,7 @@ def losses_text(study: Comparison, names: Sequence[str]) -> str:
         if known:
             most = np.log(max(known[-1][1] / LEAST_LOSS, 2.0))
             wide = max(len(method) for method, _ in known)
-            lines = [f"{name}: loss, logarithmic; 1 is perfect"]
+            lines = [f"{name}: loss, logarithmic; 1: exact and efficient"]
             for method, loss in known:
                 length = round((WIDTH - wide) * max(0.0, np.log(loss / LEAST_LOSS)) / most)
                 lines.append(f"{method:>{wide}} |{'#' * length} {loss:.3g}")

@@ -25,7 +25,7 @@ RULES = (
     f"Verdicts: **efficient** with a loss below {EFFICIENT:g}, **usable** below {USABLE:g}, else "
     "**poor**. Flags stand where chance alone would show as much in one of "
     f"{1.0 / LEVEL:.0f} methods without the fault: **biased** (mean error in claimed standard "
-    "errors), intervals **too short** or **too long** (their coverage is not 95 %), **fails** "
+    "errors), **intervals too short** or **too long** (their coverage is not 95 %), **fails** "
     f"(more than {100.0 * FAILURES:.0f} % of the fits). Neither limits nor verdicts depend on what "
     "else is compared."
 )
@@ -58,7 +58,13 @@ class Flag(NamedTuple):
         if self.code == "fails":
             return f"fails ({share} %)"
         name = "all parameters" if self.parameter == ALL else self.parameter
-        return f"intervals {self.code.replace('-', ' ')} ({name}: cover {share} %)"
+        return f"{self.name} ({name}: cover {share} %)"
+
+    @property
+    def name(self) -> str:
+        """What the fault is called in a table."""
+        fault = self.code.replace("-", " ")
+        return f"intervals {fault}" if self.code.startswith("too-") else fault
 
 
 @dataclass(frozen=True)
@@ -80,7 +86,7 @@ class Verdict:
     @property
     def words(self) -> str:
         """The grade with the names of the flags."""
-        names = ", ".join(flag.code.replace("-", " ") for flag in self.flags)
+        names = ", ".join(flag.name for flag in self.flags)
         return f"{self.grade}: {names}" if names else self.grade
 
 

@@ -18,7 +18,8 @@ average
 
 since E[(z - c)+] = phi(c) - c (1 - Phi(c)) = 0.009445 for c = 1.96 and z a standard normal
 variable, on either side.  The **loss** is the score over 4.676 times the recording's own bound:
-1 is perfect, and bias, scatter, intervals too short and intervals too long all cost.
+an exact, efficient estimator has 1, and bias, scatter, intervals too short and intervals too long
+all cost.
 """
 
 from __future__ import annotations

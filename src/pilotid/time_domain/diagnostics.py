@@ -335,9 +335,9 @@ def _varying(found: Optimum, rows: FloatArray) -> Remark | None:
     return Remark(
         "gains-change",
         f"{' and '.join(keys)} change during the recording, mainly near {share:.0f} % of its time "
-        f"({in_words(keys, steps)}; score test {scores.statistics.max():.0f}, {scores.freedom} "
-        "expected), or the model lacks a channel or a lag; fit segments separately, or use a "
-        "time-varying model",
+        f"({in_words(keys, steps)}; score test, chi-square {scores.statistics.max():.0f} on "
+        f"{scores.freedom} df), or the model lacks a channel or a lag; fit segments separately, or "
+        "use a time-varying model",
     )
 
 
@@ -351,8 +351,9 @@ def _changed(rows: FloatArray, joint: PredictionErrors) -> Remark | None:
         remedy = "the pilot changes in another way than the model says"
     return Remark(
         "halves-differ",
-        f"the two halves of the recording differ (score test {statistic:.0f}, {freedom} "
-        f"expected): the pilot or the recorder changed, and the estimates are averages; {remedy}",
+        f"the two halves of the recording differ (score test, chi-square {statistic:.0f} on "
+        f"{freedom} df): the pilot or the recorder changed, and the estimates are averages; "
+        f"{remedy}",
     )
 
 
@@ -374,8 +375,9 @@ def _drifting(found: Optimum) -> Remark | None:
     run = int(np.argmax(np.abs(drifts)))
     return Remark(
         "residual-drift",
-        f"u drifts by about {drifts[run]:.2g} over run {run + 1} (F-test {statistic:.0f}, "
-        f"{drifts.size} expected), which biases gain and lead: take it out with --detrend",
+        f"u drifts by about {drifts[run]:.2g} over run {run + 1} (chi-square "
+        f"{statistic:.0f} on {drifts.size} df), which biases gain and lead: take it out with "
+        "--detrend",
     )
 
 
@@ -388,8 +390,8 @@ def _coloured(errors: FloatArray, terms: BandTerms | None) -> Remark | None:
         return None
     return Remark(
         "residual-not-white",
-        f"the prediction errors are not white (portmanteau over {ESTIMATE.lags} lags: "
-        f"{statistic:.0f}, {freedom} expected): pilot and remnant leave something unexplained, "
+        f"the prediction errors are not white (portmanteau over {ESTIMATE.lags} lags, chi-square "
+        f"{statistic:.0f} on {freedom} df): pilot and remnant leave something unexplained, "
         "and errors may be larger than claimed; try another model",
     )
 
