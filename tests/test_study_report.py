@@ -282,7 +282,7 @@ def test_every_scenario_has_its_numbers_and_how_to_get_them(full: Made) -> None:
 def test_the_first_screen_answers(full: Made) -> None:
     top = full.markdown.partition("**Loss**")[0]
     assert re.search(r"Over these 14 scenarios \*\*`[\w-]+` is best\*\*", top)
-    assert re.search(r"On `nominal`, \*\*`[\w-]+` is best\*\*: loss \d\.\d\d", top)
+    assert re.search(r"On `nominal`, \*\*`[\w-]+` is best\*\* of \d+: loss \d\.\d\d", top)
     matrix = [line for line in top.splitlines() if line.startswith("| mle |")]
     assert len(matrix) == 2  # of all scenarios, and of the nominal one
     assert matrix[0].count("|") == 18

@@ -579,11 +579,13 @@ def _reason(
     if all(len(candidates) == 1 for candidates in held):
         return []
     by_lines = criterion == "chi_squared"
-    what = "at the lines of the forcing functions" if by_lines else "by the errors of prediction"
+    where = "at the lines of the forcing functions" if by_lines else "by the errors of prediction"
     name = {"chi_squared": "a quasi-likelihood criterion", "aicc": "AICc", "bic": "BIC"}[criterion]
     judge = f"{len(least[taken])} runs, each left out of its fit" if left_out else name
     names = sorted(least, key=lambda name: sum(least[name]))
-    told = [f"{taken} was chosen among {listed(names)} {what} ({judge})."]
+    told = [f"{taken} was chosen among {listed(names)} {where} ({judge})."]
+    # A criterion has a penalty for parameters; of runs left out the deviance itself is comparable.
+    what = "deviance unexplained" if left_out else "deviance, with its penalty for parameters,"
     own, pilot, worse = held[0], held[0][taken].pilot_parameters, list[str]()
     for name in names:
         differences = [a - b for a, b in zip(least[name], least[taken], strict=True)]
@@ -591,15 +593,15 @@ def _reason(
         size += f" +- {_standard_error(differences):.0f}" if left_out else ""
         if name != taken and sum(differences) < 0.0:
             told.append(
-                f"{name} leaves {size} less deviance unexplained, which is not significant "
-                f"for {own[name].pilot_parameters} parameters instead of {pilot}."
+                f"{name} leaves {size} less {what}, which is not significant for "
+                f"{own[name].pilot_parameters} parameters instead of {pilot}."
             )
         elif sum(differences) > FAR:
             worse.append(f"{name} over {FAR:.0f}")
         elif name != taken:
             worse.append(f"{name} {size}")
     if worse:
-        told.append(f"The others leave more deviance unexplained than {taken}: {', '.join(worse)}.")
+        told.append(f"The others leave more {what} than {taken}: {', '.join(worse)}.")
     return told
 
 

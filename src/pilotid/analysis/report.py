@@ -206,22 +206,35 @@ def _contrasted(results: Results) -> Iterator[str]:
         return
     every = counted(results.contrasts)
     clear = [c for c in every if is_significant(c)]
-    told = f"{len(clear)} of {len(every)} {_compared(results)} have p < {LEVEL:g} after Holm's"
+    told = f"{len(clear)} of {len(every)} {_compared(results)} have p < {LEVEL:g}"
+    quantities = {(c.stratum, c.method, c.parameter) for c in every}
+    told += (
+        " (Holm's correction is for the pairs of conditions, not for the number of quantities: "
+        f"by chance about {LEVEL * len(quantities):.2g} of {len(quantities)} quantities would)"
+    )
     told_first = sorted(clear, key=lambda c: (c.method == MEASURED, not is_headline(c), c.p_holm))
     named = "; ".join(map(difference_words, told_first[:MOST]))
     more = f"; and {len(clear) - MOST} more" if len(clear) > MOST else ""
-    yield f"{told} correction" + (f": {named}{more} ([all](#conditions))." if clear else ".")
-    out: dict[str, dict[str, None]] = {}
+    yield told + (f": {named}{more} ([all](#conditions))." if clear else ".")
+    out: dict[str, dict[str, list[str]]] = {}
     for c in results.contrasts:
         for reason in c.left_out:
             pair = " ".join(
                 (*(value for _, value in c.stratum), f"{c.condition_a}:{c.condition_b}")
             )
-            out.setdefault(reason, {})[pair] = None
+            out.setdefault(reason, {}).setdefault(pair, []).append(c.parameter)
     for reason, pairs in out.items():
-        yield f"Left out of the contrasts {', '.join(pairs)}: {reason}."
+        where = ", ".join(f"{pair} ({', '.join(keys)})" for pair, keys in pairs.items())
+        yield f"Left out of the contrasts {where}: {reason}."
     if across := sum(c.across for c in results.contrasts):
         yield f"{across} differences are across models and count in no summary."
+    others = {(c.condition_a, c.model_a, c.condition_b, c.model_b): None for c in results.contrasts}
+    for a, model_a, b, model_b in others:
+        if model_a != model_b:
+            yield (
+                f"{a} (`{model_a}`) and {b} (`{model_b}`) have different models: their differences "
+                "are partly those of the models. With `--model NAME` both have the same."
+            )
     doubted = [c for c in clear if c.misspecified]
     who = dict.fromkeys(
         f"{c.method}, {place}" for c in results.contrasts for place in c.misspecified
@@ -258,7 +271,8 @@ def _changing(analysis: Analysis) -> list[str]:
     where = [f"{words} {sum(own)} of {len(own)}" for words, own in told.items() if any(own)]
     return [
         f"A gain or lead changes by a third or more during {sum(every)} of {len(every)} recordings "
-        f"(a constant pilot is rejected, p < {ESTIMATE.changes:g}): {', '.join(where)}. "
+        f"(a constant pilot is rejected, p < {ESTIMATE.changes:g}; the warning `gains-change` asks "
+        f"for p < {ESTIMATE.seldom:g}): {', '.join(where)}. "
         "`adapting` is a model of such pilots."
     ]
 

@@ -206,7 +206,8 @@ def alarms(analysis: Analysis, worst: int = 3) -> list[str]:
     )
     for code in order[:worst]:
         (place, first), *others = codes[code]
-        more = f", and {len(others)} more" if others else ""
+        more = f", and {len(others)} more fits" if others[1:] else ", and 1 more fit"
+        more = more if others else ""
         found.append(f"{first.line(place + more)}.")
     for code, own in grouped(stick, lambda pair: pair[1].code).items():
         found.append(f"{code}, of the stick: {own[0][1]} ({len(own)} fits).")
@@ -220,12 +221,13 @@ def contrast_overview(results: Results) -> Table[Contrast]:
     shown = without_repeats(results.contrasts)
     shown = [c for c in shown if c.method != MEASURED or is_headline(c)]
     pairs = len(_pairs(shown))
-    caption = "differences between conditions, b less a"
+    caption = "differences between conditions a:b, b minus a"
     if not pairs:
         caption = "differences between parameters of the same fits"
     elif pairs > FEW:
         shown = [c for c in shown if is_significant(c) or c.within]
-        caption = f"differences between conditions with p < {LEVEL:g} after Holm's correction"
+        caption = "differences between conditions a:b, b minus a, with p < "
+        caption += f"{LEVEL:g} after Holm's correction for the pairs"
     front: list[Column[Contrast]] = [
         Column("", lambda c: " ".join(value for _, value in c.stratum)),
         Column("method", lambda c: c.method),

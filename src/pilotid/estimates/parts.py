@@ -60,7 +60,7 @@ class AnalysedBand:
     @property
     def words(self) -> str:
         """What was analysed, in a few words."""
-        told = f"band to {self.highest:.3g} rad/s"
+        told = f"analysed up to {self.highest:.3g} rad/s"
         if self.half < 0.95 * self.highest:
             told += f", half weight from {self.half:.3g}: the recorder's floor"
         return told

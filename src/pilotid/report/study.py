@@ -163,7 +163,8 @@ def answer(cells: Sequence[MethodResults]) -> str:
         return f"On `{name}` no method can be ranked: none gives intervals."
     best, *others = order
     grade = judge(best.scores).grade
-    words = f"On `{name}`, **`{best.method}` is best**: loss {best.overall.loss}, {grade}."
+    count = f" of {len(cells)}" if others else ""
+    words = f"On `{name}`, **`{best.method}` is best**{count}: loss {best.overall.loss}, {grade}."
     if grade == "poor":
         words = (
             f"On `{name}` no method is good enough: `{best.method}`, the best, is poor, with a "

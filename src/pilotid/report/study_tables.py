@@ -62,7 +62,8 @@ def ranking(cells: Sequence[MethodResults]) -> Table[MethodResults]:
     if count > 1 and not entry.one_recording:
         what = f"{count} recordings"
     axis = LogAxis.of(cell.overall.loss for cell in order)
-    caption = f"`{entry.name}`, {what}: methods by their loss (1: exact and efficient)"
+    caption = f"`{entry.name}`, {what}: methods by their loss "
+    caption += f"(1: exact; below {EFFICIENT:g} efficient, below {USABLE:g} usable)"
     return Table(caption, ranking_columns(dict.fromkeys(order, order[0]), axis), order)
 
 
@@ -88,7 +89,9 @@ def ranking_columns(
         ),
         Column("times best", times_best, str, "ratio to the first row's loss, same recordings"),
         Column("verdict", lambda c: judge(c.scores).words, None, "by fixed limits", _grade),
-        Column("largest bias", _largest_bias, str, "in claimed standard errors, ± its own error"),
+        Column(
+            "largest bias [errors]", _largest_bias, str, "mean error, in claimed standard errors"
+        ),
         Column("coverage %", lambda c: covered(c.overall), share, "of 95 % intervals"),
         Column("failed (loss else)", _failed, str, "loss of the other fits"),
         Column("objects", _objections, of, "recordings that it objects to"),

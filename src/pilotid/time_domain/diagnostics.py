@@ -336,8 +336,8 @@ def _varying(found: Optimum, rows: FloatArray) -> Remark | None:
         "gains-change",
         f"{' and '.join(keys)} change during the recording, mainly near {share:.0f} % of its time "
         f"({in_words(keys, steps)}; score test, chi-square {scores.statistics.max():.0f} on "
-        f"{scores.freedom} df), or the model lacks a channel or a lag; fit segments separately, or "
-        "use a time-varying model",
+        f"{scores.freedom} df), or the model lacks a channel or a lag; fit segments (--span), or "
+        "--model adapting",
     )
 
 
@@ -346,7 +346,7 @@ def _changed(rows: FloatArray, joint: PredictionErrors) -> Remark | None:
     statistic, freedom = score_of_halves(rows, pilot)
     if not freedom or statistic <= chi_squared_limit(freedom, ESTIMATE.seldom):
         return None
-    remedy = "fit the halves separately, or use a time-varying model"
+    remedy = "fit each half (--span), or --model adapting"
     if joint.prediction.model.changes:
         remedy = "the pilot changes in another way than the model says"
     return Remark(
@@ -364,7 +364,7 @@ def _uneven(errors: FloatArray) -> Remark | None:
     return Remark(
         "residual-variance-changes",
         f"the prediction errors of the second half have {ratio:.2g} times the variance of those of "
-        "the first: the remnant or the pilot changed; fit the halves separately",
+        "the first: the remnant or the pilot changed; fit each half (--span)",
     )
 
 
