@@ -66,7 +66,7 @@ def test_the_ranking_of_a_violation_says_who_is_warned(made: Made) -> None:
         "the first half of the recording asks for another pilot than ... (30)"
     )
     assert rows["objects"][0] == "not applicable"
-    bias = rows["told"][rows["method"].index("largest bias [errors]")]
+    bias = rows["told"][rows["method"].index("largest bias/error")]
     assert bias.startswith((f"{KEYS[1]} -5.", f"{KEYS[1]} -4."))  # -0.5, and claims of 0.1
     nominal = made.markdown.partition("`nominal`, 40 recordings")[2].partition("\n\n**")[0]
     assert "warned" not in nominal

@@ -68,7 +68,7 @@ LOSS = (
 COLUMNS = (
     "**Times best**: the ratio of losses on the same recordings, with an interval of its own; if "
     "it holds 1, the recordings do not tell the two apart, whatever the colours of their losses. "
-    "**Largest bias**: mean error in claimed standard errors, with its Monte Carlo standard error. "
+    "**Largest bias/error**: mean error in claimed standard errors, with its Monte Carlo error. "
     "**Coverage**: share of the 95 % intervals that hold the truth, with its 95 % interval."
 )
 VARYING = (

@@ -89,9 +89,7 @@ def ranking_columns(
         ),
         Column("times best", times_best, str, "ratio to the first row's loss, same recordings"),
         Column("verdict", lambda c: judge(c.scores).words, None, "by fixed limits", _grade),
-        Column(
-            "largest bias [errors]", _largest_bias, str, "mean error, in claimed standard errors"
-        ),
+        Column("largest bias/error", _largest_bias, str, "mean error, in claimed standard errors"),
         Column("coverage %", lambda c: covered(c.overall), share, "of 95 % intervals"),
         Column("failed (loss else)", _failed, str, "loss of the other fits"),
         Column("objects", _objections, of, "recordings that it objects to"),
