@@ -32,8 +32,7 @@ from pilotid.pilot.model import (
 )
 from pilotid.pilot.timevarying import Changing
 from pilotid.report.fit import html_report
-from pilotid.solve.intervals import FixedParameter
-from pilotid.solve.least_squares import minimise
+from pilotid.solve.least_squares import Box, minimise
 from pilotid.study.fits import truths_of
 from pilotid.time_domain.likelihood import binned
 from pilotid.time_domain.output_error import residual_spectra
@@ -342,9 +341,7 @@ def test_intervals_of_when_go_to_the_joint_level_of_two_parameters() -> None:
             lower, upper = joint.lower.copy(), joint.upper.copy()
             lower[which] = upper[which] = value
             start = np.clip(end.values[:1], lower, upper)
-            held = minimise(
-                joint.gram, start, FixedParameter(lower, upper, joint.positive), tolerance=1e-5
-            )
+            held = minimise(joint.gram, start, Box(lower, upper, joint.positive), tolerance=1e-5)
             deviance = freedom * np.log(held.cost[0] / end.cost[0]) / found.variance_factor
             assert deviance == pytest.approx(level, rel=0.1)
 

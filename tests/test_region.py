@@ -15,8 +15,8 @@ from pilotid.methods.mle import MLE
 from pilotid.pilot.factors import Neuromuscular
 from pilotid.pilot.model import PilotModel
 from pilotid.seeds import recording_rng
-from pilotid.solve.intervals import FixedParameter, profile_intervals
-from pilotid.solve.least_squares import Minima, minimise
+from pilotid.solve.intervals import profile_intervals
+from pilotid.solve.least_squares import Box, Minima, minimise
 from pilotid.time_domain.optimum import Optimum
 from pilotid.time_domain.profile import off_bounds, profile_about
 from pilotid.time_domain.search import maximise_likelihood
@@ -111,9 +111,7 @@ def test_where_the_optimum_is_at_a_bound_others_are_sought_inside() -> None:
     # All others are at their best there, or as near as a few iterations come.
     lower, upper = found.joint.lower.copy(), found.joint.upper.copy()
     lower[at] = upper[at] = points[0, at]
-    again = minimise(
-        found.joint.gram, points[:1], FixedParameter(lower, upper, found.joint.positive)
-    )
+    again = minimise(found.joint.gram, points[:1], Box(lower, upper, found.joint.positive))
     cost = found.joint.gram(points[:1])[0, -1, -1]
     assert cost <= 1.0005 * again.cost[0]
     estimate = MLE().fit(recording, bounded, np.random.default_rng(1))

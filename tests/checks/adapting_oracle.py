@@ -26,8 +26,7 @@ from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.method import identify
 from pilotid.methods.mle import MLE
 from pilotid.seeds import fit_rng
-from pilotid.solve.intervals import FixedParameter
-from pilotid.solve.least_squares import minimise
+from pilotid.solve.least_squares import Box, minimise
 from pilotid.time_domain.optimum import Optimum
 from pilotid.time_domain.prepare import Band
 from pilotid.time_domain.remnant_models import LowPass
@@ -136,7 +135,7 @@ def ratios_at_truth(
                 starts.append(bases[0].copy())
                 starts[-1][middle] += shift
                 starts[-1][rate] = speed
-        held = FixedParameter.at(joint, which, value)
+        held = Box.holding(joint, which, value)
         points = np.clip(starts, held.lower, held.upper)
         cost = minimise(joint.gram, points, held, tolerance=1e-4, iterations=15).cost[0]
         result[which] = freedom * np.log(cost / lowest) / found.variance_factor

@@ -9,13 +9,12 @@ where it is skewed, as in gain and lead time.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from pilotid.chance import CHI_SQUARED_95
-from pilotid.solve.least_squares import Bounds, Gram, LogTransform, Minima, minimise
+from pilotid.solve.least_squares import Bounds, Box, Gram, LogTransform, Minima, minimise
 from pilotid.types import BoolArray, FloatArray, IntArray
 
 #: How often the others are searched, at the most, and how close to the end is close enough, as
@@ -23,31 +22,9 @@ from pilotid.types import BoolArray, FloatArray, IntArray
 MOST_SEARCHES, END_TOLERANCE = 14, 0.04
 
 
-@dataclass(frozen=True, eq=False)
-class FixedParameter:
-    """A space in which one parameter keeps its value.
-
-    Attributes
-    ----------
-    lower, upper, positive
-        As in `Bounds`.
-    """
-
-    lower: FloatArray
-    upper: FloatArray
-    positive: BoolArray
-
-    @classmethod
-    def at(cls, space: Bounds, which: int, value: float) -> FixedParameter:
-        """A space in which one parameter, by its index, keeps a value."""
-        lower, upper = space.lower.copy(), space.upper.copy()
-        lower[which] = upper[which] = value
-        return cls(lower, upper, space.positive)
-
-
 def find_profile_end(
     gram: Gram,
-    space: Bounds,
+    box: Box,
     start: FloatArray,
     cost: float,
     lowest: float,
@@ -61,7 +38,7 @@ def find_profile_end(
     ----------
     gram
         Gram matrices of residual and Jacobian.
-    space
+    box
         Bounds, at which the search ends.
     start, cost
         The optimum, or another point that suits, shape (parameters,), and its cost.
@@ -70,16 +47,15 @@ def find_profile_end(
     which
         Index of the parameter.
     reach
-        Length of the first step, on the inner scale; its sign is the way to go.
+        Length of the first step; its sign is the way to go.
 
     Returns
     -------
     The point, shape (parameters,), and the cost there, which is below the lowest one where the
     search came upon a better optimum.
     """
-    scale = LogTransform(space.positive)
-    bound = float(scale.enter(space.lower if reach < 0.0 else space.upper)[which])
-    origin = float(scale.enter(start[None])[0, which])
+    bound = float((box.lower if reach < 0.0 else box.upper)[which])
+    origin = float(start[which])
     allowed = abs(bound - origin)
     inside, outside = 0.0, math.inf
     # The root of the deviance, as a share of that sought, grows about in proportion.
@@ -87,12 +63,11 @@ def find_profile_end(
     distance = min(abs(reach), allowed)
     point = start
     for _ in range(MOST_SEARCHES):
-        trial, trial_cost = _conditional(
-            gram, space, point, which, origin + math.copysign(distance, reach), scale
-        )
-        share = (trial_cost - lowest) / (target - lowest)
-        if not share > 1.0:
-            point, cost = trial, trial_cost
+        held = Box.holding(box, which, origin + math.copysign(distance, reach))
+        end = minimise(gram, point[None], held, tolerance=1e-5)
+        share = (float(end.cost[0]) - lowest) / (target - lowest)
+        if share <= 1.0:
+            point, cost = end.values[0], float(end.cost[0])
             inside, root_inside = distance, math.sqrt(max(share, 0.0))
             if share < 0.0 or distance >= allowed or root_inside > 1.0 - END_TOLERANCE:
                 break
@@ -107,19 +82,6 @@ def find_profile_end(
         rise = (1.0 - root_inside) / (root_outside - root_inside) if root_outside < 3.0 else 0.5
         distance = inside + (outside - inside) * min(max(rise, 0.1), 0.9)
     return point, cost
-
-
-def _conditional(
-    gram: Gram, space: Bounds, start: FloatArray, which: int, place: float, scale: LogTransform
-) -> tuple[FloatArray, float]:
-    """The optimum with one parameter held at a place of the inner scale, and its cost."""
-    inner = scale.enter(start[None])
-    inner[0, which] = place
-    values = np.clip(scale.leave(inner)[0], space.lower, space.upper)
-    held = FixedParameter.at(space, which, float(values[which]))
-    end = minimise(gram, values[None], held, tolerance=1e-5)
-    cost = float(end.cost[0])
-    return end.values[0], cost if math.isfinite(cost) else math.inf
 
 
 #: A point that lies beyond an end by more than this share of the interval's length, on the inner
@@ -154,12 +116,7 @@ class Suiting(NamedTuple):
 
 
 def extend_intervals(
-    gram: Gram,
-    space: Bounds,
-    suiting: Suiting,
-    intervals: FloatArray,
-    lowest: float,
-    targets: FloatArray,
+    gram: Gram, box: Box, suiting: Suiting, known: FloatArray, lowest: float, targets: FloatArray
 ) -> tuple[FloatArray, Suiting]:
     """Intervals that hold all points that suit, and what of those lies farther out.
 
@@ -167,11 +124,11 @@ def extend_intervals(
     ----------
     gram
         Gram matrices of residual and Jacobian.
-    space
+    box
         Bounds, at which intervals end.
     suiting
         Points that suit.
-    intervals
+    known
         What is known of the intervals, of the first parameters, shape (count, 2).
     lowest
         The least cost.
@@ -182,13 +139,10 @@ def extend_intervals(
     -------
     Intervals, shape (count, 2), and all points that suit, with those that were come upon.
     """
-    count = len(intervals)
-    scale = LogTransform(space.positive[:count])
-    known = scale.enter(intervals.T).T
     for _ in range(EXTENSION_ROUNDS):
-        points = scale.enter(suiting.values[:, :count])
         # What suits one parameter may not suit another whose level is lower.
-        points = np.where(suiting.costs[:, None] <= targets, points, np.nan)
+        suits = suiting.costs[:, None] <= targets
+        points = np.where(suits, suiting.values[:, : len(known)], np.nan)
         hull = np.stack([np.nanmin(points, axis=0), np.nanmax(points, axis=0)], axis=1)
         length = np.diff(known, axis=1)[:, 0]
         sides = np.array([-1.0, 1.0])
@@ -202,11 +156,10 @@ def extend_intervals(
             at = int(np.nanargmax(sides[side] * points[:, k]))
             step = sides[side] * max(FIRST_STEP_SHARE * float(known[k, 1] - known[k, 0]), 1e-9)
             start = suiting.values[at], float(suiting.costs[at])
-            point, cost = find_profile_end(gram, space, *start, lowest, float(targets[k]), k, step)
-            known[k, side] = scale.enter(point[:count])[k]
+            point, cost = find_profile_end(gram, box, *start, lowest, float(targets[k]), k, step)
+            known[k, side] = point[k]
             suiting = suiting.joined(point[None], np.array([cost]), float(np.max(targets)))
-    ends = np.clip(scale.leave(known.T), space.lower[:count], space.upper[:count])
-    return ends.T, suiting
+    return known, suiting
 
 
 LONGEST_STEP = 1.0  # standard errors an iteration may move the profiled parameter
@@ -274,7 +227,14 @@ def profile_intervals(
     """
     scale = LogTransform(space.positive)
     lower, upper = scale.enter(space.lower), scale.enter(space.upper)
-    best = scale.enter(minimum.values[:1])
+    box = Box(lower, upper, np.zeros_like(space.positive))
+
+    def inner(points: FloatArray) -> FloatArray:
+        values = scale.leave(points)
+        return scale.inner(gram(values), values)
+
+    best, optimum_gram = minimum.values[:1], minimum.gram[:1]
+    best, optimum_gram = scale.enter(best), scale.inner(optimum_gram, best)
     lowest = float(minimum.cost[0])
     which = np.tile(np.arange(count), 2)
     side = np.repeat([-1.0, 1.0], count)
@@ -285,11 +245,11 @@ def profile_intervals(
         target = lowest * np.exp(sought / estimated)
     highest = float(np.max(target))
 
-    gram_there = scale.inner(minimum.gram[:1], minimum.values[:1])
-    error = _errors(gram_there[0], _blocked(gram_there, best, lower, upper)[0], variance)[:count]
+    error = _errors(optimum_gram[0], _blocked(optimum_gram, best, lower, upper)[0], variance)
+    error = error[:count]
     # On the ridge of the quadratic approximation.
     points = np.repeat(best, 2 * count, axis=0)
-    grams = np.repeat(gram_there, 2 * count, axis=0)
+    grams = np.repeat(optimum_gram, 2 * count, axis=0)
     longest = FIRST_STEP * np.sqrt(sought) * error[which]
     blocked = _blocked(grams, points, lower, upper)
     ridge, _ = _step(grams, blocked, which, side, longest, target)
@@ -297,15 +257,14 @@ def profile_intervals(
     active = np.arange(2 * count)
     found = np.zeros(2 * count, dtype=bool)
     better, least = None, lowest - BETTER_DEVIANCE * variance
-    suiting = Suiting(minimum.values[:1], minimum.cost[:1])
+    suiting = Suiting(best, minimum.cost[:1])
     for _ in range(iterations):
-        values = scale.leave(points[active])
-        grams = scale.inner(gram(values), values)
+        grams = inner(points[active])
         costs = grams[:, -1, -1]
-        suiting = suiting.joined(values, costs, highest)
+        suiting = suiting.joined(points[active], costs, highest)
         if np.nanmin(costs, initial=np.inf) < least:
             best_of_all = int(np.nanargmin(costs))
-            better, least = values[best_of_all], float(costs[best_of_all])
+            better, least = points[active][best_of_all], float(costs[best_of_all])
         k, direction = which[active], side[active]
         blocked = _blocked(grams, points[active], lower, upper)
         goal = target[active]
@@ -325,30 +284,35 @@ def profile_intervals(
             break
     # Where the likelihood has another summit the search may end on its side.
     found &= (points[np.arange(2 * count), which] - best[0, which]) * side >= 0.0
-    ends = scale.leave(points)[np.arange(2 * count), which]
+    ends = points[np.arange(2 * count), which]
     if better is None:
         for i in np.flatnonzero(~found):
             index = int(which[i])
             reach = float(side[i]) * math.sqrt(sought[i]) * float(error[index])
             level = float(target[i])
-            optimum = minimum.values[0], lowest
-            point, cost = find_profile_end(gram, space, *optimum, lowest, level, index, reach)
+            point, cost = find_profile_end(inner, box, best[0], lowest, lowest, level, index, reach)
             ends[i] = point[index]
             suiting = suiting.joined(point[None], np.array([cost]), highest)
-    best_values = minimum.values[0, :count]
-    intervals = np.stack(
-        [np.minimum(ends[:count], best_values), np.maximum(ends[count:], best_values)], axis=1
-    )
-    if better is None and others is not None and len(others):
-        suiting = suiting.joined(others, gram(others)[:, -1, -1], highest)
+    known = ends.reshape(2, count).T
     if better is None:
-        intervals, suiting = extend_intervals(
-            gram, space, suiting, intervals, lowest, target[:count]
+        if others is not None and len(others):
+            suiting = suiting.joined(scale.enter(others), gram(others)[:, -1, -1], highest)
+        known = np.stack(
+            [np.minimum(known[:, 0], best[0, :count]), np.maximum(known[:, 1], best[0, :count])],
+            axis=1,
         )
+        known, suiting = extend_intervals(inner, box, suiting, known, lowest, target[:count])
         best_of_all = int(np.argmin(suiting.costs))
         if suiting.costs[best_of_all] < least:
             better = suiting.values[best_of_all]
-    return Profile(intervals, better)
+    low, high = np.clip(
+        LogTransform(space.positive[:count]).leave(known.T),
+        space.lower[:count],
+        space.upper[:count],
+    )
+    values = minimum.values[0, :count]
+    intervals = np.stack([np.minimum(low, values), np.maximum(high, values)], axis=1)
+    return Profile(intervals, None if better is None else scale.leave(better))
 
 
 def _blocked(

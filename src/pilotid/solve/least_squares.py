@@ -250,6 +250,28 @@ class Bounds(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
+class Box:
+    """Bounds as arrays.
+
+    Attributes
+    ----------
+    lower, upper, positive
+        As in `Bounds`.
+    """
+
+    lower: FloatArray
+    upper: FloatArray
+    positive: BoolArray
+
+    @classmethod
+    def holding(cls, space: Bounds, which: int, value: float) -> Box:
+        """The bounds of a space in which one parameter, by its index, keeps a value."""
+        lower, upper = space.lower.copy(), space.upper.copy()
+        lower[which] = upper[which] = value
+        return cls(lower, upper, space.positive)
+
+
+@dataclass(frozen=True, eq=False)
 class Minima:
     """Where each start ended, best first.
 

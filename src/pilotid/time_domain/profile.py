@@ -17,8 +17,8 @@ import numpy as np
 from pilotid.chance import CHI_SQUARED_95, CHI_SQUARED_95_OF_TWO
 from pilotid.estimates.estimate import Estimate, is_at_bound
 from pilotid.solve.covariance import covariance_at_bounds, covariance_of
-from pilotid.solve.intervals import FixedParameter, Profile, profile_intervals
-from pilotid.solve.least_squares import minimise
+from pilotid.solve.intervals import Profile, profile_intervals
+from pilotid.solve.least_squares import Box, minimise
 from pilotid.time_domain.optimum import Optimum
 from pilotid.time_domain.settings import PROFILE
 from pilotid.types import FloatArray
@@ -126,11 +126,11 @@ def off_bounds(found: Optimum) -> FloatArray:
         for value in (low[k], middle[k], high[k]):
             starts = np.array(bases)
             starts[:, k] = value
-            points.append(_ends(found, starts, FixedParameter.at(joint, k, value)))
+            points.append(_ends(found, starts, Box.holding(joint, k, value)))
     return np.concatenate([np.zeros((0, len(optimum))), *points])
 
 
-def _ends(found: Optimum, starts: FloatArray, space: FixedParameter | None) -> FloatArray:
+def _ends(found: Optimum, starts: FloatArray, space: Box | None) -> FloatArray:
     return minimise(
         found.search.gram,
         starts,
@@ -191,7 +191,7 @@ def over_changes(found: Optimum, intervals: FloatArray, sought: FloatArray | flo
             fits = minimise(
                 joint.gram,
                 np.clip(points, joint.lower, joint.upper),
-                FixedParameter.at(joint, fixed, value),
+                Box.holding(joint, fixed, value),
                 tolerance=PROFILE.change_tolerance,
                 iterations=PROFILE.change_iterations,
             )
