@@ -66,7 +66,8 @@ class MLE(LikelihoodSettings):
         rng
             Draws the other starts.
         """
-        found, profile = profile_likelihood(maximise_likelihood(recording, model, rng, self))
+        found = maximise_likelihood(recording, model, rng, self)
+        found, profile = profile_likelihood(found)
         covariance = found.covariance
         if covariance is None:
             return failed(self.name, model, Outcome.SINGULAR)
