@@ -236,7 +236,7 @@ def drawn_pilot(
         return model.vector(values)
     crossover = _between(*CROSSOVER, rng)
     truth = model.vector({**values, "Kvis": 1.0})
-    closing = next(i for i, c in enumerate(model.channels) if c.input != "target")
+    closing = next(i for i, c in enumerate(model.channels) if c.on != "ft")
     visual = model.response(np.array([crossover]), truth)[closing, 0]
     plant = element.response(np.array([crossover]))[0]
     truth = model.vector({**values, "Kvis": 1.0 / abs(visual * plant)})

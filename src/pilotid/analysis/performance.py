@@ -73,7 +73,7 @@ def _answer(
         after = np.clip(np.searchsorted(free, lines), 1, free.size - 1)
         beside = np.mean(np.abs(spectrum[:, [free[after - 1], free[after]]]) ** 2, axis=1)
         return np.asarray(2.0 * np.sum(np.abs(values) ** 2 - beside, axis=1))
-    source = recording.input("target") if forcing == "ft" else recording.fd
+    source = recording.input("ft") if forcing == "ft" else recording.fd
     if source is not None:
         values = values * np.exp(-1j * np.angle(np.fft.rfft(recording.window(source))[:, lines]))
     others = (values.sum(axis=0) - values) / (runs - 1)

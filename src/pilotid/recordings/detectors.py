@@ -91,7 +91,7 @@ def band_end(recording: Recording) -> float:
 
 
 def _moving(recording: Recording) -> dict[str, FloatArray]:
-    signals = {name: recording.window(getattr(recording, name)) for name in recording.signals}
+    signals = {name: recording.window(recording.input(name)) for name in recording.signals}
     return {name: s for name, s in signals.items() if np.any(np.diff(s, axis=1))}
 
 
@@ -153,7 +153,7 @@ class _Look:
 
     def grids(self) -> Iterator[Finding]:
         """Signals resampled from a lower rate: every k-th difference is small."""
-        for name in ("e", "u", "x"):
+        for name in ("e", "u", "x", *self.recording.extra):
             if name not in self.signals:
                 continue
             score, step, order = _grid(self.signals[name])
@@ -170,7 +170,7 @@ class _Look:
 
     def steps(self) -> Iterator[Finding]:
         """Rounding, by a converter or by the decimals of a text file."""
-        for name in ("e", "u", "x"):
+        for name in ("e", "u", "x", *self.recording.extra):
             if name not in self.signals:
                 continue
             step, rms = _step(self.signals[name]), float(np.std(self.signals[name]))
