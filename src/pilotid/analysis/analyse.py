@@ -16,7 +16,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from pilotid.analysis.cross_validation import LeftOut, failed_rows, left_out_rows, predict_left_out
-from pilotid.analysis.performance import performance_content, performance_rows
+from pilotid.analysis.performance import lines_shared, performance_content, performance_rows
 from pilotid.analysis.recordings import Excluded, Part
 from pilotid.analysis.responses import responses_of
 from pilotid.analysis.rows import CONDITION, PERSON, SUBJECT, Row, grouped, in_order
@@ -353,10 +353,11 @@ def _look(task: Task) -> Content:
     choice = chosen_element(recording, element)
     candidates = default_candidates(recording) if auto else ()
     models = {m.name: m for m in with_held((*candidates, *named), fix)}
+    shared = filter(None, [lines_shared(recording)])
     compared = compare_models(choice.named_in(recording), list(models.values()), task.seed)
     return {
         "recording": recording.to_dict(),
-        "remarks": _graded([*remarks(recording), *choice.remarks]),
+        "remarks": _graded([*remarks(recording), *shared, *choice.remarks]),
         "fingerprints": fingerprints(recording).round(3).tolist(),
         "candidates": [asdict(candidate) for candidate in compared],
         "performance": performance_content(recording),
