@@ -68,7 +68,7 @@ class People:
         """What commands need to read the files."""
         given = [f"--pattern '{self.pattern}'"]
         given += [f"--map {self.mapping}"] * bool(self.mapping)
-        given += [f"--dt {self.dt:.6g}"] * bool(self.dt)
+        given += [f"--dt {self.dt:.6g}"] if self.dt else []
         return " ".join([*given, f"--model {self.model}"])
 
 

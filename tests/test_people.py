@@ -111,11 +111,13 @@ def test_command(folder: Path, run: Run) -> None:
     told = run("fetch-data")
     assert told.status == 0
     assert [name for name in PEOPLE if f"\n{name}\n" in f"\n{told.out}"] == list(PEOPLE)
-    told = run("fetch-data", "following", "--from", write(folder / "lab"))
-    assert told.status == 0
+    assert run("fetch-data", "preview", "--from", folder / "nowhere").status == 2
+    for name in PEOPLE:
+        told = run("fetch-data", name, "--from", write(folder / "lab"))
+        assert told.status == 0, told.err
+    told = run("fetch-data", "following")
     words = " ".join(told.out.split())
     assert f"'{folder}/data/following/data.mat::sigma=*' --pattern 'sigma={{condition}}'" in words
-    assert run("fetch-data", "preview", "--from", folder / "nowhere").status == 2
 
 
 def test_distances_from_consistent_estimates() -> None:

@@ -211,6 +211,12 @@ class PilotModel:
         return tuple(sorted(poles))
 
     @cached_property
+    def slow_poles(self) -> tuple[float, ...]:
+        """Poles whose free decays are nuisance terms of every recording [rad/s]."""
+        factors = (f for c in self.channels for f in c.factors if isinstance(f, Factor))
+        return tuple(sorted({p for f in factors for p in f.slow_poles}))
+
+    @cached_property
     def ahead(self) -> float:
         """How far the model looks ahead at most [s]."""
         most = {p.key: p.upper for p in self.parameters} | self.held
