@@ -68,7 +68,7 @@ class People:
         """What commands need to read the files."""
         given = [f"--pattern '{self.pattern}'"]
         given += [f"--map {self.mapping}"] * bool(self.mapping)
-        given += [f"--dt {self.dt:.6g}"] * bool(self.dt)
+        given += [f"--dt {self.dt:.6g}"] if self.dt else []
         return " ".join([*given, f"--model {self.model}"])
 
 
@@ -106,7 +106,7 @@ PEOPLE = {
             "changes within the run in C3 to C8",
             "100 Hz, 6 runs of 81.92 s after 8 s of run-in",
             "a large breakout holds u at 0 for 30 to 70 % of the time; samples of x are lost in "
-            "pilot 4, C3; single precision",
+            "both axes of pilot 4, C3 and C7, and pilot 7, C5, and in roll of pilot 7, C8",
             "MIT",
             "P. M. T. Zaal, JGCD 39(5), 2016, doi 10.2514/1.G001592",
             "",

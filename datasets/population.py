@@ -8,9 +8,13 @@ a sensible margin:
 - pilots: ranges around the estimates of AIAA 2008-7109; Zaal, JGCD 39(5) 2016 (gains and
   leads that change by a factor of three, delays .26 to .32 s); Pool, Harder and van Paassen
   2016 (leads .3 to .7 s, lags 1 to 3 s, motion gain 3 with .19 s);
-- pilots who see the target ahead: ranges around van der El et al. (IEEE Trans. Cybernetics 46,
-  2016); people who follow a target by hand: around Bonnen et al. (Journal of Vision 15(3), 2015),
-  whose runs are short and many, and whose targets have no period;
+- pilots who see the target ahead: ranges chosen here after van der El et al. (IEEE Trans.
+  Cybernetics 46, 2016), whose text has one second of preview; people who follow a target by hand:
+  around Bonnen et al. (Journal of Vision 15(3), 2015), whose runs are short and many, and whose
+  targets have no period;
+- models `pursuit` (feedforward of .4 to 1 times the inverse of the element, near which Drop et al.,
+  IEEE Trans. Cybernetics 43, 2013, found it), `crossover`, `precision`, `structural` and
+  `descriptive`: ranges chosen here, for loops that cross over where pilots' do;
 - crossover 1 to 5 rad/s over controlled elements K, K/s and K/s^2 (McRuer and Jex, IEEE
   Trans. HFE-8, 1967);
 - forcing functions: sums of 7 to 13 sines per signal, from about .3 to 17 rad/s, with the
@@ -31,7 +35,21 @@ from pilotid.datasets.recorder import Recorder, drawn_faulty_recorder, drawn_rec
 from pilotid.datasets.remnant import Place, Remnant
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.simulation import white_level
-from pilotid.pilot.catalogue import FOLLOWING, LEAD_LAG, MULTI, PREVIEW, RATE, SINGLE
+from pilotid.pilot.catalogue import (
+    CROSSOVER as CROSSOVER_MODEL,
+)
+from pilotid.pilot.catalogue import (
+    DESCRIPTIVE,
+    FOLLOWING,
+    LEAD_LAG,
+    MULTI,
+    PRECISION,
+    PREVIEW,
+    PURSUIT,
+    RATE,
+    SINGLE,
+    STRUCTURAL,
+)
 from pilotid.pilot.element import (
     ControlledElement,
     double_integrator,
@@ -40,13 +58,16 @@ from pilotid.pilot.element import (
     second_order,
     single_integrator,
 )
+from pilotid.pilot.factors import Factor, InnerLoop
 from pilotid.pilot.loops import margins, open_loops, unstable_poles
 from pilotid.pilot.model import PilotModel
 from pilotid.types import FloatArray, InputError
 
 T = TypeVar("T")
 
-MODELS = {m.name: m for m in (MULTI, SINGLE, RATE, LEAD_LAG, PREVIEW, FOLLOWING)}
+#: Models with a population of their own.
+LATER = (PURSUIT, CROSSOVER_MODEL, PRECISION, STRUCTURAL, DESCRIPTIVE)
+MODELS = {m.name: m for m in (MULTI, SINGLE, RATE, LEAD_LAG, PREVIEW, FOLLOWING, *LATER)}
 
 #: Ranges of the parameters, drawn evenly on a logarithmic scale; gains of the visual channel
 #: follow from the crossover frequency.
@@ -70,7 +91,22 @@ RANGES = {
     "tlookn": (0.1, 0.4),
     "fnm": (6.5, 15.0),
     "dnm": (0.12, 0.65),
+    "wc": (1.0, 5.0),
+    "tde": (0.15, 0.45),
+    "tleadlow": (1.5, 4.0),
+    "tlaglow": (4.0, 15.0),
+    "Kpf": (0.5, 5.0),
+    "tpf": (0.15, 1.5),
+    "Koto": (0.03, 0.3),
 }
+#: The same where a model's differ.
+OWN_RANGES = {
+    "pursuit": {"tlead": (0.15, 1.0), "Kt": (0.4, 1.0)},
+    "precision": {"tlead": (0.1, 0.5), "tlag": (0.1, 0.5)},
+    "structural": {"dnm": (0.3, 0.9)},
+}
+#: Gains on motion, and those that are a share of the inverse of the element.
+ON_MOTION, OF_INVERSE = ("Kvest", "Km", "Koto"), ("Kn", "Kt")
 
 CROSSOVER = (1.0, 5.0)  # rad/s, of the target loop
 SENSITIVITY = 4.0  # largest |1/(1 + L)|: the paper's single-channel pilot has 3.6
@@ -84,6 +120,11 @@ ELEMENTS = {
     "lead-lag": ("K", "K/s", "second order"),
     "preview": ("K/s^2", "K/(s(s+a))"),
     "following": ("1",),
+    "pursuit": ("K/s", "K/(s(s+a))"),
+    "crossover": ("K", "K/s", "K/(s(s+a))", "second order"),
+    "precision": ("K", "K/s", "second order"),
+    "structural": ("K/s", "K/s^2", "K/(s(s+a))"),
+    "descriptive": ("K/s^2", "K/(s(s+a))", "second order"),
 }
 
 
@@ -157,6 +198,7 @@ class Population:
 
     def _drawn(self, model: PilotModel, kind: str, rng: np.random.Generator) -> Scenario | None:
         element = drawn_element(kind, rng)
+        model = model.with_element(element)
         truth = drawn_pilot(model, element, rng)
         if truth is None:
             return None
@@ -219,27 +261,31 @@ def drawn_pilot(
 
     The visual gain puts the visual channel's own crossover where it was drawn.
     """
-    values = {key: _between(*RANGES[key], rng) for key in model.keys}
+    ranges = RANGES | OWN_RANGES.get(model.name, {})
+    values = {key: _between(*ranges[key], rng) for key in model.keys}
     if "tlag" in values and abs(math.log(values["tlead"] / values["tlag"])) < math.log(ASIDE):
         return None  # a lead and a lag that all but cancel are neither
+    if "tlaglow" in values and values["tlaglow"] < ASIDE * values["tleadlow"]:
+        return None
     if "tlookf" in values and values["tlookf"] < values["tlookn"] + APART:
         return None
     # Gains on motion are told in units of the output's derivatives, whatever the element
     # makes of a unit of control: scaled to the paper's gain of 4.
     scale = 4.0 / _gain_at(element, 4.0) / 16.0
-    for key in ("Kvest", "Km"):
-        if key in values:
-            values[key] *= scale
-    if "Kn" in values:  # a share of the inverse of the element
-        values["Kn"] /= 4.0 * _gain_at(element, 4.0)
-    if "Kvis" not in values:
+    for key in {*ON_MOTION} & values.keys():
+        values[key] *= scale
+    if model is FOLLOWING:
         return model.vector(values)
-    crossover = _between(*CROSSOVER, rng)
-    truth = model.vector({**values, "Kvis": 1.0})
-    closing = next(i for i, c in enumerate(model.channels) if c.input != "target")
-    visual = model.response(np.array([crossover]), truth)[closing, 0]
-    plant = element.response(np.array([crossover]))[0]
-    truth = model.vector({**values, "Kvis": 1.0 / abs(visual * plant)})
+    for key in {*OF_INVERSE} & values.keys():
+        values[key] /= 4.0 * _gain_at(element, 4.0)
+    truth = model.vector(values)
+    if "Kvis" in values:
+        crossover = _between(*CROSSOVER, rng)
+        truth = model.vector({**values, "Kvis": 1.0})
+        closing = next(i for i, c in enumerate(model.channels) if c.on != "ft")
+        visual = model.response(np.array([crossover]), truth)[closing, 0]
+        plant = element.response(np.array([crossover]))[0]
+        truth = model.vector({**values, "Kvis": 1.0 / abs(visual * plant)})
     inside = (model.lower < truth) & (truth < model.upper)
     if not inside.all() or not sensible(model, truth, element):
         return None
@@ -248,8 +294,10 @@ def drawn_pilot(
 
 def sensible(model: PilotModel, truth: FloatArray, element: ControlledElement) -> bool:
     """Whether the loop crosses over where pilots do, and is stable with a margin."""
+    if not all(_is_stable(factor, truth[[*places]]) for factor, places in model.moving):
+        return False
     # An answer to a target that is seen is in no loop: only the disturbance goes round.
-    first = 1 if model is PREVIEW else 0
+    first = int(any(channel.on == "ft" for channel in model.channels))
     own = margins(model, truth, element)[first]
     last = max((own.crossover, *own.others))  # a resonance must not cross over far above
     if not (0.5 * CROSSOVER[0] <= last <= 1.2 * CROSSOVER[1]):
@@ -259,6 +307,13 @@ def sensible(model: PilotModel, truth: FloatArray, element: ControlledElement) -
     if any(np.max(1.0 / np.abs(1.0 + loop)) > SENSITIVITY for loop in loops):
         return False
     return unstable_poles(model, truth, element) == 0
+
+
+def _is_stable(factor: Factor, values: FloatArray) -> bool:
+    """Whether a loop inside the pilot is stable; other factors are."""
+    if not isinstance(factor, InnerLoop):
+        return True
+    return bool(np.all(np.roots(factor.rational(values.tolist(), 1)[1]).real < 0.0))
 
 
 def reachable(scenario: Scenario) -> bool:
@@ -419,6 +474,16 @@ POPULATIONS: dict[str, Population] = {
             intervals=(0.01, 1.0 / 60.0),
             durations=(20.0, 40.0),
             runs=(5, 10, 20),
+        ),
+        *(
+            Population(
+                f"population-{model.name}",
+                f"pilots of model {model.name}",
+                models=(model.name,),
+                durations=(120.0, 120.0) if model is PRECISION else (60.0, 120.0),
+                runs=(5,) if model is PRECISION else (1, 1, 1, 2, 3, 5),
+            )
+            for model in LATER
         ),
     )
 }

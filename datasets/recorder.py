@@ -194,7 +194,7 @@ def recorded_forcing(recording: Recording, name: str) -> tuple[Multisine | None,
     InputError
         If it differs from run to run.
     """
-    signal = recording.input("target") if name == "ft" else recording.fd
+    signal = recording.input("ft") if name == "ft" else recording.fd
     if signal is None or _rms(signal) <= 1e-9 * _rms(recording.e if name == "ft" else recording.u):
         return None, False
     signs = np.sign(signal @ signal[0])
@@ -261,7 +261,7 @@ def recorded_remnant(
 def recorded_noise(recording: Recording) -> Recorder | None:
     """A recorder with the floors of e and x; that of u is part of the remnant's spectrum."""
     floor, nyquist = floors_of(recording).floor, math.pi / recording.dt
-    made = _rms(recording.e + recording.x - recording.input("target")) < QUIET * _rms(recording.e)
+    made = _rms(recording.e + recording.x - recording.input("ft")) < QUIET * _rms(recording.e)
     made = made and recording.ft is not None
     error, output = (
         math.sqrt(floor[name] * nyquist) / max(_rms(getattr(recording, name)), 1e-300)

@@ -143,6 +143,12 @@ class Scenario:
                 f"{source}: model {model.name} varies in time, and its fit cannot be simulated; "
                 "name a model of a constant pilot"
             )
+        if model.extra:
+            raise InputError(
+                f"{source}: model {model.name} acts on {', '.join(model.extra)}, and its fit "
+                "cannot be simulated, since how the loop moves that is not known; name a model of "
+                "e, x and ft"
+            )
         element, unknown = closing_element(recording)
         if element is None:
             raise InputError(
@@ -410,6 +416,11 @@ def checked(scenario: object) -> Scenario:
         raise InputError(
             f"scenario {scenario.name}: its truth must be {len(scenario.model.keys)} numbers, for "
             f"{', '.join(scenario.model.keys)}"
+        )
+    if scenario.model.extra:
+        raise InputError(
+            f"scenario {scenario.name}: its model acts on {', '.join(scenario.model.extra)}, which "
+            "no simulation makes; give it one that acts on e, x and ft"
         )
     if not scenario.start_spread and scenario.truth == tuple(scenario.model.start):
         raise InputError(

@@ -90,7 +90,7 @@ def remnant_shaping(scenario: Scenario, omega: FloatArray) -> ComplexArray:
     match scenario.remnant.enters:
         case "error":
             responses = scenario.model.response(omega, scenario.values)
-            return shaping * pilot_on_each(scenario.model, responses)["error"]
+            return shaping * pilot_on_each(scenario.model, responses)["e"]
         case "neuromuscular":
             return shaping * _neuromuscular(scenario, omega)
     return shaping

@@ -92,13 +92,13 @@ def stepped(
     late = scenario.element.delay / h
     e, u, y = (np.zeros((len(noise), count)) for _ in range(3))
     x = y if late == 0.0 else np.zeros_like(y)
-    given = {"error": e, "output": x, "target": np.broadcast_to(target, (len(e), seen))}
+    given = {"e": e, "x": x, "ft": np.broadcast_to(target, (len(e), seen))}
     for begin in range(0, count, block):
         now = np.arange(begin, min(begin + block, count))
         command = noise[:, now]
         for weight, paths in channels:
             for path in paths:
-                command = command + weight[now] * path.through(given[path.input], now)
+                command = command + weight[now] * path.through(given[path.on], now)
         violation = scenario.violation
         u[:, now] = command if violation is None else violation.stick(command, rms)
         y[:, now] = element.through(u[:, now] + disturbance[now])
@@ -178,7 +178,7 @@ class _Path:
             above, below = factor.rational(own, 1)
             top = np.polymul(top, above).tolist()
             bottom = np.polymul(bottom, below).tolist()
-        self.input, self.delay = channel.input, delay / self.h
+        self.on, self.delay = channel.on, delay / self.h
         self.linear = _Linear(top, bottom, self.h)
         if self.changing:
             self.own = np.array([values[p.key] for p in self.changing.parameters])
@@ -191,7 +191,7 @@ class _Path:
     @property
     def block(self) -> int:
         """Steps that it can answer without knowing what comes."""
-        if self.input == "target":
+        if self.on == "ft":
             return BLOCK
         ahead = REACH + 1 if self.changing else 0
         return math.floor(self.delay + 1e-9) - ahead

@@ -188,7 +188,7 @@ class ARX:
         """Why least squares cannot tell the pilot: no forcing function, or an output at once."""
         if unsuited := varying(model) or looking_ahead(model) or dependent_signals(model):
             return unsuited
-        signals_used = {c.input for c in model.channels}
+        signals_used = {c.on for c in model.channels} - {*model.extra}
         if len(signals_used) > 1:
             for name, forcing in (
                 ("target", recording.e + recording.x),

@@ -62,6 +62,8 @@ class MLEReference(LikelihoodSettings):
         """Why there are no instruments: no forcing function, no element, or a pilot who changes."""
         if why := varying(model):
             return why
+        if model.extra:
+            return f"instruments are e, x and ft, and model {model.name} acts on {model.extra[0]}"
         if not any(np.ptp(signal) > 0.0 for signal in forcing_functions(recording)):
             return "no forcing function is recorded (ft, fd), and instruments are made of them"
         if closing_element(recording)[0] is None:

@@ -82,7 +82,7 @@ class RARX:
 
     def objection(self, recording: Recording, model: PilotModel) -> str | None:
         """Why it cannot treat a model: it has other channels than one on the error."""
-        if len(model.channels) != 1 or model.channels[0].input != "error":
+        if len(model.channels) != 1 or model.channels[0].on != "e":
             return (
                 f"model {model.name} is more than one channel on the error, and recursive ARX is "
                 "of that alone; use mle, or fit a model such as single or adapting"

@@ -105,7 +105,7 @@ class SINDy:
         """Why no black box can tell the pilot: the inputs are one signal, or hold the control."""
         if unsuited := varying(model) or looking_ahead(model) or dependent_signals(model):
             return unsuited
-        inputs = {c.input for c in model.channels}
+        inputs = {c.on for c in model.channels} - {*model.extra}
         if len(inputs) > 1 and np.std(recording.e + recording.x) < 1e-6 * np.std(recording.e):
             return (
                 "without a target the error is the output turned round, and a black box cannot "

@@ -35,7 +35,7 @@ from pilotid.pilot.element import (
     single_integrator,
 )
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import SIGNALS, Recording
+from pilotid.recordings.recording import Recording
 from pilotid.report.study import TITLE, report_sections, write_report
 from pilotid.seeds import fit_rng, recording_rng, start_rng
 from pilotid.study.comparison import Comparison
@@ -191,11 +191,7 @@ def part_of(
     recording: Recording, runs: slice = slice(None), samples: slice = slice(None)
 ) -> Recording:
     """Some of a recording's runs, and of their samples, run-in included."""
-    signals = {name: getattr(recording, name) for name in SIGNALS}
-    return replace(
-        recording,
-        **{name: s[runs, samples] for name, s in signals.items() if s is not None},
-    )
+    return recording.with_arrays({n: s[runs, samples] for n, s in recording.arrays.items()})
 
 
 def leading_recording(lead: float = 0.2) -> Recording:
@@ -258,7 +254,7 @@ def predict_circular(recording: Recording, model: PilotModel) -> Prediction:
         s=s,
         spectra=tuple(
             channel.sign
-            * np.fft.rfft(recording.window(recording.input(channel.input)))
+            * np.fft.rfft(recording.window(recording.input(channel.on)))
             * s**channel.derivative
             for channel in model.channels
         ),

@@ -144,8 +144,8 @@ def test_a_channel_on_the_target_is_one_on_error_and_output() -> None:
     np.testing.assert_allclose(on_error, visual + target, rtol=1e-12)
     np.testing.assert_allclose(on_output, -target, rtol=1e-12)
     each = pilot_on_each(PURSUIT, PURSUIT.response(omega, FOLLOWING.values))
-    np.testing.assert_allclose(each["error"], visual, rtol=1e-12)
-    assert not each["output"].any()
+    np.testing.assert_allclose(each["e"], visual, rtol=1e-12)
+    assert not each["x"].any()
 
 
 def test_slopes_of_the_loops_of_pursuit_equal_differences() -> None:
@@ -174,7 +174,7 @@ def test_the_target_loop_of_pursuit_is_output_over_error_at_the_target_s_lines()
 def test_a_target_that_was_not_recorded_is_error_and_output_together() -> None:
     recording = recording_of(FOLLOWING)
     without = replace(recording, ft=None)
-    np.testing.assert_allclose(without.input("target"), recording.ft, atol=1e-12)
+    np.testing.assert_allclose(without.input("ft"), recording.ft, atol=1e-12)
     first, second = (
         identify(MLE(), r, PURSUIT, np.random.default_rng(2)) for r in (recording, without)
     )
@@ -237,7 +237,7 @@ def test_remnant_at_the_error_does_not_pass_the_target_s_channel() -> None:
     quiet_one = recording_of(without_remnant(FOLLOWING))
     # u = Hpe (e + v) + Hpt ft: what is left of u is what the visual channel makes of v alone.
     omega = 2.0 * np.pi * np.arange(1, 40) / recording.duration
-    shaped = pilot_on_each(PURSUIT, PURSUIT.response(omega, FOLLOWING.values))["error"]
+    shaped = pilot_on_each(PURSUIT, PURSUIT.response(omega, FOLLOWING.values))["e"]
     expected = at_error.remnant.filter(omega) * shaped
     np.testing.assert_allclose(remnant_shaping(at_error, omega), expected, rtol=1e-12)
     assert np.std(recording.u - quiet_one.u) > 0.0
@@ -335,9 +335,9 @@ def test_a_file_that_is_not_there_and_one_that_does_not_run(tmp_path: Path) -> N
     with pytest.raises(InputError, match="there is no such file"):
         model_named(f"{tmp_path}/none.py:MODEL")
     (tmp_path / "bad.py").write_text(
-        "from pilotid import Channel\nChannel('v', 'sound', 1, ())\n", encoding="utf-8"
+        "from pilotid import Channel\nChannel('v', 'u', 1, ())\n", encoding="utf-8"
     )
-    with pytest.raises(InputError, match="the input must be one of error, output, target"):
+    with pytest.raises(InputError, match="cannot act on 'u'"):
         model_named(f"{tmp_path}/bad.py:MODEL")
 
 

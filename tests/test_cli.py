@@ -397,7 +397,7 @@ def test_bad_files(run: Run, tmp_path: Path) -> None:
         (("--model", "tripl"), ("unknown model 'tripl'", "single, multi")),
         (("--method", "mle-black"), ("unknown method 'mle-black'", "mle-white")),
         (("--map", "stick"), ("SIGNAL=NAME",)),
-        (("--map", "q=stick"), ("unknown signal", "ft, fd")),
+        (("--map", "q=stick"), ("no column 'stick'", "q (extra signal)")),
         (("--map", "u=stick"), ("run.csv", "'stick'")),
         (("--start", "Kvis=many"), ("PARAMETER=NUMBER",)),
         (("--start", "tlag=1"), ("no parameter tlag", "Kvis, tlead")),

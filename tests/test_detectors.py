@@ -23,6 +23,7 @@ from pilotid.recordings.detectors import (
     fingerprints,
 )
 from pilotid.recordings.recording import SIGNALS, Recording
+from pilotid.recordings.selection import of_runs
 from pilotid.seeds import start_rng
 
 pytestmark = pytest.mark.numerical
@@ -176,6 +177,20 @@ def test_copies_are_found_among_recordings_and_nothing_else() -> None:
     }
     assert "run 1 of 8" in said[2][0]
     assert "run 1 of 4" in said[9][0]
+
+
+@pytest.mark.parametrize("level", [0.1, 1.0])
+def test_runs_that_share_an_unrecorded_disturbance_are_no_copies(level: float) -> None:
+    nominal = SCENARIOS["nominal"]
+    remnant = replace(nominal.remnant, level=level * nominal.remnant.level)
+    whole = simulate(replace(nominal, runs=4, remnant=remnant), np.random.default_rng(7))
+    runs = replace(whole, fd=None, lines={})
+    assert not [f for f in findings(runs) if f.code == "copied-run"]
+    singles = [of_runs(runs, [run], "") for run in (1, 2, 3, 4)]
+    assert copies_among([*"abcd"], [fingerprints(r) for r in singles]) == {}
+    copied = replace(runs, u=runs.u[[0, 1, 2, 0]], e=runs.e[[0, 1, 2, 0]], x=runs.x[[0, 1, 2, 0]])
+    told = [f.sentence for f in findings(copied) if f.code == "copied-run"]
+    assert [words.partition(" have")[0] for words in told] == ["runs 1 and 4"]
 
 
 def test_recordings_too_short_to_be_told_apart_have_no_fingerprint() -> None:

@@ -244,10 +244,10 @@ def poles_of_control(model: PilotModel, element: ControlledElement) -> int:
     """Right-half-plane poles of the loop closed in python-control, delays as Pade of order 8."""
     paths = model.rational(VALUES[model.name], 8)
     # A channel on the target stands outside the loop.
-    within = [i for i, c in enumerate(model.channels) if c.input != "target"]
+    within = [i for i, c in enumerate(model.channels) if c.on != "ft"]
     paths = [paths[i] for i in within]
     channels = [model.channels[i] for i in within]
-    signs = [c.sign if c.input == "error" else -c.sign for c in channels]
+    signs = [c.sign if c.on == "e" else -c.sign for c in channels]
     pilot = control.ss(signs[0] * paths[0])
     for sign, path in zip(signs[1:], paths[1:], strict=True):
         pilot = control.parallel(pilot, control.ss(sign * path))

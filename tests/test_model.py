@@ -521,11 +521,11 @@ def test_a_delay_of_one_s_own_is_a_delay(factor: Factor) -> None:
     np.testing.assert_allclose(fast, prediction.row_spectra(sets)[:, -1], rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize(("sign", "name"), [(2, "error"), (0, "error"), (1, "sight")])
+@pytest.mark.parametrize(("sign", "name"), [(2, "error"), (0, "error"), (1, "in sight")])
 def test_a_channel_that_makes_no_sense_is_refused_when_it_is_made(sign: int, name: str) -> None:
-    word = "the sign must be 1 or -1" if name == "error" else "one of error, output"
+    word = "the sign must be 1 or -1" if name == "error" else "cannot act on"
     with pytest.raises(ValueError, match=word):
-        Channel("visual", name, sign, (Gain("K"),))  # type: ignore[arg-type]
+        Channel("visual", name, sign, (Gain("K"),))
 
 
 def test_a_model_without_channels_is_refused() -> None:

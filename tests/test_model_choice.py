@@ -63,8 +63,8 @@ def test_the_model_that_made_a_recording_is_chosen(name: str) -> None:
 
 def test_a_recording_without_a_disturbance_tells_no_two_channels_apart() -> None:
     recording = replace(recording_of("single"), fd=None, lines={})
-    inputs = {c.input for model in default_candidates(recording) for c in model.channels}
-    assert inputs == {"error"}
+    inputs = {c.on for model in default_candidates(recording) for c in model.channels}
+    assert inputs == {"e"}
 
 
 #: What ten runs leave unexplained.

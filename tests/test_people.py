@@ -15,9 +15,19 @@ import pytest
 from helpers import SINGLE_LOOP, Run
 
 from pilotid.analysis.agreement import agreements
+from pilotid.analysis.halves import (
+    HalvesApart,
+    fit_halves,
+    halves_blocks,
+    halves_of,
+    halves_rows,
+)
+from pilotid.analysis.recordings import Part
 from pilotid.analysis.rows import Row
 from pilotid.datasets import people, simulate
 from pilotid.datasets.people import PEOPLE, Published, fetch, published
+from pilotid.document import Table
+from pilotid.methods import method_named
 from pilotid.recordings.files import save_recording
 from pilotid.types import InputError
 
@@ -101,11 +111,13 @@ def test_command(folder: Path, run: Run) -> None:
     told = run("fetch-data")
     assert told.status == 0
     assert [name for name in PEOPLE if f"\n{name}\n" in f"\n{told.out}"] == list(PEOPLE)
-    told = run("fetch-data", "following", "--from", write(folder / "lab"))
-    assert told.status == 0
+    assert run("fetch-data", "preview", "--from", folder / "nowhere").status == 2
+    for name in PEOPLE:
+        told = run("fetch-data", name, "--from", write(folder / "lab"))
+        assert told.status == 0, told.err
+    told = run("fetch-data", "following")
     words = " ".join(told.out.split())
     assert f"'{folder}/data/following/data.mat::sigma=*' --pattern 'sigma={{condition}}'" in words
-    assert run("fetch-data", "preview", "--from", folder / "nowhere").status == 2
 
 
 def test_distances_from_consistent_estimates() -> None:
@@ -124,6 +136,47 @@ def test_distances_from_consistent_estimates() -> None:
         ("mle", "fourier", 2, pytest.approx(0.4 / 0.6745)),
         ("mle-white", "fourier", 2, pytest.approx(3.0 / 0.6745)),
     ]
+
+
+def test_differences_of_halves_by_hand() -> None:
+    def line(file: str, parameter: str, *numbers: float) -> HalvesApart:
+        part = Part((Path(file),), (("subject", file), ("condition", "C1")))
+        return HalvesApart(part, "single", "mle", parameter, numbers)  # type: ignore[arg-type]
+
+    rows = [
+        line("1", "a", 1.0, 0.3, 1.5, 0.4),  # apart by 1 error
+        line("1", "b", 2.0, 0.3, 1.0, 0.4),  # by 2
+        line("1", "c", 9.0, 3.0, 9.0, 4.0),  # by none
+        line("2", "a", 6.5, 0.6, 3.5, 0.8),  # by 3
+    ]
+    assert [row.apart for row in rows] == pytest.approx([-1.0, 2.0, 0.0, 3.0])
+    _, table = halves_blocks(rows)
+    assert isinstance(table, Table)
+    ((*head, mean),) = table.items
+    assert head == ["C1", "single", "mle", 2]
+    assert mean == pytest.approx((2.0 / 0.6745, 1.0 / 0.6745))  # of 1 and 3
+    assert len(halves_blocks([])) == 1
+
+
+def test_halves_are_of_runs_or_of_the_window() -> None:
+    runs = simulate(replace(SINGLE_LOOP, runs=5), np.random.default_rng(1))
+    first, second = halves_of(runs)
+    assert np.array_equal(first.u, runs.u[:2])
+    assert np.array_equal(second.u, runs.u[3:])
+    one = simulate(SINGLE_LOOP, np.random.default_rng(1))
+    first, second = halves_of(one)
+    assert first.duration == second.duration == pytest.approx(one.duration / 2)
+    assert np.array_equal(second.window(second.u)[:, -9:], one.u[:, -9:])
+    assert halves_of(one.cut(0.0, 19.0)) == ()
+
+
+@pytest.mark.numerical
+def test_halves_of_a_simulation_differ_by_what_is_claimed() -> None:
+    runs = simulate(replace(SINGLE_LOOP, runs=4), np.random.default_rng(2))
+    found = fit_halves(runs, SINGLE_LOOP.model, {"mle": method_named("mle")}, 0)
+    assert [key for _, key, *_ in found] == list(SINGLE_LOOP.model.keys)
+    rows = list(halves_rows(Part((Path("F"),), ()), {"model": "single", "halves": found}))
+    assert max(abs(row.apart) for row in rows) < 4.5
 
 
 @pytest.mark.numerical
@@ -149,7 +202,12 @@ def test_methods_are_compared_on_people(
     )
     assert told.status == 0, told.err
     page = (tmp_path / "out" / "people.html").read_text()
-    for text in ("pilots 1, 3, 4 and 6", "Runs left out", "Differences from consistent estimates"):
+    for text in (
+        "pilots 1, 3, 4 and 6",
+        "Runs left out",
+        "Differences from consistent estimates",
+        "Halves of recordings",
+    ):
         assert text in page
     assert run("compare", "--people", "yaw", "--scenario", "nominal").status == 2
 

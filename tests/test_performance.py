@@ -12,7 +12,12 @@ from scipy.io import loadmat
 from scipy.stats import ttest_rel
 
 from pilotid.analysis.contrasts import contrasts
-from pilotid.analysis.performance import performance, performance_content, performance_rows
+from pilotid.analysis.performance import (
+    lines_shared,
+    performance,
+    performance_content,
+    performance_rows,
+)
 from pilotid.analysis.recordings import Part
 from pilotid.datasets import simulate
 from pilotid.estimates.estimate import Outcome, failed
@@ -49,6 +54,14 @@ def test_the_parts_are_those_of_loops_that_one_source_drives_alone() -> None:
     assert unit == ""
     assert share == pytest.approx(found["var_u_remnant"][1] / found["var_u"][1])
     assert found["var_e"][0] == "deg^2"
+
+
+def test_lines_in_common_are_not_split_and_a_sentence_says_so() -> None:
+    shared = replace(NOMINAL, disturbance=replace(NOMINAL.disturbance, lines=NOMINAL.target.lines))
+    recording = simulate(shared, recording_rng(1, "shared"))
+    assert lines_shared(simulate(NOMINAL, recording_rng(1, "apart"))) is None
+    assert "not split" in str(lines_shared(recording))
+    assert not [key for key in performance(recording) if "remnant" in key]
 
 
 def test_forcing_without_lines_has_totals_alone() -> None:

@@ -19,7 +19,7 @@ from helpers import (
 from scipy.fft import next_fast_len
 
 from pilotid.datasets import SCENARIOS, Scenario, simulate
-from pilotid.pilot.catalogue import MULTI, RATE, SINGLE
+from pilotid.pilot.catalogue import MULTI, PRECISION, RATE, SINGLE
 from pilotid.pilot.factors import Canals
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
@@ -317,6 +317,22 @@ def test_slow_poles_start_near_their_true_state_without_nuisance_terms(
         prediction = replace(predict(recording, scenario.model, band), terms=())
         residual = OutputErrors(prediction).residual(scenario.values)
         assert np.std(residual) < limit * np.std(prediction.control)
+
+
+@pytest.mark.parametrize("size", [0.0, 0.6])
+def test_decays_that_are_alike_do_not_hide_one_another(size: float) -> None:
+    recording = simulate(SCENARIOS["white-remnant"], np.random.default_rng(1))
+    moved = changed_control(recording, size * np.exp(-0.14 * recording.time))
+    prediction = replace(predict(moved, MULTI), terms=(-0.1, -0.12, -0.15, -0.2))
+    assert bool(OutputErrors(prediction).noticeable_terms(NOMINAL.values)) == bool(size)
+
+
+def test_decays_of_slow_poles_always_stay() -> None:
+    recording = simulate(NOMINAL, np.random.default_rng(5))
+    for model in (PRECISION, PRECISION.with_fixed(tleadlow=3.0)):
+        assert model.slow_poles == (-0.2, -0.1, -0.05)
+        problem = OutputErrors(predict(recording, model, 26.0))
+        assert set(problem.noticeable_terms(model.start)) >= set(model.slow_poles)
 
 
 def test_noticeable_terms_are_those_that_the_recording_shows() -> None:

@@ -101,8 +101,8 @@ def test_samples_and_duration_leave_out_the_run_in() -> None:
 
 def test_channel_inputs_are_error_and_output() -> None:
     recording = make()
-    assert recording.input("error") is recording.e
-    assert recording.input("output") is recording.x
+    assert recording.input("e") is recording.e
+    assert recording.input("x") is recording.x
 
 
 @pytest.mark.parametrize("name", ["ft", "fd"])

@@ -29,8 +29,8 @@ def picture(model, sets):
             for channel, response, dash in zip(
                 model.channels, model.response(OMEGA, values), DASHES, strict=False
             ):
-                style = {"color": COLOURS[channel.input], "linestyle": dash, "lw": width}
-                label = f"{channel.name} (on the {channel.input}){note}"
+                style = {"color": COLOURS[channel.on], "linestyle": dash, "lw": width}
+                label = f"{channel.name} (on the {channel.on}){note}"
                 axes[0].loglog(OMEGA, np.abs(response), label=label, **style)
                 phase = np.unwrap(np.angle(channel.sign * response), period=2.0 * np.pi)
                 axes[1].semilogx(OMEGA, np.degrees(phase), **style)

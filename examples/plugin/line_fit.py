@@ -38,7 +38,7 @@ class Lines(Problem):
     def __init__(self, recording: Recording, model: PilotModel, bins: np.ndarray) -> None:
         self.model, self.omega = model, 2.0 * np.pi * bins / recording.duration
         self.control = coefficients(recording, recording.u, bins)
-        inputs = [c.sign * coefficients(recording, recording.input(c.input), bins)
+        inputs = [c.sign * coefficients(recording, recording.input(c.on), bins)
                   for c in model.channels]  # fmt: skip
         self.inputs = np.array(inputs)  # shape (channels, runs, bins)
         self.weight = 1.0 / np.mean(np.abs(self.control), axis=0)

@@ -43,8 +43,8 @@ class RecorderLimits(NamedTuple):
     gain: float = 0.05  # by which the share of fd in the drive differs from 1 (.014)
     left: tuple[float, float] = (0.03, 1e-3)  # share of u that may be unexplained beside fd, and x
     drift: tuple[float, float, float] = (150.0, 12e-6, 8.0)  # ppm (92), scatter, standard errors
-    copy: float = 0.72  # correlation of remnants (.67 in some 2000 pairs)
-    print: float = 0.5  # correlation of fingerprints (.25 in 120,000 pairs; with noise of 5 % .74)
+    copy: float = 0.72  # correlation of remnants (.52 in 624 measured pairs)
+    print: float = 0.5  # correlation of fingerprints (.19 in measured pairs; with noise of 5 % .7)
     #: Hz up to which signals must be usable for a fit to lose next to nothing: pilots have no
     #: power above 30 rad/s, and a band of 26 rad/s tells as much as a wider one.
     enough: float = 5.0

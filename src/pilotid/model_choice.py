@@ -160,10 +160,10 @@ def default_candidates(recording: Recording) -> list[PilotModel]:
     both = not lacking(recording)
     found = []
     for model in MODELS.values():
-        inputs = {channel.input for channel in model.channels}
+        inputs = {channel.on for channel in model.channels}
         if model.name in ASKED_FOR or model.changes:
             continue
-        if inputs <= ({"error", "output"} if both else {"error"}):
+        if inputs <= ({"e", "x"} if both else {"e"}):
             found.append(model)
     return sorted(found, key=lambda model: len(model.parameters))
 
@@ -509,7 +509,7 @@ def choose_jointly(
 
 
 def _inputs(model: PilotModel) -> frozenset[str]:
-    return frozenset(channel.input for channel in model.channels)
+    return frozenset(channel.on for channel in model.channels)
 
 
 def _on_error(model: PilotModel) -> tuple[object, ...]:
@@ -517,7 +517,7 @@ def _on_error(model: PilotModel) -> tuple[object, ...]:
     return tuple(
         (type(factor), tuple(p.key for p in factor.parameters))
         for channel in model.channels
-        if channel.input == "error"
+        if channel.on == "e"
         for factor in channel.factors
     )
 

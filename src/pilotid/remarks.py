@@ -21,6 +21,7 @@ CODES: dict[str, tuple[Grade, str]] = {
     "preprocessed": ("note", "a signal was changed after reading, for example detrended"),
     "whole-periods": ("note", "the window was cut to whole periods of the forcing functions"),
     "short-span": ("note", "the span is shorter than a period of the slowest line"),
+    "shared-lines": ("note", "variances are not split: ft and fd have lines in common"),
     "spike": ("wrong", "a sample is far beyond all others of its signal"),
     "motionless": ("wrong", "e or x does not move"),
     "wrong-sign": ("wrong", "a signal has the wrong sign"),

@@ -22,7 +22,7 @@ from pilotid.estimates.method import Method, fault_of, identify, method_fault
 from pilotid.naming.settings import labelled
 from pilotid.pilot.catalogue import model_named
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import SIGNALS, Recording
+from pilotid.recordings.recording import Recording
 
 #: Scenarios whose recordings a method is tried on, by the model that is fitted.
 SCENARIOS = {"single": KNOWN["single"], "multi": KNOWN["nominal"]}
@@ -108,11 +108,11 @@ def recording_for(model: str) -> Recording:
 def _check_fits(method: Method, name: str) -> Outcome:
     """Check a method with one model; returns the outcome with an ordinary recording."""
     model, recording = model_named(name), recording_for(name)
-    before = [getattr(recording, signal).tobytes() for signal in SIGNALS]
+    before = [signal.tobytes() for signal in recording.arrays.values()]
     first = identify(method, recording, model, np.random.default_rng(2))
     check_estimate(first, method, model)
     _require(
-        before == [getattr(recording, signal).tobytes() for signal in SIGNALS],
+        before == [signal.tobytes() for signal in recording.arrays.values()],
         f"{method.name}: changes the recording",
     )
     again = identify(method, recording, model, np.random.default_rng(2))
@@ -153,7 +153,7 @@ def control_is_noise(recording: Recording) -> Recording:
 
 def tiny(recording: Recording) -> Recording:
     """Signals in units that are far too large, by a power of two so that none is rounded."""
-    return replace(recording, **{n: 2.0**-40 * getattr(recording, n) for n in SIGNALS})
+    return recording.with_arrays({n: 2.0**-40 * s for n, s in recording.arrays.items()})
 
 
 def huge_offset(recording: Recording) -> Recording:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +13,12 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.intp]
 
 LONGEST_MESSAGE = 1000  # characters
+SIGNAL_NAME = "a letter, then letters and digits, 20 characters at most"
+
+
+def is_signal_name(text: object) -> bool:
+    """Whether a text can name a signal; columns of runs have an underscore and a number behind."""
+    return isinstance(text, str) and re.fullmatch("[A-Za-z][A-Za-z0-9]{0,19}", text) is not None
 
 
 def printable(text: str) -> str:

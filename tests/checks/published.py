@@ -182,7 +182,7 @@ def following_runs(file: Path) -> dict[int, Recording]:
 
 def correlogram_lag(recording: Recording) -> float:
     """Lag [s] at which the velocities of cursor and target go together most, by a parabola."""
-    velocities = (np.diff(own, axis=1) for own in (recording.input("target"), recording.u))
+    velocities = (np.diff(own, axis=1) for own in (recording.input("ft"), recording.u))
     target, cursor = (np.fft.rfft(v - v.mean(axis=1, keepdims=True), 4096) for v in velocities)
     together = np.fft.irfft(np.mean(cursor * target.conj(), axis=0))[:120]
     top = int(np.argmax(np.convolve(together, np.ones(5) / 5.0, "same")))

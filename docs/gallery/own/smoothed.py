@@ -51,7 +51,7 @@ class Smoothed:
         used = (omega > 0.0) & (omega <= self.highest)
         inputs = {"error": spectra("e"), "output": spectra("x")}
         control = spectra("u")[:, used]
-        signals = np.array([c.sign * inputs[c.input][:, used] for c in model.channels])
+        signals = np.array([c.sign * inputs[c.on][:, used] for c in model.channels])
 
         def residual(scaled: FloatArray) -> FloatArray:
             response = model.response(omega[used], scaled * start)

@@ -16,7 +16,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from pilotid.analysis.cross_validation import LeftOut, failed_rows, left_out_rows, predict_left_out
-from pilotid.analysis.performance import performance_content, performance_rows
+from pilotid.analysis.halves import HalvesApart, fit_halves, halves_rows
+from pilotid.analysis.performance import lines_shared, performance_content, performance_rows
 from pilotid.analysis.recordings import Excluded, Part
 from pilotid.analysis.responses import responses_of
 from pilotid.analysis.rows import CONDITION, PERSON, SUBJECT, Row, grouped, in_order
@@ -61,6 +62,7 @@ CONTENTS = {
     "look": {"recording", "remarks", "fingerprints", "candidates", "performance"},
     "fit": {"fits"},
     "left-out": {"model", "left_out"},
+    "halves": {"model", "halves"},
 }
 #: The folder of the recordings' pages.
 PAGES = "recordings"
@@ -84,7 +86,7 @@ class Settings:
     per_run
         Whether every run is fitted on its own as well.
     left_out
-        Whether every run is also predicted by the fit of the others.
+        Whether every run is also predicted by the fit of the others, and halves are compared.
     element
         The controlled element, where the user names it.
     seed
@@ -182,6 +184,8 @@ class Analysis:
         A sentence for each file that was left out.
     left_out
         Runs predicted by the fits of the others.
+    halves
+        Parameters in both halves of recordings.
     ignored
         Codes of remarks that the user does not want to see.
     """
@@ -192,6 +196,7 @@ class Analysis:
     fits: Sequence[Fit]
     refused: Sequence[str]
     left_out: Sequence[LeftOut] = ()
+    halves: Sequence[HalvesApart] = ()
     ignored: frozenset[str] = frozenset()
 
     def without(self, codes: frozenset[str]) -> Analysis:
@@ -274,7 +279,7 @@ def group_of(part: Part) -> Group:
 
 # ----------------------------------------------------------------------------------- tasks
 
-What = Literal["look", "fit", "left-out"]
+What = Literal["look", "fit", "left-out", "halves"]
 
 
 @dataclass(frozen=True)
@@ -287,7 +292,7 @@ class Task:
         A digest of all that its content follows from: recording, settings and code.
     what
         Look at a recording and compare models, fit a model (or models to recordings with
-        parameters in common), or fit one to all runs but one and predict that one.
+        parameters in common), fit one to all runs but one and predict that one, or fit halves.
     parts, reading
         The recording, or those with parameters in common, and how files are read.
     code
@@ -327,7 +332,7 @@ class Answer(NamedTuple):
 def perform(task: Task) -> Answer:
     """Do a task; whatever goes wrong is an answer."""
     try:
-        done = {"look": _look, "fit": _fit, "left-out": _leave_out}
+        done = {"look": _look, "fit": _fit, "left-out": _leave_out, "halves": _halve}
         content = done[task.what](task)
         return Answer(task, json.loads(json.dumps(content)))
     except InputError as error:
@@ -353,10 +358,11 @@ def _look(task: Task) -> Content:
     choice = chosen_element(recording, element)
     candidates = default_candidates(recording) if auto else ()
     models = {m.name: m for m in with_held((*candidates, *named), fix)}
+    shared = filter(None, [lines_shared(recording)])
     compared = compare_models(choice.named_in(recording), list(models.values()), task.seed)
     return {
         "recording": recording.to_dict(),
-        "remarks": _graded([*remarks(recording), *choice.remarks]),
+        "remarks": _graded([*remarks(recording), *shared, *choice.remarks]),
         "fingerprints": fingerprints(recording).round(3).tolist(),
         "candidates": [asdict(candidate) for candidate in compared],
         "performance": performance_content(recording),
@@ -404,6 +410,12 @@ def _leave_out(task: Task) -> Content:
     assert task.run is not None
     fits = predict_left_out(task.part.recording(task.reading), model, methods, task.run, task.seed)
     return {"model": model.name, "left_out": fits}
+
+
+def _halve(task: Task) -> Content:
+    model, methods, _ = unpacked(task.code)
+    recording = task.part.recording(task.reading)
+    return {"model": model.name, "halves": fit_halves(recording, model, methods, task.seed)}
 
 
 def _write_page(
@@ -454,6 +466,8 @@ def _failed_content(task: Task, why: str) -> Content:
     models, methods, *_ = unpacked(task.code)
     if task.what == "left-out":
         return {"model": models.name, "left_out": failed_rows(methods, Outcome.DIED.slug)}
+    if task.what == "halves":
+        return {"model": models.name, "halves": []}
     found = []
     for model in models:
         estimates = tuple(failed(label, model, Outcome.DIED, why) for label in methods)
@@ -596,7 +610,7 @@ def analyse(
             for part in looked
         }
         together = _sharing(work, models, folder)
-        fits, left = [], []
+        fits, left, halves = [], [], []
         for part, look in looked.items():
             count = int(look["recording"]["runs"])
             runs = range(1, count + 1) if count > 1 else ()
@@ -609,15 +623,18 @@ def analyse(
                 if settings.left_out:
                     predicts = (model, methods, None)
                     left += [work.task("left-out", [part], predicts, run) for run in runs]
+                    halves.append(work.task("halves", [part], predicts))
         held = work.contents([task for _, task in fits], "fitting")
         told = work.contents(left, "leaving runs out")
+        halved = work.contents(halves, "fitting halves")
         every = [
             Fit(part, task.run, held[task.key]["fits"][task.parts.index(part)])
             for part, task in fits
         ]
         runs_left = [(task.part, task.run or 0, told[task.key]) for task in left]
         lines = [line for own in runs_left for line in left_out_rows(*own)]
-        return Analysis(settings, looked, choices, every, list(work.refused), lines)
+        apart = [row for task in halves for row in halves_rows(task.part, halved[task.key])]
+        return Analysis(settings, looked, choices, every, list(work.refused), lines, apart)
 
 
 def _sharing(

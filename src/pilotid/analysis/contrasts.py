@@ -227,7 +227,7 @@ def is_across(parameter: str, models: Sequence[PilotModel]) -> bool:
         for channel in model.channels:
             factors = [(type(f), [p.key for p in f.parameters]) for f in channel.factors]
             if keys & {key for _, own in factors for key in own}:
-                found.setdefault(channel.input, set()).add(repr(factors))
+                found.setdefault(channel.on, set()).add(repr(factors))
     return any(len(own) > 1 for own in found.values())
 
 

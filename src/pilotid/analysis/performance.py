@@ -17,6 +17,7 @@ from pilotid.analysis.recordings import Part
 from pilotid.analysis.rows import MEASURED, Row
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import NotMultisineError, forcing_lines
+from pilotid.remarks import Remark
 from pilotid.types import FloatArray, IntArray
 
 #: What variances are made of, and the signal that has each.
@@ -34,13 +35,8 @@ def performance(recording: Recording) -> dict[str, tuple[str, FloatArray]]:
     ``var_e`` and ``rms_e``, and where forcing functions are multisines ``var_e_target``,
     ``var_e_disturbance`` (of those that there are) and ``var_e_remnant``, and `SHARE`.
     """
-    try:
-        lines = forcing_lines(recording)
-    except NotMultisineError:
-        lines = {}
+    lines = {} if lines_shared(recording) else _lines(recording)
     every = np.concatenate([*lines.values()]) if lines else np.zeros(0, dtype=int)
-    if np.unique(every).size < every.size:  # nothing tells the answers to both apart
-        lines = {}
     found: dict[str, tuple[str, FloatArray]] = {}
     for name in (name for name in ("e", "u", "x") if name in recording.signals):
         unit, signal = recording.units.get(name, ""), getattr(recording, name)
@@ -62,6 +58,25 @@ def performance(recording: Recording) -> dict[str, tuple[str, FloatArray]]:
     return found
 
 
+def lines_shared(recording: Recording) -> Remark | None:
+    """What to say where nothing tells the answers to target and disturbance apart."""
+    lines = _lines(recording)
+    if len(lines) < 2 or not np.intersect1d(lines["ft"], lines["fd"]).size:
+        return None
+    return Remark(
+        "shared-lines",
+        "ft and fd have lines in common, so that variances of e, u and x are not split into the "
+        "answers to each and remnant",
+    )
+
+
+def _lines(recording: Recording) -> dict[str, IntArray]:
+    try:
+        return forcing_lines(recording)
+    except NotMultisineError:
+        return {}
+
+
 def _answer(
     recording: Recording, signal: FloatArray, forcing: str, lines: IntArray, every: IntArray
 ) -> FloatArray:
@@ -73,7 +88,7 @@ def _answer(
         after = np.clip(np.searchsorted(free, lines), 1, free.size - 1)
         beside = np.mean(np.abs(spectrum[:, [free[after - 1], free[after]]]) ** 2, axis=1)
         return np.asarray(2.0 * np.sum(np.abs(values) ** 2 - beside, axis=1))
-    source = recording.input("target") if forcing == "ft" else recording.fd
+    source = recording.input("ft") if forcing == "ft" else recording.fd
     if source is not None:
         values = values * np.exp(-1j * np.angle(np.fft.rfft(recording.window(source))[:, lines]))
     others = (values.sum(axis=0) - values) / (runs - 1)

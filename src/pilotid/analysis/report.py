@@ -18,6 +18,7 @@ from pilotid.analysis.figures import (
     spread_figure,
     standardised,
 )
+from pilotid.analysis.halves import halves_blocks
 from pilotid.analysis.learning import Learning
 from pilotid.analysis.report_tables import (
     FEW,
@@ -141,6 +142,8 @@ def report_sections(
     if results.analysis.left_out:
         board = results.board(command, about)
         yield Section("left-out", "Runs left out", left_out_blocks(board))
+    if results.analysis.halves:
+        yield Section("halves", "Agreement between halves", halves_blocks(results.analysis.halves))
     yield Section("recordings", "Recordings", [recording_table(results.analysis)])
     versions = ", ".join(f"{name} {version}" for name, version in about.items())
     again: list[Block] = [Command("To make it again:", command)] if command else []

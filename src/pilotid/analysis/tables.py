@@ -8,6 +8,7 @@ from pathlib import Path
 
 from pilotid.analysis.analyse import Analysis, group_of
 from pilotid.analysis.cross_validation import COLUMNS as LEFT_OUT_COLUMNS
+from pilotid.analysis.halves import COLUMNS as HALVES_COLUMNS
 from pilotid.analysis.recordings import Part
 from pilotid.analysis.report_tables import tables_tex
 from pilotid.analysis.responses import COLUMNS as RESPONSE_COLUMNS
@@ -27,7 +28,7 @@ from pilotid.disk import table_bytes, write_file
 
 ESTIMATES, MODELS, LOOPS, CONTRASTS = "estimates.csv", "models.csv", "loops.csv", "contrasts.csv"
 CONDITIONS, RUNS, TEX = "conditions.csv", "runs.csv", "tables.tex"
-LEFT_OUT, FACTORS, FRF = "left_out.csv", "factors.csv", "frf.csv"
+LEFT_OUT, HALVES, FACTORS, FRF = "left_out.csv", "halves.csv", "factors.csv", "frf.csv"
 GROUPS, LEARNING = "groups.csv", "learning.csv"
 TABLES = (
     *(ESTIMATES, MODELS, LOOPS, CONTRASTS, CONDITIONS, RUNS, TEX, LEFT_OUT, FACTORS, FRF),
@@ -90,6 +91,10 @@ def table_cells(results: Results) -> dict[str, Cells]:
         LEFT_OUT: (
             ["file", *names, *LEFT_OUT_COLUMNS],
             [[e.part.name, *dict(e.part.fields).values(), *e.cells] for e in analysis.left_out],
+        ),
+        HALVES: (
+            ["file", *names, *HALVES_COLUMNS],
+            [[e.part.name, *dict(e.part.fields).values(), *e.cells] for e in analysis.halves],
         ),
     }
     return found | {name: cells for name, cells in more.items() if cells[1]}

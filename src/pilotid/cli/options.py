@@ -40,7 +40,8 @@ MEANINGS: dict[str, tuple[str, str]] = {
     # Recordings and how they are read.
     "mapping": (
         "u=-stick,fd=3.5*d",
-        "The file's names for t, e, u, x, ft, fd; a sign or a factor before one is applied.",
+        "The file's names for t, e, u, x, ft, fd, or for extra signals by names of your own; a "
+        "sign or a factor before one is applied.",
     ),
     "dt": ("0.01", "Sampling interval in seconds, of files without times."),
     "joint": ("", "Take all files as runs of one recording."),

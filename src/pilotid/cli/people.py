@@ -58,10 +58,11 @@ def compare_people(
     force: bool,
     out: Path,
 ) -> None:
-    """Compare methods on published recordings: runs left out, runs apart, consistent estimates."""
+    """Compare methods on published recordings: runs left out, runs and halves apart."""
     from pilotid.analysis.agreement import agreement_blocks
     from pilotid.analysis.board import left_out_blocks
     from pilotid.analysis.experiment import analyse
+    from pilotid.analysis.halves import halves_blocks
     from pilotid.cli.running import with_progress
 
     methods = options.methods_of(method, USUAL)
@@ -84,13 +85,15 @@ def compare_people(
     report = found.write(f"pilotid compare --people {name}", f"pilotid compare --people {name}")
     agreement = agreement_blocks(found.results.rows)
     judged = left_out_blocks(found.results.board("", {}))
+    halves = halves_blocks(found.results.analysis.halves)
     sections = [
         Section("people", "Who, and what to know", _card(people)[1:]),
         Section("left-out", "Runs left out", judged),
+        Section("halves", "Agreement between halves", halves),
         Section("agreement", "Agreement with consistent estimates", agreement),
     ]
     write_page(out / PAGE, f"Methods on recordings of people: {name}", sections)
     told = [f"page: {out / PAGE}", f"all fits: {report}"]
-    tables = [block for block in (*judged, *agreement) if isinstance(block, Table)]
+    tables = [block for block in (*judged, *halves, *agreement) if isinstance(block, Table)]
     print_blocks(make_console(), *_card(people), *tables, Bullets(told))
     options.raise_refused(found.refused)

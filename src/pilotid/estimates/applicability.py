@@ -9,10 +9,11 @@ from pilotid.pilot.element import parsed_element
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
 from pilotid.recordings.contents import listed
-from pilotid.recordings.recording import INPUTS, Recording
-from pilotid.recordings.spectra import NotMultisineError, forcing_lines, told_apart
+from pilotid.recordings.recording import Recording
+from pilotid.recordings.spectra import NotMultisineError, at_lines, forcing_lines, told_apart
 from pilotid.types import FloatArray, InputError
 
+CLEAR = 4.0  # times its noise that an extra signal's power at lines must be
 #: What to do where channels cannot be told apart.
 REMEDY = "record with a target and a disturbance, or fit one channel"
 
@@ -31,12 +32,12 @@ def motionless_input(recording: Recording, model: PilotModel) -> str | None:
         return unseen
     missing = unrecorded(recording, model)
     for channel in model.channels:
-        name = INPUTS[channel.input]
+        name = channel.on
         if name in missing:
             return f"{name} is not recorded, so that the {channel.name} channel has no input"
         if (
-            _absent(recording, recording.input("target"), recording.e)
-            if channel.input == "target"
+            _absent(recording, recording.input("ft"), recording.e)
+            if channel.on == "ft"
             else motionless(recording, name)
         ):
             return f"{name} does not move, so that the {channel.name} channel has no input"
@@ -50,7 +51,7 @@ def unrecorded(recording: Recording, model: PilotModel) -> list[str]:
     """
     there = set(recording.signals)
     there |= {"ft"} if {"e", "x"} <= there else set()
-    inputs = dict.fromkeys(INPUTS[channel.input] for channel in model.channels)
+    inputs = dict.fromkeys(channel.on for channel in model.channels)
     return [name for name in inputs if name not in there]
 
 
@@ -111,8 +112,8 @@ def response_at_rest(model: PilotModel) -> str | None:
 
 def shared_signals(recording: Recording, model: PilotModel) -> str | None:
     """Why channels can hardly be told apart: their signals depend on one another."""
-    inputs = {channel.input for channel in model.channels}
-    if "target" not in inputs or len(inputs) < 2:
+    inputs = {channel.on for channel in model.channels} - {*model.extra}
+    if "ft" not in inputs or len(inputs) < 2:
         return one_signal(recording, model)
     if dependent := dependent_signals(model):
         return dependent
@@ -127,7 +128,7 @@ def shared_signals(recording: Recording, model: PilotModel) -> str | None:
 
 def dependent_signals(model: PilotModel) -> str | None:
     """Why no response of each channel can be measured: they act on e, x and ft, which is e + x."""
-    if len({channel.input for channel in model.channels}) < 3:
+    if not {channel.on for channel in model.channels} >= {"e", "x", "ft"}:
         return None
     names = " and ".join(channel.name for channel in model.channels)
     return (
@@ -159,7 +160,7 @@ def looking_ahead(model: PilotModel) -> str | None:
 
 def one_signal(recording: Recording, model: PilotModel) -> str | None:
     """Why channels on error and output can hardly be told apart: there is no target."""
-    if len({channel.input for channel in model.channels}) < 2:
+    if not {channel.on for channel in model.channels} >= {"e", "x"}:
         return None
     if not _absent(recording, recording.e + recording.x, recording.e):
         return None
@@ -186,14 +187,26 @@ def lines_objection(recording: Recording, model: PilotModel) -> str | None:
         return str(error)
     if not lines:
         return "the recording holds neither ft or fd nor their lines"
-    inputs = [channel.input for channel in model.channels]
+    inputs = [channel.on for channel in model.channels]
     if len(set(inputs)) < len(inputs):
         return f"model {model.name} has two channels on one input, which no lines tell apart"
-    if inputs == ["target"]:
+    if inputs == ["ft"]:
         return f"model {model.name} acts on the target alone, outside any loop"
     if dependent := dependent_signals(model):
         return dependent
     fewest = min(own.size for own in lines.values())
+    every = np.concatenate(list(lines.values()))
+    for name in model.extra:
+        values, noise = at_lines(recording, recording.input(name), every, lines)
+        if np.mean(np.abs(values) ** 2) < CLEAR * np.mean(noise):
+            return (
+                f"{name} does not follow the forcing functions, so that their lines do not tell it"
+            )
+    if len(inputs) > 2 or (model.extra and "ft" in inputs):
+        return (
+            f"model {model.name} acts on {listed(inputs)}, which two forcing functions do not tell "
+            "apart"
+        )
     if len(inputs) == 2 and len(lines) < 2:
         return "two channels need both a target and a disturbance forcing function"
     if len(inputs) == 2 and not told_apart(recording):

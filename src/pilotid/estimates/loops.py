@@ -77,8 +77,9 @@ def loops_of(estimate: Fit, element: ControlledElement) -> Loops:
     """
     model, values = estimate.model, estimate.values
     is_known = bool(np.isfinite(values).all())
-    if not is_known or model.changes:
-        why = CHANGES if is_known else "the fit failed"
+    if not is_known or model.changes or model.extra:
+        seen = f"it acts on {', '.join(model.extra)}, and how the loop moves that is not known"
+        why = "the fit failed" if not is_known else CHANGES if model.changes else seen
         return Loops(element, no_loop("target", why), no_loop("disturbance", why))
     remarks = []
     if unstable_poles(model, values, element):
@@ -343,7 +344,7 @@ class Loops:
 
     def excited_by(self, recording: Recording) -> Loops:
         """The same, with no numbers for a loop that no forcing function of a recording excites."""
-        target = recording.window(recording.input("target"))
+        target = recording.window(recording.input("ft"))
         moves = {
             "target": bool(np.std(target) > SIGNAL.still * np.std(recording.window(recording.e))),
             "disturbance": recording.fd is not None and not motionless(recording, "fd"),

@@ -87,7 +87,7 @@ def explained_at_lines(recording: Recording, estimate: Estimate) -> float | None
     responses = estimate.model.response(omega, estimate.values)
     left = control.copy()
     for channel, response in zip(estimate.model.channels, responses, strict=True):
-        left -= channel.sign * response * at_lines(recording.input(channel.input))
+        left -= channel.sign * response * at_lines(recording.input(channel.on))
     power = float(np.sum(np.abs(control) ** 2))
     return 100.0 * max(0.0, 1.0 - float(np.sum(np.abs(left) ** 2)) / power)
 

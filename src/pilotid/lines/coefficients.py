@@ -270,13 +270,13 @@ def coefficients_of(
     omega = 2.0 * np.pi * everywhere / recording.duration
     beside = lines.size + index.reshape(nearest.shape)
     control = transformed(recording.u)
-    inputs = np.array([c.sign * transformed(recording.input(c.input)) for c in model.channels])
+    inputs = np.array([c.sign * transformed(recording.input(c.on)) for c in model.channels])
     seen, mixing = inputs, np.eye(len(inputs))
-    if any(c.input == "target" for c in model.channels):
+    if any(c.on == "ft" for c in model.channels):
         # ft = e + x is zero at the disturbance's lines, where a ratio to it has no logarithm.
         seen = np.array([transformed(recording.e), transformed(recording.x)])
-        parts = {"error": (1.0, 0.0), "output": (0.0, 1.0), "target": (1.0, 1.0)}
-        mixing = np.array([np.multiply(c.sign, parts[c.input]) for c in model.channels]).T
+        parts = {"e": (1.0, 0.0), "x": (0.0, 1.0), "ft": (1.0, 1.0)}
+        mixing = np.array([np.multiply(c.sign, parts[c.on]) for c in model.channels]).T
     return Coefficients(
         omega=omega,
         disturbance=disturbance,

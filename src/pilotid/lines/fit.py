@@ -21,7 +21,7 @@ from pilotid.estimates.specification import Specification, score_test
 from pilotid.lines.coefficients import NEIGHBOURS, TREND, Coefficients, coefficients_of
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.detectors import band_end
-from pilotid.recordings.recording import INPUTS, Recording
+from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import floors_of
 from pilotid.solve.least_squares import Problem, minimise, solve_linear
 from pilotid.solve.search import search
@@ -255,7 +255,7 @@ def specification_of(
     power = _smoothed(omega, lines.power(residuals), remnant)
     # Lines that the recorder's noise reaches, or a filter, do not count in the estimate either.
     floors = floors_of(recording)
-    inputs = tuple(dict.fromkeys(INPUTS[channel.input] for channel in model.channels))
+    inputs = tuple(dict.fromkeys(channel.on for channel in model.channels))
     clear = np.interp(omega, floors.omega, floors.share(inputs)) >= CLEAR
     clear &= omega <= min(band_end(recording), remnant.omega[-1])
     power = np.where(clear, power, np.inf)

@@ -135,20 +135,22 @@ CROSSOVER = PilotModel(
     "what makes wc e^{-tde s}/s the open loop with the controlled element, about the crossover "
     "frequency alone (McRuer & Jex 1967)",
 )
-#: The first-order lag of the neuromuscular system of the publication is left to the delay.
+#: The first-order lag of the neuromuscular system of the publication is left to the delay.  What
+#: acts at low frequencies is bounded away from the equalisation, with which it would change places.
 PRECISION = PilotModel(
     "precision",
     (
         _visual(
             *LED_AND_LAGGED.factors[:-2],
-            Lead("tleadlow", 4.0, (0.1, 60.0), (1.0, 10.0)),
-            SlowLag("tlaglow", 10.0, (0.2, 200.0), (3.0, 40.0)),
+            Lead("tleadlow", 4.0, (1.0, 60.0), (1.0, 10.0)),
+            SlowLag("tlaglow", 10.0, (1.0, 200.0), (3.0, 40.0)),
             *SLOW,
         ),
     ),
     "visual channel with lead-lag equalisation and (1 + tleadlow s)/(1 + tlaglow s), by which the "
     "phase drops at low frequencies (McRuer & Jex 1967)",
 )
+#: The form is Hess's; starts and ranges of the inner loop were chosen here.
 STRUCTURAL = PilotModel(
     "structural",
     (
@@ -156,7 +158,9 @@ STRUCTURAL = PilotModel(
             Gain("Kvis", 1.0),
             Delay("tdvis"),
             InnerLoop(
-                Neuromuscular(damping_start=0.5, damping_usual=(0.3, 1.0)),
+                Neuromuscular(
+                    damping_start=0.5, damping_bounds=(0.15, 3.0), damping_usual=(0.3, 1.0)
+                ),
                 (
                     Gain("Kpf", 2.0, bounds=(0.01, 100.0)),
                     Lag("tpf", 0.4, usual=(0.1, 2.0)),
@@ -206,7 +210,8 @@ FOLLOWING = PilotModel(
     "target followed by hand, Kt e^{-tdt s}/(1 + tlagt s) and neuromuscular dynamics, without a "
     "displayed error (after Bonnen et al. 2015)",
 )
-#: The error that is responded to is that of the target some time ahead, low-passed.
+#: The error that is responded to is that of the target some time ahead, low-passed.  Two viewpoints
+#: beside a compensatory response are the publication's; starts and ranges were chosen here.
 PREVIEW = PilotModel(
     "preview",
     (

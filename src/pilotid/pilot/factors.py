@@ -112,6 +112,11 @@ class Factor:
         return ()
 
     @property
+    def slow_poles(self) -> tuple[float, ...]:
+        """Poles beside which one lies that decays so slowly that it is always there [rad/s]."""
+        return ()
+
+    @property
     def ahead(self) -> str:
         """Key of the parameter that says how far the factor looks ahead [s], empty for none."""
         return ""
@@ -226,6 +231,10 @@ class Held(Factor):
     @property
     def fixed_poles(self) -> tuple[float, ...]:
         return self.factor.fixed_poles
+
+    @property
+    def slow_poles(self) -> tuple[float, ...]:
+        return self.factor.slow_poles
 
     @property
     def derivative(self) -> int:
@@ -383,7 +392,7 @@ class Lag(Factor):
 
 @dataclass(frozen=True)
 class SlowLag(Lag):
-    """A lag whose free decay outlasts a run-in: decays about that of its start are told apart.
+    """A lag whose free decay outlasts a run-in: decays about that of its start are fitted too.
 
     Attributes
     ----------
@@ -392,7 +401,7 @@ class SlowLag(Lag):
     """
 
     @property
-    def fixed_poles(self) -> tuple[float, ...]:
+    def slow_poles(self) -> tuple[float, ...]:
         return (-0.5 / self.start, -1.0 / self.start, -2.0 / self.start)
 
 
@@ -552,7 +561,8 @@ class Canals(Fixed):
 class Otoliths(Fixed):
     """Otoliths (1 + to1 s) / ((1 + to2 s) (1 + to3 s)), with fixed time constants.
 
-    The defaults are those of Hosman (1996).
+    The form is that of Hosman (1996); the defaults were chosen here after it, and not held against
+    its text.
 
     Attributes
     ----------

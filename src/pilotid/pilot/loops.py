@@ -12,12 +12,11 @@ and Hpt together, and Hpx the output's less Hpt.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import get_args
 
 import numpy as np
 
 from pilotid.pilot.element import ControlledElement
-from pilotid.pilot.model import Input, PilotModel
+from pilotid.pilot.model import INPUTS, PilotModel
 from pilotid.types import ComplexArray, FloatArray
 
 #: Where crossings are looked for [rad/s]: a pilot's loops have none beyond.
@@ -48,14 +47,14 @@ def pilot_on(
 ) -> tuple[ComplexArray, ComplexArray]:
     """Hpe and Hpx in u = Hpe e - Hpx x, each of shape (n,)."""
     on = pilot_on_each(model, model.response(omega, values))
-    return on["error"] + on["target"], -on["output"] - on["target"]
+    return on["e"] + on["ft"], -on["x"] - on["ft"]
 
 
-def pilot_on_each(model: PilotModel, responses: ComplexArray) -> dict[Input, ComplexArray]:
+def pilot_on_each(model: PilotModel, responses: ComplexArray) -> dict[str, ComplexArray]:
     """Responses of channels, or their derivatives, summed with their signs by their inputs."""
-    on: dict[Input, ComplexArray] = {n: np.zeros_like(responses[0]) for n in get_args(Input)}
+    on = {name: np.zeros_like(responses[0]) for name in INPUTS.values()}
     for channel, response in zip(model.channels, responses, strict=True):
-        on[channel.input] += channel.sign * response
+        on[channel.on] += channel.sign * response
     return on
 
 
@@ -65,7 +64,7 @@ def loop_slopes(
     """Derivatives of the logarithms of both open loops by each parameter, (parameters, n)."""
     on_error, on_output = pilot_on(model, omega, values)
     on = pilot_on_each(model, model.response_and_jacobian(omega, values)[1])
-    of_error, of_output = on["error"] + on["target"], -on["output"] - on["target"]
+    of_error, of_output = on["e"] + on["ft"], -on["x"] - on["ft"]
     plant = element.response(omega)
     with np.errstate(invalid="ignore"):  # of the target alone: the disturbance loop is nil
         disturbance = (of_error + of_output) / (on_error + on_output)

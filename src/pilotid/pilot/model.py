@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,13 +21,22 @@ from pilotid.pilot.factors import (
     Response,
 )
 from pilotid.pilot.timevarying import Changing, Curve
-from pilotid.types import BoolArray, ComplexArray, FloatArray, InputError, IntArray
+from pilotid.types import (
+    SIGNAL_NAME,
+    BoolArray,
+    ComplexArray,
+    FloatArray,
+    InputError,
+    IntArray,
+    is_signal_name,
+)
 
 if TYPE_CHECKING:
     import control
 
 
-Input = Literal["error", "output", "target"]
+#: Words for the signals of the loop that a channel acts on.
+INPUTS = {"error": "e", "output": "x", "target": "ft"}
 
 
 @dataclass(frozen=True)
@@ -38,8 +47,9 @@ class Channel:
     ----------
     name
         As in tables and files, for example ``visual``.
-    input
-        ``error`` (e), ``output`` (x) or ``target`` (ft).
+    on
+        The signal that it acts on: ``e``, ``x``, ``ft`` (or ``error``, ``output``, ``target``), or
+        the name of another recorded signal, as in `Recording.extra`.
     sign
         +1 or -1: motion channels act against the output.
     factors
@@ -47,7 +57,7 @@ class Channel:
     """
 
     name: str
-    input: Input
+    on: str
     sign: int
     factors: tuple[Factor | Changing, ...]
 
@@ -57,10 +67,11 @@ class Channel:
                 f"channel {self.name!r}: the name must be letters, digits, blanks and . + -, 40 at "
                 "most"
             )
-        if self.input not in get_args(Input):
+        object.__setattr__(self, "on", INPUTS.get(self.on, self.on))
+        if self.on in ("t", "u") or not is_signal_name(self.on):
             raise ValueError(
-                f"channel {self.name}: the input must be one of {', '.join(get_args(Input))}, "
-                f"not {self.input!r}"
+                f"channel {self.name}: cannot act on {self.on!r}; name a signal such as e, x, ft "
+                f"or x2: {SIGNAL_NAME}"
             )
         if self.sign not in (1, -1):
             raise ValueError(
@@ -200,6 +211,12 @@ class PilotModel:
         return tuple(sorted(poles))
 
     @cached_property
+    def slow_poles(self) -> tuple[float, ...]:
+        """Poles whose free decays are nuisance terms of every recording [rad/s]."""
+        factors = (f for c in self.channels for f in c.factors if isinstance(f, Factor))
+        return tuple(sorted({p for f in factors for p in f.slow_poles}))
+
+    @cached_property
     def ahead(self) -> float:
         """How far the model looks ahead at most [s]."""
         most = {p.key: p.upper for p in self.parameters} | self.held
@@ -207,6 +224,11 @@ class PilotModel:
             sum(most[f.ahead] for f in c.factors if isinstance(f, Factor) and f.ahead)
             for c in self.channels
         )
+
+    @cached_property
+    def extra(self) -> tuple[str, ...]:
+        """Signals beside e, x and ft that channels act on: how the loop moves them is unknown."""
+        return tuple(dict.fromkeys(c.on for c in self.channels if c.on not in INPUTS.values()))
 
     @cached_property
     def needs_element(self) -> bool:

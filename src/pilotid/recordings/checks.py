@@ -63,7 +63,7 @@ def remarks(recording: Recording) -> tuple[Remark, ...]:
 
 def motionless(recording: Recording, name: str) -> bool:
     """Whether a signal does not move in the measurement window of any run."""
-    window = recording.window(getattr(recording, name))
+    window = recording.window(recording.input(name))
     # By what they usually are: one spike would make all else look still.
     size = max(_usual(recording, n) for n in {"e", "x", name})
     return bool(np.all(np.std(window, axis=1) <= SIGNAL.still * size))
@@ -72,7 +72,7 @@ def motionless(recording: Recording, name: str) -> bool:
 @remembered
 def _usual(recording: Recording, name: str) -> float:
     """Root mean square of a signal without the largest hundredth of its samples."""
-    square = recording.window(getattr(recording, name)).ravel() ** 2
+    square = recording.window(recording.input(name)).ravel() ** 2
     count = max(1, round(0.99 * square.size))
     square.partition(count - 1)
     return float(np.sqrt(np.mean(square[:count])))
@@ -80,8 +80,8 @@ def _usual(recording: Recording, name: str) -> float:
 
 def _spikes(recording: Recording) -> Remark | None:
     """A sample far beyond all others is a code for a missing value, or a fault."""
-    for name in ("e", "u", "x"):
-        window = np.abs(recording.window(getattr(recording, name)))
+    for name in ("e", "u", "x", *recording.extra):
+        window = np.abs(recording.window(recording.input(name)))
         usual = _usual(recording, name)
         run, sample = divmod(int(np.argmax(window)), window.shape[1])
         if usual > 0.0 and window[run, sample] > SIGNAL.spike * usual:
@@ -141,7 +141,7 @@ def _held(recording: Recording) -> Remark | None:
     for name, longest in (("e", SIGNAL.hold_e), ("x", SIGNAL.hold_x), ("u", SIGNAL.hold_u)):
         if motionless(recording, name):
             continue
-        for run, row in enumerate(recording.window(getattr(recording, name))):
+        for run, row in enumerate(recording.window(recording.input(name))):
             first, count = _longest_run(np.diff(row) == 0.0)
             if count * recording.dt > longest:
                 return Remark(
@@ -173,7 +173,7 @@ def _drifting(recording: Recording) -> Remark | None:
     limit = SIGNAL.drift * max(1.0, (82.0 / recording.duration) ** 1.5)
     for run in range(recording.runs):
         u = recording.window(recording.u)[run]
-        signals = [recording.window(getattr(recording, n))[run] for n in names]
+        signals = [recording.window(recording.input(n))[run] for n in names]
         trend = np.linspace(-0.5, 0.5, u.size)
         basis = _orthonormal([np.ones_like(u), *signals])
         own, left = (v - basis @ (basis.T @ v) for v in (trend, u))
@@ -409,10 +409,10 @@ def _other_size(recording: Recording) -> Remark | None:
     """A run in which a signal is far larger or smaller than in the others."""
     if recording.runs < BY_SIZE or len(same_lines(recording)) > 1:
         return None
-    for name in ("u", "e", "x"):
+    for name in ("u", "e", "x", *recording.extra):
         if name not in recording.signals:
             continue
-        spread = np.std(recording.window(getattr(recording, name)), axis=1)
+        spread = np.std(recording.window(recording.input(name)), axis=1)
         if not spread.all():
             continue
         size = np.log(spread)

@@ -22,9 +22,10 @@ from pilotid.recordings.recording import (
     factor_of,
     is_element,
     is_unit,
+    require_extra_name,
     times,
 )
-from pilotid.types import FloatArray, InputError
+from pilotid.types import SIGNAL_NAME, FloatArray, InputError
 
 NAMES = {"t": "time", **SIGNALS}
 UNEVENNESS = 0.1  # of a sampling interval: time stamps rounded to milliseconds pass at 100 Hz
@@ -80,18 +81,17 @@ class Place:
 def signal_places(mapping: Mapping[str, str] | None) -> dict[str, Place]:
     """The place of every signal: the user's choice, or its own name.
 
+    What is not one of `NAMES` is an extra signal.
+
     Raises
     ------
     InputError
-        For a signal that does not exist or a choice that names nothing.
+        For what cannot be the name of a signal, or a choice that names nothing.
     """
     places = {signal: Place(signal) for signal in NAMES}
     for signal, choice in (mapping or {}).items():
         if signal not in NAMES:
-            raise InputError(
-                f"the mapping {signal}={choice} names the unknown signal {shown(signal)}; "
-                f"on the left of = use one of {', '.join(NAMES)}"
-            )
+            require_extra_name(signal)
         factor, name = factor_of(choice)
         if not name or not (np.isfinite(factor) and factor):
             raise InputError(
@@ -142,7 +142,7 @@ def required(places: Mapping[str, Place], found: Iterable[str], *, timed: bool) 
     # With others missing, a user who must name them should hear of this one as well.
     if lacking and "x" not in there and "x" not in lacking and "ft" not in there:
         lacking.append("x")
-    return sorted(lacking, key=list(NAMES).index)
+    return sorted(lacking, key=list(places).index)
 
 
 def lacking(
@@ -152,7 +152,8 @@ def lacking(
     signals = list(absent)
     if len(signals) == 1:
         (signal,) = signals
-        what = f"no {kind} {shown(places[signal].name)} for {signal} ({NAMES[signal]})"
+        meaning = NAMES.get(signal, "extra signal")
+        what = f"no {kind} {shown(places[signal].name)} for {signal} ({meaning})"
     else:
         what = f"no {kind}s {', '.join(shown(places[s].name) for s in signals)}"
     picks = ",".join(f"{s}={kind.upper()}" for s in signals)
@@ -332,6 +333,8 @@ class Notes:
         Number of runs, length of the run-in [s], sampling interval [s].
     units, lines, controlled_element
         As in `Recording`.
+    extra
+        Names of extra signals that the file holds by these names.
     """
 
     where: str = ""
@@ -341,6 +344,7 @@ class Notes:
     units: Mapping[str, str] | None = None
     lines: Mapping[str, tuple[int, ...]] | None = None
     controlled_element: str | None = None
+    extra: tuple[str, ...] | None = None
 
     @classmethod
     def parsed(cls, raw: object, where: str) -> Notes:
@@ -354,6 +358,7 @@ class Notes:
         if not isinstance(raw, dict):
             raise InputError(f"{where}: must be one object with keys among {', '.join(READERS)}")
         values: dict[str, Any] = {}
+        named = {*SIGNALS, *(_extra(raw.get("extra", [])) or ())}
         for key, value in raw.items():
             if key not in READERS:
                 raise InputError(
@@ -362,7 +367,7 @@ class Notes:
                 )
             read, wanted = READERS[key]
             values[key] = read(value)
-            if values[key] is None:
+            if values[key] is None or (key == "units" and not values[key].keys() <= named):
                 raise InputError(f"{where}: {key!r} must be {wanted}; correct it or leave it out")
         return cls(where=where, **values)
 
@@ -378,7 +383,12 @@ class Notes:
             units=dict(recording.units) or None,
             lines=dict(recording.lines) or None,
             controlled_element=recording.controlled_element or None,
+            extra=tuple(recording.extra) or None,
         )
+
+    def with_extra(self, places: Mapping[str, Place]) -> dict[str, Place]:
+        """The places of signals, and of those that the notes name."""
+        return {name: Place(name, chosen=True) for name in self.extra or ()} | {**places}
 
     def plain(self) -> dict[str, object]:
         """The inverse of `parsed`.
@@ -391,6 +401,8 @@ class Notes:
         raw = {key: getattr(self, key) for key in READERS if getattr(self, key) is not None}
         if self.lines:
             raw["lines"] = {name: list(lines) for name, lines in self.lines.items()}
+        if self.extra:
+            raw["extra"] = list(self.extra)
         Notes.parsed(raw, self.where)
         return raw
 
@@ -407,9 +419,16 @@ def _count(value: object) -> int | None:
 
 
 def _units(value: object) -> dict[str, str] | None:
-    if not isinstance(value, dict) or not value.keys() <= SIGNALS.keys():
+    return value if isinstance(value, dict) and all(map(is_unit, value.values())) else None
+
+
+def _extra(value: object) -> tuple[str, ...] | None:
+    try:
+        for name in value if isinstance(value, list) else [value]:
+            require_extra_name(name)
+    except InputError:
         return None
-    return value if all(is_unit(unit) for unit in value.values()) else None
+    return tuple(value) if isinstance(value, list) else (str(value),)
 
 
 def _lines(value: object) -> dict[str, tuple[int, ...]] | None:
@@ -436,9 +455,10 @@ READERS: dict[str, tuple[Callable[[object], object], str]] = {
     "units": (
         _units,
         f"an object of strings (at most {LONGEST_UNIT} printable characters without $), keys among "
-        f"{', '.join(SIGNALS)}",
+        f"{', '.join(SIGNALS)} and those of extra",
     ),
     "lines": (_lines, "an object {'ft': [...], 'fd': [...]} of whole numbers"),
+    "extra": (_extra, f"a list of names of extra signals: {SIGNAL_NAME}"),
     "controlled_element": (_element, f"a string of at most {LONGEST_ELEMENT} printable characters"),
 }
 
@@ -520,6 +540,7 @@ def assembled(contents: Contents, source: str, dt: float | None = None) -> Recor
         controlled_element=notes.controlled_element or "",
         origin=origin,
         treatment=contents.treatment,
+        extra={name: values for name, values in signals.items() if name not in NAMES},
     )
 
 

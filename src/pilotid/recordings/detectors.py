@@ -21,12 +21,14 @@ from pilotid.recordings.recording import Recording, remembered
 from pilotid.recordings.spectra import floors_of
 from pilotid.recordings.timing import Relation, derivatives, regression
 from pilotid.remarks import GRADES, Grade, Remark
-from pilotid.types import ComplexArray, FloatArray
+from pilotid.types import BoolArray, ComplexArray, FloatArray
 
 LOWEST, PER_OCTAVE = 0.3, 6  # Hz, and bands in an octave
 FEWEST = 10  # bins of all runs in a band, of which its level is told
 HIGHEST = 5.0  # Hz, of the remnants that are held against one another
 SHORTEST = 30.0  # seconds of them
+MEDIAN_BINS, MOST_OF_A_LINE = 31, 1.5  # bins of a running median; times that, a line counts
+SEVERAL_PAIRS, CERTAIN = 3, 0.97  # pairs that tell how alike runs are; a correlation of copies
 
 
 @dataclass(frozen=True)
@@ -91,7 +93,7 @@ def band_end(recording: Recording) -> float:
 
 
 def _moving(recording: Recording) -> dict[str, FloatArray]:
-    signals = {name: recording.window(getattr(recording, name)) for name in recording.signals}
+    signals = {name: recording.window(recording.input(name)) for name in recording.signals}
     return {name: s for name, s in signals.items() if np.any(np.diff(s, axis=1))}
 
 
@@ -153,7 +155,7 @@ class _Look:
 
     def grids(self) -> Iterator[Finding]:
         """Signals resampled from a lower rate: every k-th difference is small."""
-        for name in ("e", "u", "x"):
+        for name in ("e", "u", "x", *self.recording.extra):
             if name not in self.signals:
                 continue
             score, step, order = _grid(self.signals[name])
@@ -170,7 +172,7 @@ class _Look:
 
     def steps(self) -> Iterator[Finding]:
         """Rounding, by a converter or by the decimals of a text file."""
-        for name in ("e", "u", "x"):
+        for name in ("e", "u", "x", *self.recording.extra):
             if name not in self.signals:
                 continue
             step, rms = _step(self.signals[name]), float(np.std(self.signals[name]))
@@ -432,14 +434,15 @@ class _Look:
             return
         highest = min((f.usable for f in found if f.signal == "u"), default=HIGHEST)
         remnants, step = _remnants(self.recording, min(highest, HIGHEST))
-        for one, other in combinations(range(self.recording.runs), 2):
-            alike = _alike(remnants[one], remnants[other], step)
-            if alike > RECORDER.copy:
-                words = (
-                    f"runs {one + 1} and {other + 1} have the same remnant (correlation "
-                    f"{alike:.2f}): one is a copy of the other; leave it out"
-                )
-                yield Finding("copied-run", "u", "wrong", alike, "", words)
+        pairs = list(combinations(range(self.recording.runs), 2))
+        alike = np.array([_alike(remnants[a], remnants[b], step) for a, b in pairs])
+        for pair in np.flatnonzero(_out_of_place(alike, RECORDER.copy)):
+            one, other = pairs[pair]
+            words = (
+                f"runs {one + 1} and {other + 1} have the same remnant (correlation "
+                f"{alike[pair]:.2f}): one is a copy of the other; leave it out"
+            )
+            yield Finding("copied-run", "u", "wrong", float(alike[pair]), "", words)
 
 
 def _late(name: str, other: str, late: float, dt: float, why: str) -> Finding:
@@ -579,10 +582,23 @@ def _remnant_spectra(
     samples = left.shape[1]
     spectra = np.fft.rfft(left * np.hanning(samples) ** 0.25)
     hertz = np.fft.rfftfreq(samples, step)
-    smooth = np.ones(31) / 31
-    size = np.array([np.sqrt(np.convolve(np.abs(s) ** 2, smooth, "same")) for s in spectra])
+    size = np.abs(spectra)
+    around = np.pad(size, ((0, 0), (MEDIAN_BINS // 2, MEDIAN_BINS // 2)), "reflect")
+    windows = np.lib.stride_tricks.sliding_window_view(around, MEDIAN_BINS, axis=1)
+    # Lines stand out of their neighbours: of a disturbance that was not recorded, they come again
+    # in every run.
+    size = np.maximum(np.median(windows, axis=2), size / MOST_OF_A_LINE)
     inside = (hertz > 0.15) & (hertz < min(highest, 0.45 / step))
     return spectra / (size + 1e-300) * inside, samples, step
+
+
+def _out_of_place(alike: FloatArray, limit: float) -> BoolArray:
+    """Which pairs of runs are copies: alike, and far more so than pairs usually are.
+
+    Runs that are all alike answer to something that was not recorded.
+    """
+    usual = float(np.median(alike)) if alike.size >= SEVERAL_PAIRS else 0.0
+    return np.asarray(alike > min(max(limit, 0.5 * (1.0 + usual)), CERTAIN))
 
 
 def _alike(one: FloatArray, other: FloatArray, step: float, seconds: float = 12.0) -> float:
@@ -634,7 +650,9 @@ def copies_among(names: Sequence[str], prints: Sequence[FloatArray]) -> dict[int
         places = [(i, run) for i, p in enumerate(prints) for run in range(len(p))
                   if p.shape[1] == bins]  # fmt: skip
         stacked = np.array([prints[i][run] for i, run in places])
-        for a, b in np.argwhere(np.triu(stacked @ stacked.T > RECORDER.print, 1)):
+        firsts, seconds = np.triu_indices(len(places), 1)
+        copied = _out_of_place((stacked @ stacked.T)[firsts, seconds], RECORDER.print)
+        for a, b in zip(firsts[copied], seconds[copied], strict=True):
             one, other = places[a], places[b]
             for (i, run), (j, same) in ((one, other), (other, one)):
                 if i != j and i not in said:

@@ -73,7 +73,7 @@ def load_recording(
         ``F.mat::identification``, and runs by the value of a variable, as in ``F.mat::sigma=17``.
     mapping
         The file's names for our signals t, e, u, x, ft, fd where they differ,
-        with a leading minus to flip the sign.
+        with a leading minus to flip the sign; by other names, extra signals.
     dt
         Sampling interval [s], for a file without times.
     periods

@@ -20,7 +20,6 @@ import numpy as np
 from pilotid.recordings.contents import Notes, common_run
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.variables import NOTES, MatlabObject, Variables
-from pilotid.types import FloatArray
 
 HDF5 = b"\x89HDF\r\n\x1a\n"  # how v7.3 files begin, behind a header of 512 bytes
 
@@ -148,8 +147,8 @@ def mat_bytes(recording: Recording, source: str) -> bytes:
     notes = Notes.of(recording, recording.time, source)
     variables: dict[str, object] = {"t": recording.time[:, np.newaxis], NOTES: notes.plain()}
     for signal in recording.signals:
-        values: FloatArray = getattr(recording, signal)
-        variables[signal] = (common_run(values) if signal in ("ft", "fd") else values).T
+        values = recording.input(signal)
+        variables[signal] = (values if signal in ("e", "u", "x") else common_run(values)).T
     stream = io.BytesIO()
     savemat(stream, variables)  # type: ignore[arg-type]  # the stub forgets streams
     return stream.getvalue()

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from pilotid.ranges import Range, in_range
 from pilotid.recordings.resampling import resampled
-from pilotid.types import FloatArray, InputError, printable
+from pilotid.types import SIGNAL_NAME, FloatArray, InputError, is_signal_name, printable
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -30,8 +30,6 @@ SIGNALS = {
     "ft": "target forcing function",
     "fd": "disturbance forcing function",
 }
-#: The signal that a channel with each input acts on.
-INPUTS = {"error": "e", "output": "x", "target": "ft"}
 SHORTEST = 10.0  # seconds of measurement window that an identification needs
 COARSEST = 0.1  # seconds between samples: half that rate is just above the pilot's band
 LARGEST = 1e100  # of a signal in any unit; squares and their sums must not overflow
@@ -96,6 +94,8 @@ class Recording:
         that was not recorded.
     treatment
         What was done to the signals since, a sentence each.
+    extra
+        Other signals that a pilot may act on, by their names.
     lead_in
         Time before the first scored sample that methods in the time domain need [s]: they
         predict from it and do not score it.  A run-in counts towards it, so that all of the window
@@ -116,6 +116,7 @@ class Recording:
     origin: Mapping[str, str] = field(default_factory=dict)
     treatment: tuple[str, ...] = ()
     lead_in: float = LEAD_IN
+    extra: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._check_types()
@@ -128,6 +129,8 @@ class Recording:
             value = getattr(self, name)
             if value is not None or name in "eux":
                 object.__setattr__(self, name, self._checked(name, value))
+        extra = {name: self._checked(name, value) for name, value in self.extra.items()}
+        object.__setattr__(self, "extra", MappingProxyType(extra))
         for name, unit in self.units.items():
             if not is_unit(unit):
                 raise InputError(
@@ -171,11 +174,13 @@ class Recording:
         try:
             for name, known in (("dt", DT), ("run_in", RUN_IN), ("lead_in", LEAD)):
                 found[name] = in_range(getattr(self, name), known, name)
-            for name in ("lines", "units", "origin"):
+            for name in ("lines", "units", "origin", "extra"):
                 found[name] = MappingProxyType(dict(getattr(self, name)))
             name = "lines"
             numbers = {k: [int(in_range(n, LINE, name)) for n in v] for k, v in self.lines.items()}
             found[name] = MappingProxyType({k: tuple(v) for k, v in numbers.items() if v})
+            for name in self.extra:
+                require_extra_name(name)
             name = "treatment"
             found[name] = tuple(self.treatment)
         except InputError as error:
@@ -205,7 +210,7 @@ class Recording:
         shape = array.shape if name == "u" else self.u.shape
         if array.ndim != 2 or not len(array):
             raise InputError(f"{self.source}: signal {name} must have the shape (runs, samples)")
-        if name in ("ft", "fd") and array.shape == (1, *shape[1:]):
+        if name not in ("e", "u", "x") and array.shape == (1, *shape[1:]):
             array = np.repeat(array, shape[0], axis=0)  # the same function in every run
         if array.shape != shape:
             raise InputError(
@@ -261,12 +266,11 @@ class Recording:
         return (np.arange(self.u.shape[1], dtype=float) - self.run_in) * self.dt
 
     def input(self, name: str) -> FloatArray:
-        """The signal that a channel with this input acts on: one of `INPUTS`.
+        """A signal by its name, shape (runs, run-in + samples).
 
-        A target that was not recorded is e + x.  The shape is (runs, run-in + samples).
+        A target that was not recorded is e + x.
         """
-        signal: FloatArray | None = getattr(self, INPUTS[name])
-        return self.e + self.x if signal is None else signal
+        return self.e + self.x if name == "ft" and self.ft is None else self.arrays[name]
 
     def window(self, signal: FloatArray) -> FloatArray:
         """The part of a signal inside the measurement window, shape (runs, samples)."""
@@ -275,8 +279,27 @@ class Recording:
     @property
     def signals(self) -> list[str]:
         """Names of the signals that it has."""
-        there = [name for name in SIGNALS if getattr(self, name) is not None]
-        return [name for name in there if self.origin.get(name) != ABSENT]
+        return [name for name in self.arrays if self.origin.get(name) != ABSENT]
+
+    @property
+    def arrays(self) -> dict[str, FloatArray]:
+        """All signals by their names, each of shape (runs, run-in + samples)."""
+        own = {name: getattr(self, name) for name in SIGNALS}
+        return {name: own[name] for name in own if own[name] is not None} | {**self.extra}
+
+    def with_arrays(self, arrays: Mapping[str, FloatArray], **changes: Any) -> Recording:
+        """The same with other signals, and with other attributes.
+
+        Parameters
+        ----------
+        arrays
+            Signals by their names, shape (runs, run-in + samples); those that are not there stay.
+        changes
+            Attributes by their names.
+        """
+        own: dict[str, Any] = {name: arrays[name] for name in arrays if name in SIGNALS}
+        extra = {name: arrays.get(name, signal) for name, signal in self.extra.items()}
+        return replace(self, **own, **changes, extra=extra)
 
     def cut(self, start: float, end: float) -> Recording:
         """A span of the measurement window; all before it becomes run-in.
@@ -308,12 +331,9 @@ class Recording:
             for name, own in lines.items()
             if all(abs(line - round(line)) < 1e-6 for line in own)
         }
-        signals = {name: getattr(self, name) for name in SIGNALS}
         whole = self.run_in + last
-        some = {name: signal[:, :whole] for name, signal in signals.items() if signal is not None}
-        return replace(
-            self,
-            **some,
+        return self.with_arrays(
+            {name: signal[:, :whole] for name, signal in self.arrays.items()},
             lines=kept,
             run_in=self.run_in + first,
             source=f"{self.source}, {start:g} to {end:g} s",
@@ -345,17 +365,14 @@ class Recording:
         skipped = self.run_in % down  # t = 0 stays a sample
         run_in = (self.run_in - skipped) * up // down
         samples = self.samples * up // down
-        signals = {name: getattr(self, name) for name in SIGNALS}
-        some: dict[str, Any] = {
+        some = {
             name: resampled(signal[:, skipped:], up, down)[:, : run_in + samples]
-            for name, signal in signals.items()
-            if signal is not None
+            for name, signal in self.arrays.items()
         }
         kept = self.lines if samples * down == self.samples * up else {}
         words = f"all signals were brought from {1.0 / self.dt:.4g} Hz to {1.0 / dt:.4g} Hz"
-        return replace(
-            self,
-            **some,
+        return self.with_arrays(
+            some,
             dt=float(dt),
             run_in=run_in,
             lines={name: own for name, own in kept.items() if max(own) < samples / 2},
@@ -406,6 +423,21 @@ class Recording:
         }
 
 
+def require_extra_name(name: object) -> None:
+    """Refuse what cannot name an extra signal.
+
+    Raises
+    ------
+    InputError
+        If it is not `SIGNAL_NAME`, or the name of something else in a recording.
+    """
+    if not is_signal_name(name) or str(name).casefold() in (*SIGNALS, "t", "run"):
+        raise InputError(
+            f"an extra signal cannot be named {name!r:.50}; name it otherwise than "
+            f"{', '.join(SIGNALS)}, t and run, by {SIGNAL_NAME}"
+        )
+
+
 def joined(recordings: Iterable[Recording]) -> Recording:
     """Several recordings of one subject and condition as the runs of one recording.
 
@@ -446,14 +478,9 @@ def joined(recordings: Iterable[Recording]) -> Recording:
                 )
     _require_different_runs(recordings)
 
-    signals: dict[str, Any] = {
-        name: np.concatenate([getattr(recording, name) for recording in recordings])
-        for name in SIGNALS
-        if getattr(first, name) is not None
-    }
-    return replace(
-        first,
-        **signals,
+    every = [recording.arrays for recording in recordings]
+    return first.with_arrays(
+        {name: np.concatenate([own[name] for own in every]) for name in every[0]},
         lines=_all_lines(recordings),
         source=f"{first.source} and {len(recordings) - 1} more",
         treatment=tuple(dict.fromkeys([*(s for r in recordings for s in r.treatment), *added])),
@@ -550,7 +577,8 @@ def unit_sized(recording: Recording) -> Recording:
     `FAR_OFF` powers of 2 from unit size; means over `LARGE_MEAN` standard deviations are taken out.
     Other recordings stay as they are.
     """
-    held = {name: getattr(recording, name) for name in recording.signals}
+    arrays = recording.arrays
+    held = {name: arrays[name] for name in recording.signals}
     means = {name: float(signal.mean()) for name, signal in held.items()}
     large = {n for n, mean in means.items() if abs(mean) > LARGE_MEAN * held[n].std() > 0.0}
     if large & {"e", "x", "ft"}:  # of which one is what the other two make it
@@ -560,9 +588,9 @@ def unit_sized(recording: Recording) -> Recording:
     power = -round(math.log2(float(held["u"].std()) or 1.0))
     if abs(power) > FAR_OFF:
         held = {name: np.ldexp(signal, power) for name, signal in held.items()}
-    if all(held[name] is getattr(recording, name) for name in held):
+    if all(held[name] is arrays[name] for name in held):
         return recording
     peaks = [float(np.abs(signal).max()) for signal in held.values()]
     if not all(SMALLEST <= peak <= LARGEST for peak in peaks if peak):
         return recording  # signals of which one is far from the others
-    return replace(recording, **held)
+    return recording.with_arrays(held)

@@ -5,10 +5,9 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
-from pilotid.recordings.recording import SIGNALS, Recording
+from pilotid.recordings.recording import Recording
 from pilotid.types import InputError
 
 #: What stands between a file and the part of it that is meant.
@@ -37,9 +36,8 @@ def stem_of(path: str | os.PathLike[str]) -> str:
 def of_runs(recording: Recording, runs: Sequence[int], words: str) -> Recording:
     """Some runs of a recording, counted from 1."""
     rows = [run - 1 for run in runs]
-    signals = {name: getattr(recording, name) for name in SIGNALS}
-    some = {name: signal[rows] for name, signal in signals.items() if signal is not None}
-    return replace(recording, **some, source=f"{recording.source}, {words}")
+    some = {name: signal[rows] for name, signal in recording.arrays.items()}
+    return recording.with_arrays(some, source=f"{recording.source}, {words}")
 
 
 def chosen_runs(recording: Recording, text: str) -> Recording:

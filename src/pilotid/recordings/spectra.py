@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pilotid.recordings.recording import INPUTS, Recording, remembered
+from pilotid.recordings.recording import Recording, remembered
 from pilotid.types import ComplexArray, FloatArray, IntArray
 
 #: A bin is a line if its amplitude is at least this share of the largest one.
@@ -160,7 +160,7 @@ def forcing_sines(recording: Recording) -> dict[str, dict[str, object]]:
     NotMultisineError
         If a forcing function is not periodic in the window, or no sum of a few sines.
     """
-    target = recording.input("target")
+    target = recording.input("ft")
     quiet = float(np.std(target)) <= SAME * float(np.std(recording.e))
     if recording.ft is None and not quiet:
         recording = replace(recording, ft=target)
@@ -304,7 +304,7 @@ class Floors:
 def floors_of(recording: Recording) -> Floors:
     """Spectra and floors of the signals that pilots act on, and of the control."""
     nyquist = math.pi / recording.dt
-    signals = {INPUTS[name]: recording.input(name) for name in INPUTS} | {"u": recording.u}
+    signals = {name: recording.input(name) for name in ("e", "x", "ft", "u", *recording.extra)}
     power, floor = {}, {}
     for name, signal in signals.items():
         density, step = periodogram(signal, recording.dt)

@@ -111,9 +111,11 @@ def read_table(
     if parts.is_several:
         name = next(name for name, wanted in levels.items() if wanted == "*")
         return [f"{name}={value}" for value in dict.fromkeys(table.cells(name))]
+    notes = notes or Notes()
+    places = notes.with_extra(places)
     columns = {signal: _columns(table, signal, place) for signal, place in places.items()}
     found = {signal: names for signal, names in columns.items() if names}
-    notes = _with_comments(notes or Notes(), table.comments, timed="t" in found)
+    notes = _with_comments(notes, table.comments, timed="t" in found)
     _require(table, places, found, timed=timed or notes.dt is not None)
     needed = list(dict.fromkeys(chain.from_iterable(found.values())))
     values = dict(zip(needed, table.read(needed, levels).T, strict=True))
@@ -410,9 +412,9 @@ def _with_comments(notes: Notes, comments: Iterable[str], *, timed: bool) -> Not
     for comment in comments:
         match = re.fullmatch(r"\W*(\w+)\s*[:=]\s*(.*\S)\s*", comment)
         key = match[1].casefold() if match else ""
-        if match is None or key not in READERS or (key == "dt" and timed) or key == "runs":
+        if match is None or key not in READERS or key in ("runs", "extra"):
             continue
-        if getattr(notes, key) is not None:
+        if (key == "dt" and timed) or getattr(notes, key) is not None:
             continue
         text: object = match[2]
         with suppress(ValueError, RecursionError):
@@ -585,8 +587,8 @@ def csv_bytes(recording: Recording, source: str) -> tuple[bytes, bytes]:
     notes = Notes.of(recording, np.array([float(t) for t in times]), source)
     columns: list[tuple[str, ...]] = [("t", *times)]
     for signal in recording.signals:
-        values: FloatArray = getattr(recording, signal)
-        runs = common_run(values) if signal in ("ft", "fd") else values
+        values = recording.input(signal)
+        runs = values if signal in ("e", "u", "x") else common_run(values)
         for run, samples in enumerate(runs.tolist(), start=1):
             name = f"{signal}_{run}" if len(runs) > 1 else signal
             columns.append((name, *map(repr, samples)))

@@ -137,10 +137,10 @@ def understood(recording: Recording) -> Understood:
 
 
 def _signal(recording: Recording, name: str) -> Signal:
-    window = recording.window(getattr(recording, name))
+    window = recording.window(recording.input(name))
     return Signal(
         name,
-        SIGNALS[name],
+        SIGNALS.get(name, "extra signal"),
         recording.origin.get(name, name),
         recording.units.get(name, ""),
         float(np.sqrt(np.mean(window**2))),

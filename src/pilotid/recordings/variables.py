@@ -61,6 +61,7 @@ def contents_of(
 ) -> Contents:
     """What a file with these variables holds, or a part of it."""
     notes = _notes(variables, source)
+    places = notes.with_extra(places)
     own = {n: v for n, v in variables.items() if n.partition(".")[0] != NOTES}
     if parts.path:
         own = _inside_of(own, parts.path, source)

@@ -15,7 +15,6 @@ from pilotid.estimates.fitted import Fitted
 from pilotid.estimates.parts import FrequencyResponse
 from pilotid.estimates.quantities import Quantity
 from pilotid.pilot.element import ControlledElement, parsed_element
-from pilotid.recordings.recording import INPUTS
 from pilotid.remarks import counted_grades
 from pilotid.show import panels
 from pilotid.show.responses import BANDS
@@ -118,7 +117,7 @@ def listed(words: Sequence[str]) -> str:
 
 def _what(fit: Fitted) -> str:
     recording, model = fit.recording, fit.model
-    channels = [f"a {c.name} channel on {INPUTS[c.input]}" for c in model.channels]
+    channels = [f"a {c.name} channel on {c.on}" for c in model.channels]
     runs = "one run" if recording.runs == 1 else f"{recording.runs} runs together, each"
     return (
         f"The pilot model {model.name} ({listed(channels)}; {len(model.parameters)} parameters) "
@@ -271,7 +270,7 @@ def figures_of(
         if chosen.remnant
         else "a model of the remnant fitted to them"
     )
-    inputs = " and ".join(dict.fromkeys(INPUTS[c.input] for c in chosen.model.channels))
+    inputs = " and ".join(dict.fromkeys(c.on for c in chosen.model.channels))
     caption = (
         f"Prediction errors of {chosen.method}, whitened by {by}: their autocorrelation, their "
         f"correlation with {inputs} some time before (shaded: after, which the loop explains), and "

@@ -11,7 +11,7 @@ import numpy as np
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.parts import FrequencyResponse
 from pilotid.pilot.element import ControlledElement
-from pilotid.recordings.recording import INPUTS, Recording
+from pilotid.recordings.recording import Recording
 from pilotid.show.residuals import autocorrelation, correlation, cross_correlation, normal_plot
 from pilotid.show.responses import NO_UNITS, describing_function, open_loop
 from pilotid.show.signals import residual, signals, trajectory
@@ -149,7 +149,7 @@ def band_figure(recording: Recording, estimate: Estimate) -> Figure:
 
 def whiteness_figure(recording: Recording, estimate: Estimate) -> Figure:
     """Tests of the prediction errors of one estimate."""
-    inputs = dict.fromkeys(INPUTS[channel.input] for channel in estimate.model.channels)
+    inputs = dict.fromkeys(channel.on for channel in estimate.model.channels)
     rows = 1 if len(inputs) == 1 else 2
     columns = 3 if rows == 1 else 2
     with journal_figure(2.2 * rows + 0.2) as figure:

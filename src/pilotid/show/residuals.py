@@ -8,7 +8,7 @@ import numpy as np
 
 from pilotid.chance import Z95
 from pilotid.estimates.estimate import Estimate
-from pilotid.recordings.recording import INPUTS, Recording
+from pilotid.recordings.recording import Recording
 from pilotid.show.style import INK, SMALLEST, Named, draw_grid, legend, named, new_axes
 from pilotid.time_domain.diagnostics import Whitened, correlations, prediction_errors
 from pilotid.types import FloatArray, InputError
@@ -67,7 +67,7 @@ def cross_correlation(
     axes = axes if axes is not None else new_axes()
     for own, errors, limit in _whitened(recording, estimates):
         if signal not in errors.inputs:
-            taken = ", ".join(INPUTS[c.input] for c in own.estimate.model.channels)
+            taken = ", ".join(c.on for c in own.estimate.model.channels)
             raise InputError(
                 f"no channel of model {own.estimate.model.name} acts on {signal}: choose {taken}"
             )

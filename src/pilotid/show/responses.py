@@ -15,7 +15,6 @@ from pilotid.estimates.parts import FrequencyResponse
 from pilotid.pilot.element import ControlledElement, as_element
 from pilotid.pilot.loops import Margin, loop_slopes, margins, open_loops
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import INPUTS
 from pilotid.show.style import (
     INK,
     Dash,
@@ -122,8 +121,8 @@ def describing_function(
     bode.frame()
     drawn = model.channels[index]
     axes[0].set_title(f"{drawn.name} channel", loc="left")
-    magnitude = f"magnitude |u/{INPUTS[drawn.input]}|"
-    axes[0].set_ylabel(with_unit(magnitude, ratio_unit(units, drawn.input)))
+    magnitude = f"magnitude |u/{drawn.on}|"
+    axes[0].set_ylabel(with_unit(magnitude, ratio_unit(units, drawn.on)))
     legend(axes[0])
     return axes
 

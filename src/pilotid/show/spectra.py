@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate
-from pilotid.recordings.recording import INPUTS, Recording
+from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import NotMultisineError, floors_of, forcing_lines
 from pilotid.show.signals import simulated
 from pilotid.show.style import (
@@ -133,9 +133,9 @@ def band(
     """
     above, below = axes or new_pair()
     floors, nyquist = floors_of(recording), math.pi / recording.dt
-    acted = dict.fromkeys(INPUTS[channel.input] for channel in estimate.model.channels)
+    acted = dict.fromkeys(channel.on for channel in estimate.model.channels)
     for name in (*acted, "u"):
-        colour, stroke = SIGNALS[name]
+        colour, stroke = SIGNALS.get(name, (INK, "-"))
         variance = floors.variance[name]
         if variance == 0.0:
             continue

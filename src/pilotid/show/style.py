@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate
-from pilotid.recordings.recording import INPUTS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -200,9 +199,9 @@ def with_unit(what: str, unit: str) -> str:
     return f"{what} [{unit}]" if unit else what
 
 
-def ratio_unit(units: Mapping[str, str], channel_input: str) -> str:
+def ratio_unit(units: Mapping[str, str], signal: str) -> str:
     """Unit of the control over that of a channel's input; empty if one of them is unknown."""
-    above, below = units.get("u", ""), units.get(INPUTS[channel_input], "")
+    above, below = units.get("u", ""), units.get(signal, "")
     if not (above and below):
         return ""
     return "-" if above == below else f"{_whole(above)}/{_whole(below)}"

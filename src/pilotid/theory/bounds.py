@@ -91,8 +91,8 @@ def gradient_of(
 
 def _signed(model: PilotModel, error: ComplexArray, output: ComplexArray) -> ComplexArray:
     """Input of each channel with the channel's sign, shape (channels, n)."""
-    by_name = {"error": error, "output": output, "target": error + output}
-    return np.array([c.sign * by_name[c.input] for c in model.channels])
+    by_name = {"e": error, "x": output, "ft": error + output}
+    return np.array([c.sign * by_name[c.on] for c in model.channels])
 
 
 class View:

@@ -29,7 +29,7 @@ from pilotid.element.fit import SIGNALS, chosen_element
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.detectors import band_end
-from pilotid.recordings.recording import INPUTS, Recording, remembered
+from pilotid.recordings.recording import Recording, remembered
 from pilotid.recordings.spectra import floors_of, periodogram, running_median
 from pilotid.time_domain.prepare import FAR
 from pilotid.time_domain.settings import BAND
@@ -377,15 +377,16 @@ def weighting_of(
     -------
     Weighting or None
         None where the likelihood of a band is not to be had: no controlled element is known, or
-        the pilot varies in time, so that the loop has no frequency response.
+        the pilot varies in time or acts on an extra signal, so that the loop has no known
+        frequency response.
     """
     element, unknown = closing_element(recording)
-    if model.changes or element is None:
+    if model.changes or model.extra or element is None:
         return None
     floors, nyquist = floors_of(recording), math.pi / dt
     inside = floors.omega <= nyquist
     omega = floors.omega[inside]
-    inputs = (INPUTS[channel.input] for channel in model.channels)
+    inputs = (channel.on for channel in model.channels)
     share = floors.share(tuple(dict.fromkeys((*inputs, *others))))[inside]
     power = np.interp(omega, *running_median(*periodogram(control, dt))) * nyquist
     share = np.where(omega <= min(BAND.top_share * nyquist, band_end(recording)), share, 0.0)

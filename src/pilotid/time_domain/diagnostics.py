@@ -21,7 +21,7 @@ from pilotid.limits import ESTIMATE
 from pilotid.lines.fit import specification_of
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.plant import element_changes, is_gain
-from pilotid.recordings.recording import INPUTS, Recording
+from pilotid.recordings.recording import Recording
 from pilotid.remarks import Remark
 from pilotid.solve.covariance import covariance_of
 from pilotid.time_domain.band_likelihood import BandTerms
@@ -107,9 +107,9 @@ def prediction_errors(recording: Recording, estimate: Estimate) -> Whitened:
     prepared = prepare(recording, estimate.model, rate)
     scored = np.round(prepared.scored_time / recording.dt).astype(int) + recording.run_in
     inputs = {}
-    for key in dict.fromkeys(channel.input for channel in estimate.model.channels):
+    for key in dict.fromkeys(channel.on for channel in estimate.model.channels):
         own = _low_passed(recording.input(key), band)[:, scored]
-        inputs[INPUTS[key]] = own - own.mean(axis=1, keepdims=True)
+        inputs[key] = own - own.mean(axis=1, keepdims=True)
     return Whitened(band.dt, errors, inputs, name, remnant is not None)
 
 
@@ -269,6 +269,12 @@ def _not_closed(found: Optimum, recording: Recording) -> Remark | None:
         return HIDDEN if prediction.weighting.hidden else None
     if prediction.model.changes:
         return None
+    if extra := prediction.model.extra:
+        return Remark(
+            "element-unknown",
+            f"the model acts on {', '.join(extra)}, and how the loop moves that is not known: "
+            "noise of the recorder counts as signal, and delays may be biased",
+        )
     return VARYING if element_changes(recording) else NOT_CLOSED
 
 
@@ -311,7 +317,7 @@ def _held(recording: Recording) -> Remark | None:
 
 def _answered_at_once(recording: Recording, model: PilotModel) -> Remark | None:
     """A word on position control, see docs/populations.md for what it does to intervals."""
-    outside = all(channel.input == "target" for channel in model.channels)  # of any loop
+    outside = all(channel.on == "ft" for channel in model.channels)  # of any loop
     if outside or not is_gain(recording):
         return None
     return Remark(

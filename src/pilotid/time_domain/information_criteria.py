@@ -18,7 +18,7 @@ import numpy as np
 
 from pilotid.estimates.estimate import bounds_reached
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import INPUTS, Recording
+from pilotid.recordings.recording import Recording
 from pilotid.seeds import fit_rng
 from pilotid.solve.least_squares import minimise
 from pilotid.time_domain.constancy import Constancy, constancy
@@ -112,7 +112,7 @@ def evidence(
         there is none, it is searched everywhere.
     """
     # All are weighted alike: a frequency counts if no model's input is noise there.
-    signals = (INPUTS[channel.input] for model in models for channel in model.channels)
+    signals = (channel.on for model in models for channel in model.channels)
     # A pilot who changes has no likelihood of a band: criteria of the two say nothing.
     loop = not any(model.changes for model in models)
     settings = replace(SETTINGS, weighed=tuple(dict.fromkeys(signals)), loop=loop)

@@ -48,7 +48,7 @@ def references(
 def forcing_functions(recording: Recording) -> tuple[FloatArray, FloatArray]:
     """Target and disturbance, shape (runs, samples); zeros for one that there is not."""
     none = np.zeros_like(recording.e)
-    target = recording.input("target")
+    target = recording.input("ft")
     if recording.ft is None and np.std(target) <= 1e-6 * np.std(recording.e):
         target = none
     return target, none if recording.fd is None else recording.fd

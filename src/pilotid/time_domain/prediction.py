@@ -114,7 +114,7 @@ def fine_input(
     step = max(d for d in range(1, factor + 1) if factor % d == 0 and fine_enough(d, recording.dt))
     ratio, dt = factor // step, step * recording.dt
     reach = (derivative_kernel(channel.derivative, lowpass(step)).size - 1) // 2
-    recorded = recording.input(channel.input)
+    recorded = recording.input(channel.on)
     first = round((start - recording.time[0]) / recording.dt)
     last = first + (count - 1) * factor
     # What lies beyond the prepared samples is known as far as the low-pass of those reaches.
@@ -164,7 +164,7 @@ LONG_BINS = 1 << 16  # bins of all runs from which one parameter set is evaluate
 #: be projected in its place.
 LEAST_LEFT_SHARE = 1e-6
 #: What a unit of the element's output is in each input of a channel.
-CLOSED = {"error": -1.0, "output": 1.0, "target": 0.0}
+CLOSED = {"e": -1.0, "x": 1.0, "ft": 0.0}
 EXTENSION = 4.0  # seconds over which signals fade out beyond both ends of the recording
 
 
@@ -252,7 +252,7 @@ class Prediction:
         s = np.asarray(1j * omega, dtype=complex)
         plant = self.weighting.element.response(omega)
         spectra = tuple(
-            (channel.sign * CLOSED[channel.input] * plant * s**channel.derivative)[None]
+            (channel.sign * CLOSED[channel.on] * plant * s**channel.derivative)[None]
             for channel in self.model.channels
         )
         one = np.ones((1, omega.size), dtype=complex)
@@ -610,7 +610,7 @@ def predict(recording: Recording, model: PilotModel, band: float | None = None) 
         length=length,
         first=extension + prepared.first,
         scored=prepared.scored,
-        terms=(0.0, *model.fixed_poles),
+        terms=(0.0, *model.fixed_poles, *model.slow_poles),
         fine=fine,
         penalty=None,
         weighting=None,

@@ -209,8 +209,8 @@ def prepare(
 
     return Prepared(
         dt=recording.dt * factor,
-        inputs=tuple(filtered(recording.input(c.input), c.derivative) for c in model.channels),
-        edges=tuple(edges(recording.input(c.input), c.derivative) for c in model.channels),
+        inputs=tuple(filtered(recording.input(c.on), c.derivative) for c in model.channels),
+        edges=tuple(edges(recording.input(c.on), c.derivative) for c in model.channels),
         control=filtered(recording.u, 0),
         first=before,
         scored=seen_to + 1,

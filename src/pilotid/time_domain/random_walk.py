@@ -67,7 +67,7 @@ SHORTEST = 5.0  # seconds that must be left to filter
 def unsuited(model: PilotModel) -> str | None:
     """Why the parameters of a model cannot walk here, or None."""
     plain = model.constant
-    if len(plain.channels) > 1 or plain.channels[0].input != "error":
+    if len(plain.channels) > 1 or plain.channels[0].on != "e":
         return (
             f"model {model.name} is more than one channel on the error, and the filter is of that "
             "alone; use mle, or fit a model such as single or adapting"
@@ -276,7 +276,7 @@ def walking_pilot(
         raise InputError(f"{recording.source}: too short for a filter; use a longer recording")
     control = recording.u - recording.u.mean(axis=1, keepdims=True)
     size = float(np.std(control))
-    error = recording.input(channel.input)
+    error = recording.input(channel.on)
     error = channel.sign * (error - error.mean(axis=1, keepdims=True)) / size
 
     def through(signal: FloatArray, kernel: FloatArray, order: int = 0) -> FloatArray:
