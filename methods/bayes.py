@@ -43,8 +43,7 @@ from pilotid.posterior.importance import Weighted, importance
 from pilotid.posterior.likelihood import Likelihood, Posterior
 from pilotid.posterior.priors import Prior, priors_of
 from pilotid.recordings.recording import Recording
-from pilotid.solve.smoothing import AGAINST_WHITE
-from pilotid.time_domain.output_error import make_estimate
+from pilotid.time_domain.output_error import AGAINST_WHITE, make_estimate
 from pilotid.time_domain.remnant_models import LowPass
 from pilotid.time_domain.search import maximise_likelihood
 from pilotid.time_domain.settings import LikelihoodSettings

@@ -32,35 +32,27 @@ has it.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import ClassVar, Literal
 
 import numpy as np
 
-from pilotid.chance import Z95, chi_squared_limit
+from pilotid.chance import Z95
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.parts import Trajectory, times_of
-from pilotid.limits import ESTIMATE
 from pilotid.pilot.model import PilotModel
 from pilotid.pilot.timevarying import Sigmoid
 from pilotid.recordings.recording import Recording
-from pilotid.remarks import Remark
-from pilotid.solve.least_squares import LogTransform
 from pilotid.solve.search import search
-from pilotid.time_domain.diagnostics import portmanteau, ratio_of_halves
+from pilotid.time_domain.diagnostics import coloured, uneven
 from pilotid.time_domain.output_error import OutputErrors
-from pilotid.time_domain.over_time import TrajectoryFit, estimated_over_time, no_reduction
+from pilotid.time_domain.over_time import estimated_over_time, no_reduction
 from pilotid.time_domain.prediction import predict
-from pilotid.time_domain.random_walk import (
-    Found,
-    WalkingPilot,
-    Walks,
-    likeliest,
-    unsuited,
-    walking_pilot,
-)
-from pilotid.time_domain.unscented import Smoothed, run_smoother
-from pilotid.types import FloatArray
+from pilotid.time_domain.random_walk import WalkingPilot, unsuited, walking_pilot
+from pilotid.time_domain.unscented import Filtered, Smoothed, run_filter, run_smoother
+from pilotid.types import FloatArray, IntArray
 
 SEARCH_BAND = 26.0  # rad/s, of the constant pilot that the filter starts at
 #: By how much [% of the control's variance] a course may describe the control worse than the
@@ -72,7 +64,14 @@ ORDERS = {"white": (0,), "lag": (1,), "lags": (2,), "likelier": (1, 2)}
 #: How far delay and neuromuscular parameters go with a level, where all walk.
 ALL = (1.0, 1.0, 0.1)
 LEARN = 5.0  # s, after which innovations are tested
-MEMORY = 5.0  # s, of a walk; weighs nothing but the first guess of an error
+SPREAD = 1.05  # distance of the sigma points over the root of the number of parameters
+#: Least, largest and usual levels: standard deviation of a walk after a second, of logarithms; of
+#: the remnant over that of the control; and its lag [s].
+WALK, REMNANT, LAG = (1e-3, 0.7, 0.06), (0.003, 1.5), (0.02, 2.0, 0.2)
+APART = (1.0, 0.15, 0.7)  # standard deviations of the logarithms of these in the first round
+ELITE = 8  # sets of levels that the next round is drawn around
+WIDER = 1.3  # by how much that round is wider than they are
+LEAST = 0.01  # weight of a set that is kept
 
 
 @dataclass(frozen=True)
@@ -96,7 +95,7 @@ class UKF:
         Most sets of noise levels that the band is of.
     """
 
-    band: float = 50.0
+    band: float = 26.0
     remnant: Literal["white", "lag", "lags", "likelier"] = "likelier"
     walking: Literal["gains", "all"] = "gains"
     start: Literal["fit", "model"] = "fit"
@@ -126,17 +125,24 @@ class UKF:
         plain = model.constant
         constant, remnant = _constant(recording, plain, rng)
         start = constant if self.start == "fit" else plain.start
-        orders = ORDERS[self.remnant]
-        pilot = walking_pilot(recording, plain, self.band, white=orders == (0,))
-        groups = self._groups(pilot)
-        choices = [Walks(pilot, start, groups, remnant, order) for order in orders]
-        size = pilot.numbers(max(orders))
-        kept = max(1, min(self.kept, int(MOST / size)))
-        found = likeliest(choices, rng, self.rounds, self.candidates, kept)
-        if not np.isfinite(found.log_likelihood):
+        pilot = walking_pilot(recording, plain, self.band)
+        groups = np.eye(len(start))[3:]  # gains and leads have a level each, all others one
+        if self.walking == "all":
+            groups = np.vstack([groups, [*ALL, *np.zeros(len(start) - 3)]])
+        noise = partial(pilot.with_levels, start, groups)
+        spread = SPREAD * math.sqrt(len(start))
+        size = len(pilot.time) * (len(start) + 5 * pilot.measured.shape[1]) ** 2
+        found = self._likeliest(
+            lambda levels, orders: run_filter(*noise(levels, orders), spread),
+            np.array([*[WALK] * len(groups), (*REMNANT, remnant), LAG]),
+            max(1, min(self.kept, int(MOST / size))),
+            rng,
+        )
+        if found is None:
             return failed(self.name, model, Outcome.DIVERGED, "every filter broke down")
-        passed = found.walks.passed(found.levels)
-        course = run_smoother(passed)
+        steps: list[Filtered] = []
+        run_filter(*noise(found.levels, found.orders), spread, steps)
+        course = run_smoother(steps)
         mean, error = _mixed(course, found.weights, len(start))
         if not (np.isfinite(mean).all() and (error > 0.0).all()):
             return failed(self.name, model, Outcome.DIVERGED, "the smoother broke down")
@@ -147,20 +153,75 @@ class UKF:
                 f"constant pilot {100.0 * left[1]:.0f} %"
             )
             return failed(self.name, model, Outcome.DIVERGED, words)
-        trajectory = _trajectory(pilot, mean, error, times_of(recording.duration))
-        estimate = estimated_over_time(self.name, recording, model, trajectory, MEMORY)
+        ends = (pilot.from_walk(mean + reach * error).T for reach in (0.0, -Z95, Z95))
+        trajectory = Trajectory(plain.keys, pilot.time, *ends).at(times_of(recording.duration))
+        estimate = estimated_over_time(
+            self.name,
+            recording,
+            model,
+            trajectory,
+            lambda weights: _covariance(pilot, course, found.weights, trajectory.time, weights),
+        )
         if not np.isfinite(estimate.values).all():
             return estimate
-        estimate = _with_errors(estimate, trajectory, pilot, course, found)
-        remarks = (*estimate.remarks, *_remarks(passed.errors[0, math.ceil(LEARN / pilot.dt) :].T))
-        return replace(estimate, criterion=-2.0 * found.log_likelihood, remarks=remarks)
+        errors = np.array([step.errors[0] for step in steps[math.ceil(LEARN / pilot.dt) :]]).T
+        remarks = (remark for remark in (coloured(errors), uneven(errors)) if remark)
+        return replace(
+            estimate,
+            intervals=_open_rates(estimate),
+            criterion=-2.0 * found.log_likelihood,
+            remarks=(*estimate.remarks, *remarks),
+        )
 
-    def _groups(self, pilot: WalkingPilot) -> FloatArray:
-        """See `Walks`: gains and leads have a level each, all others one together."""
-        own = np.eye(len(pilot.order))
-        if self.walking == "gains":
-            return own[3:]
-        return np.concatenate([own[3:], [[*ALL, *np.zeros(len(own) - 3)]]])
+    def _likeliest(
+        self,
+        log_likelihood: Callable[[FloatArray, IntArray], FloatArray],
+        ranges: FloatArray,
+        kept: int,
+        rng: np.random.Generator,
+    ) -> _Levels | None:
+        """Search the levels, and of several remnants the likeliest by the first round.
+
+        The likely sets are those of the last round, weighted for where it drew them: to take the
+        best one alone would be to know the levels.
+        """
+        low, high, middle = np.log(ranges).T
+        orders = np.array(ORDERS[self.remnant])
+        root = np.diag([*[APART[0]] * (len(low) - 2), *APART[1:]])
+        tried, worth = np.zeros((0, len(low))), np.zeros(0)
+        for _ in range(self.rounds):
+            own = np.repeat(orders, self.candidates)  # of each candidate
+            normal = rng.standard_normal((own.size, len(low)))
+            normal[:: self.candidates] = 0.0
+            drawn = np.clip(middle + normal @ root.T, low, high)
+            last = log_likelihood(drawn, own)
+            orders = own[[np.argmax(last)]]
+            drawn, last, normal, own = (part[own == orders] for part in (drawn, last, normal, own))
+            tried, worth = np.concatenate([tried, drawn]), np.concatenate([worth, last])
+            best = np.argsort(-worth, kind="stable")[:ELITE]
+            best = best[np.isfinite(worth[best])]
+            if best.size > 1:
+                middle = tried[best].mean(axis=0)
+                own_only = np.diag(np.var(tried[best], axis=0) + 1e-3)
+                root = WIDER * np.linalg.cholesky(0.5 * np.cov(tried[best].T) + 0.5 * own_only)
+        if not np.isfinite(last).any():
+            return None
+        weights = last + 0.5 * np.sum(normal**2, axis=1)
+        first = np.argsort(-weights, kind="stable")[:kept]
+        weights = np.exp(weights[first] - weights[first[0]])
+        likely = weights > LEAST * weights.sum()
+        first, weights = first[likely], weights[likely] / weights[likely].sum()
+        return _Levels(drawn[first], own[: len(first)], weights, float(worth.max()))
+
+
+@dataclass(frozen=True, eq=False)
+class _Levels:
+    """Logarithms of likely levels (sets, levels), their remnants, weights and best likelihood."""
+
+    levels: FloatArray
+    orders: IntArray
+    weights: FloatArray
+    log_likelihood: float
 
 
 def _constant(
@@ -173,32 +234,6 @@ def _constant(
     return found.values[0], float(np.sqrt(left / np.mean(np.var(errors.prediction.control, 1))))
 
 
-def _remarks(errors: FloatArray) -> tuple[str, ...]:
-    """What the innovations (runs, steps) say against the filter, a sentence each."""
-    found = []
-    statistic = portmanteau(errors, ESTIMATE.lags)
-    if statistic > chi_squared_limit(ESTIMATE.lags, ESTIMATE.seldom):
-        found.append(
-            Remark(
-                "residual-not-white",
-                f"the innovations are not white (Ljung-Box over {ESTIMATE.lags} lags: "
-                f"{statistic:.0f}, where chance gives {ESTIMATE.lags}): the remnant is another "
-                "than the filter knows, or the pilot changes faster than it follows, and the band "
-                "may be too narrow",
-            )
-        )
-    ratio, deviations = ratio_of_halves(errors)
-    if deviations**2 > chi_squared_limit(1, ESTIMATE.seldom):
-        found.append(
-            Remark(
-                "residual-variance-changes",
-                f"the innovations of the second half have {ratio:.2g} times the variance of those "
-                "of the first: the remnant changes, which the filter takes for constant",
-            )
-        )
-    return tuple(found)
-
-
 def _mixed(course: Smoothed, weights: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
     """Mean and standard error of the parameters at each step, of all likely levels together."""
     means = course.mean[..., :count]
@@ -208,47 +243,27 @@ def _mixed(course: Smoothed, weights: FloatArray, count: int) -> tuple[FloatArra
     return mean, np.sqrt(np.maximum(variance, 0.0))
 
 
-def _trajectory(
-    pilot: WalkingPilot, mean: FloatArray, error: FloatArray, time: FloatArray
-) -> Trajectory:
-    """The course at the times of trajectories, NaN before the filter starts."""
-    value, low, high = (pilot.from_walk(mean + reach * error).T for reach in (0.0, -Z95, Z95))
-    return Trajectory(pilot.model.keys, pilot.time, value, low, high).at(time)
+def _covariance(
+    pilot: WalkingPilot,
+    course: Smoothed,
+    shares: FloatArray,
+    time: FloatArray,
+    weights: FloatArray,
+) -> FloatArray:
+    """Covariance of sums over the course with weights (sums, keys, times), of all likely levels."""
+    places = np.clip(np.searchsorted(pilot.time, time), 0, len(pilot.time) - 1)
+    steps = weights[:, pilot.order] @ (places[:, None] == np.arange(len(pilot.time)))
+    sums = np.einsum("pqt,stq->sp", steps, course.mean[..., : len(pilot.order)])
+    off = sums - shares @ sums
+    within = np.einsum("s,spq->pq", shares, course.covariance_of(steps))
+    return np.asarray(within + np.einsum("s,sp,sq->pq", shares, off, off))
 
 
-def _with_errors(
-    estimate: Estimate, trajectory: Trajectory, pilot: WalkingPilot, course: Smoothed, found: Found
-) -> Estimate:
-    """The estimate with the errors that the course has, correlated over time as the smoother says.
-
-    To first order the values are sums of the course at all times.
-    """
-    model, values = estimate.model, estimate.values
-    problem = TrajectoryFit(model, trajectory)
-    rows = problem.rows(values[None])[0, :-1]
-    scale = LogTransform(model.positive)
-    slope = scale.slope(values)
-    jacobian = rows * slope[:, None, None]
-    flat = jacobian.reshape(len(values), -1)
-    prior = np.diag(1.0 / scale.unknown(model.lower, model.upper) ** 2)
-    inverse = np.linalg.inv(flat @ flat.T + prior)
-    by_time = np.einsum("pq,qkt->pkt", inverse, jacobian / problem.error)
-    known = np.flatnonzero(problem.known.all(axis=0))
-    weights = np.zeros((len(values), len(pilot.order), len(pilot.time)))
-    places = np.searchsorted(pilot.time, trajectory.time[known])
-    places = np.clip(places, 0, len(pilot.time) - 1)
-    for place, k in zip(places, known, strict=True):
-        weights[:, :, place] += by_time[:, pilot.order, k]
-    sums = np.einsum("pqt,stq->sp", weights, course.mean[..., : len(pilot.order)])
-    off = sums - found.weights @ sums
-    scaled = np.einsum("s,spq->pq", found.weights, course.covariance_of(weights))
-    scaled += np.einsum("s,sp,sq->pq", found.weights, off, off)
-    # What the course does not tell, such as the rate of a step, is known to lie in its bounds.
-    scaled += inverse @ prior @ inverse
-    error = np.sqrt(np.diag(scaled))
-    intervals = np.stack(scale.interval(values, error, model.lower, model.upper), axis=1)
+def _open_rates(estimate: Estimate) -> FloatArray:
+    """The intervals, a rate's without an upper end: a walk rounds a change, however fast."""
+    model, intervals = estimate.model, estimate.intervals.copy()
     for changing in (c.changing for c in model.channels):
         if changing is not None and isinstance(changing.course, Sigmoid):
             rate = model.keys.index(changing.course.rate_key)
-            intervals[rate, 1] = model.upper[rate]  # a walk rounds a change, however fast it is
-    return replace(estimate, covariance=scaled * np.outer(slope, slope), intervals=intervals)
+            intervals[rate, 1] = model.upper[rate]
+    return intervals

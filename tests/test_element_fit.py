@@ -13,7 +13,7 @@ from helpers import NOMINAL, SINGLE_LOOP, recording_of
 from pilotid.datasets import POPULATIONS, simulate
 from pilotid.element.fit import OMEGA, chosen_element, differs, identified_element, rounded
 from pilotid.element.forms import FORMS, Form
-from pilotid.element.search import HIGHEST, Bands, fitted_form, spectra_of
+from pilotid.element.search import HIGHEST, fitted_form, spectra_of
 from pilotid.pilot.element import ControlledElement, double_integrator, element_named
 from pilotid.recordings.files import load_recording
 from pilotid.recordings.recording import Recording
@@ -123,8 +123,7 @@ def test_claimed_errors_hold_where_noise_is_what_limits() -> None:
     u, x = driven(true, 60.0)
     for seed in range(60):
         noise = 0.3 * x.std() * np.random.default_rng(seed).standard_normal(x.shape)
-        spectra = spectra_of(DT, u, x + noise, 25.0, 2)
-        fit = fitted_form(spectra, form, Bands(spectra), DT)
+        fit = fitted_form(spectra_of(DT, u, x + noise), form, DT)
         assert fit is not None
         values.append(fit.values)
         errors.append(np.sqrt(np.diag(fit.covariance)))
@@ -138,22 +137,21 @@ def test_claimed_errors_hold_where_noise_is_what_limits() -> None:
 
 def test_many_runs_count_as_much_as_they_tell() -> None:
     few = identified_element(recording_of(replace(SINGLE_LOOP, runs=2)))
-    many = identified_element(recording_of(replace(SINGLE_LOOP, runs=20)))  # beyond the factor
+    many = identified_element(recording_of(replace(SINGLE_LOOP, runs=20)))
     for found in (few, many):
         assert found.sound
         assert found.form == "K/s^2"
         assert deviation(found.element, SINGLE_LOOP.element) < 1e-9  # 4/s^2, as 4 is short
 
 
-def test_the_factor_of_many_runs_gives_the_same_fit() -> None:
+def test_twice_the_runs_tell_more_by_the_root_of_two() -> None:
     true = element_named("64/(s^2+11s+64)")
     parts = [driven(true, 20.0, seed) for seed in range(20)]
     u, x = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
     x = x + 0.05 * x.std() * np.random.default_rng(0).standard_normal(x.shape)
     form, found = Form(0, 2), []
     for runs in (slice(None), slice(0, 10)):
-        spectra = spectra_of(DT, u[runs], x[runs], 25.0, 2)
-        fit = fitted_form(spectra, form, Bands(spectra), DT)
+        fit = fitted_form(spectra_of(DT, u[runs], x[runs]), form, DT)
         assert fit is not None
         found.append(fit)
     # Twice the runs: errors smaller by the root of two, but for what counts as exact.
@@ -165,7 +163,7 @@ def test_the_factor_of_many_runs_gives_the_same_fit() -> None:
 def test_windowed_derivatives_are_those_of_the_signal() -> None:
     # x = t^3 has nothing periodic; its third derivative is 6.
     t = (np.arange(4000) * DT)[None]
-    spectra = spectra_of(DT, np.full_like(t, 6.0), t**3, 10.0, 0)
+    spectra = spectra_of(DT, np.full_like(t, 6.0), t**3, 10.0)
     bins = spectra.omega < 1.0
     scale = np.abs(spectra.output[0][bins]).max()
     # Beyond the window's own bins, the transform of a constant is nothing.
@@ -249,22 +247,22 @@ def test_numbers_are_rounded_to_their_errors_and_move_together() -> None:
 
 
 @pytest.mark.parametrize("form", FORMS, ids=str)
-def test_slopes_of_forms_are_their_differences(form: Form) -> None:
-    rng = np.random.default_rng(3)
-    values = rng.uniform(1.0, 4.0, len(form.keys))
-    above, below = form.slopes(values)
-    assert len(above) + len(below) == len(values) - 1
-    for i, slope in enumerate([*above, *below]):
-        step = np.zeros(values.size)
-        step[i] = 1e-6
-        which = 0 if i < len(above) else 1
-        high, low = (form.polynomials(values + k * step)[which] for k in (1, -1))
-        np.testing.assert_allclose(slope, (high - low) / 2e-6, rtol=1e-6, atol=1e-8)
+def test_the_response_of_a_form_is_that_of_its_element(form: Form) -> None:
+    values = np.random.default_rng(3).uniform(1.0, 4.0, len(form.units))
+    element = form.element(values, (6,) * len(values))
+    np.testing.assert_allclose(form.response(values, WIDE), element.response(WIDE), rtol=1e-4)
+    # A gain alone that is uncertain makes the response as uncertain.
+    covariance = np.zeros((len(values), len(values)))
+    covariance[0, 0] = (0.01 * values[0]) ** 2
+    np.testing.assert_allclose(form.response_error(values, covariance, WIDE), 0.01, rtol=1e-5)
+    covariance[-1, -1] = 0.02**2  # a delay turns by omega times its error
+    expected = np.hypot(0.01, 0.02 * WIDE)
+    np.testing.assert_allclose(form.response_error(values, covariance, WIDE), expected, rtol=1e-5)
 
 
 @pytest.mark.parametrize("form", FORMS, ids=str)
 def test_names_of_forms_are_read_as_their_elements(form: Form) -> None:
-    values = np.array([2.5, 1.25, 3.5, 4.75, 5.5, 0.125][: len(form.keys) - 1] + [0.05])
+    values = np.array([2.5, 1.25, 3.5, 4.75, 5.5, 0.125][: len(form.units) - 1] + [0.05])
     element = form.element(values, (3,) * len(values))
     read = element_named(element.name)
     assert read.delay == element.delay == 0.05

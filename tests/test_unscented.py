@@ -17,9 +17,14 @@ from pilotid.pilot.catalogue import ADAPTING, LEAD_LAG, SINGLE
 from pilotid.pilot.factors import Delay, Gain, Lead, Neuromuscular
 from pilotid.pilot.model import Channel, PilotModel
 from pilotid.pilot.timevarying import Fading
-from pilotid.recordings.recording import Recording
-from pilotid.time_domain.random_walk import Walks, muscle_step, walking_pilot
-from pilotid.time_domain.unscented import Levels, passed, run_filter, run_smoother
+from pilotid.time_domain.random_walk import muscle_step, walking_pilot
+from pilotid.time_domain.unscented import (
+    Filtered,
+    Levels,
+    block_diagonal,
+    run_filter,
+    run_smoother,
+)
 from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical
@@ -27,6 +32,12 @@ pytestmark = pytest.mark.numerical
 SLOW = SCENARIOS["adapting-slow"]
 #: The pilot of that experiment before the change, who stays as he is.
 CONSTANT = SLOW.constant_ends[0][0]
+#: Another for 20 s, whose gain and two leads walk.
+LEADS = PilotModel(
+    "two-leads",
+    (Channel("visual", "error", 1, (*SINGLE.channels[0].factors, Lead("tlead2", start=0.2))),),
+)
+BRIEF = replace(CONSTANT, model=LEADS, truth=(0.09, 0.4, 0.28, 0.12, 11.25, 0.35), duration=20.48)
 TWO = 2.3  # distance of sigma points
 
 
@@ -54,8 +65,9 @@ def _linear(rng: np.random.Generator) -> tuple[Linear, Levels]:
     noise = rng.standard_normal((3, 2, 2))
     spread = rng.standard_normal((3, 6, 6))
     levels = Levels(
-        walk=rng.uniform(0.01, 0.1, (3, 2)),
-        states=noise @ noise.swapaxes(1, 2),
+        noise=block_diagonal(
+            rng.uniform(0.01, 0.1, (3, 2, 1)) * np.eye(2), *[noise @ noise.swapaxes(1, 2)] * 2
+        ),
         error=np.array([0.1, 0.5, 1.0]),
         mean=rng.standard_normal((3, 6)),
         covariance=spread @ spread.swapaxes(1, 2) + np.eye(6),
@@ -68,9 +80,7 @@ def _kalman(
 ) -> tuple[float, FloatArray, FloatArray, FloatArray]:
     """Log-likelihood, smoothed means and covariances by one large Gaussian distribution."""
     steps, size = len(system.measured), 6
-    noise = np.zeros((size, size))
-    noise[:2, :2] = np.diag(levels.walk[i])
-    noise[2:4, 2:4] = noise[4:, 4:] = levels.states[i]
+    noise = levels.noise[i]
     output = np.zeros((2, size))
     output[0, 2:4] = output[1, 4:] = system.output
     mean, covariance = levels.mean[i], levels.covariance[i]
@@ -98,7 +108,9 @@ def _kalman(
 def test_a_linear_system_is_filtered_and_smoothed_as_by_its_whole_distribution() -> None:
     system, levels = _linear(np.random.default_rng(1))
     found = run_filter(system, levels, TWO)
-    course = run_smoother(passed(system, levels, TWO))
+    steps: list[Filtered] = []
+    np.testing.assert_array_equal(run_filter(system, levels, TWO, steps), found)
+    course = run_smoother(steps)
     weights = np.random.default_rng(2).standard_normal((3, 2, 40))
     sums = course.covariance_of(weights)
     for i in range(3):
@@ -113,10 +125,16 @@ def test_a_linear_system_is_filtered_and_smoothed_as_by_its_whole_distribution()
 
 
 def test_a_batch_gives_what_its_sets_give_one_by_one() -> None:
-    walks = _walks(simulate(SLOW, np.random.default_rng(1)))
-    levels = walks.usual + np.array([[0.0], [0.4], [-0.5]])
-    together = walks.log_likelihood(levels)
-    alone = [walks.log_likelihood(level[None])[0] for level in levels]
+    pilot = walking_pilot(simulate(SLOW, np.random.default_rng(1)), ADAPTING, 26.0)
+    levels = np.log([0.06, 0.06, 0.4, 0.2]) + np.array([[0.0], [0.4], [-0.5], [0.2]])
+    orders = np.array([0, 1, 2, 1])
+
+    def likelihood(which: slice) -> FloatArray:
+        noise = pilot.with_levels(CONSTANT.values, np.eye(5)[3:], levels[which], orders[which])
+        return run_filter(*noise, TWO)
+
+    together = likelihood(slice(None))
+    alone = [likelihood(slice(i, i + 1))[0] for i in range(4)]
     np.testing.assert_allclose(together, alone, rtol=1e-9)
 
 
@@ -148,38 +166,31 @@ def test_the_step_of_the_neuromuscular_system_is_exact_for_a_parabola(damping: f
         )
 
 
-def _walks(recording: Recording) -> Walks:
-    pilot = walking_pilot(recording, ADAPTING, 50.0, white=False)
-    return Walks(pilot, CONSTANT.values, np.eye(5)[3:], 0.4, 1)
-
-
 def test_the_true_pilot_leaves_nothing_of_a_control_without_remnant() -> None:
     recording = simulate(without_remnant(CONSTANT), np.random.default_rng(1))
-    pilot = walking_pilot(recording, SINGLE, 50.0, white=False)
-    assert pilot.left(CONSTANT.values) < 2e-6
-    assert pilot.left(CONSTANT.values * [1.0, 1.0, 1.01, 1.0, 1.0]) > 1e-5
+    pilot = walking_pilot(recording, SINGLE, 26.0)
+    assert pilot.left(CONSTANT.values) < 1e-5
+    assert pilot.left(CONSTANT.values * [1.0, 1.0, 1.02, 1.0, 1.0]) > 3e-5
     # Over a step the filter takes parameters for constant.
     recording = simulate(without_remnant(SLOW), np.random.default_rng(1))
-    pilot = walking_pilot(recording, ADAPTING, 50.0, white=False)
+    pilot = walking_pilot(recording, ADAPTING, 26.0)
     assert pilot.left(ADAPTING.over_time(SLOW.values, pilot.time).T) < 1e-4
 
 
-@pytest.mark.long
 def test_a_constant_pilot_without_remnant_is_found() -> None:
-    scenario = without_remnant(CONSTANT)
+    scenario = without_remnant(BRIEF)
     recording = simulate(scenario, np.random.default_rng(1))
-    estimate = identify(UKF(), recording, SINGLE, np.random.default_rng(2))
+    estimate = identify(UKF(), recording, LEADS, np.random.default_rng(2))
     assert estimate.outcome.usable, estimate.sentence
-    np.testing.assert_allclose(estimate.values, scenario.values, rtol=0.01)
+    np.testing.assert_allclose(estimate.values, scenario.values, rtol=0.06)
     course = estimate.trajectory
     assert course is not None
     known = np.isfinite(course.values).all(axis=0)
     np.testing.assert_allclose(
-        course.values[:, known], np.tile(scenario.values[:, None], known.sum()), rtol=0.02
+        course.values[:, known], np.tile(scenario.values[:, None], known.sum()), rtol=0.1
     )
 
 
-@pytest.mark.long
 def test_a_slow_change_without_remnant_is_followed() -> None:
     recording = simulate(without_remnant(SLOW), np.random.default_rng(1))
     estimate = identify(UKF(), recording, ADAPTING, np.random.default_rng(2))
@@ -193,7 +204,6 @@ def test_a_slow_change_without_remnant_is_followed() -> None:
     assert estimate["tmid"].value == pytest.approx(41.92, abs=1.0)
 
 
-@pytest.mark.long
 def test_a_delay_that_changes_is_followed_where_all_parameters_walk() -> None:
     sides = [
         Channel(
@@ -228,10 +238,9 @@ def test_a_delay_that_changes_is_followed_where_all_parameters_walk() -> None:
     assert np.nanstd(courses["gains"]["tdvis"]) == pytest.approx(0.0, abs=1e-3)
 
 
-@pytest.mark.long
 def test_errors_are_as_large_as_claimed_with_a_white_remnant() -> None:
     white = replace(CONSTANT.remnant, order=0, level=0.1)
-    scenario = replace(CONSTANT, remnant=white)
+    scenario = replace(CONSTANT, remnant=white, duration=20.48)
     off = []
     for seed in range(6):
         recording = simulate(scenario, np.random.default_rng(seed))
@@ -242,7 +251,6 @@ def test_errors_are_as_large_as_claimed_with_a_white_remnant() -> None:
     assert 0.2 < np.mean(np.square(off)) < 2.3
 
 
-@pytest.mark.long
 def test_runs_together_tell_more_than_one() -> None:
     recordings = simulate(replace(SLOW, runs=3), np.random.default_rng(1))
     method = UKF(rounds=2, candidates=12, remnant="lag")
@@ -256,7 +264,6 @@ def test_runs_together_tell_more_than_one() -> None:
     assert 0.35 < ratio < 0.85
 
 
-@pytest.mark.long
 def test_a_course_that_describes_the_control_worse_is_called_diverged() -> None:
     recording = simulate(SLOW, np.random.default_rng(1))
     far = ADAPTING.with_start({"tdvis": 0.95, "fnm": 39.0, "dnm": 2.9})
@@ -270,4 +277,4 @@ def test_other_dynamics_are_objected_to() -> None:
     recording = simulate(SLOW, np.random.default_rng(1))
     estimate = identify(UKF(), recording, LEAD_LAG, np.random.default_rng(2))
     assert estimate.outcome is Outcome.NOT_APPLICABLE
-    assert "other dynamics" in estimate.message
+    assert "has others" in estimate.message

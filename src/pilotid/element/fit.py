@@ -17,7 +17,7 @@ import numpy as np
 
 from pilotid.chance import Z95
 from pilotid.element.forms import FORMS, Form
-from pilotid.element.search import UNNOTICED, Bands, FormFit, Spectra, fitted_form, spectra_of
+from pilotid.element.search import UNNOTICED, FormFit, Spectra, fitted_form, spectra_of
 from pilotid.estimates.loops import LoopElement
 from pilotid.estimates.quantities import Quantity
 from pilotid.limits import ELEMENT
@@ -26,7 +26,6 @@ from pilotid.recordings.recording import Recording, remembered
 from pilotid.remarks import Remark
 from pilotid.types import FloatArray
 
-HIGHEST = 25.0  # rad/s; pilots leave next to nothing above
 LARGEST = 1e100  # of a gain, whose square must not overflow
 #: Where loops cross over [rad/s].
 OMEGA = np.geomspace(0.5, 6.0, 40)
@@ -134,65 +133,56 @@ def _identified(
     for name, signal in (("x", output), ("u + fd", given)):
         if not np.ptp(signal, axis=1).any():
             return IdentifiedElement(None, remark=f"{name} does not move")
-    zeros = 2  # for one zero, and the derivative by the delay
-    # Of unit size, so that no unit is too large or too small to reckon with.
-    size = float(np.std(given))
-    gain = float(np.std(output)) / size
-    if not 1.0 / LARGEST < gain < LARGEST:
+    spectra = spectra_of(recording.dt, given, output)
+    if not 1.0 / LARGEST < spectra.gain < LARGEST:
         return IdentifiedElement(None, remark="no unit explains the sizes of u and x")
-    spectra = spectra_of(recording.dt, given / size, output / (gain * size), HIGHEST, zeros)
-    bands = Bands(spectra)
-    fits = [fit.scaled(gain) for fit in _fitted(spectra, bands, recording.dt, later)]
+    fits = _fitted(spectra, recording.dt, later)
     if not fits:
         return IdentifiedElement(None, remark="no form of element suits control and output")
     chosen = simplest(fits)
-    shares = [_explained(fit, bands) for fit in fits]
-    ranked = sorted(zip(fits, shares, strict=True), key=lambda pair: pair[0].criterion)
-    least = ranked[0][0].criterion
-    explained = _explained(chosen, bands)
+    ranked = sorted(fits, key=lambda fit: fit.criterion)
+    least = ranked[0].criterion
     error = float(chosen.form.response_error(chosen.values, chosen.covariance, OMEGA).max())
     element = chosen.form.element(*rounded(chosen.values, chosen.covariance))
     return IdentifiedElement(
         element,
         str(chosen.form),
         tuple(_quantities(chosen)),
-        explained,
+        chosen.explained,
         error,
-        tuple(Candidate(str(f.form), f.criterion - least, share) for f, share in ranked),
-        _remark(element, explained, error),
+        tuple(Candidate(str(f.form), f.criterion - least, f.explained) for f in ranked),
+        _remark(element, chosen.explained, error),
     )
 
 
 def _quantities(fit: FormFit) -> Iterator[Quantity]:
     errors = np.sqrt(np.diag(fit.covariance)).tolist()
-    form = fit.form
-    for k, unit, v, e in zip(form.keys, form.units, fit.values.tolist(), errors, strict=True):
-        yield Quantity(k, unit, v, e, v - Z95 * e, v + Z95 * e)
+    units = fit.form.units.items()
+    for (key, unit), v, e in zip(units, fit.values.tolist(), errors, strict=True):
+        yield Quantity(key, unit, v, e, v - Z95 * e, v + Z95 * e)
 
 
-def _fitted(spectra: Spectra, bands: Bands, dt: float, later: tuple[float, ...]) -> list[FormFit]:
+def _fitted(spectra: Spectra, dt: float, later: tuple[float, ...]) -> list[FormFit]:
     """Forms from the simplest on, up to where one describes the recording."""
-    fits = _pass(spectra, bands, dt, FORMS)
+    fits = _pass(spectra, dt, FORMS)
     if not fits:
         return []
     best = simplest(fits)
     plain = [form for form in FORMS if not form.zero and _size(form) <= 3]
     for delay in later:
-        fits += _pass(spectra, bands, dt, plain, delay)
+        fits += _pass(spectra, dt, plain, delay)
     if best.values[-1] > LATE:
         simpler = [form for form in FORMS if _size(form) < _size(best.form)]
-        fits += _pass(spectra, bands, dt, simpler, float(best.values[-1]))
+        fits += _pass(spectra, dt, simpler, float(best.values[-1]))
     # Of each form the best.
     fits.sort(key=lambda fit: fit.criterion)
     return list({fit.form: fit for fit in reversed(fits)}.values())
 
 
-def _pass(
-    spectra: Spectra, bands: Bands, dt: float, forms: Sequence[Form], delay: float = 0.0
-) -> list[FormFit]:
+def _pass(spectra: Spectra, dt: float, forms: Sequence[Form], delay: float = 0.0) -> list[FormFit]:
     fits: list[FormFit] = []
     for _, alike in groupby(sorted(forms, key=_size), key=_size):
-        found = (fitted_form(spectra, form, bands, dt, delay) for form in alike)
+        found = (fitted_form(spectra, form, dt, delay) for form in alike)
         fits += [fit for fit in found if fit is not None]
         if any(fit.unexplained.max() <= UNNOTICED**2 for fit in fits):
             break
@@ -200,7 +190,7 @@ def _pass(
 
 
 def _size(form: Form) -> int:
-    return len(form.keys)
+    return len(form.units)
 
 
 def simplest(fits: Sequence[FormFit]) -> FormFit:
@@ -208,11 +198,6 @@ def simplest(fits: Sequence[FormFit]) -> FormFit:
     best = min(fits, key=lambda f: f.criterion)
     alike = [f for f in fits if np.all(f.unexplained <= best.unexplained + UNNOTICED**2)]
     return min(alike, key=lambda f: (len(f.values), f.criterion))
-
-
-def _explained(fit: FormFit, bands: Bands) -> float:
-    power = bands.count * bands.output
-    return float(100.0 * max(0.0, 1.0 - (fit.unexplained @ power) / power.sum()))
 
 
 def rounded(values: FloatArray, covariance: FloatArray) -> tuple[FloatArray, tuple[int, ...]]:

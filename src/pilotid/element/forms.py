@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from pilotid.pilot.element import ControlledElement
-from pilotid.types import FloatArray
+from pilotid.types import ComplexArray, FloatArray
 
 LONG = 9  # decimals, or zeros, that are written out
+DIFFERENCE = 1e-7  # relative step of the differences
 
 
 @dataclass(frozen=True)
@@ -34,75 +36,35 @@ class Form:
     zero: bool = False
 
     @property
-    def order(self) -> int:
-        """Degree of the denominator."""
-        return self.integrators + self.free + 2 * self.lags
-
-    @property
-    def keys(self) -> tuple[str, ...]:
-        """Names of the parameters; the delay is the last."""
-        free = tuple(f"a{i + 1}" for i in range(self.free)) if self.free > 1 else ("a",)
-        return (
-            "K",
-            *(("z",) if self.zero else ()),
-            *(free if self.free else ()),
-            *(("b",) if self.lags else ()),
-            "delay",
-        )
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Units of the parameters but for that of the gain, which depends on the recording's."""
-        free = ("rad/s", "rad^2/s^2", "rad^3/s^3", "rad^4/s^4")[: self.free]
-        return ("", *(("rad/s",) * self.zero), *free, *(("rad/s",) * self.lags), "s")
-
-    def split(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Numerator, free polynomial and lags, each from its highest power down."""
-        begin = 1 + self.zero
-        top = values[0] * np.array([1.0, values[1]]) if self.zero else values[:1]
-        free = np.concatenate(([1.0], values[begin : begin + self.free]))
-        b = values[begin + self.free] if self.lags else 1.0
-        lags = np.array([1.0 / b**2, 2.0 / b, 1.0]) if self.lags else np.ones(1)
-        return top, free, lags
+    def units(self) -> dict[str, str]:
+        """Parameters, the delay last, and their units but for that of the gain."""
+        zero, lags = {"z": "rad/s"} if self.zero else {}, {"b": "rad/s"} if self.lags else {}
+        powers = ["rad/s", *(f"rad^{n}/s^{n}" for n in range(2, self.free + 1))][: self.free]
+        free = {f"a{n}" if self.free > 1 else "a": unit for n, unit in enumerate(powers, 1)}
+        return {"K": "", **zero, **free, **lags, "delay": "s"}
 
     def polynomials(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Numerator and denominator, highest power first."""
-        top, free, lags = self.split(values)
-        bottom = np.convolve(np.convolve(free, lags), [1.0] + [0.0] * self.integrators)
-        return top, bottom
-
-    def slopes(self, values: FloatArray) -> tuple[list[FloatArray], list[FloatArray]]:
-        """Derivatives of both polynomials by each parameter but the delay.
-
-        Those of the numerator are by the first parameters, those of the denominator by the
-        rest.
-        """
-        top, free, lags = self.split(values)
-        above = [top / values[0]] + ([np.array([0.0, values[0]])] if self.zero else [])
-        power = np.array([1.0] + [0.0] * self.integrators)
-        below = []
-        for i in range(self.free):
-            one = np.zeros(self.free + 1)
-            one[i + 1] = 1.0
-            below.append(np.convolve(np.convolve(one, lags), power))
+        begin = 1 + self.zero
+        bottom = np.array([1.0, *values[begin : begin + self.free]])
         if self.lags:
-            b = values[1 + self.zero + self.free]
-            slope = np.array([-2.0 / b**3, -2.0 / b**2, 0.0])
-            below.append(np.convolve(np.convolve(free, slope), power))
-        return above, below
+            b = values[-2]
+            bottom = np.convolve(bottom, [1.0 / b**2, 2.0 / b, 1.0])
+        top = values[0] * np.array([1.0, *values[1:begin]])
+        return top, np.concatenate([bottom, np.zeros(self.integrators)])
+
+    def response(self, values: FloatArray, omega: FloatArray) -> ComplexArray:
+        """Frequency response at `omega` [rad/s], shape (n,)."""
+        top, bottom = (np.polyval(p, 1j * omega) for p in self.polynomials(values))
+        return np.asarray(top / bottom * np.exp(-1j * omega * values[-1]))
 
     def response_error(
         self, values: FloatArray, covariance: FloatArray, omega: FloatArray
     ) -> FloatArray:
         """Relative standard error of the frequency response, shape (n,)."""
-        s = 1j * omega
-        top, bottom = (np.polyval(p, s) for p in self.polynomials(values))
-        above, below = self.slopes(values)
-        slopes = [np.polyval(p, s) / top for p in above] + [
-            -np.polyval(p, s) / bottom for p in below
-        ]
-        gradient = np.array([*slopes, -s])
-        power = np.einsum("in,ij,jn->n", gradient.conj(), covariance, gradient)
+        response = self.response(values, omega)
+        slopes = differences(lambda v: self.response(v, omega), values, response) / response
+        power = np.einsum("in,ij,jn->n", slopes.conj(), covariance, slopes)
         return np.asarray(np.sqrt(np.abs(power.real)))
 
     def element(self, values: FloatArray, digits: tuple[int, ...]) -> ControlledElement:
@@ -117,34 +79,34 @@ class Form:
         """
         numbers = [_number(v, d) for v, d in zip(values.tolist(), digits, strict=True)]
         rounded = np.array([float(n) for n in numbers])
-        shown = dict(zip(self.keys, numbers, strict=True))
+        shown = dict(zip(self.units, numbers, strict=True))
         top, bottom = self.polynomials(rounded)
         return ControlledElement(
             tuple(top.tolist()), tuple(bottom.tolist()), float(rounded[-1]), self._name(shown)
         )
 
     def _name(self, shown: dict[str, str]) -> str:
-        delay = shown["delay"]
+        delay, powers = shown["delay"], [f"s^{n}" if n > 1 else "s" * n for n in range(6)]
         top = shown["K"] + (f"(s{_signed(shown['z'])})" if self.zero else "")
         top += f"exp(-{delay}s)" if float(delay) else ""
-        parts = []
-        if self.integrators:
-            parts.append("s" if self.integrators == 1 else f"s^{self.integrators}")
-        if self.free:
-            powers = [f"s^{n}" if n > 1 else "s" * n for n in range(self.free, -1, -1)]
-            keys = self.keys[1 + self.zero : 1 + self.zero + self.free]
-            terms = [_signed(shown[k]) + p for k, p in zip(keys, powers[1:], strict=True)]
-            parts.append(f"({powers[0]}{''.join(terms)})")
-        if self.lags:
-            parts.append(f"(1+s/{shown['b']})^2")
-        if not parts:
-            return top
-        alone = len(parts) == 1 and not (self.lags and not self.integrators and not self.free)
-        return f"{top}/{parts[0]}" if alone else f"{top}/({''.join(parts)})"
+        keys = [key for key in self.units if key.startswith("a")]
+        terms = [_signed(shown[k]) + powers[self.free - n] for n, k in enumerate(keys, 1)]
+        free = f"({powers[self.free]}{''.join(terms)})" if self.free else ""
+        lags = f"(1+s/{shown['b']})^2" if self.lags else ""
+        bottom = powers[self.integrators] + free + lags
+        alone = bottom in ("", powers[self.integrators], free)
+        return top + (bottom and f"/{bottom}" if alone else f"/({bottom})")
 
     def __str__(self) -> str:
-        keys = {key: key for key in self.keys}
-        return self._name({**keys, "delay": "0"})
+        return self._name({**{key: key for key in self.units}, "delay": "0"})
+
+
+def differences(
+    function: Callable[[FloatArray], ComplexArray], values: FloatArray, there: ComplexArray
+) -> ComplexArray:
+    """Derivatives by each value, shape (values, n), of a function that is `there` (n,) at them."""
+    steps = DIFFERENCE * np.maximum(np.abs(values), 1e-2) * np.eye(len(values))
+    return np.array([(function(values + step) - there) / step.sum() for step in steps])
 
 
 def _number(value: float, decimals: int) -> str:

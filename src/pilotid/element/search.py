@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
-from pilotid.element.forms import Form
+from pilotid.element.forms import Form, differences
 from pilotid.types import ComplexArray, FloatArray, IntArray
 
 #: Relative error below which two responses count as one: nobody misses it, and few recordings
@@ -18,13 +17,14 @@ UNNOTICED = 5e-3
 BANDS = 8  # of frequency, each with a level of noise of its own
 FEWEST = 10.0  # independent observations from which a level of noise is told
 ITERATIONS = 25
-ENOUGH = 0.01  # of -2 log-likelihood that the last step gains
+ENOUGH = 0.03  # of -2 log-likelihood that the last step gains
 LONGEST = 0.6  # s, of a delay
 EARLIEST = -1.5  # samples: x may be stored that much ahead of u
 #: The window sin^4(pi t/T) as a sum of cosines cos(2 pi k t/T): its derivatives up to the third
 #: vanish at the ends, enough for equations of order 4.
 COSINES = (3.0 / 8.0, -1.0 / 2.0, 1.0 / 8.0)
 HIGHEST = 4  # derivative of the output
+HIGHEST_FREQUENCY = 25.0  # rad/s; pilots leave next to nothing above
 TAYLOR = 3  # order to which the window is expanded for a delay
 #: Of so many bins one is used: those between are nearly their sum.
 EACH = 2
@@ -42,13 +42,15 @@ class FormFit:
     Attributes
     ----------
     form, values
-        Parameters in the order of `Form.keys`.
+        Parameters in the order of `Form.units`.
     covariance
         Of the values.
     criterion
         Bayesian information criterion.
     unexplained
         Share of the output's power that is left, in each band.
+    explained
+        Share of the output's power that it explains [%].
     """
 
     form: Form
@@ -56,116 +58,105 @@ class FormFit:
     covariance: FloatArray
     criterion: float
     unexplained: FloatArray
-
-    def scaled(self, gain: float) -> FormFit:
-        """The same for an output that is larger by a factor."""
-        by = np.ones(len(self.values))
-        by[0] = gain
-        covariance = self.covariance * np.outer(by, by)
-        return replace(self, values=self.values * by, covariance=covariance)
+    explained: float
 
 
-class Bands:
-    """Levels of noise by band of frequency: what is left, and what counts as exact.
+@dataclass(frozen=True, eq=False)
+class Spectra:
+    """Windowed spectra of an input v and an output x of unit size; runs and bins in one row.
 
     Attributes
     ----------
-    fine
-        Band of each observation, even in the logarithm of frequency, shape (n,).
-    wide
-        The same with enough observations in each to tell a level from what is fitted.
+    gain
+        Size of x over that of v, as recorded.
+    omega
+        Frequencies [rad/s], shape (n,).
     output
-        Mean power of the output in the fine bands.
-    count
-        Independent complex observations in the fine bands.
+        Of the derivatives of x, shape (`HIGHEST` + 1, n).
+    given
+        Of v(t - delay) and its derivative, by powers of the delay, but for the factor
+        e^{-s delay}; shape (2, `TAYLOR` + 1, n).
     """
 
-    def __init__(self, spectra: Spectra) -> None:
-        omega = spectra.omega
-        self.each = spectra.each
-        self.fine = _bands(omega, 1.0)
-        self.wide = _bands(omega, FEWEST / (self.each * INDEPENDENT))
-        self.output = self.power(spectra.output[0], self.fine)
-        self.count = INDEPENDENT * self.each * np.bincount(self.fine)
-        self._floor = (UNNOTICED**2 * self.output)[self.fine]
-        self._size = np.log(self.output)[self.fine]
+    gain: float
+    omega: FloatArray
+    output: ComplexArray
+    given: ComplexArray
 
-    def power(self, signal: ComplexArray, band: IntArray) -> FloatArray:
-        """Mean power in each band."""
-        square = np.bincount(band, signal.real**2 + signal.imag**2)
-        return np.asarray(square / (self.each * np.bincount(band)))
+    def delayed(self, count: int, delay: float) -> ComplexArray:
+        """Of the first derivatives of v(t - delay), from the zeroth on, shape (count, n)."""
+        powers = np.array([delay**p / math.factorial(p) for p in range(TAYLOR + 1)])
+        return np.asarray((powers @ self.given[:count]) * np.exp(-1j * self.omega * delay))
 
-    def unexplained(self, residual: ComplexArray) -> FloatArray:
-        """Share of the output's power that is left, in each fine band."""
-        return self.power(residual, self.fine) / self.output
+    def residual(self, form: Form, values: FloatArray) -> ComplexArray:
+        """What a form leaves of the output, shape (n,)."""
+        top, bottom = form.polynomials(values)
+        answer = top[::-1] @ self.delayed(len(top), float(values[-1]))
+        below = np.polyval(bottom, 1j * self.omega)
+        return np.asarray((bottom[::-1] @ self.output[: len(bottom)] - answer) / below)
 
-    def level(self, residual: ComplexArray) -> FloatArray:
-        """Variance of the noise at each observation."""
-        return self.power(residual, self.wide)[self.wide] + self._floor
+    @cached_property
+    def fine(self) -> IntArray:
+        """The band of every observation, even in the logarithm of frequency, shape (n,)."""
+        return self._bands(1.0)
 
-    def claimed(self, residual: ComplexArray) -> FloatArray:
-        """The variance that counts in standard errors.
+    @cached_property
+    def wide(self) -> IntArray:
+        """The same with enough observations in each to tell a level of noise."""
+        return self._bands(FEWEST / INDEPENDENT)
 
-        What counts as exact is no noise that averages out over a band: its error is one.
-        """
-        exact = self.count[self.fine] * self._floor
-        return np.asarray(self.power(residual, self.wide)[self.wide] + exact)
+    def _bands(self, fewest: float) -> IntArray:
+        edges: list[float] = []
+        omega = self.omega
+        for edge in np.geomspace(omega.min(), omega.max(), BANDS + 1)[1:-1].tolist():
+            begin = edges[-1] if edges else 0.0
+            inside, beyond = (omega >= begin) & (omega < edge), omega >= edge
+            if min(inside.sum(), beyond.sum()) >= fewest:
+                edges.append(edge)
+        return np.searchsorted(edges, omega, side="right")
+
+    @cached_property
+    def size(self) -> FloatArray:
+        """Mean power of the output in each fine band."""
+        return power(self.output[0], self.fine)
+
+    @cached_property
+    def count(self) -> FloatArray:
+        """Independent complex observations in each fine band."""
+        return np.asarray(INDEPENDENT * np.bincount(self.fine))
+
+    def level(self, residual: ComplexArray, exact: FloatArray | float = 1.0) -> FloatArray:
+        """Variance of the noise at each observation, with so often what counts as exact."""
+        floor = (UNNOTICED**2 * exact * self.size)[self.fine]
+        return np.asarray(power(residual, self.wide)[self.wide] + floor)
 
     def cost(self, level: FloatArray) -> float:
         """-2 log-likelihood, the levels at their best."""
-        return float(2.0 * INDEPENDENT * self.each * np.sum(np.log(level) - self._size))
+        return float(2.0 * INDEPENDENT * np.sum(np.log(level / self.size[self.fine])))
 
 
-def _bands(omega: FloatArray, fewest: float) -> IntArray:
-    """The band of every observation, from 0 on, each with so many at the least, shape (n,)."""
-    edges: list[float] = []
-    for edge in np.geomspace(omega.min(), omega.max(), BANDS + 1)[1:-1].tolist():
-        begin = edges[-1] if edges else 0.0
-        inside, beyond = (omega >= begin) & (omega < edge), omega >= edge
-        if min(inside.sum(), beyond.sum()) >= fewest:
-            edges.append(edge)
-    return np.searchsorted(edges, omega, side="right")
+def power(signal: ComplexArray, band: IntArray) -> FloatArray:
+    """Mean power in each band."""
+    return np.bincount(band, signal.real**2 + signal.imag**2) / np.bincount(band)
 
 
-class _Equation(NamedTuple):
-    """Residual at the output, the delayed input's derivatives, and the denominator."""
-
-    residual: ComplexArray
-    inputs: ComplexArray
-    below: ComplexArray
-
-
-def _equation(spectra: Spectra, form: Form, values: FloatArray) -> _Equation:
-    top, bottom = form.polynomials(values)
-    inputs = spectra.delayed(len(top) + 1, float(values[-1]))
-    below = np.asarray(np.polyval(bottom, spectra.s), dtype=complex)
-    left = bottom[::-1] @ spectra.output[: len(bottom)] - top[::-1] @ inputs[: len(top)]
-    return _Equation(np.asarray(left / below), inputs, below)
+def _derivatives(bare: ComplexArray, omega: FloatArray) -> ComplexArray:
+    """Of a signal's derivatives, from those of the signal times the window's derivatives."""
+    s = 1j * omega
+    return np.array(
+        [
+            sum(math.comb(i, j) * (-1.0) ** j * s ** (i - j) * bare[j] for j in range(i + 1))
+            for i in range(len(bare))
+        ]
+    )
 
 
-def _step(
-    spectra: Spectra, form: Form, values: FloatArray, at: _Equation, weight: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Gradient and information of half the weighted sum of squares."""
-    residual, inputs, below = at
-    above, under = form.slopes(values)
-    top, _ = form.polynomials(values)
-    columns = [-(p[::-1] @ inputs[: len(p)]) for p in above]
-    columns += [
-        p[::-1] @ spectra.output[: len(p)] - residual * np.polyval(p, spectra.s) for p in under
-    ]
-    columns.append(top[::-1] @ inputs[1 : 1 + len(top)])
-    jacobian = np.array(columns) / below
-    scaled = (jacobian * weight).conj()
-    return np.real(scaled @ residual), np.real(scaled @ jacobian.T)
-
-
-def _start(spectra: Spectra, form: Form, bands: Bands, delay: float) -> FloatArray:
+def _start(spectra: Spectra, form: Form, delay: float) -> FloatArray:
     """By linear least squares, the equation divided by the last denominator found."""
     power, degree = form.integrators, form.free + 2 * form.lags
-    s, output = spectra.s, spectra.output[power:]
+    s, output = 1j * spectra.omega, spectra.output[power:]
     below = (1.0 + s / 3.0) ** degree * s**power
-    weight = 1.0 / np.sqrt(bands.output)[bands.fine]
+    weight = 1.0 / np.sqrt(spectra.size)[spectra.fine]
     inputs = spectra.delayed(1 + form.zero, delay)
     columns = np.concatenate([inputs[::-1], -output[:degree][::-1]])
     for _ in range(5 if degree else 1):
@@ -193,9 +184,7 @@ def _start(spectra: Spectra, form: Form, bands: Bands, delay: float) -> FloatArr
     return np.concatenate([*parts, [delay]])
 
 
-def fitted_form(
-    spectra: Spectra, form: Form, bands: Bands, dt: float, delay: float = 0.0
-) -> FormFit | None:
+def fitted_form(spectra: Spectra, form: Form, dt: float, delay: float = 0.0) -> FormFit | None:
     """The most likely parameters of a form, by damped Gauss-Newton steps.
 
     Levels of the noise follow the residual from step to step, which makes the least of the
@@ -203,7 +192,7 @@ def fitted_form(
 
     Parameters
     ----------
-    spectra, form, bands
+    spectra, form
         What is fitted to what.
     dt
         Sampling interval [s].
@@ -216,49 +205,58 @@ def fitted_form(
     """
     with np.errstate(all="ignore"):
         try:
-            return _searched(spectra, form, bands, dt, delay)
+            return _searched(spectra, form, dt, delay)
         except np.linalg.LinAlgError:
             return None
 
 
-def _searched(
-    spectra: Spectra, form: Form, bands: Bands, dt: float, delay: float
-) -> FormFit | None:
-    values = _start(spectra, form, bands, delay)
-    at = _equation(spectra, form, values)
-    level = bands.level(at.residual)
-    cost, damping = bands.cost(level), 1e-4
-    for _ in range(ITERATIONS):
-        gradient, information = _step(spectra, form, values, at, 1.0 / level)
+def _searched(spectra: Spectra, form: Form, dt: float, delay: float) -> FormFit | None:
+    def normal(level: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Gradient and information of half the weighted sum of squares at unit scale, and scale."""
+        jacobian = differences(lambda v: spectra.residual(form, v), values, residual)
+        scaled = (jacobian / level).conj()
+        information = np.real(scaled @ jacobian.T)
         scale = np.sqrt(np.diag(information))
-        matrix, gain = information / np.outer(scale, scale), 0.0
+        return np.real(scaled @ residual) / scale, information / np.outer(scale, scale), scale
+
+    values = _start(spectra, form, delay)
+    residual = spectra.residual(form, values)
+    level = spectra.level(residual)
+    damping = 1e-4
+    for _ in range(ITERATIONS):
+        (gradient, matrix, scale), gain = normal(level), 0.0
         while damping < 1e4:
-            step = np.linalg.solve(matrix + damping * np.eye(len(values)), gradient / scale)
+            step = np.linalg.solve(matrix + damping * np.eye(len(values)), gradient)
             trial = values - step / scale
             trial[-1] = np.clip(trial[-1], EARLIEST * dt, LONGEST)
-            there = _equation(spectra, form, trial)
-            own = bands.level(there.residual)
-            gain = cost - bands.cost(own)
+            there = spectra.residual(form, trial)
+            own = spectra.level(there)
+            gain = spectra.cost(level) - spectra.cost(own)
             if gain > 0.0:
-                values, at, level, cost = trial, there, own, cost - gain
+                values, residual, level = trial, there, own
                 damping = max(0.1 * damping, 1e-10)
                 break
             damping *= 10.0
         if not gain > ENOUGH:
             break
-    _, information = _step(spectra, form, values, at, 1.0 / bands.claimed(at.residual))
-    scale = np.sqrt(np.diag(information))
-    covariance = np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale)
+    # What counts as exact is no noise that averages out over a band: its error is one.
+    _, matrix, scale = normal(spectra.level(residual, spectra.count))
+    left = power(residual, spectra.fine)
+    covariance = np.linalg.inv(matrix) / np.outer(scale, scale) / (2.0 * INDEPENDENT)
+    criterion = spectra.cost(level) + len(values) * float(np.log(2.0 * spectra.count.sum()))
     if form.lags and values[-2] <= 0.0:
         return None
-    if not (np.isfinite([cost, *values]).all() and np.isfinite(covariance).all()):
+    if not (np.isfinite([criterion, *values]).all() and np.isfinite(covariance).all()):
         return None
+    unit = np.array([spectra.gain, *np.ones(len(values) - 1)])
+    share = (spectra.count @ left) / (spectra.count @ spectra.size)
     return FormFit(
         form,
-        values,
-        covariance / (2.0 * INDEPENDENT),
-        cost + len(values) * float(np.log(2.0 * bands.count.sum())),
-        bands.unexplained(at.residual),
+        values * unit,
+        covariance * np.outer(unit, unit),
+        criterion,
+        left / spectra.size,
+        100.0 * max(0.0, 1.0 - float(share)),
     )
 
 
@@ -293,42 +291,8 @@ def windowed(signal: FloatArray, dt: float, order: int, bins: IntArray) -> Compl
     return result
 
 
-@dataclass(frozen=True, eq=False)
-class Spectra:
-    """Windowed spectra of an input v and an output x; runs and frequencies in one row.
-
-    Attributes
-    ----------
-    omega
-        Frequencies [rad/s], shape (n,).
-    output
-        Of the derivatives of x, shape (`HIGHEST` + 1, n).
-    parts
-        Of the derivatives of v(t - delay), by powers of the delay, but for the factor
-        e^{-s delay}; shape (derivatives, `TAYLOR` + 1, n).
-    each
-        Bins of runs that stand behind each of the n.
-    """
-
-    omega: FloatArray
-    output: ComplexArray
-    parts: ComplexArray
-    each: float
-
-    @cached_property
-    def s(self) -> ComplexArray:
-        """Laplace variable, shape (n,)."""
-        return np.asarray(1j * self.omega)
-
-    def delayed(self, count: int, delay: float) -> ComplexArray:
-        """Of the first derivatives of v(t - delay), from the zeroth on, shape (count, n)."""
-        powers = np.array([delay**p / math.factorial(p) for p in range(TAYLOR + 1)])
-        late = np.exp(-self.s * delay)
-        return np.asarray((powers @ self.parts[:count]) * late)
-
-
 def spectra_of(
-    dt: float, given: FloatArray, output: FloatArray, highest: float, zeros: int
+    dt: float, given: FloatArray, output: FloatArray, highest: float = HIGHEST_FREQUENCY
 ) -> Spectra:
     """Windowed spectra of a recording.
 
@@ -340,41 +304,16 @@ def spectra_of(
         v and x, shape (runs, samples).
     highest
         Highest frequency [rad/s].
-    zeros
-        Highest derivative of v that is wanted.
     """
     runs, samples = output.shape
+    # Of unit size, so that no unit is too large or too small to reckon with.
+    size, answer = (float(np.std(signal)) or 1.0 for signal in (given, output))
     last = min(int(highest * samples * dt / (2.0 * np.pi)), int(0.4 * samples))
     bins = np.arange(FIRST, last + 1, EACH)
-    order = zeros + TAYLOR
-    columns = np.concatenate(
-        [windowed(output, dt, HIGHEST, bins), windowed(given, dt, order, bins)]
-    )
-    if runs > len(columns):
-        # More runs than signals tell no more than a triangular factor does.
-        triangles = np.asarray(np.linalg.qr(columns.transpose(2, 1, 0), mode="r"))
-        columns = triangles.transpose(2, 1, 0)
-    rows = columns.shape[1]
-    columns = columns.reshape(len(columns), -1)
-    omega = np.tile(2.0 * np.pi * bins / (samples * dt), rows)
-    bare, delayed = columns[: HIGHEST + 1], columns[HIGHEST + 1 :]
+    omega = np.tile(2.0 * np.pi * bins / (samples * dt), runs)
+    bare = windowed(output / answer, dt, HIGHEST, bins).reshape(HIGHEST + 1, -1)
+    late = windowed(given / size, dt, 1 + TAYLOR, bins).reshape(2 + TAYLOR, -1)
+    parts = [_derivatives(late[p : p + 2], omega) for p in range(TAYLOR + 1)]
     return Spectra(
-        omega,
-        np.array([_derivative(bare, i, omega) for i in range(HIGHEST + 1)]),
-        np.array(
-            [
-                [_derivative(delayed[p:], i, omega) for p in range(TAYLOR + 1)]
-                for i in range(zeros + 1)
-            ]
-        ),
-        runs / rows,
+        answer / size, omega, _derivatives(bare, omega), np.array(parts).swapaxes(0, 1).copy()
     )
-
-
-def _derivative(bare: ComplexArray, order: int, omega: FloatArray) -> ComplexArray:
-    """Of a signal's derivative, from those of the signal times the window's derivatives."""
-    s = 1j * omega
-    terms = [
-        math.comb(order, j) * (-1.0) ** j * s ** (order - j) * bare[j] for j in range(order + 1)
-    ]
-    return np.asarray(sum(terms))

@@ -7,7 +7,7 @@ the magnitude tells which phase a positive element has (Bode's relation for mini
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
@@ -48,8 +48,8 @@ class Plant:
     omega: FloatArray
     response: ComplexArray
     coherence: FloatArray
-    polarity: float
-    opposed: bool
+    polarity: float = 0.0
+    opposed: bool = False
 
     @property
     def mean_coherence(self) -> float:
@@ -91,24 +91,18 @@ def plant_of(recording: Recording, run: int | None = None) -> Plant | None:
     recording = unit_sized(recording)
     rows = slice(None) if run is None else slice(run, run + 1)
     spectra = {name: spectrum[rows] for name, spectrum in _spectra(recording).items()}
-    output, control = spectra["x"], spectra["u"]
-    omega, bands = _bands(recording.duration, *output.shape)
-    if len(bands) < FEWEST_BANDS:
-        return None
-    found = []
     disturbance = spectra.get("fd", 0.0)
+    found = []
     for sign in (1.0, -1.0) if "fd" in spectra else (1.0,):
-        drive = sign * control + disturbance
-        cross, power, own = _products(output, drive, bands)
-        if not (np.all(power > 0.0) and np.all(own > 0.0)):
+        plant = _answer(spectra["x"], sign * spectra["u"] + disturbance, recording.duration)
+        if plant is None:
             return None
-        coherence = np.abs(cross) ** 2 / (power * own)
         if recording.fd is None:
             polarity = _polarity_at_target(recording, rows)
         else:
-            good = coherence >= ELEMENT.coherent
-            polarity = _polarity(omega[good], (cross / power)[good])
-        found.append(Plant(omega, cross / power, coherence, polarity, sign < 0.0))
+            good = plant.coherence >= ELEMENT.coherent
+            polarity = _polarity(plant.omega[good], plant.response[good])
+        found.append(replace(plant, polarity=polarity, opposed=sign < 0.0))
     return max(found, key=lambda plant: plant.mean_coherence - ELEMENT.clearly * plant.opposed)
 
 
@@ -166,18 +160,20 @@ def _at_target(recording: Recording) -> AtTarget | None:
     return AtTarget(lines, *control, *output)
 
 
-def _products(
-    one: ComplexArray, other: ComplexArray, bands: IntArray
-) -> tuple[ComplexArray, FloatArray, FloatArray]:
-    """By bands: mean of one times the other's conjugate, power of the other, power of the one."""
+def _answer(output: ComplexArray, drive: ComplexArray, duration: float) -> Plant | None:
+    """What the output (runs, bins) makes of its drive; None where they are too short to show it."""
+    omega, bands = _bands(duration, *output.shape)
+    if len(bands) < FEWEST_BANDS:
+        return None
     end = bands[-1, 1] + 1  # a sum ends before the bin that is named
-    one, other = one[:, :end], other[:, :end]
-
-    def mean(product: ComplexArray) -> ComplexArray:
-        sums = np.add.reduceat(product.sum(axis=0), bands.ravel())[::2]
-        return np.asarray(sums / (len(product) * np.diff(bands, axis=1)[:, 0]))
-
-    return mean(one * other.conj()), mean(other * other.conj()).real, mean(one * one.conj()).real
+    output, drive = output[:, :end], drive[:, :end]
+    cross, power, own = (
+        np.add.reduceat((one * other.conj()).sum(axis=0), bands.ravel())[::2]
+        for one, other in ((output, drive), (drive, drive), (output, output))
+    )
+    if not (np.all(power.real > 0.0) and np.all(own.real > 0.0)):
+        return None
+    return Plant(omega, cross / power.real, np.abs(cross) ** 2 / (power.real * own.real))
 
 
 def _spectrum(recording: Recording, signal: FloatArray, part: slice = slice(None)) -> ComplexArray:
@@ -243,21 +239,18 @@ def is_gain(recording: Recording) -> bool:
 def element_changes(recording: Recording) -> Remark | None:
     """An element that is another one in the second half of the recording than in the first."""
     half = recording.samples // 2
-    _, bands = _bands(half * recording.dt, recording.runs, half // 2 + 1)
-    if len(bands) < FEWEST_BANDS:
-        return None
     drive = recording.u if recording.fd is None else recording.u + recording.fd
-    responses, good = [], np.ones(len(bands), dtype=bool)
-    for part in (slice(half), slice(-half, None)):
-        output, control = (_spectrum(recording, s, part) for s in (recording.x, drive))
-        cross, power, own = _products(output, control, bands)
-        if not (np.all(power > 0.0) and np.all(own > 0.0)):
-            return None
-        good &= np.abs(cross) ** 2 >= ELEMENT.coherent * power * own
-        responses.append(cross / power)
+    parts = [
+        [_spectrum(recording, signal, part) for signal in (recording.x, drive)]
+        for part in (slice(half), slice(-half, None))
+    ]
+    first, second = (_answer(x, u, half * recording.dt) for x, u in parts)
+    if first is None or second is None:
+        return None
+    good = np.minimum(first.coherence, second.coherence) >= ELEMENT.coherent
     if np.count_nonzero(good) < FEWEST_BANDS:
         return None
-    ratio = responses[1][good] / responses[0][good]
+    ratio = second.response[good] / first.response[good]
     apart = float(np.median(np.abs(np.log(ratio))))
     if apart <= ELEMENT.changed:
         return None

@@ -14,7 +14,6 @@ from typing import Protocol, Self
 import numpy as np
 
 from pilotid.chance import Z95
-from pilotid.pilot.timevarying import Curve
 from pilotid.types import BoolArray, FloatArray, IntArray
 
 
@@ -101,6 +100,20 @@ Gram = Callable[[FloatArray], FloatArray]
 GramOf = Callable[[FloatArray, IntArray], FloatArray]
 
 
+class Curve(Protocol):
+    """A function known at many knots, whose roughness is penalised."""
+
+    @property
+    def indices(self) -> tuple[int, ...]:
+        """Indices of the parameters that describe it; their logarithms f count."""
+        ...
+
+    @property
+    def matrix(self) -> FloatArray:
+        """Its roughness is f' matrix f."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class Penalty:
     """Roughness that counts as a sum of squares.
@@ -123,11 +136,7 @@ class Penalty:
 
     def of(self, values: FloatArray) -> FloatArray:
         """The penalty of parameter sets, (sets, parameters), shape (sets,)."""
-        total = np.zeros(len(values))
-        for (_, indices, matrix), weight in zip(self.curves, self.weights, strict=True):
-            logs = np.log(values[:, list(indices)])
-            total += weight * np.einsum("si,ij,sj->s", logs, matrix, logs)
-        return total
+        return self.gram(values)[:, -1, -1]
 
     def gram(self, values: FloatArray) -> FloatArray:
         """What it adds to Gram matrices, see `pilotid.solve.least_squares.Problem.gram`.
@@ -139,11 +148,11 @@ class Penalty:
         """
         sets, count = values.shape
         total = np.zeros((sets, count + 1, count + 1))
-        for (_, indices, matrix), weight in zip(self.curves, self.weights, strict=True):
-            own = list(indices)
+        for curve, weight in zip(self.curves, self.weights, strict=True):
+            own = list(curve.indices)
             scale = 1.0 / values[:, own]
             logs = np.log(values[:, own])
-            weighted = weight * matrix
+            weighted = weight * curve.matrix
             total[np.ix_(range(sets), own, own)] += scale[:, :, None] * weighted * scale[:, None, :]
             descent = -scale * (logs @ weighted)
             total[:, own, -1] += descent
@@ -330,7 +339,7 @@ class Minima:
         """
         step = values - self.values[which, : len(values)]
         information = self.gram[which, : len(values), : len(values)]
-        # Nothing is left of a recording without a remnant.
+        # Nothing is left where the residual is without noise.
         return float(step @ information @ step) * residuals / max(float(self.cost[which]), 1e-300)
 
     def distinct(self, same: float = 3e-3, far: float = 0.1) -> FloatArray:

@@ -11,7 +11,7 @@ from pilotid.types import FloatArray
 
 
 class SearchSpace(Bounds, Protocol):
-    """Bounds, and where in them to begin; a pilot model for example."""
+    """Bounds, and where in them to begin."""
 
     @property
     def start(self) -> FloatArray:

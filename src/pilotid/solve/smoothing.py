@@ -18,9 +18,15 @@ from typing import TypeVar
 
 import numpy as np
 
-from pilotid.pilot.timevarying import Curve
-from pilotid.remarks import Remark
-from pilotid.solve.least_squares import Bounds, LogTransform, Minima, Penalty, Problem, minimise
+from pilotid.solve.least_squares import (
+    Bounds,
+    Curve,
+    LogTransform,
+    Minima,
+    Penalty,
+    Problem,
+    minimise,
+)
 from pilotid.types import FloatArray
 
 #: Logarithms between which a weight is sought, that of the weight which makes penalty and
@@ -58,10 +64,10 @@ class Restricted:
         self._freedom = samples - (len(point) - float(self._ranks.sum()))
         #: Logarithms of the weights that make penalty and information equal.
         self.even = np.empty(len(curves))
-        for k, (_, indices, matrix) in enumerate(curves):
-            own = np.ix_(indices, indices)
-            self._matrices[k][own] = matrix
-            self.even[k] = np.log(np.trace(self._information[own]) / np.trace(matrix))
+        for k, curve in enumerate(curves):
+            own = np.ix_(curve.indices, curve.indices)
+            self._matrices[k][own] = curve.matrix
+            self.even[k] = np.log(np.trace(self._information[own]) / np.trace(curve.matrix))
 
     def __call__(self, logs: FloatArray) -> tuple[float, FloatArray]:
         """The criterion and its gradient at logarithms of weights, shape (curves,)."""
@@ -77,7 +83,7 @@ class Restricted:
             + moved @ total @ moved
         )
         ranks = self._ranks - FLAT_PRIOR_EXPONENT
-        # Of a recording without a remnant rounding errors are left, of any sign.
+        # Of a residual without noise rounding errors are left, of any sign.
         squares = max(float(squares), 1e-13 * self._squares, 1e-300)
         value = self._freedom * np.log(squares) + determinant - ranks @ logs
         rough = np.einsum("i,kij,j->k", moved, weighted, moved)
@@ -118,13 +124,6 @@ class Restricted:
         return np.asarray(minimize(self, inside, jac=True, bounds=ends, method="L-BFGS-B").x)
 
 
-#: What must be known of curves whose smoothness was judged by a white residual.
-AGAINST_WHITE = Remark(
-    "white-remnant",
-    "the smoothness of the curves was chosen for a white remnant: they follow the remnant, and "
-    "their bands are far too narrow; use mle or bayes",
-)
-
 MOST_ROUNDS = 25  # of weights and optimum in turn, at the most
 SETTLED_LOG_CHANGE = 0.05  # change of the logarithms of the weights that ends them
 ROUND_TOLERANCE = 1e-5  # of the optima between
@@ -148,7 +147,7 @@ def fit_smooth(
     Parameters
     ----------
     problem
-        The sum of squares, by the pilot's parameters and any others behind them.
+        The sum of squares, by parameters in bounds and any others behind them.
     space
         Their bounds.
     curves

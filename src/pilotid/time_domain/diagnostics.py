@@ -254,9 +254,9 @@ def fit_remarks(
         _dispersed(found.dispersion),
         _held(recording),
         _changed(rows, found.joint) or _varying(found, rows),
-        _uneven(rows[-1]),
+        uneven(rows[-1]),
         _drifting(found),
-        _coloured(rows[-1], found.joint.prediction.band_terms),
+        coloured(rows[-1], found.joint.prediction.band_terms),
         _answered_at_once(recording, found.joint.prediction.model),
     ]
     return tuple(remark for remark in remarks if remark)
@@ -363,7 +363,8 @@ def _changed(rows: FloatArray, joint: PredictionErrors) -> Remark | None:
     )
 
 
-def _uneven(errors: FloatArray) -> Remark | None:
+def uneven(errors: FloatArray) -> Remark | None:
+    """A remark that the variance of prediction errors (runs, samples) changes."""
     ratio, deviations = ratio_of_halves(errors)
     if deviations**2 <= chi_squared_limit(1, ESTIMATE.seldom):
         return None
@@ -387,7 +388,8 @@ def _drifting(found: Optimum) -> Remark | None:
     )
 
 
-def _coloured(errors: FloatArray, terms: BandTerms | None) -> Remark | None:
+def coloured(errors: FloatArray, terms: BandTerms | None = None) -> Remark | None:
+    """A remark that prediction errors (runs, samples) are not white, weighted as in a band."""
     if terms is None:
         statistic, freedom = portmanteau(errors, ESTIMATE.lags), ESTIMATE.lags
     else:

@@ -192,7 +192,7 @@ class Optimum(JointFit):
         if self.joint.penalty is None:
             return ""
         degrees = criterion_and_degrees(self.joint, self.joint, self.end)[1]
-        named = zip(self.joint.penalty.curves, degrees, strict=True)
+        named = zip(self.joint.prediction.model.curves, degrees, strict=True)
         told = " and ".join(f"{curve.key} {degree:.1f}" for curve, degree in named)
         return f"degrees of freedom of {told}"
 

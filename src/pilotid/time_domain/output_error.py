@@ -20,11 +20,19 @@ from pilotid.estimates.estimate import (
 from pilotid.limits import ESTIMATE
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
+from pilotid.remarks import Remark
 from pilotid.solve.covariance import covariance_of, sandwich
 from pilotid.solve.least_squares import Minima, Penalty, Problem, minimise
-from pilotid.solve.smoothing import AGAINST_WHITE, fit_smooth
+from pilotid.solve.smoothing import fit_smooth
 from pilotid.time_domain.prediction import Prediction, predict
 from pilotid.types import ComplexArray, FloatArray
+
+#: What must be known of curves whose smoothness was judged by a white residual.
+AGAINST_WHITE = Remark(
+    "white-remnant",
+    "the smoothness of the curves was chosen for a white remnant: they follow the remnant, and "
+    "their bands are far too narrow; use mle or bayes",
+)
 
 
 class OutputErrors(Problem):

@@ -6,6 +6,7 @@ than as many independent ones; and they are fitted as they come, a lag included.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
 
@@ -136,7 +137,7 @@ def estimated_over_time(
     recording: Recording,
     model: PilotModel,
     trajectory: Trajectory,
-    memory: float,
+    memory: float | Callable[[FloatArray], FloatArray],
 ) -> Estimate:
     """The estimate of a model's parameters that a trajectory leads to.
 
@@ -155,7 +156,9 @@ def estimated_over_time(
     trajectory
         Parameters of the constant pilot over time, with their band.
     memory
-        Time [s] over which the correlation of the trajectory's errors falls to 1/e.
+        Time [s] over which the correlation of the trajectory's errors falls to 1/e, or the
+        covariance (sums, sums) of sums over the trajectory, given their weights (sums, keys,
+        times).
     """
     problem = TrajectoryFit(model, trajectory)
     fewest = int(problem.known.sum(axis=1).min())
@@ -181,14 +184,32 @@ def estimated_over_time(
 
 
 def _covariance(
-    problem: TrajectoryFit, values: FloatArray, memory: float
+    problem: TrajectoryFit, values: FloatArray, memory: float | Callable[[FloatArray], FloatArray]
 ) -> tuple[FloatArray | None, FloatArray | None]:
     """Covariance of the values, and that on the scale of the search; None if it is singular."""
-    model, time = problem.model, problem.trajectory.time
+    model = problem.model
     rows = problem.rows(values[None])[0]
     scale = LogTransform(model.positive)
     slope = scale.slope(values)
     jacobian, residual = rows[:-1] * slope[:, None, None], rows[-1]
+    if callable(memory):
+        scores = memory(jacobian / problem.error)
+    else:
+        scores = _remembered(problem, jacobian, residual, memory)
+    # What says nothing, such as the rate of a step, is known to lie within its bounds.
+    prior = np.diag(1.0 / scale.unknown(model.lower, model.upper) ** 2)
+    flat = jacobian.reshape(len(values), -1)
+    scaled = sandwich_of(flat @ flat.T + prior, scores + prior)
+    if scaled is None or not np.isfinite(scaled).all():
+        return None, None
+    return scaled * np.outer(slope, slope), scaled
+
+
+def _remembered(
+    problem: TrajectoryFit, jacobian: FloatArray, residual: FloatArray, memory: float
+) -> FloatArray:
+    """Covariance of the scores where errors at two times share what the method remembers."""
+    time = problem.trajectory.time
     own = np.sum(residual**2, axis=1) / problem.known.sum(axis=1)
     size = np.sqrt(np.maximum(own, 1.0))
     spread = np.sqrt(np.maximum(own, 1e-12))
@@ -200,13 +221,7 @@ def _covariance(
     kernel = np.exp(-np.abs(time[:, None] - time) / max(memory, 1e-9))
     carried = np.einsum("pks,st->pkt", jacobian, kernel)
     scores = np.einsum("pkt,qlt,kl->pq", carried, jacobian, alike * np.outer(size, size))
-    # What says nothing, such as the rate of a step, is known to lie within its bounds.
-    prior = np.diag(1.0 / scale.unknown(model.lower, model.upper) ** 2)
-    flat = jacobian.reshape(len(values), -1)
-    scaled = sandwich_of(flat @ flat.T + prior, scores + prior)
-    if scaled is None or not np.isfinite(scaled).all():
-        return None, None
-    return scaled * np.outer(slope, slope), scaled
+    return np.asarray(scores)
 
 
 def no_reduction(model: PilotModel) -> str | None:

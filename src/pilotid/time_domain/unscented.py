@@ -17,12 +17,13 @@ E. A. Wan and R. van der Merwe, *The unscented Kalman filter for nonlinear estim
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from pilotid.types import BoolArray, FloatArray
+from pilotid.types import FloatArray
 
 #: Share of a variance that is added to it before its square root is taken, for rounding.
 ROUNDING = 1e-12
@@ -60,30 +61,26 @@ class System(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Levels:
-    """Noise of each set in a step, as variances, and where the filter starts.
+    """Noise of each set in a step, and where the filter starts; n = parameters + runs * states.
 
     Attributes
     ----------
-    walk
-        Of the parameters, shape (sets, parameters).
-    states
-        Covariance of the states of a run, shape (sets, states, states).
+    noise
+        Covariance of what parameters and states take up in a step, shape (sets, n, n).
     error
-        Of a measurement, shape (sets,).
+        Variance of a measurement, shape (sets,).
     mean, covariance
         Of parameters and states at the first step before its measurement, shapes (sets, n) and
-        (sets, n, n) with n = parameters + runs * states.
+        (sets, n, n).
     """
 
-    walk: FloatArray
-    states: FloatArray
+    noise: FloatArray
     error: FloatArray
     mean: FloatArray
     covariance: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class Filtered:
+class Filtered(NamedTuple):
     """What a filter found at each step.
 
     Attributes
@@ -93,9 +90,9 @@ class Filtered:
     mean, covariance
         After each measurement, shapes (sets, steps, n) and (sets, steps, n, n).
     predicted, predicted_covariance
-        Before the measurement of the step that follows; one step fewer.
+        Before each measurement.
     cross
-        Covariance of each step with the one that follows, before the measurement of that.
+        Covariance of the step before, after its measurement, with each step before its own.
     """
 
     errors: FloatArray
@@ -146,27 +143,17 @@ class Smoothed:
         return total
 
 
-def block_diagonal(variances: FloatArray, states: FloatArray, runs: int) -> FloatArray:
-    """Covariances, shape (sets, n, n), of independent parameters and of equal runs.
-
-    Parameters
-    ----------
-    variances
-        Of the parameters, shape (sets, parameters).
-    states
-        Covariance of the states of a run, shape (sets, states, states).
-    runs
-        Number of runs.
-    """
-    count, every = variances.shape[1], np.kron(np.eye(runs)[None], states)
-    whole = np.zeros((len(states), count + every.shape[1], count + every.shape[1]))
-    whole[:, :count, :count] = variances[:, :, None] * np.eye(count)
-    whole[:, count:, count:] = every
+def block_diagonal(*blocks: FloatArray) -> FloatArray:
+    """Matrices with these along the diagonal, each of shape (sets, its size, its size)."""
+    ends = np.cumsum([0, *(block.shape[1] for block in blocks)])
+    whole = np.zeros((len(blocks[0]), ends[-1], ends[-1]))
+    for block, begin, end in zip(blocks, ends, ends[1:], strict=False):
+        whole[:, begin:end, begin:end] = block
     return whole
 
 
 def run_filter(
-    system: System, levels: Levels, spread: float, keep: list[tuple[FloatArray, ...]] | None = None
+    system: System, levels: Levels, spread: float, keep: list[Filtered] | None = None
 ) -> FloatArray:
     """Log-likelihood of each set of noise levels; minus infinity where a filter breaks down.
 
@@ -178,48 +165,41 @@ def run_filter(
         Distance of the sigma points, in standard deviations; squared at least the number of
         parameters, so that no weight is negative.
     keep
-        Takes what each step found; see `passed`.
+        Takes what each step found, without the axis of steps; see `run_smoother`.
     """
-    measured, count = system.measured, levels.walk.shape[1]
-    steps, runs = measured.shape
+    measured, runs = system.measured, system.measured.shape[1]
+    count = levels.mean.shape[1] - runs * len(system.output)
+    if spread**2 < count * (1.0 - 1e-12):
+        raise ValueError("the weight of the centre must not be negative")
     output = np.zeros((runs, levels.mean.shape[1]))
     output[:, count:] = np.kron(np.eye(runs), system.output)
-    noise = block_diagonal(levels.walk, levels.states, runs)
-    mean, covariance = levels.mean, levels.covariance
-    alive, total = np.ones(len(mean), dtype=bool), np.zeros(len(mean))
     error = levels.error[:, None, None] * np.eye(runs)
-    constant = 0.5 * runs * np.log(2.0 * np.pi)
+    total = np.full(len(levels.mean), -0.5 * measured.size * np.log(2.0 * np.pi))
+    mean, covariance = levels.mean, levels.covariance
+    cross = np.zeros_like(covariance)
     with np.errstate(all="ignore"):
-        for k in range(steps):
+        for k, control in enumerate(measured):
+            if k:
+                root = _root(covariance)
+                mean, covariance, moved = _transform(system, spread, k - 1, mean, root, count)
+                covariance += levels.noise
+                cross = moved if keep is None else root @ moved.swapaxes(1, 2)
+            ahead = mean, covariance, cross
             reach = covariance @ output.T
-            root, alive = _root(output @ reach + error, alive)
-            inverse = 1.0 / root if runs == 1 else np.linalg.inv(root)
-            half = reach @ inverse.swapaxes(-1, -2)
-            scaled = (inverse @ (measured[k] - mean @ output.T)[..., None])[..., 0]
-            total -= constant + 0.5 * np.sum(scaled**2, axis=-1)
-            total -= np.sum(np.log(np.diagonal(root, axis1=-2, axis2=-1)), axis=-1)
-            mean = mean + (half @ scaled[..., None])[..., 0]
-            covariance = covariance - half @ half.swapaxes(-1, -2)
-            found: tuple[FloatArray, ...] = (scaled, mean, covariance)
-            if k + 1 < steps:
-                root, alive = _root(covariance, alive)
-                mean, covariance, cross = _transform(system, spread, noise, k, mean, root, count)
-                found = *found, mean, covariance, cross
+            root = _root(output @ reach + error)
+            inverse = np.linalg.inv(root)
+            half = reach @ inverse.swapaxes(1, 2)
+            scaled = inverse @ (control - mean @ output.T)[..., None]
+            total -= 0.5 * np.sum(scaled**2, axis=(1, 2))
+            total -= np.sum(np.log(np.diagonal(root, axis1=1, axis2=2)), axis=1)
+            mean = mean + (half @ scaled)[..., 0]
+            covariance = covariance - half @ half.swapaxes(1, 2)
             if keep is not None:
-                keep.append(found)
-    return np.where(alive & np.isfinite(total), total, -np.inf)
+                keep.append(Filtered(scaled[..., 0], mean, covariance, *ahead))
+    return np.where(np.isfinite(total), total, -np.inf)
 
 
-def passed(system: System, levels: Levels, spread: float) -> Filtered:
-    """What the filter finds at each step."""
-    steps: list[tuple[FloatArray, ...]] = []
-    run_filter(system, levels, spread, steps)
-    own = zip(*(step[:3] for step in steps), strict=True)
-    ahead = zip(*(step[3:] for step in steps[:-1]), strict=True)
-    return Filtered(*(np.stack(part, axis=1) for part in (*own, *ahead)))
-
-
-def run_smoother(found: Filtered) -> Smoothed:
+def run_smoother(steps: Sequence[Filtered]) -> Smoothed:
     """The smoother, from a filter whose steps were kept.
 
     Raises
@@ -227,62 +207,50 @@ def run_smoother(found: Filtered) -> Smoothed:
     numpy.linalg.LinAlgError
         If a covariance is singular.
     """
-    mean, covariance = found.mean.copy(), found.covariance.copy()
-    gains = np.linalg.solve(found.predicted_covariance, found.cross.swapaxes(-1, -2))
+    found = Filtered(*(np.stack(part, axis=1) for part in zip(*steps, strict=True)))
+    mean, covariance = found.mean, found.covariance
+    gains = np.linalg.solve(found.predicted_covariance[:, 1:], found.cross[:, 1:].swapaxes(-1, -2))
     gains = gains.swapaxes(-1, -2)
-    for k in range(mean.shape[1] - 2, -1, -1):
+    for k in range(len(steps) - 2, -1, -1):
         gain = gains[:, k]
-        mean[:, k] += (gain @ (mean[:, k + 1] - found.predicted[:, k])[..., None])[..., 0]
-        change = covariance[:, k + 1] - found.predicted_covariance[:, k]
+        mean[:, k] += (gain @ (mean[:, k + 1] - found.predicted[:, k + 1])[..., None])[..., 0]
+        change = covariance[:, k + 1] - found.predicted_covariance[:, k + 1]
         covariance[:, k] += gain @ change @ gain.swapaxes(1, 2)
     return Smoothed(mean, covariance, np.asarray(gains, dtype=float))
 
 
 def _transform(
-    system: System,
-    spread: float,
-    noise: FloatArray,
-    k: int,
-    mean: FloatArray,
-    root: FloatArray,
-    count: int,
+    system: System, spread: float, k: int, mean: FloatArray, root: FloatArray, count: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Mean and covariance after a step, and the covariance with those before it."""
-    weight = 0.5 / spread**2
-    centre = 1.0 - 2.0 * count * weight
-    if centre < -1e-12:
-        raise ValueError("the weight of the centre must not be negative")
+    """Mean and covariance after a step, and what becomes of the columns of the root."""
     sets, size = mean.shape
+    weight = 0.5 / spread**2
+    centre = max(1.0 - 2.0 * count * weight, 0.0)
     away = spread * root[:, :, :count].swapaxes(1, 2)
-    middle = mean[:, None]
-    points = np.concatenate([middle, middle + away, middle - away], axis=1)
+    points = np.concatenate([mean[:, None], mean[:, None] + away, mean[:, None] - away], axis=1)
     matrix, given = system.step(k, points[..., :count])
     states = points[..., count:].reshape(given.shape)
-    moved = given + (matrix[:, :, None] @ states[..., None])[..., 0]
-    points[..., count:] = moved.reshape(*points.shape[:2], -1)
+    moved = given + np.einsum("spij,sprj->spri", matrix, states)
+    points[..., count:] = moved.reshape(sets, -1, size - count)
     after = centre * points[:, 0] + weight * points[:, 1:].sum(axis=1)
-    lower = root[:, count:, count:].reshape(sets, *given.shape[2:], size - count)
-    columns = np.zeros((sets, size, size - count))
-    columns[:, count:] = (matrix[:, :1] @ lower).reshape(sets, size - count, size - count)
     off = np.sqrt(weight) * (points - after[:, None])
-    off[:, 0] *= np.sqrt(max(centre, 0.0) / weight)
-    covariance = off.swapaxes(1, 2) @ off + columns @ columns.swapaxes(1, 2) + noise
-    difference = points[:, 1 : 1 + count] - points[:, 1 + count :]
-    cross = weight * (away.swapaxes(1, 2) @ difference)
-    return after, covariance, cross + root[:, :, count:] @ columns.swapaxes(1, 2)
+    off[:, 0] *= np.sqrt(centre / weight)
+    # The columns of the states alone, for which the step is linear.
+    lower = root[:, count:, count:].reshape(sets, *given.shape[2:], size - count)
+    columns = np.zeros_like(root)
+    columns[:, count:, count:] = (matrix[:, :1] @ lower).reshape(sets, size - count, size - count)
+    covariance = off.swapaxes(1, 2) @ off + columns @ columns.swapaxes(1, 2)
+    difference = off[:, 1 : 1 + count] - off[:, 1 + count :]
+    columns[:, :, :count] = np.sqrt(0.5) * difference.swapaxes(1, 2)
+    return after, covariance, columns
 
 
-def _root(covariance: FloatArray, alive: BoolArray) -> tuple[FloatArray, BoolArray]:
-    """Cholesky factors, and which sets still have one; a set that has none is out for good."""
-    size = covariance.shape[-1]
-    covariance = covariance * (1.0 + ROUNDING * np.eye(size))
+def _root(covariance: FloatArray) -> FloatArray:
+    """Cholesky factors; not a number where there is none."""
     try:
-        return np.asarray(np.linalg.cholesky(covariance), dtype=float), alive
+        root = np.linalg.cholesky(covariance * (1.0 + ROUNDING * np.eye(covariance.shape[-1])))
+        return np.asarray(root, dtype=float)
     except np.linalg.LinAlgError:
-        roots, good = np.empty_like(covariance), alive.copy()
-        for i, own in enumerate(covariance):
-            try:
-                roots[i] = np.linalg.cholesky(own)
-            except np.linalg.LinAlgError:
-                good[i], roots[i] = False, np.eye(size)
-        return roots, good
+        if len(covariance) == 1:
+            return np.full_like(covariance, np.nan)
+        return np.concatenate([_root(own[None]) for own in covariance])
