@@ -19,7 +19,6 @@ from pilotid.pilot.element import Rational, element_named, pade
 from pilotid.pilot.factors import (
     Canals,
     Delay,
-    Delayed,
     Differentiator,
     Factor,
     Gain,
@@ -135,17 +134,6 @@ def test_a_factor_evaluated_at_once_is_that_evaluated_in_parts(factor: Any) -> N
     np.testing.assert_allclose(response, factor.response(s, own), rtol=1e-12)
     for slope, expected in zip(slopes, factor.log_derivative(s, own), strict=True):
         np.testing.assert_allclose(slope, expected, rtol=1e-12)
-
-
-@pytest.mark.parametrize(
-    "omega",
-    [np.arange(401) * 0.07, 3.0 + np.arange(50) * 0.2, np.geomspace(0.1, 40.0, 30), np.ones(1)],
-    ids=["transform", "part of one", "uneven", "one"],
-)
-def test_delays_by_tables_are_exponentials(omega: FloatArray) -> None:
-    seconds = np.array([[0.0], [0.21], [1.7]])
-    expected = np.exp(-1j * omega * seconds)
-    np.testing.assert_allclose(Delayed(omega)(seconds), expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize("factor", FACTORS, ids=repr)

@@ -9,7 +9,6 @@ A factor of one's own derives from `Factor`.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -178,23 +177,11 @@ class Factor:
         raise NotImplementedError
 
     def seconds(self, values: Values) -> FloatArray | None:
-        """T [s] of a factor e^{-T s}, which is evaluated faster if T is known; None for others.
+        """T [s] of a factor e^{-T s}, which no rational function is; None for others.
 
         It has the shape of its parameter.
         """
         return None
-
-    def response_on_axis(self, s: ComplexArray, values: Values) -> Response:
-        """`response` where s = i omega, for a factor that is evaluated faster there.
-
-        Parameters
-        ----------
-        s
-            Laplace variable [rad/s], shape (n,).
-        values
-            One array for each parameter, which broadcasts against `s`.
-        """
-        return self.response(s, values)
 
     def response_and_slopes(self, s: ComplexArray, values: Values) -> Evaluated:
         """`response` and `log_derivative`, for a factor that is evaluated faster at once.
@@ -715,18 +702,6 @@ class Neuromuscular(Factor):
         f, d = values
         return f * f / (f * f + s * (s + 2.0 * d * f))
 
-    def response_on_axis(self, s: ComplexArray, values: Values) -> ComplexArray:
-        frequency, damping = values
-        # Without complex division, which takes most of the time.
-        ratio = s.imag / frequency
-        real = 1.0 - ratio * ratio
-        imaginary = (2.0 * damping) * ratio
-        power = real * real + imaginary * imaginary
-        result = np.empty(ratio.shape, dtype=complex)
-        np.divide(real, power, out=result.real)
-        np.divide(imaginary, power, out=result.imag)
-        return np.conjugate(result, out=result)
-
     def response_and_slopes(self, s: ComplexArray, values: Values) -> Evaluated:
         f, d = values
         ratio = s / f
@@ -738,33 +713,3 @@ class Neuromuscular(Factor):
     def rational(self, values: Sequence[float], pade_order: int) -> Rational:
         f, d = float(values[0]), float(values[1])
         return [f * f], [1.0, 2.0 * d * f, f * f]
-
-
-class Delayed:
-    """Responses e^{-i omega T} at fixed frequencies.
-
-    The phase grows evenly from bin to bin of a transform, so that the exponentials are products
-    of two short rows.
-
-    Parameters
-    ----------
-    omega
-        Frequencies [rad/s], shape (n,), from the lowest upwards.
-    """
-
-    def __init__(self, omega: FloatArray) -> None:
-        self._omega = omega
-        # Bins as a table of about as many rows as columns, if they lie evenly.
-        even = omega.size > 1 and np.ptp(np.diff(omega)) <= 1e-9 * omega[-1]
-        self._width = math.ceil(math.sqrt(omega.size)) if even else 0
-        self._rows = 1j * omega[:: max(1, self._width)]
-        self._columns = 1j * (omega[: self._width] - omega[:1])
-
-    def __call__(self, seconds: FloatArray) -> ComplexArray:
-        """Responses of delays of shape (sets, 1), shape (sets, n)."""
-        if not self._width:
-            return np.asarray(np.exp(-1j * seconds * self._omega))
-        rows = np.exp(-seconds * self._rows)
-        columns = np.exp(-seconds * self._columns)
-        table = rows[:, :, None] * columns[:, None, :]
-        return np.asarray(table.reshape(len(table), -1)[:, : self._omega.size], dtype=complex)

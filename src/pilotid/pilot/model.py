@@ -12,7 +12,6 @@ import numpy as np
 
 from pilotid.pilot.element import ControlledElement, Rational
 from pilotid.pilot.factors import (
-    Delayed,
     Evaluated,
     Factor,
     Held,
@@ -310,9 +309,7 @@ class PilotModel:
             result.append(np.asarray(reduce(np.multiply, fixed, np.ones(1)), dtype=complex))
         return result
 
-    def evaluated(
-        self, s: ComplexArray, values: FloatArray, delayed: Delayed | None = None
-    ) -> list[Evaluated]:
+    def evaluated(self, s: ComplexArray, values: FloatArray) -> list[Evaluated]:
         """Responses and log-derivatives of `moving`, of shapes that broadcast to (sets, n).
 
         Parameters
@@ -321,18 +318,11 @@ class PilotModel:
             Laplace variable [rad/s], shape (n,).
         values
             Parameters in model order, shape (parameters,) or (sets, parameters).
-        delayed
-            Evaluates delays, at the frequencies of `s` = i omega; None for any `s`.
         """
-        found = []
-        for factor, indices in self.moving:
-            own = [values[..., i, None] for i in indices]
-            seconds = factor.seconds(own) if delayed else None
-            if delayed is None or seconds is None:
-                found.append(factor.response_and_slopes(s, own))
-            else:
-                found.append((delayed(seconds), factor.log_derivative(s, own)))
-        return found
+        return [
+            factor.response_and_slopes(s, [values[..., i, None] for i in indices])
+            for factor, indices in self.moving
+        ]
 
     def responses_of(self, found: Sequence[Evaluated]) -> list[Response]:
         """Per channel, the response of all its dynamics that have parameters.
@@ -348,9 +338,7 @@ class PilotModel:
             for places in self.places
         ]
 
-    def moving_responses(
-        self, s: ComplexArray, values: FloatArray, delayed: Delayed
-    ) -> list[Response]:
+    def moving_responses(self, s: ComplexArray, values: FloatArray) -> list[Response]:
         """`responses_of` without derivatives, for parameter sets.
 
         Parameters
@@ -359,15 +347,13 @@ class PilotModel:
             Laplace variable i omega [rad/s], shape (n,).
         values
             Parameters in model order, shape (sets, parameters).
-        delayed
-            See `evaluated`.
         """
-        one, found = np.ones((1, 1)), []
-        for factor, indices in self.moving:
-            own = [values[..., i, None] for i in indices]
-            seconds = factor.seconds(own)
-            found.append(factor.response_on_axis(s, own) if seconds is None else delayed(seconds))
-        return [reduce(np.multiply, [found[i] for i in places], one) for places in self.places]
+        return self.responses_of(
+            [
+                (factor.response(s, [values[..., i, None] for i in indices]), ())
+                for factor, indices in self.moving
+            ]
+        )
 
     @cached_property
     def changing_indices(self) -> tuple[tuple[int, ...], ...]:

@@ -384,7 +384,7 @@ class AdjointErrors(PredictionErrors):
         """
         prediction, model = self.prediction, self.prediction.model
         pilot, remnant = values[None, : self.pilot], values[None, self.pilot :]
-        found = model.evaluated(prediction.s, pilot, prediction.delayed)
+        found = model.evaluated(prediction.s, pilot)
         responses = [response[0] for response in model.responses_of(found)]
         taps, slopes = (each[0] for each in self.noise.taps(remnant, self.band))
         filters = prediction.filter_response(taps)

@@ -157,7 +157,7 @@ def residual_spectra(prediction: Prediction, values: FloatArray) -> ComplexArray
     values
         Parameter sets, shape (sets, parameters).
     """
-    responses = prediction.model.moving_responses(prediction.s, values, prediction.delayed)
+    responses = prediction.model.moving_responses(prediction.s, values)
     answers = [
         response[:, None, :] * spectrum * (1.0 if varying is None else varying)
         for response, spectrum, varying in zip(

@@ -15,7 +15,7 @@ from functools import cached_property, reduce
 
 import numpy as np
 
-from pilotid.pilot.factors import Delayed, Response
+from pilotid.pilot.factors import Response
 from pilotid.pilot.model import Channel, PilotModel
 from pilotid.pilot.timevarying import Changing
 from pilotid.recordings.recording import Recording
@@ -342,8 +342,7 @@ class Prediction:
         """
         model, spectrum = self.model, spectrum[..., bins]
         s = self.s[bins]
-        delayed = self.delayed if s.size == self.s.size else Delayed(s.imag)
-        found = model.evaluated(s, values, delayed)
+        found = model.evaluated(s, values)
         filled: set[int] = set()
 
         def put(index: int, slope: Response, part: ComplexArray) -> None:
@@ -373,11 +372,6 @@ class Prediction:
             total = reduce(np.add, [parts[c] for c in channels])
             for index, slope in zip(indices, slopes, strict=True):
                 put(index, slope[:, None] if slope.ndim > 1 else slope, total)
-
-    @cached_property
-    def delayed(self) -> Delayed:
-        """Responses of delays at the bins."""
-        return Delayed(self.s.imag)
 
     @cached_property
     def inputs(self) -> list[ComplexArray]:
