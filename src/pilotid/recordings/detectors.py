@@ -584,10 +584,10 @@ def _remnant_spectra(
     hertz = np.fft.rfftfreq(samples, step)
     size = np.abs(spectra)
     around = np.pad(size, ((0, 0), (MEDIAN_BINS // 2, MEDIAN_BINS // 2)), "reflect")
-    windows = np.lib.stride_tricks.sliding_window_view(around, MEDIAN_BINS, axis=1)
+    usual = np.median(np.lib.stride_tricks.sliding_window_view(around, MEDIAN_BINS, axis=1), axis=2)
     # Lines stand out of their neighbours: of a disturbance that was not recorded, they come again
     # in every run.
-    size = np.maximum(np.median(windows, axis=2), size / MOST_OF_A_LINE)
+    size = np.maximum(usual, size / MOST_OF_A_LINE)
     inside = (hertz > 0.15) & (hertz < min(highest, 0.45 / step))
     return spectra / (size + 1e-300) * inside, samples, step
 
