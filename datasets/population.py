@@ -35,21 +35,7 @@ from pilotid.datasets.recorder import Recorder, drawn_faulty_recorder, drawn_rec
 from pilotid.datasets.remnant import Place, Remnant
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.simulation import white_level
-from pilotid.pilot.catalogue import (
-    CROSSOVER as CROSSOVER_MODEL,
-)
-from pilotid.pilot.catalogue import (
-    DESCRIPTIVE,
-    FOLLOWING,
-    LEAD_LAG,
-    MULTI,
-    PRECISION,
-    PREVIEW,
-    PURSUIT,
-    RATE,
-    SINGLE,
-    STRUCTURAL,
-)
+from pilotid.pilot.catalogue import MODELS as CATALOGUE
 from pilotid.pilot.element import (
     ControlledElement,
     double_integrator,
@@ -64,10 +50,6 @@ from pilotid.pilot.model import PilotModel
 from pilotid.types import FloatArray, InputError
 
 T = TypeVar("T")
-
-#: Models with a population of their own.
-LATER = (PURSUIT, CROSSOVER_MODEL, PRECISION, STRUCTURAL, DESCRIPTIVE)
-MODELS = {m.name: m for m in (MULTI, SINGLE, RATE, LEAD_LAG, PREVIEW, FOLLOWING, *LATER)}
 
 #: Ranges of the parameters, drawn evenly on a logarithmic scale; gains of the visual channel
 #: follow from the crossover frequency.
@@ -126,6 +108,7 @@ ELEMENTS = {
     "structural": ("K/s", "K/s^2", "K/(s(s+a))"),
     "descriptive": ("K/s^2", "K/(s(s+a))", "second order"),
 }
+MODELS = {name: CATALOGUE[name] for name in ELEMENTS}
 
 
 @dataclass(frozen=True)
@@ -207,7 +190,7 @@ class Population:
         target, disturbance = drawn_forcing(element, duration, rng, aperiodic=self.aperiodic)
         # Two channels can be told apart by two forcing functions; one needs no more than one.
         left_out = rng.integers(3) if len(model.channels) == 1 else 0
-        if model is FOLLOWING:
+        if model.name == "following":
             target, left_out = drawn_walk(duration, rng), 2  # a disturbance would not be seen
         return Scenario(
             name=self.name,
@@ -274,7 +257,7 @@ def drawn_pilot(
     scale = 4.0 / _gain_at(element, 4.0) / 16.0
     for key in {*ON_MOTION} & values.keys():
         values[key] *= scale
-    if model is FOLLOWING:
+    if model.name == "following":
         return model.vector(values)
     for key in {*OF_INVERSE} & values.keys():
         values[key] /= 4.0 * _gain_at(element, 4.0)
@@ -476,14 +459,15 @@ POPULATIONS: dict[str, Population] = {
             runs=(5, 10, 20),
         ),
         *(
-            Population(
-                f"population-{model.name}",
-                f"pilots of model {model.name}",
-                models=(model.name,),
-                durations=(120.0, 120.0) if model is PRECISION else (60.0, 120.0),
-                runs=(5,) if model is PRECISION else (1, 1, 1, 2, 3, 5),
-            )
-            for model in LATER
+            Population(f"population-{name}", f"pilots of model {name}", models=(name,))
+            for name in ("pursuit", "crossover", "structural", "descriptive")
+        ),
+        Population(
+            "population-precision",
+            "pilots of model precision, in long recordings",
+            models=("precision",),
+            durations=(120.0, 120.0),
+            runs=(5,),
         ),
     )
 }

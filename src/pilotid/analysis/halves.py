@@ -33,10 +33,9 @@ COLUMNS = (
 )  # fmt: skip
 
 TEXT = (
-    "Parameters from the first half of the runs of a recording (of one run: of its window) less "
-    "those from the second, over the claimed error of the difference: the median magnitude over "
-    "parameters, scaled to 1 where halves differ as much as claimed; the mean over recordings and "
-    "its standard error. Above 1, errors are too small, or pilots change."
+    "Parameters from the first half of the runs (or of the window of one run) less those from the "
+    "second: the median magnitude over what is claimed, mean over recordings. Above 1, errors are "
+    "too small, or pilots change."
 )
 
 

@@ -62,7 +62,7 @@ def responses_of(fitted: Fitted, points: FrequencyResponse | None) -> list[Respo
             for index, channel in enumerate(model.channels):
                 value, errors = fitted_response(e, index, OMEGA, end)
                 found.append(_response(channel.name + stage, e.method, OMEGA, value, errors))
-        if element and element.element and not model.changes:
+        if element and element.element and not model.no_loop:
             excited = fitted.loops[place].excited
             loops = open_loops(model, e.values, element.element, OMEGA)
             errors_of = loop_errors(e, element.element, OMEGA)

@@ -36,10 +36,6 @@ NAMES = ("target", "disturbance")
 COARSE = GRID[:: len(GRID) // 1000]  # for many sets of parameters
 COUNT = 1000  # draws of a posterior
 NEAR = 2.0  # times the estimate's crossover; other crossings lie further off
-CHANGES = (
-    "the pilot changes during the recording, and the controlled element, by which pilots change, "
-    "most likely too: it has no one loop"
-)
 
 
 class Fit(Protocol):
@@ -77,9 +73,7 @@ def loops_of(estimate: Fit, element: ControlledElement) -> Loops:
     """
     model, values = estimate.model, estimate.values
     is_known = bool(np.isfinite(values).all())
-    if not is_known or model.changes or model.extra:
-        seen = f"it acts on {', '.join(model.extra)}, and how the loop moves that is not known"
-        why = "the fit failed" if not is_known else CHANGES if model.changes else seen
+    if why := model.no_loop if is_known else "the fit failed":
         return Loops(element, no_loop("target", why), no_loop("disturbance", why))
     remarks = []
     if unstable_poles(model, values, element):

@@ -259,6 +259,17 @@ class PilotModel:
         """
         return any(c.changing is not None for c in self.channels)
 
+    @cached_property
+    def no_loop(self) -> str:
+        """Why the loop that it closes has no known responses; empty where these are known."""
+        if self.changes:
+            return (
+                "the pilot changes during the recording, and the controlled element, by which "
+                "pilots change, most likely too: it has no one loop"
+            )
+        seen = ", ".join(self.extra)
+        return f"it acts on {seen}, and how the loop moves that is not known" if seen else ""
+
     def require_constant(self) -> None:
         """Refuse a model that varies in time.
 

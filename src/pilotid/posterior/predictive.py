@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pilotid.estimates.draws import SHARE, Draws, Spread, spread_of
-from pilotid.estimates.loops import CHANGES, COUNT, SampledLoop, sampled_loops
+from pilotid.estimates.loops import COUNT, SampledLoop, sampled_loops
 from pilotid.estimates.quantities import product_spreads
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
@@ -122,7 +122,7 @@ def derived_spreads(
     result = product_spreads(draws)
     some = draws.equally_weighted(COUNT)[:, : len(model.parameters)]
     result.append(spread_of("VAF", "%", vafs(recording, model, some)))
-    if element is not None and not model.changes:
+    if element is not None and not model.no_loop:
         result += _margin_spreads(draws, model, element)
     return result
 
@@ -157,8 +157,8 @@ def _margin_spreads(
 
 def loop_notes(draws: Draws, model: PilotModel, element: ControlledElement) -> list[str]:
     """What should be known of the loops' margins over draws, a sentence each."""
-    if model.changes:
-        return [CHANGES]
+    if model.no_loop:
+        return [model.no_loop]
     return [note for loop in _sampled(draws, model, element) for note in loop.loop.notes]
 
 

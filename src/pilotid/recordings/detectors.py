@@ -485,10 +485,10 @@ def _grid(signal: FloatArray, largest: int = 25) -> tuple[float, int, int]:
     found = []
     for order in (1, 2, 4):
         size = np.abs(np.diff(signal, order, axis=1))
-        size = np.minimum(size, np.quantile(size, 0.99)).mean(axis=0)
-        for step in range(2, min(largest, size.size // 40) + 1):
-            whole = size.size // step * step
-            phases = size[:whole].reshape(-1, step).mean(axis=0)
+        size = np.minimum(size, np.quantile(size, 0.99))
+        for step in range(2, min(largest, size.shape[1] // 40) + 1):
+            whole = size.shape[1] // step * step
+            phases = size[:, :whole].reshape(len(size), -1, step).mean(axis=(0, 1))
             mean = float(phases.mean())
             score = mean / (float(phases.min()) + 1e-12 * float(phases.max()) + 1e-300)
             found.append((float(np.mean(phases < mean / 3.0)), -order, -step, score))
@@ -584,10 +584,10 @@ def _remnant_spectra(
     hertz = np.fft.rfftfreq(samples, step)
     size = np.abs(spectra)
     around = np.pad(size, ((0, 0), (MEDIAN_BINS // 2, MEDIAN_BINS // 2)), "reflect")
-    near = np.lib.stride_tricks.sliding_window_view(around, MEDIAN_BINS, axis=1)
+    usual = np.median(np.lib.stride_tricks.sliding_window_view(around, MEDIAN_BINS, axis=1), axis=2)
     # Lines stand out of their neighbours: of a disturbance that was not recorded, they come again
     # in every run.
-    size = np.maximum(np.median(near, axis=2), size / MOST_OF_A_LINE)
+    size = np.maximum(usual, size / MOST_OF_A_LINE)
     inside = (hertz > 0.15) & (hertz < min(highest, 0.45 / step))
     return spectra / (size + 1e-300) * inside, samples, step
 

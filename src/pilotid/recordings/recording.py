@@ -94,12 +94,12 @@ class Recording:
         that was not recorded.
     treatment
         What was done to the signals since, a sentence each.
-    extra
-        Other signals that a pilot may act on, by their names.
     lead_in
         Time before the first scored sample that methods in the time domain need [s]: they
         predict from it and do not score it.  A run-in counts towards it, so that all of the window
         is scored after a run-in as long as this.
+    extra
+        Other signals that a pilot may act on, by their names.
     """
 
     dt: float

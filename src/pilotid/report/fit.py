@@ -247,7 +247,7 @@ def figures_of(
     drawn = fit.loop_element
     plant = drawn.element if drawn is not None else parsed_element(recording.controlled_element)
     plant = element or plant
-    if plant is not None and not chosen.model.changes:
+    if plant is not None and not chosen.model.no_loop:
         caption = (
             f"Open loops of the pilot ({chosen.method}) with the controlled element "
             f"{plant.name or 'given'}, with 95 % bands: that which the target sees and that which "

@@ -148,10 +148,10 @@ def open_loop(
     Raises
     ------
     InputError
-        If the estimate has no values, or its pilot changes in time.
+        If the estimate has no values, or its loop is not known.
     """
-    if estimate.model.changes:
-        raise InputError(f"model {estimate.model.name} varies in time: it has no one loop to draw")
+    if estimate.model.no_loop:
+        raise InputError(f"no loop of model {estimate.model.name}: {estimate.model.no_loop}")
     if not np.isfinite(estimate.values).all():
         raise InputError(f"{estimate.method} has no values, so that there is no loop to draw")
     element = as_element(element)

@@ -381,7 +381,7 @@ def weighting_of(
         frequency response.
     """
     element, unknown = closing_element(recording)
-    if model.changes or model.extra or element is None:
+    if model.no_loop or element is None:
         return None
     floors, nyquist = floors_of(recording), math.pi / dt
     inside = floors.omega <= nyquist
