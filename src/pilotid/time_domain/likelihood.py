@@ -52,10 +52,6 @@ class BinnedPrediction(Prediction):
         weighted = np.ascontiguousarray(spectrum * self.weights)
         return weighted.view(float)
 
-    def delayed_samples(self, spectrum: ComplexArray, most: int) -> FloatArray:
-        delays = self._far_shifts[1 : most + 1]
-        return self.samples_of(spectrum[:, None] * delays[:, None])
-
     def weighed(self, rows: FloatArray) -> FloatArray:
         """The rows: `weights` are those of the band already."""
         return rows
@@ -181,16 +177,12 @@ class PredictionErrors(Problem):
         -------
         Array of shape (sets, parameters + 1, runs, scored).
         """
-        if self.block > 1:
-            return self.prediction.without_nuisance(self._samples(values))
         return self.prediction.errors_of(self._spectra(values))
 
     def products(self, values: FloatArray) -> FloatArray:
         """Inner products of `rows`, see `Problem.products`; in a band those of its likelihood."""
         if self.prediction.band_terms is not None:
             return self.closed(self.in_band(values), values)
-        if self.block > 1:
-            return self.prediction.products_of(self._samples(values))
         return super().products(values)
 
     def in_band(self, values: FloatArray) -> FloatArray:
@@ -296,24 +288,6 @@ class PredictionErrors(Problem):
         spectra[:, : self.pilot] *= filters[:, -1:, None]
         residual *= filters[:, -1:, None]
         return spectra
-
-    def _samples(self, values: FloatArray) -> FloatArray:
-        """`rows` before nuisance terms are projected out."""
-        prediction = self.prediction
-        if not self.noise.regressive:
-            return prediction.samples_of(self._spectra(values))
-        # The prediction error's derivatives by coefficients are the residual's own past, which
-        # takes one transform for all of them.
-        pilot, remnant = values[:, : self.pilot], values[:, self.pilot :]
-        spectra = prediction.row_spectra(pilot)
-        past = prediction.delayed_samples(spectra[:, -1], remnant.shape[1])
-        taps = self.noise.filters(remnant, self.band)
-        spectra *= prediction.filter_response(taps)[:, None, None]
-        own = prediction.samples_of(spectra)
-        rows = np.empty((len(own), values.shape[1] + 1, *own.shape[2:]))
-        rows[:, : self.pilot], rows[:, -1] = own[:, :-1], own[:, -1]
-        np.negative(past, out=rows[:, self.pilot : -1])
-        return np.asarray(rows)
 
 
 def is_large(prediction: Prediction) -> bool:

@@ -71,15 +71,6 @@ class OutputErrors(Problem):
         """
         return self.prediction.errors_of(self.prediction.row_spectra(values, self.taps))
 
-    def products(self, values: FloatArray) -> FloatArray:
-        """Inner products of `rows`, see `Problem.products`."""
-        if self.block == 1:
-            return super().products(values)
-        prediction = self.prediction
-        return prediction.products_of(
-            prediction.samples_of(prediction.row_spectra(values, self.taps))
-        )
-
     def residual(self, values: FloatArray) -> FloatArray:
         """Residual of one parameter set before whitening, shape (runs, scored).
 

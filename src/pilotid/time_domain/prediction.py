@@ -160,9 +160,6 @@ def fine_enough(step: int, dt: float) -> bool:
 
 
 LONG_BINS = 1 << 16  # bins of all runs from which one parameter set is evaluated after the other
-#: Share of a row's sum of squares that the nuisance terms must leave of it, so that products may
-#: be projected in its place.
-LEAST_LEFT_SHARE = 1e-6
 #: What a unit of the element's output is in each input of a channel.
 CLOSED = {"e": -1.0, "x": 1.0, "ft": 0.0}
 EXTENSION = 4.0  # seconds over which signals fade out beyond both ends of the recording
@@ -497,56 +494,6 @@ class Prediction:
             block = slice(i, i + step)
             place[block] = self.without_nuisance(self.samples_of(rows[block]))
         return place.reshape(*spectra.shape[:-1], self.scored)
-
-    def products_of(self, rows: FloatArray) -> FloatArray:
-        """Inner products of rows of samples, less their projection on the nuisance terms.
-
-        Parameters
-        ----------
-        rows
-            Jacobian, and below it the residual, as `samples_of` gives them, shape (sets,
-            parameters + 1, runs, scored); what is there afterwards means nothing.
-
-        Returns
-        -------
-        FloatArray
-            Shape (sets, parameters + 1, parameters + 1).
-        """
-        rows = np.ascontiguousarray(rows)
-        flat = rows.reshape(*rows.shape[:2], -1)
-        if not self.terms:
-            return np.asarray(flat @ flat.transpose(0, 2, 1))
-        # Products are projected, not rows, which are a hundred times as many numbers; but for the
-        # residual, of which a good fit leaves little beside what is projected out.
-        rows[:, -1] = self.without_nuisance(rows[:, -1])
-        along = (rows.reshape(-1, self.scored) @ self.nuisance_basis).reshape(*rows.shape[:2], -1)
-        along[:, -1] = 0.0
-        products = flat @ flat.transpose(0, 2, 1)
-        whole = np.diagonal(products, axis1=1, axis2=2).copy()
-        products -= along @ along.transpose(0, 2, 1)
-        if (np.diagonal(products, axis1=1, axis2=2) < LEAST_LEFT_SHARE * whole).any():
-            flat = self.without_nuisance(rows).reshape(flat.shape)
-            products = flat @ flat.transpose(0, 2, 1)
-        return np.asarray(products)
-
-    def delayed_samples(self, spectrum: ComplexArray, most: int) -> FloatArray:
-        """The scored samples of transforms delayed by 1, 2, ..., `most` samples.
-
-        Parameters
-        ----------
-        spectrum
-            Shape (sets, runs, bins).
-        most
-            The longest delay.
-
-        Returns
-        -------
-        FloatArray
-            Shape (sets, most, runs, scored).
-        """
-        reached = self.samples_before(spectrum, most)[..., :-1]
-        windows = np.lib.stride_tricks.sliding_window_view(reached, self.scored, axis=-1)
-        return np.moveaxis(windows[..., ::-1, :], -2, 1)
 
     def samples_before(self, spectrum: ComplexArray, most: int) -> FloatArray:
         """The scored samples of transforms and `most` samples before, (..., most + scored)."""
