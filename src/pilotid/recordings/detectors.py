@@ -485,10 +485,10 @@ def _grid(signal: FloatArray, largest: int = 25) -> tuple[float, int, int]:
     found = []
     for order in (1, 2, 4):
         size = np.abs(np.diff(signal, order, axis=1))
-        size = np.minimum(size, np.quantile(size, 0.99))
-        for step in range(2, min(largest, size.shape[1] // 40) + 1):
-            whole = size.shape[1] // step * step
-            phases = size[:, :whole].reshape(len(size), -1, step).mean(axis=(0, 1))
+        size = np.minimum(size, np.quantile(size, 0.99)).mean(axis=0)
+        for step in range(2, min(largest, size.size // 40) + 1):
+            whole = size.size // step * step
+            phases = size[:whole].reshape(-1, step).mean(axis=0)
             mean = float(phases.mean())
             score = mean / (float(phases.min()) + 1e-12 * float(phases.max()) + 1e-300)
             found.append((float(np.mean(phases < mean / 3.0)), -order, -step, score))
