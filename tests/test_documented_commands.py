@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ ROOT = Path(__file__).parent.parent
 #: What makes a command quick: fewer simulations by one method, where the command has the option.
 FEW = ("--replications", "2")
 #: What other tests run: a cluster, and published recordings that are not in the project.
-ELSEWHERE = ("--scheduler", "::", "--from lab")
+ELSEWHERE = ("--scheduler", "::", "--from lab", "--people")
 MINE = '''
 from pilotid import SCENARIOS as KNOWN
 from pilotid.methods import MLEWhite
@@ -49,6 +50,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for number, name in enumerate(("subj1_A", "subj1_B", "subj2_A", "subj2_B")):
         recording = pilotid.simulate(pilot, np.random.default_rng(number))
         pilotid.save_recording(recording, place / "data" / f"{name}.mat")
+    for number, name in enumerate(product("pq", (1, 2), (1, 2))):
+        recording = pilotid.simulate(replace(pilot, runs=1), np.random.default_rng(number))
+        pilotid.save_recording(recording, place / "data" / "{}_s{}_A_{}.csv".format(*name))
     for number, name in enumerate("abc"):
         pilotid.save_recording(pilotid.simulate("nominal", number), place / f"{name}.csv")
     run(place, ["simulate", "nominal", "--out", "run.csv"])
