@@ -18,7 +18,7 @@ from pilotid.show.style import journal_style, log_ticks
 
 OMEGA = np.geomspace(0.1, 30.0, 300)
 DASHES = ("-", "--", ":")
-COLOURS = {"error": "#0072B2", "output": "#D55E00", "target": "#009E73"}
+COLOURS = {"e": "#0072B2", "x": "#D55E00", "ft": "#009E73"}
 
 
 def picture(model, sets):
@@ -30,7 +30,7 @@ def picture(model, sets):
                 model.channels, model.response(OMEGA, values), DASHES, strict=False
             ):
                 style = {"color": COLOURS[channel.on], "linestyle": dash, "lw": width}
-                label = f"{channel.name} (on the {channel.on}){note}"
+                label = f"{channel.name} (on {channel.on}){note}"
                 axes[0].loglog(OMEGA, np.abs(response), label=label, **style)
                 phase = np.unwrap(np.angle(channel.sign * response), period=2.0 * np.pi)
                 axes[1].semilogx(OMEGA, np.degrees(phase), **style)

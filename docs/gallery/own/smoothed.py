@@ -44,14 +44,13 @@ class Smoothed:
         taper = np.hanning(recording.samples)
 
         def spectra(name: str) -> np.ndarray:
-            own = recording.window(getattr(recording, name))
+            own = recording.window(recording.input(name))
             return np.fft.rfft(taper * (own - own.mean(axis=1, keepdims=True)), axis=1)
 
         omega = 2.0 * np.pi * np.fft.rfftfreq(recording.samples, recording.dt)
         used = (omega > 0.0) & (omega <= self.highest)
-        inputs = {"error": spectra("e"), "output": spectra("x")}
         control = spectra("u")[:, used]
-        signals = np.array([c.sign * inputs[c.on][:, used] for c in model.channels])
+        signals = np.array([c.sign * spectra(c.on)[:, used] for c in model.channels])
 
         def residual(scaled: FloatArray) -> FloatArray:
             response = model.response(omega[used], scaled * start)
