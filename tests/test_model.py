@@ -566,3 +566,14 @@ def test_how_far_a_model_looks_ahead_follows_bounds_and_held_values() -> None:
     assert model.with_bounds(tlookf=(0.0, 1.2)).ahead == 1.2
     assert model.with_fixed(tlookf=0.7).ahead == 0.7
     assert MODELS["single"].ahead == 0.0
+
+
+@pytest.mark.parametrize(
+    "omega",
+    [np.arange(811) * 0.0767, np.geomspace(0.1, 60.0, 500), np.arange(12.0)],
+    ids=["even", "logarithmic", "few"],
+)
+def test_delays_on_any_grid_are_exponentials(omega: FloatArray) -> None:
+    delays, s = np.array([[0.0], [0.2371], [1.0]]), 1j * omega
+    assert Delay().response(s, [delays]) == pytest.approx(np.exp(-delays * s), rel=0.0, abs=1e-13)
+    assert Delay().response(s, [delays[1, :1]]).shape == omega.shape

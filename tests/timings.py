@@ -14,6 +14,7 @@ SLOWER = 1.25
 #: What one time is as a multiple of another, by the benchmarks' names.
 RATIOS = {
     "a user's own script / mle-white": ("what_a_user_would_write", "fit[mle-white-multi-1]"),
+    "a grey box simulated by scipy / mle-white": ("grey_box", "fit[mle-white-multi-1]"),
     "a user's own script / mle": ("what_a_user_would_write", "fit[mle-multi-1]"),
     "scipy's least_squares on our residuals / ours": ("scipy_least_squares", "our_least_squares"),
     "a loop over lstsq / ARX search": ("arx_by_a_loop", "arx_search"),

@@ -98,7 +98,9 @@ def grey_box(data: Recording, start: FloatArray) -> FloatArray:
         told = answer(visual, data.e[0]) - answer(motion, data.x[0])
         return (data.u[0] - told)[scored]
 
-    return np.asarray(least_squares(residual, start, x_scale=np.abs(start)).x)
+    scale = np.abs(start)
+    found = least_squares(residual, start, x_scale=scale, bounds=(1e-3 * scale, 10.0 * scale))
+    return np.asarray(found.x)
 
 
 @pytest.mark.benchmark(group=SCRIPT)

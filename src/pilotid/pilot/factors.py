@@ -392,6 +392,23 @@ class SlowLag(Lag):
         return (-0.5 / self.start, -1.0 / self.start, -2.0 / self.start)
 
 
+STRIDE = 32  # of the coarse grid of `exponential`
+
+
+def exponential(seconds: FloatArray, s: ComplexArray) -> ComplexArray:
+    """exp(seconds s), of the shapes (..., 1) and (n,).
+
+    On an even grid, as that of a transform, a coarse and a fine grid are multiplied, for a product
+    takes a tenth of the time of an exponential.
+    """
+    steps = np.diff(s)
+    if s.size < 8 * STRIDE or np.abs(steps - steps[0]).max() > 1e-9 * abs(steps[0]):
+        return np.exp(seconds * s)
+    coarse, fine = np.exp(seconds * s[::STRIDE]), np.exp(seconds * (steps[0] * np.arange(STRIDE)))
+    products = coarse[..., :, None] * fine[..., None, :]
+    return products.reshape(*coarse.shape[:-1], -1)[..., : s.size]
+
+
 @dataclass(frozen=True)
 class Delay(Factor):
     """Pure time delay e^{-T s}, exact in frequency responses.
@@ -423,7 +440,7 @@ class Delay(Factor):
         return values[0]
 
     def response(self, s: ComplexArray, values: Values) -> ComplexArray:
-        return np.exp(-values[0] * s)
+        return exponential(-values[0], s)
 
     def log_derivative(self, s: ComplexArray, values: Values) -> tuple[ComplexArray]:
         return (-s,)
@@ -464,7 +481,7 @@ class LookAhead(Factor):
         return -values[0]
 
     def response(self, s: ComplexArray, values: Values) -> ComplexArray:
-        return np.exp(values[0] * s)
+        return exponential(values[0], s)
 
     def log_derivative(self, s: ComplexArray, values: Values) -> tuple[ComplexArray]:
         return (s,)

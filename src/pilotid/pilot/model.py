@@ -345,7 +345,7 @@ class PilotModel:
         """
         one = np.ones((1, 1))
         return [
-            reduce(np.multiply, [found[place][0] for place in places], one)
+            reduce(np.multiply, [found[place][0] for place in places] or [one])
             for places in self.places
         ]
 
