@@ -406,7 +406,7 @@ def exponential(seconds: FloatArray, s: ComplexArray) -> ComplexArray:
         return np.exp(seconds * s)
     coarse, fine = np.exp(seconds * s[::STRIDE]), np.exp(seconds * (steps[0] * np.arange(STRIDE)))
     products = coarse[..., :, None] * fine[..., None, :]
-    return products.reshape(*coarse.shape[:-1], -1)[..., : s.size]
+    return np.asarray(products.reshape(*coarse.shape[:-1], -1)[..., : s.size])
 
 
 @dataclass(frozen=True)
