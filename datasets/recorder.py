@@ -19,7 +19,7 @@ from pilotid.datasets.forcing import Multisine
 from pilotid.datasets.remnant import TabulatedRemnant
 from pilotid.estimates.parts import RemnantEstimate
 from pilotid.recordings.recording import Recording
-from pilotid.recordings.spectra import NotMultisineError, floors_of, forcing_lines
+from pilotid.recordings.spectra import floors_of, known_lines
 from pilotid.types import FloatArray, InputError, IntArray
 
 #: A loop is simulated so many times as fast as it is recorded, so that the filter is that of
@@ -206,11 +206,7 @@ def recorded_forcing(recording: Recording, name: str) -> tuple[Multisine | None,
             f"{recording.source}: {name} differs from run to run, so that its runs have no common "
             "scenario; give one run, or runs with the same forcing functions"
         )
-    try:
-        lines = forcing_lines(recording).get(name)
-    except NotMultisineError:
-        lines = None
-    if lines is not None:
+    if (lines := known_lines(recording).get(name)) is not None:
         window = mean[recording.run_in :]
         sines = _sines(window, recording.dt, 0.0, lines)
         if _rms(sines.at(recording.time) + window.mean() - mean) <= SAME * _rms(mean):

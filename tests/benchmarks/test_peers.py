@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import warnings
+from collections.abc import Callable
 from functools import cache
 
 import control
@@ -37,6 +38,13 @@ WALKERS, STEPS = 32, 25
 SAMPLED = f"emcee: {WALKERS} walkers, {STEPS} steps of the likelihood of bayes"
 
 
+def searched(residual: Callable[[FloatArray], FloatArray], start: FloatArray) -> FloatArray:
+    """The least squares of a user: a trust region, finite differences, and wide bounds."""
+    scale = np.abs(start)
+    found = least_squares(residual, start, x_scale=scale, bounds=(1e-3 * scale, 10.0 * scale))
+    return np.asarray(found.x)
+
+
 def by_hand(data: Recording, start: FloatArray) -> FloatArray:
     """Output error as one would write it: state space, Pade delays, finite differences."""
     time = data.time - data.time[0]
@@ -61,9 +69,7 @@ def by_hand(data: Recording, start: FloatArray) -> FloatArray:
     def residual(values: FloatArray) -> FloatArray:
         return (data.u[0] - predicted(values))[scored]
 
-    scale = np.abs(start)
-    found = least_squares(residual, start, x_scale=scale, bounds=(1e-3 * scale, 10.0 * scale))
-    return np.asarray(found.x)
+    return searched(residual, start)
 
 
 @pytest.mark.benchmark(group=SCRIPT)
@@ -98,9 +104,7 @@ def grey_box(data: Recording, start: FloatArray) -> FloatArray:
         told = answer(visual, data.e[0]) - answer(motion, data.x[0])
         return (data.u[0] - told)[scored]
 
-    scale = np.abs(start)
-    found = least_squares(residual, start, x_scale=scale, bounds=(1e-3 * scale, 10.0 * scale))
-    return np.asarray(found.x)
+    return searched(residual, start)
 
 
 @pytest.mark.benchmark(group=SCRIPT)

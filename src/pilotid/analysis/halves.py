@@ -100,9 +100,10 @@ def fit_halves(
         What is fitted, methods by their labels.
     """
     found: list[list[object]] = []
-    for label, method in methods.items():
-        both = [identify(method, h, model, fit_rng(seed, label)) for h in halves_of(recording)]
-        if not both or not all(estimate.outcome.usable for estimate in both):
+    halves = halves_of(recording)
+    for label, method in methods.items() if halves else ():
+        both = [identify(method, half, model, fit_rng(seed, label)) for half in halves]
+        if not all(estimate.outcome.usable for estimate in both):
             continue
         for key in model.keys:
             held = [x for e in both for x in (e[key].value, e[key].std_error)]

@@ -16,7 +16,7 @@ from pilotid.analysis.combine import plain_mean
 from pilotid.analysis.recordings import Part
 from pilotid.analysis.rows import MEASURED, Row
 from pilotid.recordings.recording import Recording
-from pilotid.recordings.spectra import NotMultisineError, forcing_lines
+from pilotid.recordings.spectra import known_lines
 from pilotid.remarks import Remark
 from pilotid.types import FloatArray, IntArray
 
@@ -35,7 +35,7 @@ def performance(recording: Recording) -> dict[str, tuple[str, FloatArray]]:
     ``var_e`` and ``rms_e``, and where forcing functions are multisines ``var_e_target``,
     ``var_e_disturbance`` (of those that there are) and ``var_e_remnant``, and `SHARE`.
     """
-    lines = {} if lines_shared(recording) else _lines(recording)
+    lines = {} if lines_shared(recording) else known_lines(recording)
     every = np.concatenate([*lines.values()]) if lines else np.zeros(0, dtype=int)
     found: dict[str, tuple[str, FloatArray]] = {}
     for name in (name for name in ("e", "u", "x") if name in recording.signals):
@@ -60,7 +60,7 @@ def performance(recording: Recording) -> dict[str, tuple[str, FloatArray]]:
 
 def lines_shared(recording: Recording) -> Remark | None:
     """What to say where nothing tells the answers to target and disturbance apart."""
-    lines = _lines(recording)
+    lines = known_lines(recording)
     if len(lines) < 2 or not np.intersect1d(lines["ft"], lines["fd"]).size:
         return None
     return Remark(
@@ -68,13 +68,6 @@ def lines_shared(recording: Recording) -> Remark | None:
         "ft and fd have lines in common, so that variances of e, u and x are not split into the "
         "answers to each and remnant",
     )
-
-
-def _lines(recording: Recording) -> dict[str, IntArray]:
-    try:
-        return forcing_lines(recording)
-    except NotMultisineError:
-        return {}
 
 
 def _answer(

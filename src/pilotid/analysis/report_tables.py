@@ -206,8 +206,7 @@ def alarms(analysis: Analysis, worst: int = 3) -> list[str]:
     )
     for code in order[:worst]:
         (place, first), *others = codes[code]
-        more = f", and {len(others)} more fits" if others[1:] else ", and 1 more fit"
-        more = more if others else ""
+        more = f", and {len(others)} more fit{'s' * (len(others) > 1)}" if others else ""
         found.append(f"{first.line(place + more)}.")
     for code, own in grouped(stick, lambda pair: pair[1].code).items():
         found.append(f"{code}, of the stick: {own[0][1]} ({len(own)} fits).")

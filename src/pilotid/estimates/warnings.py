@@ -14,7 +14,7 @@ from pilotid.limits import ESTIMATE
 from pilotid.pilot.factors import Factor, Lag, Lead, Neuromuscular, Parameter
 from pilotid.pilot.timevarying import STEEP
 from pilotid.recordings.recording import Recording
-from pilotid.recordings.spectra import NotMultisineError, forcing_lines
+from pilotid.recordings.spectra import known_lines
 from pilotid.remarks import Remark, remark_of
 from pilotid.types import ComplexArray, FloatArray
 
@@ -71,10 +71,7 @@ def explained_at_lines(recording: Recording, estimate: Estimate) -> float | None
 
     None without lines, and for time-varying pilots.
     """
-    try:
-        every = forcing_lines(recording)
-    except NotMultisineError:
-        return None
+    every = known_lines(recording)
     if not every or estimate.model.changes:
         return None
     lines = np.unique(np.concatenate(list(every.values())))

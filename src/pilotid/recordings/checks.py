@@ -25,10 +25,9 @@ from pilotid.recordings.plant import (
 from pilotid.recordings.recording import ABSENT, Recording, remembered, unit_sized
 from pilotid.recordings.selection import of_runs
 from pilotid.recordings.spectra import (
-    NotMultisineError,
     answers,
     at_lines,
-    forcing_lines,
+    known_lines,
     same_lines,
     target_lines,
 )
@@ -284,10 +283,7 @@ def _without_target(recording: Recording) -> Remark | None:
 
 def _at_disturbance(recording: Recording) -> float | None:
     """What x must be multiplied with to be -e at the lines of fd; None if they do not tell."""
-    try:
-        every = forcing_lines(recording)
-    except NotMultisineError:
-        return None
+    every = known_lines(recording)
     if "fd" not in every:
         return None
     error, output = (

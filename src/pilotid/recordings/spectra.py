@@ -61,6 +61,15 @@ def forcing_lines(recording: Recording) -> dict[str, IntArray]:
     return {name: lines for name, lines in each.items() if lines.size}
 
 
+@remembered
+def known_lines(recording: Recording) -> dict[str, IntArray]:
+    """`forcing_lines`, none where a forcing function is no multisine."""
+    try:
+        return forcing_lines(recording)
+    except NotMultisineError:
+        return {}
+
+
 def _has_lines(recording: Recording, name: str) -> bool:
     """Whether a forcing function is a sum of a few sines."""
     try:
@@ -115,10 +124,7 @@ def same_lines(recording: Recording) -> tuple[tuple[int, ...], ...]:
 
     All runs are together where forcing functions are no multisines.
     """
-    try:
-        every = forcing_lines(recording)
-    except NotMultisineError:
-        every = {}
+    every = known_lines(recording)
     groups: dict[bytes, list[int]] = {}
     each = [coefficients_at(recording, name, lines) for name, lines in every.items()]
     having = [own != 0.0 for own in each if own is not None]
@@ -212,11 +218,7 @@ class Answer:
 
 def answers(recording: Recording) -> dict[str, Answer]:
     """How the control answers to each forcing function that is a multisine, by its name."""
-    try:
-        every = forcing_lines(recording)
-    except NotMultisineError:
-        return {}
-    found = {}
+    every, found = known_lines(recording), {}
     for name, lines in every.items():
         control, beside = _beside(recording, recording.u, lines, every)
         # Medians: lines of a forcing function that was not recorded may lie among them.
@@ -230,10 +232,7 @@ def answers(recording: Recording) -> dict[str, Answer]:
 
 def target_lines(recording: Recording) -> dict[str, IntArray] | None:
     """Lines of the forcing functions, None where the target's are too few to tell anything."""
-    try:
-        lines = forcing_lines(recording)
-    except NotMultisineError:
-        return None
+    lines = known_lines(recording)
     return lines if "ft" in lines and lines["ft"].size >= FEWEST else None
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from pilotid.estimates.estimate import Estimate
 from pilotid.recordings.recording import Recording
-from pilotid.recordings.spectra import NotMultisineError, floors_of, forcing_lines
+from pilotid.recordings.spectra import floors_of, known_lines
 from pilotid.show.signals import simulated
 from pilotid.show.style import (
     INK,
@@ -144,10 +144,7 @@ def band(
         )
         if floors.floor[name] > 0.0:
             above.axhline(floors.floor[name] / variance, color=colour, linewidth=0.6, alpha=0.6)
-    try:
-        lines = forcing_lines(recording)
-    except NotMultisineError:
-        lines = {}
+    lines = known_lines(recording)
     for name, mark in (("ft", "v"), ("fd", "^")):
         if name in lines:
             omega = 2.0 * math.pi / recording.duration * lines[name]

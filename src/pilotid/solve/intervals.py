@@ -233,8 +233,8 @@ def profile_intervals(
         values = scale.leave(points)
         return scale.inner(gram(values), values)
 
-    best, optimum_gram = minimum.values[:1], minimum.gram[:1]
-    best, optimum_gram = scale.enter(best), scale.inner(optimum_gram, best)
+    best = scale.enter(minimum.values[:1])
+    optimum_gram = scale.inner(minimum.gram[:1], minimum.values[:1])
     lowest = float(minimum.cost[0])
     which = np.tile(np.arange(count), 2)
     side = np.repeat([-1.0, 1.0], count)
