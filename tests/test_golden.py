@@ -1,0 +1,77 @@
+"""No number moves: what the files in `golden` hold is computed again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from golden.golden import (
+    FOLDER,
+    KINDS,
+    MEASURED,
+    RECORDINGS,
+    analysis,
+    fits,
+    machine,
+    rows_of,
+    summary,
+    written_on,
+)
+
+HERE = machine() == written_on()
+#: In claimed errors: elsewhere, sums are rounded in another order.
+LARGEST_SHIFT = 1e-6 if HERE else 1e-3
+#: The same where parameters are not told apart, so that the optimum is flat.
+LARGEST_IF_FLAT = 1e-6 if HERE else 2e-2
+#: Where a table has no errors to measure by: relative.
+RELATIVE = 1e-9 if HERE else 1e-3
+
+
+def table(numbers: str) -> np.ndarray:
+    """Values, standard errors and interval ends, shape (parameters, 4)."""
+    return np.array(numbers.split(), dtype=float).reshape(-1, 4)
+
+
+@pytest.mark.numerical
+@pytest.mark.parametrize(
+    "number", [0, *(pytest.param(n, marks=pytest.mark.long) for n in range(1, RECORDINGS))]
+)
+@pytest.mark.parametrize("kind", KINDS)
+def test_estimates_stay_where_they_were(kind: str, number: int) -> None:
+    rows = rows_of(FOLDER / "estimates.csv")
+    before = [r for r in rows if r["scenario"] == kind and r["recording"] == str(number)]
+    moved = []
+    for old, new in zip(before, fits(kind, [number]), strict=True):
+        words = ("method", "outcome", "codes")
+        shift = np.inf
+        if len(old["numbers"].split()) == len(new["numbers"].split()):
+            was = table(old["numbers"])
+            shift = np.max(np.abs(table(new["numbers"]) - was) / was[:, 1:2], initial=0.0)
+        largest = LARGEST_IF_FLAT if "shared-signals" in old["codes"] else LARGEST_SHIFT
+        if shift > largest or any(old[w] != new[w] for w in words):
+            moved.append(f"{[old[w] for w in words]} {[new[w] for w in words]} {shift:.3g}")
+    assert not moved, "\n".join(moved)
+
+
+def require_equal(before: list[dict[str, str]], after: list[dict[str, str]]) -> None:
+    """Refuse tables that differ in words, or in numbers by more than rounding."""
+    for old, new in zip(before, after, strict=True):
+        assert old.keys() <= new.keys()
+        for key, was in old.items():
+            try:
+                assert float(new[key]) == pytest.approx(float(was), rel=RELATIVE, abs=1e-12), key
+            except ValueError:
+                assert new[key] == was, key
+
+
+@pytest.mark.long
+def test_the_summary_of_a_study_stays(tmp_path: Path) -> None:
+    require_equal(rows_of(FOLDER / "summary.csv"), summary(tmp_path / "study"))
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not MEASURED, reason="PILOTID_MEASURED is not set")
+def test_the_analysis_of_people_stays(tmp_path: Path) -> None:
+    assert MEASURED is not None
+    require_equal(rows_of(FOLDER / "analysis.csv"), analysis(MEASURED, tmp_path / "analysis"))
