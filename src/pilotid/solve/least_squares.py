@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol, Self
+from typing import Protocol
 
 import numpy as np
 
@@ -100,67 +100,6 @@ Gram = Callable[[FloatArray], FloatArray]
 GramOf = Callable[[FloatArray, IntArray], FloatArray]
 
 
-class Curve(Protocol):
-    """A function known at many knots, whose roughness is penalised."""
-
-    @property
-    def indices(self) -> tuple[int, ...]:
-        """Indices of the parameters that describe it; their logarithms f count."""
-        ...
-
-    @property
-    def matrix(self) -> FloatArray:
-        """Its roughness is f' matrix f."""
-        ...
-
-
-@dataclass(frozen=True, eq=False)
-class Penalty:
-    """Roughness that counts as a sum of squares.
-
-    Attributes
-    ----------
-    curves
-        What is penalised.
-    weights
-        One for each, shape (curves,).
-    """
-
-    curves: tuple[Curve, ...]
-    weights: FloatArray
-
-    @property
-    def rank(self) -> int:
-        """How many residuals it is: straight lines are not penalised."""
-        return sum(len(curve.indices) - 2 for curve in self.curves)
-
-    def of(self, values: FloatArray) -> FloatArray:
-        """The penalty of parameter sets, (sets, parameters), shape (sets,)."""
-        return self.gram(values)[:, -1, -1]
-
-    def gram(self, values: FloatArray) -> FloatArray:
-        """What it adds to Gram matrices, see `pilotid.solve.least_squares.Problem.gram`.
-
-        Parameters
-        ----------
-        values
-            Parameter sets, shape (sets, parameters), others behind those of the curves.
-        """
-        sets, count = values.shape
-        total = np.zeros((sets, count + 1, count + 1))
-        for curve, weight in zip(self.curves, self.weights, strict=True):
-            own = list(curve.indices)
-            scale = 1.0 / values[:, own]
-            logs = np.log(values[:, own])
-            weighted = weight * curve.matrix
-            total[np.ix_(range(sets), own, own)] += scale[:, :, None] * weighted * scale[:, None, :]
-            descent = -scale * (logs @ weighted)
-            total[:, own, -1] += descent
-            total[:, -1, own] += descent
-            total[:, -1, -1] += np.einsum("si,ij,sj->s", logs, weighted, logs)
-        return total
-
-
 class Problem(Protocol):
     """A sum of squares, by the rows of its Jacobian and its residual.
 
@@ -170,12 +109,9 @@ class Problem(Protocol):
     ----------
     block
         Parameter sets evaluated at once.
-    penalty
-        What is added to the sum of squares; None for nothing.
     """
 
     block: int = BLOCK
-    penalty: Penalty | None = None
 
     @property
     def residuals(self) -> int:
@@ -212,11 +148,10 @@ class Problem(Protocol):
             self.products(values[begin : begin + self.block])
             for begin in range(0, len(values), self.block)
         ]
-        found = np.concatenate(grams)
-        return found if self.penalty is None else found + self.penalty.gram(values)
+        return np.concatenate(grams)
 
     def products(self, values: FloatArray) -> FloatArray:
-        """Inner products of the rows of no more than `block` sets, without the penalty.
+        """Inner products of the rows of no more than `block` sets.
 
         Parameters
         ----------
@@ -231,12 +166,6 @@ class Problem(Protocol):
         rows = self.rows(values)
         flat = rows.reshape(*rows.shape[:2], -1)
         return np.asarray(flat @ flat.transpose(0, 2, 1))
-
-    def penalised(self, penalty: Penalty | None) -> Self:
-        """The same problem with a penalty, or without; those of curves alone can have one."""
-        if penalty is not None:
-            raise TypeError(f"{type(self).__name__} has no penalty")
-        return self
 
 
 class Bounds(Protocol):
