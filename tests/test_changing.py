@@ -23,6 +23,7 @@ from pilotid.methods import methods
 from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
+from pilotid.model_choice import default_candidates
 from pilotid.pilot.catalogue import ADAPTING, SINGLE, fault_of
 from pilotid.pilot.element import double_integrator
 from pilotid.pilot.factors import Delay, Differentiator, Gain, Lag, Lead, Neuromuscular
@@ -32,6 +33,7 @@ from pilotid.pilot.model import (
 )
 from pilotid.pilot.timevarying import Changing
 from pilotid.report.fit import html_report
+from pilotid.seeds import fit_rng, recording_rng
 from pilotid.solve.least_squares import Box, minimise
 from pilotid.study.fits import truths_of
 from pilotid.time_domain.likelihood import binned
@@ -97,11 +99,14 @@ def test_frozen_it_is_the_constant_pilot_of_each_time() -> None:
     before, after = (SLOW.values[i] for i in ADAPTING.ends)
     np.testing.assert_allclose(before, [0.09, 0.4, 0.28, 11.25, 0.35])
     np.testing.assert_allclose(after, [0.07, 1.2, 0.28, 11.25, 0.35])
+    changing = ADAPTING.channels[0].changing
+    assert changing is not None
     times = np.array([41.92, 41.92 - 4.0, 41.92 + 4.0])
-    halfway, early, late = ADAPTING.over_time(SLOW.values, times).T
-    np.testing.assert_allclose(halfway, 0.5 * (before + after), rtol=1e-12)
-    for values, share in ((early, 1.0 / (1.0 + np.exp(2.0))), (late, 0.880797)):
-        np.testing.assert_allclose(values, before + share * (after - before), rtol=1e-6)
+    gains, products = changing.weights(times, SLOW.values[:6])
+    shares = 1.0 / (1.0 + np.exp(-0.5 * (times - 41.92)))
+    kvis, tlead = (b + shares * (a - b) for b, a in zip(before[:2], after[:2], strict=True))
+    np.testing.assert_allclose(gains, kvis, rtol=1e-12)
+    np.testing.assert_allclose(products, kvis * tlead, rtol=1e-12)
 
 
 @pytest.mark.parametrize("band", [None, 120.0, 50.0])
@@ -311,6 +316,7 @@ def test_methods_that_know_constant_pilots_alone_say_so() -> None:
     assert refusing == {"mmle3", "mle-reference", "fourier", "arx", "sindy"}
     for name in refusing:
         assert "varies in time" not in (methods()[name].objection(recording, SINGLE) or "")
+    assert not any(model.changes for model in default_candidates(recording))
 
 
 def test_a_step_is_called_one(fit: Estimate) -> None:
@@ -359,3 +365,18 @@ def test_intervals_hold_changes_elsewhere_that_suit_as_well() -> None:
     constant = maximise_likelihood(recording, SINGLE, np.random.default_rng(101), MLE())
     own = np.stack([constant.end.values[0, : constant.joint.pilot]] * 2, axis=1)
     np.testing.assert_array_equal(over_changes(constant, own, 3.84), own)
+
+
+@pytest.mark.long
+def test_a_search_that_does_not_look_at_other_times_ends_in_a_worse_optimum(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    recording = simulate(SLOW, recording_rng(1, SLOW.name, 12))
+
+    def criterion() -> float:
+        rng = fit_rng(1, "mle", SLOW.name, 12)
+        return maximise_likelihood(recording, ADAPTING, rng, MLE()).criterion
+
+    found = criterion()
+    monkeypatch.setattr("pilotid.time_domain.search._elsewhere", lambda optimum: optimum)
+    assert criterion() > found + 5.0
