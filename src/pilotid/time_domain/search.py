@@ -160,8 +160,17 @@ class FirstFit:
 
     @property
     def wide_enough(self) -> bool:
-        """Whether the band holds what the recording tells of the pilot."""
-        return is_wide_enough(self.prediction, self.pilot, self.taps)
+        """Whether the band holds what the recording tells of the pilot, see `edge_information`.
+
+        Filter and decimation reach into the future a little; in a loop that answers at once
+        (position control) the remnant there, which the error shows too, would otherwise bias
+        delays and neuromuscular parameters.  In the likelihood of a band whose loop falls off
+        above it nothing is biased, and information is lost.
+        """
+        weighting = self.prediction.weighting
+        biased = weighting is None or weighting.answers_at_once
+        most = SEARCH.max_edge_information if biased else SEARCH.max_lost_information
+        return edge_information(self.prediction, self.pilot, self.taps) <= most
 
     def own_remnants(self, pilots: FloatArray) -> Minima:
         """Each pilot with the remnant that it leaves, both estimated together."""
@@ -267,20 +276,6 @@ def edge_information(prediction: Prediction, pilot: FloatArray, taps: FloatArray
         power = power * prediction.weighting.weights(prediction.s.imag)
     upper = prediction.s.imag > SEARCH.edge_share * np.pi / prediction.dt
     return float(np.max(np.sum(power[:, upper], axis=1) / np.sum(power, axis=1)))
-
-
-def is_wide_enough(prediction: Prediction, pilot: FloatArray, taps: FloatArray) -> bool:
-    """Whether a band holds what the recording tells of a pilot, see `edge_information`.
-
-    Filter and decimation reach into the future a little; in a loop that answers at once (position
-    control) the remnant there, which the error shows too, would otherwise bias delays and
-    neuromuscular parameters.  In the likelihood of a band whose loop falls off above it nothing is
-    biased, and information is lost.
-    """
-    weighting = prediction.weighting
-    biased = weighting is None or weighting.answers_at_once
-    most = SEARCH.max_edge_information if biased else SEARCH.max_lost_information
-    return edge_information(prediction, pilot, taps) <= most
 
 
 # ------------------------------------------------------------------------------ 2. the sweep
