@@ -96,8 +96,6 @@ BLOCK = 4  # parameter sets evaluated at once: more no longer fit the processor'
 
 #: Maps parameter sets (sets, p) to Gram matrices (sets, p + 1, p + 1), see `Problem.gram`.
 Gram = Callable[[FloatArray], FloatArray]
-#: The same, of several problems: also given is which problem each set belongs to, shape (sets,).
-GramOf = Callable[[FloatArray, IntArray], FloatArray]
 
 
 class Problem(Protocol):
@@ -307,9 +305,8 @@ def minimise(
     iterations
         Largest number of evaluations.
     """
-    return minimise_each(
-        lambda values, _: gram(values), starts, space, tolerance=tolerance, iterations=iterations
-    ).best_first()
+    ends = minimise_each(gram, starts, space, tolerance=tolerance, iterations=iterations)
+    return ends.best_first()
 
 
 def resume(
@@ -326,7 +323,7 @@ def resume(
     """
     best = end.only(np.arange(1))
     return minimise_each(
-        lambda values, _: gram(values),
+        gram,
         best.values,
         space,
         tolerance=tolerance,
@@ -336,7 +333,7 @@ def resume(
 
 
 def minimise_each(
-    gram: GramOf,
+    gram: Gram,
     starts: FloatArray,
     space: Bounds,
     *,
@@ -344,15 +341,11 @@ def minimise_each(
     iterations: int = 60,
     known: Minima | None = None,
 ) -> Minima:
-    """Minimise several sums of squares at once, each from its own start; see `minimise`.
+    """Minimise from every start, see `minimise`, with the ends in the order of the starts.
 
     Parameters
     ----------
-    gram
-        Evaluates Gram matrices of parameter sets, given the problem that each belongs to.
-    starts
-        A start of each problem, shape (problems, parameters).
-    space, tolerance, iterations
+    gram, starts, space, tolerance, iterations
         See `minimise`.
     known
         What a search knew that ended at the starts.
@@ -360,18 +353,18 @@ def minimise_each(
     Returns
     -------
     Minima
-        In the order of the problems.
+        In the order of the starts.
     """
     scale = LogTransform(space.positive)
     clipped = np.clip(starts, space.lower, space.upper)
 
-    def inner_gram(points: FloatArray, which: IntArray) -> FloatArray:
+    def inner_gram(points: FloatArray) -> FloatArray:
         values = scale.leave(points)
-        return scale.inner(gram(values, which), values)
+        return scale.inner(gram(values), values)
 
     points = scale.enter(clipped)
     if known is None:
-        grams, curvature = inner_gram(points, np.arange(len(points))), None
+        grams, curvature = inner_gram(points), None
     else:
         grams, curvature = scale.inner(known.gram, clipped), known.curvature
     none = np.zeros(len(points), dtype=bool)
@@ -390,7 +383,7 @@ def minimise_each(
 
 
 def _minimise(
-    gram: GramOf,
+    gram: Gram,
     begin: Minima,
     lower: FloatArray,
     upper: FloatArray,
@@ -430,7 +423,7 @@ def _minimise(
             cost, scaled, own, promised = cost[on], scaled[on], own[on], promised[on]
         step = np.minimum(np.maximum(scaled / scale, -longest), longest)
         trial = np.minimum(np.maximum(values + step, lower), upper)
-        trial_grams = gram(trial, active)
+        trial_grams = gram(trial)
         count += 1
         reached = trial_grams[:, -1, -1]
         trial_scale = _scale(trial_grams)

@@ -340,7 +340,7 @@ def sweep(
     # What is far behind by then is given up, and of starts that met one goes on for all.
     met = together(rough, samples)[: SEARCH.sweep_survivors]
     ends = minimise_each(
-        lambda values, _: whitened.gram(values),
+        whitened.gram,
         rough.values[[group[0] for group in met]],
         model,
         tolerance=SEARCH.sweep_tolerance,
