@@ -93,8 +93,6 @@ def check(session: nox.Session) -> None:
         "exchanged": "exchanged.py",
         "findings": "findings.py",
         "adapting": "adapting.py",
-        "adapting-free": "adapting_free.py",
-        "adapting-oracle": "adapting_oracle.py",
         "constancy": "constancy.py",
         "design": "design.py",
         "models": "models.py",

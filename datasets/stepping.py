@@ -73,9 +73,8 @@ def stepped(
     target, disturbance = _at(scenario.target, time), _at(scenario.disturbance, time)
 
     pilots, share = _pilots(scenario, time)
-    model = scenario.model.over(scenario.duration)
     channels = [
-        (weight, [_Path(channel, pilot, time, h) for channel in model.channels])
+        (weight, [_Path(channel, pilot, time, h) for channel in scenario.model.channels])
         for pilot, weight in zip(pilots, share, strict=True)
     ]
     block = min(path.block for _, paths in channels for path in paths)

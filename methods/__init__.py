@@ -19,11 +19,8 @@ from pilotid.methods.mle import MLE
 from pilotid.methods.mle_genetic import MLEGenetic
 from pilotid.methods.mle_reference import MLEReference
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.methods.mle_windowed import MLEWindowed
 from pilotid.methods.mmle3 import MMLE3
-from pilotid.methods.rarx import RARX
 from pilotid.methods.sindy import SINDy
-from pilotid.methods.ukf import UKF
 from pilotid.naming.code import PluginWarning, is_place, reason, taken
 from pilotid.naming.settings import from_catalogue, labelled
 from pilotid.types import InputError
@@ -40,9 +37,6 @@ METHODS: tuple[Method, ...] = (
     Fourier(),
     ARX(),
     SINDy(),
-    MLEWindowed(),
-    RARX(),
-    UKF(),
 )
 
 

@@ -43,7 +43,7 @@ from pilotid.posterior.importance import Weighted, importance
 from pilotid.posterior.likelihood import Likelihood, Posterior
 from pilotid.posterior.priors import Prior, priors_of
 from pilotid.recordings.recording import Recording
-from pilotid.time_domain.output_error import AGAINST_WHITE, make_estimate
+from pilotid.time_domain.output_error import make_estimate
 from pilotid.time_domain.remnant_models import LowPass
 from pilotid.time_domain.search import maximise_likelihood
 from pilotid.time_domain.settings import LikelihoodSettings
@@ -180,7 +180,7 @@ class Bayes(LikelihoodSettings):
             converged=sampled.converged,
             optimum=found.end.values[0, :pilot],
         )
-        words = (estimate.message, found.curves, sampled.message)
+        words = (estimate.message, sampled.message)
         estimate = replace(
             estimate,
             intervals=intervals[:pilot],
@@ -190,7 +190,6 @@ class Bayes(LikelihoodSettings):
             band=found.band_of(recording),
             remnant=found.remnant,
             draws=draws,
-            remarks=(AGAINST_WHITE,) if white and model.curves else (),
         )
         if estimate.outcome.usable and is_vague(estimate) and one_signal(recording, model):
             # Several summits, far apart: draws about one of them look as good as any others.

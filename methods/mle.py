@@ -15,7 +15,7 @@ What is left is tested; remarks say what the pilot did that no such model does.
 Use it for results: it is the default.
 
 Do not use it when the pilot changes during the recording, unless with a model that says how
-(`adapting`, `adapting-free`).
+(`adapting`).
 """
 
 from __future__ import annotations
@@ -90,7 +90,6 @@ class MLE(LikelihoodSettings):
             remnant=found.remnant,
             criterion=found.criterion,
             band=found.band_of(recording),
-            message="; ".join(part for part in (estimate.message, found.curves) if part),
             remarks=(
                 *(tested.remarks if tested else ()),
                 *fit_remarks(found, recording, asked_for_band=self.loop),

@@ -76,9 +76,8 @@ class MLEGenetic(WhiteLikelihood):
         rng
             Draws the generations.
         """
-        sought = model.searched
-        coarse = OutputErrors(predict(recording, sought, self.search_band))
+        coarse = OutputErrors(predict(recording, model, self.search_band))
         found = evolve(
-            coarse.gram, sought, rng, population=self.population, generations=self.generations
+            coarse.gram, model, rng, population=self.population, generations=self.generations
         )
         return self.polished(self.name, recording, model, found)

@@ -60,8 +60,7 @@ class MLEWhite(WhiteLikelihood, StartSettings):
         rng
             Draws the other starts.
         """
-        sought = model.searched
-        coarse = OutputErrors(predict(recording, sought, self.search_band))
-        found = search(coarse.gram, sought, rng, candidates=self.candidates, refined=self.refined)
+        coarse = OutputErrors(predict(recording, model, self.search_band))
+        found = search(coarse.gram, model, rng, candidates=self.candidates, refined=self.refined)
         estimate = self.polished(self.name, recording, model, found)
         return replace(estimate, starts=record(found))

@@ -264,7 +264,6 @@ def predict_circular(recording: Recording, model: PilotModel) -> Prediction:
         scored=length,
         terms=(),
         fine=(None,) * len(model.channels),
-        penalty=None,
         weighting=None,
     )
 

@@ -342,7 +342,7 @@ def test_a_file_that_is_not_there_and_one_that_does_not_run(tmp_path: Path) -> N
 
 
 def test_an_unknown_name_lists_the_models_and_the_way_to_one_s_own() -> None:
-    with pytest.raises(InputError, match=r"adapting-free, or name file\.py:NAME"):
+    with pytest.raises(InputError, match=r"adapting, or name file\.py:NAME"):
         model_named("lagged")
 
 

@@ -11,7 +11,7 @@ from helpers import recording_of, without_remnant
 
 from pilotid.datasets import SCENARIOS, Scenario, experiments, simulate
 from pilotid.datasets.experiments import bound_of, experiment_of
-from pilotid.datasets.named import truth
+from pilotid.datasets.named import scenario_named, truth
 from pilotid.datasets.simulation import linear_rms, remnant_ratio
 from pilotid.datasets.stepping import stepped
 from pilotid.estimates.estimate import Estimate, Outcome
@@ -23,6 +23,7 @@ from pilotid.methods import methods
 from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
+from pilotid.model_choice import default_candidates
 from pilotid.pilot.catalogue import ADAPTING, SINGLE, fault_of
 from pilotid.pilot.element import double_integrator
 from pilotid.pilot.factors import Delay, Differentiator, Gain, Lag, Lead, Neuromuscular
@@ -32,6 +33,7 @@ from pilotid.pilot.model import (
 )
 from pilotid.pilot.timevarying import Changing
 from pilotid.report.fit import html_report
+from pilotid.seeds import fit_rng, recording_rng
 from pilotid.solve.least_squares import Box, minimise
 from pilotid.study.fits import truths_of
 from pilotid.time_domain.likelihood import binned
@@ -97,11 +99,14 @@ def test_frozen_it_is_the_constant_pilot_of_each_time() -> None:
     before, after = (SLOW.values[i] for i in ADAPTING.ends)
     np.testing.assert_allclose(before, [0.09, 0.4, 0.28, 11.25, 0.35])
     np.testing.assert_allclose(after, [0.07, 1.2, 0.28, 11.25, 0.35])
+    changing = ADAPTING.channels[0].changing
+    assert changing is not None
     times = np.array([41.92, 41.92 - 4.0, 41.92 + 4.0])
-    halfway, early, late = ADAPTING.over_time(SLOW.values, times).T
-    np.testing.assert_allclose(halfway, 0.5 * (before + after), rtol=1e-12)
-    for values, share in ((early, 1.0 / (1.0 + np.exp(2.0))), (late, 0.880797)):
-        np.testing.assert_allclose(values, before + share * (after - before), rtol=1e-6)
+    gains, products = changing.weights(times, SLOW.values[:6])
+    shares = 1.0 / (1.0 + np.exp(-0.5 * (times - 41.92)))
+    kvis, tlead = (b + shares * (a - b) for b, a in zip(before[:2], after[:2], strict=True))
+    np.testing.assert_allclose(gains, kvis, rtol=1e-12)
+    np.testing.assert_allclose(products, kvis * tlead, rtol=1e-12)
 
 
 @pytest.mark.parametrize("band", [None, 120.0, 50.0])
@@ -240,6 +245,15 @@ def test_what_is_said_of_a_scenario_that_changes() -> None:
         simulate(mixed, np.random.default_rng(1))
 
 
+def test_another_remnant_is_a_setting() -> None:
+    louder = scenario_named(
+        "adapting-slow(remnant=Remnant(order=1,frequency=5,level=0.25,level_is=ratio))"
+    )
+    assert isinstance(louder, Scenario)
+    assert louder.remnant == replace(SLOW.remnant, level=0.25)
+    assert remnant_ratio(louder) == pytest.approx(0.25)
+
+
 #: Bounds are kept by scenario; under this name they are from a third of the usual recordings,
 #: which gives them to 5 %.
 BOUNDED = replace(SLOW, name="bounded")
@@ -311,6 +325,7 @@ def test_methods_that_know_constant_pilots_alone_say_so() -> None:
     assert refusing == {"mmle3", "mle-reference", "fourier", "arx", "sindy"}
     for name in refusing:
         assert "varies in time" not in (methods()[name].objection(recording, SINGLE) or "")
+    assert not any(model.changes for model in default_candidates(recording))
 
 
 def test_a_step_is_called_one(fit: Estimate) -> None:
@@ -359,3 +374,18 @@ def test_intervals_hold_changes_elsewhere_that_suit_as_well() -> None:
     constant = maximise_likelihood(recording, SINGLE, np.random.default_rng(101), MLE())
     own = np.stack([constant.end.values[0, : constant.joint.pilot]] * 2, axis=1)
     np.testing.assert_array_equal(over_changes(constant, own, 3.84), own)
+
+
+@pytest.mark.long
+def test_a_search_that_does_not_look_at_other_times_ends_in_a_worse_optimum(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    recording = simulate(SLOW, recording_rng(1, SLOW.name, 12))
+
+    def criterion() -> float:
+        rng = fit_rng(1, "mle", SLOW.name, 12)
+        return maximise_likelihood(recording, ADAPTING, rng, MLE()).criterion
+
+    found = criterion()
+    monkeypatch.setattr("pilotid.time_domain.search._elsewhere", lambda optimum: optimum)
+    assert criterion() > found + 2.0

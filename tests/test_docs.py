@@ -34,7 +34,7 @@ SHOWN = {
     },
     "matlab": {"guide/matlab.md"},
     "bibtex": {"references.md"},
-    "python": {"adapting.md", "two-step.md"},  # run by `test_examples_run`
+    "python": {"adapting.md", "two-step.md", "windows.md"},  # run by `test_examples_run`
 }
 
 

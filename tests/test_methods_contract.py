@@ -16,7 +16,6 @@ from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import Method, identify
 from pilotid.methods import METHODS, methods
 from pilotid.methods.bayes import Bayes
-from pilotid.methods.ukf import UKF
 from pilotid.pilot.catalogue import MULTI, SINGLE
 from pilotid.posterior.ensembles import Run
 from pilotid.recordings.recording import SIGNALS, Recording
@@ -39,8 +38,6 @@ SCENARIOS = {"single": SINGLE_LOOP, "multi": NOMINAL}
 
 def quick(method: Method) -> Method:
     """The method with settings that promise the same, where the usual ones take seconds."""
-    if isinstance(method, UKF):
-        return replace(method, remnant="lag", rounds=1, candidates=8)
     if isinstance(method, Bayes):  # of nonsense both samplers draw as much as they may
         return replace(method, draws=1000, wanted=100.0, run=Run(first=100, most=200))
     return method
@@ -50,16 +47,6 @@ QUICK = [quick(method) for method in METHODS]
 
 every_method = pytest.mark.parametrize("method", QUICK, ids=lambda m: m.name)
 every_model = pytest.mark.parametrize("model", MODELS)
-#: Methods of one channel on the error, which object to any other model.
-ONE_CHANNEL = ("rarx", "ukf")
-#: Every method with the models that it is made for.
-every_fit = pytest.mark.parametrize(
-    ("method", "model"),
-    [(m, name) for m in QUICK for name in MODELS if name == "single" or m.name not in ONE_CHANNEL],
-    ids=lambda value: value if isinstance(value, str) else value.name,
-)
-
-
 recording_of = cache(recording_for)
 
 
@@ -78,7 +65,8 @@ def test_a_method_is_a_frozen_dataclass_of_settings(method: Method) -> None:
             setattr(method, setting.name, None)
 
 
-@every_fit
+@every_method
+@every_model
 def test_an_estimate_is_sound(method: Method, model: str) -> None:
     estimate = fitted(method, model)
     check_estimate(estimate, method, MODELS[model])
@@ -87,14 +75,8 @@ def test_an_estimate_is_sound(method: Method, model: str) -> None:
     assert estimate.outcome.usable, estimate.sentence
 
 
-@pytest.mark.parametrize("name", ONE_CHANNEL)
-def test_a_method_of_one_channel_says_so(name: str) -> None:
-    estimate = fitted(methods()[name], "multi")
-    assert estimate.outcome is Outcome.NOT_APPLICABLE
-    assert "one channel on the error" in estimate.message
-
-
-@every_fit
+@every_method
+@every_model
 def test_values_come_in_the_model_s_order(method: Method, model: str) -> None:
     # Names are positions here.  A pilot with hardly any remnant, no two of whose parameters
     # are within a third of each other: any two that change places are found.
@@ -159,7 +141,8 @@ def test_a_difficult_recording_gives_an_outcome_and_no_exception(
     check_estimate(estimate, method, MODELS[model])
 
 
-@every_fit
+@every_method
+@every_model
 def test_without_forcing_functions_a_method_objects_or_does_without(
     method: Method, model: str
 ) -> None:
@@ -172,7 +155,8 @@ def test_without_forcing_functions_a_method_objects_or_does_without(
         assert estimate.outcome.usable, estimate.sentence
 
 
-@every_fit
+@every_method
+@every_model
 def test_the_scale_of_all_signals_changes_nothing(method: Method, model: str) -> None:
     estimate = fitted(method, model)
     small = identify(method, tiny(recording_of(model)), MODELS[model], np.random.default_rng(2))

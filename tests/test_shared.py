@@ -130,7 +130,6 @@ def test_an_analysis_shares(folder: Path, run: Run, tmp_path: Path) -> None:
     ("options", "words"),
     [
         (("--model", "single", "--share", "tlag"), "the model single has no tlag"),
-        (("--model", "single", "--share", "fnm", "--method", "ukf"), "ukf follows pilots"),
         (("--model", "single", "--share", "fnm", "--exclude", "condition=B"), "two conditions"),
         (("--model", "single", "--share", "fnm", "--pattern", "s{subject}"), "no {condition}"),
     ],

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import json
 import os
 import resource
 import shutil
@@ -21,7 +20,7 @@ import pytest
 from helpers import Answer, Run
 from stores import Content, changed, content_of, finish, outcome
 
-from pilotid.database import DamagedError, checksum
+from pilotid.database import DamagedError
 from pilotid.study.entries import Result, Unit
 from pilotid.study.store import STORE, Store, salvage
 from pilotid.types import InputError
@@ -392,8 +391,6 @@ def test_two_can_write_one_store(tmp_path: Path) -> None:
     ("key", "value"),
     [
         ("remnant ratio nominal", "{{ 7*7 }}"),
-        ("trajectory nominal", "<b>"),
-        ("trajectory nominal", '{"time": [0.0, 1.0], "Kvis": [0.1]}'),
     ],
 )
 def test_facts_that_no_report_could_read_are_refused(
@@ -402,19 +399,4 @@ def test_facts_that_no_report_could_read_are_refused(
     folder = copied(finished, tmp_path / "stranger")
     with Store(folder) as store:
         store.describe({**store.about(), key: value})
-    refused(run("report", folder), "is damaged", "--salvage")
-
-
-@pytest.mark.parametrize("tracks", ["<b>", '[["Kvis", 1.0]]', "[[1.0]]"])
-def test_trajectories_that_are_none_are_refused(
-    finished: Path, tmp_path: Path, run: Run, tracks: str
-) -> None:
-    folder = copied(finished, tmp_path / "stranger")
-    with closing(sqlite3.connect(folder / STORE)) as base:
-        key, content = base.execute("SELECT key, content FROM rows WHERE kind = 'fits'").fetchone()
-        row, parts = json.loads(content)
-        new = json.dumps([[*row[:-1], tracks], parts])
-        values = (new, checksum("fits", key, new), key)
-        base.execute("UPDATE rows SET content=?, checksum=? WHERE kind='fits' AND key=?", values)
-        base.commit()
     refused(run("report", folder), "is damaged", "--salvage")

@@ -423,15 +423,3 @@ def test_a_scheduler_that_does_not_answer_is_a_sentence(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert "no Dask scheduler answers there" in done.stderr
     assert "Traceback" not in done.stderr
-
-
-def test_methods_for_pilots_who_change_are_left_out_where_pilots_stay_unless_asked_for() -> None:
-    names = ["single", "adapting-slow", "population-usual"]
-    chosen = Study(names, ["mle", "rarx"], 3, sparing=True)
-    assert set(chosen.pairs) == {
-        *((name, "mle") for name in names),
-        ("adapting-slow", "rarx"),
-    }
-    assert chosen.size == 12 == len(list(chosen.units()))
-    assert not chosen.holds(Unit("single", "rarx", 0))
-    assert Study(names, ["mle", "rarx"], 3).size == 18

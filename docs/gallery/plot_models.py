@@ -63,5 +63,4 @@ plt.show()
 # %%
 # ``crossover`` is made for a controlled element, here 4/s²: the pilot is the inverse of the element
 # and an integrator, and the open loop crosses over at ``wc`` with the delay ``tde``.  ``adapting``
-# and ``adapting-free`` are ``single`` at any one time; the lead of the first is three times as long
-# afterwards here.
+# is ``single`` at any one time; its lead is three times as long afterwards here.

@@ -38,11 +38,8 @@ from pilotid.methods.mle import MLE as MLE
 from pilotid.methods.mle_genetic import MLEGenetic as MLEGenetic
 from pilotid.methods.mle_reference import MLEReference as MLEReference
 from pilotid.methods.mle_white import MLEWhite as MLEWhite
-from pilotid.methods.mle_windowed import MLEWindowed as MLEWindowed
 from pilotid.methods.mmle3 import MMLE3 as MMLE3
-from pilotid.methods.rarx import RARX as RARX
 from pilotid.methods.sindy import SINDy as SINDy
-from pilotid.methods.ukf import UKF as UKF
 from pilotid.pilot.catalogue import MODELS as MODELS
 from pilotid.pilot.catalogue import model_named as model_named
 from pilotid.pilot.element import ControlledElement as ControlledElement

@@ -78,7 +78,6 @@ CODES: dict[str, tuple[Grade, str]] = {
     "residual-drift": ("doubt", "u drifts by more than the model explains"),
     "residual-not-white": ("doubt", "the prediction errors are not white"),
     "gain-element": ("note", "the controlled element is a gain: all rests on the remnant"),
-    "white-remnant": ("doubt", "smoothness was chosen as if the remnant were white"),
     "outside-range": ("doubt", "a value lies outside the range of pilots"),
     "shared": ("note", "conditions have parameters in common"),
     "not-shared": ("note", "a parameter that others share stands for this condition alone"),

@@ -84,16 +84,6 @@ def test_people(benchmark: BenchmarkFixture, measured: Path) -> None:
     }
 
 
-@pytest.mark.parametrize("name", ["mle-windowed", "rarx", "ukf"])
-def test_following(benchmark: BenchmarkFixture, name: str) -> None:
-    benchmark.group = "fit: a pilot who changes, 90 s at 100 Hz"
-    scenario = scenario_named("adapting-slow")
-    recording = recorded("adapting-slow")
-    fit = (method_named(name), recording, scenario.model, np.random.default_rng(1))
-    estimate = benchmark.pedantic(identify, fit, rounds=5, warmup_rounds=1)
-    assert estimate.outcome.usable
-
-
 @pytest.mark.parametrize("sampler", ["importance", "emcee"])
 def test_posterior(benchmark: BenchmarkFixture, sampler: str) -> None:
     benchmark.group = "posterior of seven parameters and the remnant's"

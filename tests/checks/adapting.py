@@ -1,8 +1,8 @@
 """Methods on pilots who change, against truth and bound: `nox -s check -- adapting`.
 
 For each scenario and method: bias, scatter and rmse over the bound, coverage, how far `tmid` is
-off, the scores of trajectories (`pilotid.study.tracks`), with `--search` how often a search
-from the truth finds a better optimum, and of several methods how far they are from the first.
+off, with `--search` how often a search from the truth finds a better optimum, and of several
+methods how far they are from the first.
 `--measured` fits recordings of pilots who change, all runs of a condition jointly, with a constant
 and with a changing model (PILOTID_MEASURED names the folder above them).
 """
@@ -26,7 +26,6 @@ from pilotid.methods import method_named
 from pilotid.pilot.catalogue import ADAPTING, SINGLE
 from pilotid.recordings.files import load_recording
 from pilotid.seeds import fit_rng
-from pilotid.study.tracks import track_scores, tracks_of
 from pilotid.types import FloatArray
 
 #: Conditions of the experiment in which the element changes, and in which axes.
@@ -92,7 +91,7 @@ def shown(scenario: Scenario, method: str, found: list[Tried], bound: FloatArray
             f"{rmse / bound[i]:>12.2f}{np.mean(inside[:, i]):>11.3f}"
         )
     off = np.abs(values[:, model.keys.index("tmid")] - truth[model.keys.index("tmid")])
-    limit = WITHIN["-".join(scenario.name.split("-")[:2])]
+    limit = WITHIN[scenario.name]
     print(
         f"tmid [hundredths of a second in this table]: within {limit:g} s in "
         f"{np.mean(off < limit):.0%}, 95 % within {np.quantile(off, 0.95):.2f} s; "
@@ -121,20 +120,6 @@ def compared(scenario: Scenario, names: tuple[str, str], fits: list[list[Tried]]
             f"{parameter.key:<9}{np.median(off):>9.2f}{np.median(np.abs(off)):>13.2f}"
             f"{np.quantile(np.abs(off), 0.95):>13.2f}{np.median(length):>21.2f}"
             f"{counts[2]:>13} {counts[1]} {counts[0]}"
-        )
-
-
-def followed(scenario: Scenario, found: list[Tried]) -> None:
-    """Print how well the trajectories follow the truth, errors in % of the true value."""
-    usable = [t.estimate.trajectory for t in found if t.estimate.outcome.usable]
-    tracks = [tracks_of(trajectory, scenario) for trajectory in usable if trajectory is not None]
-    print("trajectory  rmse % before  during  after  whole  +-  median  lag s  +-  in band %  +-")
-    for s in track_scores(tracks):
-        periods = " ".join(f"{100.0 * mean.value:7.1f}" for mean in s.rmse)
-        print(
-            f"{s.parameter:<9} {periods} {100.0 * s.rmse[3].error:5.1f} {100.0 * s.median:7.1f} "
-            f"{s.lag.value:7.2f} {s.lag.error:5.2f} {100.0 * s.coverage.value:7.1f} "
-            f"{100.0 * s.coverage.error:5.1f}"
         )
 
 
@@ -204,7 +189,6 @@ def main() -> None:
         for method in options.method:
             found = tried(scenario, method, options.recordings, options.seed, search=options.search)
             shown(scenario, method, found, bound)
-            followed(scenario, found)
             first = first or found
             if first is not found:
                 compared(scenario, (options.method[0], method), [first, found])

@@ -50,14 +50,21 @@ def constant() -> Iterator[Scenario | Population]:
 def changing() -> Iterator[Scenario]:
     """Pilots who change, and one who changes a little, early and at once."""
     for name in CHANGING:
-        for level in ("-5", "", "-25"):
-            yield SCENARIOS[name + level]
-    little = SCENARIOS["adapting-fast-25"]
+        for level in (5, 15, 25):
+            yield _with_remnant(name, level)
+    little = _with_remnant("adapting-fast", 25)
     for truth, words in (
         ((0.08, 0.07, 0.6, 0.85, 41.92, 0.5, 0.28, 11.25, 0.35), "a little, half-way"),
         ((0.08, 0.06, 0.6, 1.1, 12.0, 100.0, 0.28, 11.25, 0.35), "more, after 12 s"),
     ):
         yield replace(little, name=f"remnant 25 %, {words}", truth=truth)
+
+
+def _with_remnant(name: str, percent: int) -> Scenario:
+    """A scenario with a remnant of another share of the control's power."""
+    own = SCENARIOS[name]
+    remnant = replace(own.remnant, level=percent / 100.0)
+    return replace(own, name=f"{name}, remnant {percent} %", remnant=remnant)
 
 
 def chances(scenario: Scenario | Population, count: int, seed: int) -> list[float]:

@@ -21,7 +21,7 @@ from pilotid.analysis.trials import tried_conditions
 from pilotid.datasets.named import model_place
 from pilotid.disk import strict_json, write_file
 from pilotid.document import Bullets, Table, blocks_text
-from pilotid.estimates.method import Method, follows
+from pilotid.estimates.method import Method
 from pilotid.methods import label_of, method_named
 from pilotid.outputs import require_folder
 from pilotid.pilot.catalogue import AUTO, MODELS, model_named, with_held
@@ -258,12 +258,6 @@ def _require_shareable(pattern: str | None, methods: Mapping[str, Method]) -> No
             f"--share: the pattern has no {{{missing[0]}}}; parameters are shared by the "
             "conditions of a subject"
         )
-    for label, method in methods.items():
-        if follows(method):
-            raise InputError(
-                f"--share: {label} follows pilots who change, and claims no errors of constant "
-                "parameters; name another method, such as mle"
-            )
 
 
 def _several(given: Sequence[T]) -> Sequence[T]:

@@ -74,7 +74,7 @@ def compare(
     names = options.names_of(scenario, () if like_it else default, list(CATALOGUE))
     tried = options.names_of(method, list(methods()), list(methods()))
     count = replications or count
-    study = Study([*like_it, *names], tried, count, seed, sparing=method is None)
+    study = Study([*like_it, *names], tried, count, seed)
     outputs.require_folder(out, TABLES, read_with([like] if like else []), force=force)
     if salvage:
         _salvage(out)

@@ -13,7 +13,7 @@ from pilotid.chance import Z95
 from pilotid.document import Text, blocks_html, blocks_text
 from pilotid.estimates.draws import Draws
 from pilotid.estimates.loops import Loops, loops_of
-from pilotid.estimates.parts import AnalysedBand, FrequencyResponse, RemnantEstimate, Trajectory
+from pilotid.estimates.parts import AnalysedBand, FrequencyResponse, RemnantEstimate
 from pilotid.estimates.quantities import (
     Pair,
     Quantity,
@@ -134,8 +134,6 @@ class Estimate:
         covariance tells, which holds near the values only; None where it does not.
     draws
         Draws of the posterior, where the method has one.
-    trajectory
-        The parameters over time, where they vary.
     criterion
         What the search made small: -2 log-likelihood up to a constant of the recording, or the
         like; NaN where there is none.
@@ -163,7 +161,6 @@ class Estimate:
     frequency_response: FrequencyResponse | None = None
     errors: FloatArray | None = None
     draws: Draws | None = None
-    trajectory: Trajectory | None = None
     remarks: tuple[str, ...] = ()
     criterion: float = float("nan")
     seconds: float = float("nan")
@@ -211,14 +208,12 @@ class Estimate:
 
     @property
     def inseparable(self) -> list[Pair]:
-        """Pairs of parameters that the recording cannot tell apart, but for those of one curve."""
+        """Pairs of parameters that the recording cannot tell apart."""
         model = self.model
         units = tuple(p.unit for p in model.parameters)
-        pairs = inseparable(
+        return inseparable(
             model.keys, units, model.positive, self.values, self.covariance, self.draws
         )
-        curves = [{model.keys[i] for i in curve.indices} for curve in model.curves]
-        return [p for p in pairs if not any({p.first, p.second} <= keys for keys in curves)]
 
     @property
     def quantities(self) -> list[Quantity]:
@@ -303,8 +298,6 @@ class Estimate:
         if self.frequency_response is not None:
             names = [channel.name for channel in self.model.channels]
             result["frequency_response"] = self.frequency_response.to_dict(names)
-        if self.trajectory is not None:
-            result["trajectory"] = self.trajectory.to_dict()
         return result
 
     def to_dataframe(self) -> DataFrame:

@@ -17,15 +17,7 @@ import numpy as np
 from pilotid.estimates.applicability import made_for, motionless_input
 from pilotid.estimates.draws import Draws
 from pilotid.estimates.estimate import Estimate, Outcome, Starts, failed
-from pilotid.estimates.parts import (
-    DRAWS,
-    AnalysedBand,
-    FrequencyResponse,
-    RemnantEstimate,
-    Trajectory,
-    times_of,
-    trajectory_of,
-)
+from pilotid.estimates.parts import AnalysedBand, FrequencyResponse, RemnantEstimate
 from pilotid.estimates.warnings import all_remarks
 from pilotid.naming.code import reason
 from pilotid.pilot.model import PilotModel
@@ -51,7 +43,6 @@ PARTS: dict[str, tuple[type, ...]] = {
     "remnant": (RemnantEstimate, NoneType),
     "frequency_response": (FrequencyResponse, NoneType),
     "draws": (Draws, NoneType),
-    "trajectory": (Trajectory, NoneType),
 }
 
 
@@ -121,15 +112,6 @@ class Searching(Protocol):
         ...
 
 
-def follows(method: Method) -> bool:
-    """Whether a method is for pilots who change: its class says ``follows = True``.
-
-    Of a constant pilot it tells nothing that others do not tell better, so that studies leave
-    it out there unless it is asked for.
-    """
-    return bool(getattr(method, "follows", False))
-
-
 def import_libraries(method: Method) -> None:
     """Import what a fit uses, so that its time has none of it: some take longer than the fit.
 
@@ -162,7 +144,6 @@ def identify(
         fault = fault_of(estimate, model)
         if fault:
             estimate = failed(name, model, Outcome.INVALID, fault)
-        estimate = _over_time(estimate, recording, rng)
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # code of others may raise anything, SystemExit as well
@@ -184,24 +165,6 @@ def _band_of(method: Method, recording: Recording) -> AnalysedBand:
     """The band that a method says it analyses; all frequencies if it says none."""
     highest, nyquist = getattr(method, "band", None), math.pi / recording.dt
     return AnalysedBand(min(float(highest), nyquist) if highest else nyquist)
-
-
-def _over_time(estimate: Estimate, recording: Recording, rng: np.random.Generator) -> Estimate:
-    """An estimate with its trajectory, where the model changes and the method gave none."""
-    model = estimate.model
-    if estimate.trajectory is not None or not (model.changes and estimate.outcome.usable):
-        return estimate
-    draws = estimate.draws
-    trajectory = trajectory_of(
-        model.over(recording.duration),
-        estimate.values,
-        estimate.covariance,
-        estimate.intervals,
-        times_of(recording.duration),
-        rng,
-        draws=None if draws is None else draws.equally_weighted(DRAWS)[:, : len(model.keys)],
-    )
-    return replace(estimate, trajectory=trajectory)
 
 
 def _outcome_of(error: BaseException) -> tuple[Outcome, str]:
@@ -255,9 +218,6 @@ def fault_of(estimate: object, model: PilotModel) -> str:
             return f"its {name} is of the type {type(getattr(estimate, name)).__name__}"
     if not 0 <= estimate.iterations < 2**63:  # what a study can store
         return f"{estimate.iterations} iterations cannot be"
-    trajectory = estimate.trajectory
-    if trajectory is not None and trajectory.keys != model.constant.keys:
-        return "its trajectory is not of the model's parameters"
     return _senseless(estimate) if estimate.outcome.usable else ""
 
 

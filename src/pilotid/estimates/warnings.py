@@ -54,9 +54,10 @@ def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Rema
             "sign), or choose another model"
         )
         return (*found, Remark("little-explained", sentence))
-    for check in (_steps, _short_delays, _cancellations, _inseparable, _poorly_identified):
+    for check in (_steps, _short_delays, _cancellations):
         found += check(estimate)
-    return tuple(found)
+    found += (Remark("inseparable", pair.words) for pair in estimate.inseparable)
+    return (*found, *_poorly_identified(estimate))
 
 
 def is_vague(estimate: Estimate) -> bool:
@@ -90,20 +91,19 @@ def explained_at_lines(recording: Recording, estimate: Estimate) -> float | None
 
 
 def _steps(estimate: Estimate) -> Iterator[Remark]:
-    """Changes of a time-varying pilot that the recording cannot tell from a step."""
-    model, told = estimate.model, set()
-    for channel, when in zip(model.channels, model.whens, strict=True):
-        if not when or when in told or estimate.values[when[1]] <= STEEP:
-            continue
-        told.add(when)
-        middle, rate = when
-        least = float(estimate.intervals[rate, 0])
-        bound = f", at least {least:.2g} 1/s" if np.isfinite(least) else ""
-        yield Remark(
-            "step-change",
-            f"the {channel.name} channel changes in a step at {estimate.values[middle]:.4g} s: "
-            f"{model.keys[rate]} above {STEEP:g} 1/s means no more than fast{bound}",
-        )
+    """A change of a time-varying pilot that the recording cannot tell from a step."""
+    model = estimate.model
+    if not model.changes or estimate.values[model.change[1]] <= STEEP:
+        return
+    middle, rate = model.change
+    channel = next(channel for channel in model.channels if channel.changing)
+    least = float(estimate.intervals[rate, 0])
+    bound = f", at least {least:.2g} 1/s" if np.isfinite(least) else ""
+    yield Remark(
+        "step-change",
+        f"the {channel.name} channel changes in a step at {estimate.values[middle]:.4g} s: "
+        f"{model.keys[rate]} above {STEEP:g} 1/s means no more than fast{bound}",
+    )
 
 
 def _short_delays(estimate: Estimate) -> Iterator[Remark]:
@@ -162,22 +162,6 @@ def _poles(
             slope[f], slope[d] = -1.0 / frequency, 1.0 / root
             name = f"the neuromuscular system ({factor.frequency_key}, {factor.damping_key})"
             yield name, math.log((damping + root) / frequency), slope
-
-
-def _inseparable(estimate: Estimate) -> Iterator[Remark]:
-    """Pairs of parameters; those of one curve together."""
-    curves = {estimate.model.keys[i] for curve in estimate.model.curves for i in curve.indices}
-    along = []
-    for pair in estimate.inseparable:
-        if {pair.first, pair.second} <= curves:
-            along.append(f"{pair.first} and {pair.second}")
-        else:
-            yield Remark("inseparable", pair.words)
-    if along:
-        yield Remark(
-            "inseparable",
-            f"along the curves {', '.join(along)} cannot be told apart: go by their bands",
-        )
 
 
 def _poorly_identified(estimate: Estimate) -> Iterator[Remark]:

@@ -30,7 +30,7 @@ from pilotid.pilot.factors import (
     SlowLag,
 )
 from pilotid.pilot.model import Channel, PilotModel
-from pilotid.pilot.timevarying import Changing, Spline
+from pilotid.pilot.timevarying import Changing
 from pilotid.types import FloatArray, InputError
 
 
@@ -245,14 +245,6 @@ ADAPTING = PilotModel(
     "visual channel whose gain and lead pass from Kvis1, tlead1 to Kvis2, tlead2 along a sigmoid "
     "in time (Zaal, JGCD 39(5) 2016)",
 )
-#: Gain and lead go over time as the recording says, each along a smooth curve of its own.
-ADAPTING_FREE = PilotModel(
-    "adapting-free",
-    (_visual(Changing(VARYING, Spline()), *SLOW),),
-    "visual channel whose gain and lead go over time along smooth curves, by their values at 13 "
-    "knots from the start of the window to its end",
-)
-
 
 #: The name by which the command line chooses one.
 AUTO = "auto"
@@ -278,7 +270,6 @@ MODELS: dict[str, PilotModel] = {
         PREVIEW,
         FOLLOWING,
         ADAPTING,
-        ADAPTING_FREE,
     )
 }
 

@@ -19,7 +19,7 @@ from pilotid.pilot.factors import (
     Parameter,
     Response,
 )
-from pilotid.pilot.timevarying import Changing, Curve
+from pilotid.pilot.timevarying import RATE, SHIFTS, STEEP, TIME, Changing
 from pilotid.types import (
     SIGNAL_NAME,
     BoolArray,
@@ -374,56 +374,29 @@ class PilotModel:
         )
 
     @cached_property
-    def varying(self) -> tuple[tuple[Changing, list[int]], ...]:
-        """What varies in time, with the indices of its parameters."""
-        placed = zip(self.channels, self.changing_indices, strict=True)
-        return tuple((c.changing, list(indices)) for c, indices in placed if c.changing)
-
-    @property
-    def whens(self) -> tuple[tuple[int, ...], ...]:
-        """Per channel, the indices of middle and rate of its change; empty where it has none."""
-        return tuple(
-            tuple(self.index[key] for key in c.changing.course.when) if c.changing else ()
-            for c in self.channels
-        )
-
-    def over(self, seconds: float) -> PilotModel:
-        """The model over a measurement window of so many seconds, see `Spline.over`."""
-        if not self.changes:
-            return self
-
-        def placed(channel: Channel) -> Channel:
-            parts = (f.over(seconds) if isinstance(f, Changing) else f for f in channel.factors)
-            return replace(channel, factors=tuple(parts))
-
-        return replace(self, channels=tuple(placed(channel) for channel in self.channels))
-
-    @cached_property
-    def curves(self) -> tuple[Curve, ...]:
-        """The parameters that vary freely, see `Spline.roughness`."""
-        found: dict[str, Curve] = {}
-        for changing, indices in self.varying:
-            if (matrix := changing.course.roughness) is not None:
-                knots = np.reshape(indices, (-1, len(matrix))).tolist()
-                for p, own in zip(changing.changed, knots, strict=True):
-                    found[p.key] = Curve(p.key, tuple(own), matrix)
-        return tuple(found.values())
+    def change(self) -> tuple[int, ...]:
+        """Indices of middle and rate of the change; empty for a constant pilot."""
+        return self._indices((TIME, RATE)) if self.changes else ()
 
     def elsewhere(self, values: FloatArray) -> list[FloatArray]:
-        """Other parameter sets near which the optimum may be, see `Sigmoid.elsewhere`.
+        """Parameters with the change at other times nearby, as a step; none of a constant pilot.
 
-        None for a model that does not vary in time.
+        How well a step at some time suits depends on what the input happened to do then, so that
+        the likelihood has one optimum beside the other.
 
         Parameters
         ----------
         values
             Parameters in model order, shape (parameters,); so are those that come back.
         """
-        found = []
-        for changing, indices in self.varying:
-            for part in changing.course.elsewhere(values[indices]):
-                found.append(values.copy())
-                found[-1][indices] = part
+        if not self.changes:
+            return []
+        (middle, rate), found = self.change, []
+        for shift in SHIFTS:
+            moved = values.copy()
+            moved[middle] = np.clip(values[middle] + shift, self.lower[middle], self.upper[middle])
+            moved[rate] = STEEP
+            found.append(moved)
         return found
 
     def vector(self, values: Mapping[str, float]) -> FloatArray:
@@ -603,7 +576,8 @@ class PilotModel:
             least = 0.0 if known.positive or known.delay else -np.inf
             if not np.isfinite(value) or value < least or (known.positive and value <= 0.0):
                 raise InputError(f"{key} cannot be held at {value:g}; give a number above 0")
-            if any(key in (p.key for p in c.parameters) for c, _ in self.varying):
+            if any(c.changing and key in (p.key for p in c.changing.parameters)
+                   for c in self.channels):  # fmt: skip
                 raise InputError(f"{key} of model {self.name} varies in time and cannot be held")
 
         def fixed(factor: Factor | Changing) -> Factor | Changing:
@@ -676,58 +650,10 @@ class PilotModel:
         return replace(plain, overrides=kept)
 
     @property
-    def searched(self) -> PilotModel:
-        """What an optimum is searched with: the constant model where parameters vary freely."""
-        return self.constant if self.curves else self
-
-    def over_time(self, values: FloatArray, time: FloatArray) -> FloatArray:
-        """Parameters of the constant model at several times.
-
-        Parameters
-        ----------
-        values
-            Parameters in model order, shape (..., parameters).
-        time
-            Times from the start of the window [s], shape (n,).
-
-        Returns
-        -------
-        FloatArray
-            Shape (..., parameters of the constant model, n).
-        """
-        still = (*values.shape[:-1], time.size)
-        found = {k: np.broadcast_to(values[..., i, None], still) for k, i in self.index.items()}
-        for changing, indices in self.varying:
-            over = np.moveaxis(changing.at(time, values[..., indices]), -2, 0)
-            found.update(zip((p.key for p in changing.changed), over, strict=True))
-        return np.stack([found[key] for key in self.constant.keys], axis=-2)
-
-    def of_constant(self, values: FloatArray) -> FloatArray:
-        """Parameters with which the model is a constant pilot all the time.
-
-        Parameters
-        ----------
-        values
-            Those of the constant model, shape (..., parameters of the constant model).
-
-        Returns
-        -------
-        FloatArray
-            Shape (..., parameters).
-        """
-        plain = self.constant.index
-        found = {key: values[..., i] for key, i in plain.items()}
-        for changing, _ in self.varying:
-            own = values[..., [plain[p.key] for p in changing.changed]]
-            spread = np.moveaxis(changing.constant(own), -1, 0)
-            found.update(zip((p.key for p in changing.parameters), spread, strict=True))
-        return np.stack([found[key] for key in self.keys], axis=-1)
-
-    @property
     def ends(self) -> tuple[IntArray, IntArray]:
         """Indices of the parameters at the beginning and at the end, shape (constant model's,)."""
         before, after = dict(self.index), dict(self.index)
-        for changing, _ in self.varying:
+        for changing in filter(None, (c.changing for c in self.channels)):
             for p in changing.changed:
                 first, last = changing.ends(p.key)
                 before[p.key], after[p.key] = self.index[first], self.index[last]

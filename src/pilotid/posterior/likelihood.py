@@ -89,15 +89,13 @@ class Likelihood:
         samples = self.joint.residuals
         # What overflows is no number, which is no likelihood either.
         with np.errstate(all="ignore"):
-            penalty = self.joint.penalty
-            rough = penalty.of(values) if penalty else np.zeros(len(values))
             closed = np.zeros(len(values))
             if self._terms is not None:
                 loop = self.joint.prediction.loop
                 spectra = residual_spectra(loop, values[:, : self.joint.pilot])
                 closed = 2.0 * self._terms.of_loop(spectra[:, 0])
             if not self.integrated:
-                deviance = samples * np.log(self.sums_of_squares(values) + rough)
+                deviance = samples * np.log(self.sums_of_squares(values))
                 if self._terms is not None:
                     closed += 2.0 * self._terms.of_whitener(self._taps(values))
                 return np.asarray(-0.5 / self.widened * (deviance + closed))
@@ -108,7 +106,6 @@ class Likelihood:
                 deviance = samples * np.log(left) + 2.0 * self._terms.of_whitener(taps)
                 return np.asarray(-0.5 / self.widened * (deviance + closed + log_determinant))
             left, log_determinant = self._regressed(products)
-            left = left + rough
             freedom = samples - self.integrated
             return np.asarray(-0.5 / self.widened * (freedom * np.log(left) + log_determinant))
 

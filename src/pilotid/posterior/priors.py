@@ -102,27 +102,6 @@ class HalfCauchy:
         return np.asarray(self.scale * np.tan(0.5 * np.pi * rng.uniform(size=count)))
 
 
-@dataclass(frozen=True)
-class LogUniform:
-    """A positive parameter whose logarithm is flat, within its bounds.
-
-    Attributes
-    ----------
-    low, high
-        The bounds, in the parameter's unit.
-    """
-
-    low: float
-    high: float
-
-    def logpdf(self, x: FloatArray) -> FloatArray:
-        return np.asarray(-np.log(x) - math.log(math.log(self.high / self.low)))
-
-    def draw(self, rng: np.random.Generator, count: int) -> FloatArray:
-        """Random values, shape (count,)."""
-        return np.asarray(self.low * (self.high / self.low) ** rng.uniform(size=count))
-
-
 #: Priors that replace the defaults, by the key of their parameter.
 Replacements = Sequence[tuple[str, Prior]]
 
@@ -173,11 +152,6 @@ def priors_of(
             f"a prior is given for {', '.join(unknown)}, which model {model.name} lacks: "
             f"choose from {', '.join((*model.keys, *REMNANT))}"
         )
-    # Of a curve the penalty is the prior.
-    curves = {model.keys[i] for curve in model.curves for i in curve.indices}
-    pilot = [
-        given.get(p.key) or (LogUniform(p.lower, p.upper) if p.key in curves else default_prior(p))
-        for p in model.parameters
-    ]
+    pilot = [given.get(p.key) or default_prior(p) for p in model.parameters]
     keys = () if noise.regressive else noise.keys
     return (*pilot, *(given.get(key) or REMNANT[key] for key in keys))

@@ -235,13 +235,6 @@ def figures_of(
         behind = None if first_steps else points
         figure = panels.response_figure(either, truth, points=behind, units=recording.units)
         yield Figure("describing-function", figure, _response_words(either, first_steps, behind))
-    followed = [e for e in shown if e.trajectory is not None]
-    if followed:
-        caption = (
-            "Parameters of the pilot over time, from the start of the measurement window, with the "
-            f"95 % band of {(leading(followed) or followed[0]).method}."
-        )
-        yield Figure("trajectories", panels.trajectory_figure(followed, truth), caption)
     if chosen is None:
         return
     drawn = fit.loop_element

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from shlex import quote
 from typing import Any
@@ -41,11 +40,9 @@ from pilotid.report.study_tables import (
     ranking,
     recorder_table,
     remark_table,
-    track_table,
 )
 from pilotid.report.trust import read_trust, trust_section
 from pilotid.study.comparison import Comparison, MethodResults, loss_ratio
-from pilotid.study.entries import TRAJECTORY
 from pilotid.study.judge import RULES, USABLE, judge, sentence
 from pilotid.study.scores import EFFICIENT, loss_text
 from pilotid.time_domain.settings import BAND, PROFILE, SEARCH
@@ -70,13 +67,6 @@ COLUMNS = (
     "it holds 1, the recordings do not tell the two apart, whatever the colours of their losses. "
     "**Largest bias/error**: mean error in claimed standard errors, with its Monte Carlo error. "
     "**Coverage**: share of the 95 % intervals that hold the truth, with its 95 % interval."
-)
-VARYING = (
-    "The controlled element varies during the run, and the pilot with it. **Trajectories** are the "
-    "parameters over time: errors are relative to the true value at the time, before, during and "
-    "after the change, as root mean square over time and recordings. The **lag** is the shift in "
-    "time at which the truth fits a trajectory best, median over recordings. **In band** is the "
-    "share of the time at which the 95 % band holds the true value."
 )
 NUMBERS = "Numbers: [summary.csv](summary.csv), each fit: [estimates.csv](estimates.csv)."
 
@@ -246,8 +236,6 @@ def _scenario(study: Comparison, name: str) -> Section:
     if entry.family in (RECORDER, VIOLATION):
         blocks.append(remark_table(cells))
     blocks += details(cells, name)
-    if truth := study.about.get(f"{TRAJECTORY} {name}"):
-        blocks += _varying(name, cells, json.loads(truth))
     return Section(key_of(name), f"Scenario {name}", blocks, folded=True)
 
 
@@ -334,27 +322,6 @@ def _weakest(cell: MethodResults) -> str:
     )
 
 
-def _varying(
-    name: str, every: Sequence[MethodResults], truth: Mapping[str, Sequence[float]]
-) -> list[Block]:
-    """How well methods follow a pilot whose parameters vary in time."""
-    cells = [cell for cell in every if cell.tracks]
-    if not cells:
-        return []
-    return [
-        Text(f"{VARYING} Numbers: [trajectories.csv](trajectories.csv)."),
-        Figure(
-            f"trajectories-{name}",
-            figures.paths(cells, truth),
-            f"Scenario {name}: median (line) and range from 5 to 95 % (shaded) of the estimated "
-            "trajectories, at each time; dashed: the truth.",
-            f"Gain and lead over time by each method in scenario {name}, beside the truth",
-        ),
-        track_table(f"`{name}`: trajectories of what varies", cells, moving=True),
-        track_table(f"`{name}`: trajectories of what stays", cells, moving=False),
-    ]
-
-
 def _trends(study: Comparison) -> list[Section]:
     """Errors over the one number in which the scenarios of a family differ."""
     varied = {
@@ -382,23 +349,16 @@ def _trends(study: Comparison) -> list[Section]:
 # ------------------------------------------------------------------------------ provenance
 
 #: Facts on a study that are no versions.
-OWN_FACTS = ("format", "seed", "mixed", "code", "sparing")
+OWN_FACTS = ("format", "seed", "mixed", "code")
 
 
 def command(study: Comparison, scenarios: Sequence[str], folder: str) -> str:
-    """What to type for these scenarios and the methods that were tried on them.
-
-    Where methods for time-varying pilots were left out of other scenarios, the whole study is
-    that of all methods, which `compare` chooses by itself.
-    """
+    """What to type for these scenarios and the methods that were tried on them."""
     tried = {cell.method for name in scenarios for cell in study.of(name)}
     methods = [entry.typed or own for own, entry in study.entries.items() if own in tried]
     names = dict.fromkeys(study.entry(name).typed or name for name in scenarios)
-    chosen = f"--method {quote(','.join(methods))} "
-    if "sparing" in study.about and set(scenarios) == set(study.names):
-        chosen = ""
     return (
-        f"pilotid compare --scenario {quote(','.join(names))} {chosen}"
+        f"pilotid compare --scenario {quote(','.join(names))} --method {quote(','.join(methods))} "
         f"--replications {study.replications(scenarios)} --seed {study.about.get('seed', '?')} "
         f"--out results/{folder}"
     )
@@ -435,7 +395,7 @@ def provenance(study: Comparison) -> Section:
     facts = ", ".join(
         f"{key} {value}"
         for key, value in about.items()
-        if key not in OWN_FACTS and not key.startswith(("remnant ratio", TRAJECTORY))
+        if key not in OWN_FACTS and not key.startswith("remnant ratio")
     )
     seed = f"Seed {about.get('seed', '?')}, code digest {about.get('code', '?')}; {facts}."
     methods = [(label, f"`{shown(entry.settings)}`") for label, entry in study.entries.items()]

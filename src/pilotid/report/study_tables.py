@@ -18,7 +18,6 @@ from pilotid.study.comparison import Comparison, MethodResults, Score, loss_rati
 from pilotid.study.entries import Result
 from pilotid.study.judge import EFFICIENT, FEWEST, USABLE, judge
 from pilotid.study.scores import Interval, loss_text
-from pilotid.study.tracks import PERIODS
 
 VIOLATION = "violation"  # family of the scenarios that violate an assumption
 RECORDER = "recorder"  # family of the scenarios whose recorder is faulty
@@ -27,7 +26,6 @@ OFF = 4.0  # claimed standard errors by which a value is wrong
 BAD = 10.0
 FEW = 4  # scenarios of which the matrix shows intervals
 LONGEST_WORDS = 60  # characters of a remark that a table shows
-LATE = 1.0  # seconds from which a lag counts
 GRADES = {"efficient": "good", "usable": "partly", "poor": "poor"}
 
 
@@ -94,7 +92,6 @@ def ranking_columns(
         Column("failed (loss else)", _failed, str, "loss of the other fits"),
         Column("objects", _objections, of, "recordings that it objects to"),
         Column("warned", _warned_of_violation, str, "recordings with a remark or a failure"),
-        Column("lag", _lags, hint="of what varies, if certainly above 1 s"),
         Column("s per fit", lambda c: (c.seconds, 2), number, "median"),
     ]
 
@@ -176,16 +173,6 @@ def _failed(cell: MethodResults) -> str:
     return of(own.failures, own.tried) + (
         f" ({number(own.loss_ended_well)})" if own.failures else ""
     )
-
-
-def _lags(cell: MethodResults) -> str | None:
-    """Parameters that a method follows certainly too late, or runs ahead of."""
-    words = [
-        f"{s.parameter} {number(abs(s.lag.value), 2)} s {'late' if s.lag.value > 0 else 'ahead'}"
-        for s in cell.tracks
-        if abs(s.lag.value) - 1.96 * s.lag.error > LATE
-    ]
-    return ", ".join(words) or ("none" if cell.tracks else None)
 
 
 # ------------------------------------------------------------------------------ scenarios
@@ -368,26 +355,6 @@ def bias_table(
         *((method, plus_minus, hint) for method in study.methods),
     ]
     return table_of(caption, heads, rows, 2)
-
-
-def track_table(caption: str, cells: Sequence[MethodResults], *, moving: bool) -> Table[Any]:
-    """A row for each parameter and method, of parameters that vary or of those that stay."""
-    rows = [
-        (key, cell.method, s.n, *s.rmse, s.median, s.lag, s.coverage)
-        for key in dict.fromkeys(s.parameter for cell in cells for s in cell.tracks)
-        for cell in cells
-        for s in cell.tracks
-        if s.parameter == key and math.isfinite(s.lag.value) == moving
-    ]
-    hint = "rms of relative errors with its Monte Carlo standard error"
-    heads = [
-        *(("parameter",), ("method",), ("n", str, "trajectories")),
-        *((f"{period} %", percent, hint) for period in PERIODS),
-        ("median %", percent, "of root mean squares"),
-        ("lag s", plus_minus, "median with its error"),
-        ("in band %", percent, "of the time"),
-    ]
-    return table_of(caption, heads, rows, 2, folded=not moving)
 
 
 def failure_table(study: Comparison) -> Table[Any]:

@@ -14,7 +14,7 @@ from pilotid.pilot.element import ControlledElement
 from pilotid.recordings.recording import Recording
 from pilotid.show.residuals import autocorrelation, correlation, cross_correlation, normal_plot
 from pilotid.show.responses import NO_UNITS, describing_function, open_loop
-from pilotid.show.signals import residual, signals, trajectory
+from pilotid.show.signals import residual, signals
 from pilotid.show.spectra import band, remnant
 from pilotid.show.style import SMALLEST, journal_figure, with_unit
 from pilotid.types import FloatArray
@@ -88,33 +88,6 @@ def response_figure(
                 axes=tuple(pair),
             )  # fmt: skip
         figure.align_ylabels()
-        _legend_above(figure)
-    return figure
-
-
-def trajectory_figure(estimates: Sequence[Estimate], truth: FloatArray | None = None) -> Figure:
-    """Parameters over time, a small panel for each.
-
-    Parameters
-    ----------
-    estimates
-        Estimates of one model, at least one with a trajectory.
-    truth
-        True parameters of a simulation, shape (parameters,).
-    """
-    keys = next(e.trajectory.keys for e in estimates if e.trajectory is not None)
-    columns = min(3, len(keys))
-    rows = -(-len(keys) // columns)
-    with journal_figure(0.5 + 1.55 * rows) as figure:
-        panels = list(figure.subplots(rows, columns, sharex=True, squeeze=False).flat)
-        for place, (key, axes) in enumerate(zip(keys, panels, strict=False)):
-            trajectory(*estimates, key=key, truth=truth, axes=axes)
-            if place + columns < len(keys):
-                axes.set_xlabel("")
-            axes.tick_params(labelbottom=place + columns >= len(keys))
-            axes.locator_params(axis="y", nbins=4)
-        for axes in panels[len(keys) :]:
-            axes.axis("off")
         _legend_above(figure)
     return figure
 

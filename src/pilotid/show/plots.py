@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from pilotid.show.residuals import autocorrelation, correlation, cross_correlation, normal_plot
 from pilotid.show.responses import describing_function, open_loop
-from pilotid.show.signals import residual, signals, trajectory
+from pilotid.show.signals import residual, signals
 from pilotid.show.spectra import band, remnant
 
 __all__ = [
@@ -26,5 +26,4 @@ __all__ = [
     "remnant",
     "residual",
     "signals",
-    "trajectory",
 ]

@@ -43,9 +43,6 @@ STYLES = {
     "mle-genetic": Style("#3D9AD1", "P", (0, (2.5, 2.5))),
     "bayes-white": Style("#882255", ">", (0, (1.0, 2.5))),
     "mmle3": Style("#929292", "o", (0, (8.0, 1.5, 1.5, 1.5))),
-    "mle-windowed": Style("#6394CA", "d", (0, (6.0, 1.0, 1.0, 1.0, 1.0, 1.0))),
-    "rarx": Style("#AA4466", "H", (0, (2.0, 1.0, 2.0, 3.0))),
-    "ukf": Style("#117744", "8", (0, (5.0, 1.0, 2.0, 1.0))),
 }
 #: Of methods from other packages.
 OTHERS = (Style("#117733", "*"), Style("#AA4499", "p"), Style("#3FA294", "1"))

@@ -82,7 +82,6 @@ def sandwich(
     values: FloatArray,
     dt: float,
     reach: float = 5.0,
-    prior: FloatArray | None = None,
 ) -> FloatArray | None:
     """The sandwich covariance, measured on the recording that was fitted.
 
@@ -98,15 +97,13 @@ def sandwich(
         Sampling interval [s].
     reach
         Longest lag at which scores are taken to be correlated [s].
-    prior
-        Covariance of the score of a penalty, shape (parameters, parameters); None for nothing.
 
     Returns
     -------
     Covariance, shape (parameters, parameters); None if the Hessian is singular.
     """
     scores = score_products(rows, max(1, round(reach / dt)))
-    return sandwich_of(hessian(gram, values), scores if prior is None else scores + prior)
+    return sandwich_of(hessian(gram, values), scores)
 
 
 def sandwich_of(curvature: FloatArray, score_covariance: FloatArray) -> FloatArray | None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol, Self
+from typing import Protocol
 
 import numpy as np
 
@@ -96,69 +96,6 @@ BLOCK = 4  # parameter sets evaluated at once: more no longer fit the processor'
 
 #: Maps parameter sets (sets, p) to Gram matrices (sets, p + 1, p + 1), see `Problem.gram`.
 Gram = Callable[[FloatArray], FloatArray]
-#: The same, of several problems: also given is which problem each set belongs to, shape (sets,).
-GramOf = Callable[[FloatArray, IntArray], FloatArray]
-
-
-class Curve(Protocol):
-    """A function known at many knots, whose roughness is penalised."""
-
-    @property
-    def indices(self) -> tuple[int, ...]:
-        """Indices of the parameters that describe it; their logarithms f count."""
-        ...
-
-    @property
-    def matrix(self) -> FloatArray:
-        """Its roughness is f' matrix f."""
-        ...
-
-
-@dataclass(frozen=True, eq=False)
-class Penalty:
-    """Roughness that counts as a sum of squares.
-
-    Attributes
-    ----------
-    curves
-        What is penalised.
-    weights
-        One for each, shape (curves,).
-    """
-
-    curves: tuple[Curve, ...]
-    weights: FloatArray
-
-    @property
-    def rank(self) -> int:
-        """How many residuals it is: straight lines are not penalised."""
-        return sum(len(curve.indices) - 2 for curve in self.curves)
-
-    def of(self, values: FloatArray) -> FloatArray:
-        """The penalty of parameter sets, (sets, parameters), shape (sets,)."""
-        return self.gram(values)[:, -1, -1]
-
-    def gram(self, values: FloatArray) -> FloatArray:
-        """What it adds to Gram matrices, see `pilotid.solve.least_squares.Problem.gram`.
-
-        Parameters
-        ----------
-        values
-            Parameter sets, shape (sets, parameters), others behind those of the curves.
-        """
-        sets, count = values.shape
-        total = np.zeros((sets, count + 1, count + 1))
-        for curve, weight in zip(self.curves, self.weights, strict=True):
-            own = list(curve.indices)
-            scale = 1.0 / values[:, own]
-            logs = np.log(values[:, own])
-            weighted = weight * curve.matrix
-            total[np.ix_(range(sets), own, own)] += scale[:, :, None] * weighted * scale[:, None, :]
-            descent = -scale * (logs @ weighted)
-            total[:, own, -1] += descent
-            total[:, -1, own] += descent
-            total[:, -1, -1] += np.einsum("si,ij,sj->s", logs, weighted, logs)
-        return total
 
 
 class Problem(Protocol):
@@ -170,12 +107,9 @@ class Problem(Protocol):
     ----------
     block
         Parameter sets evaluated at once.
-    penalty
-        What is added to the sum of squares; None for nothing.
     """
 
     block: int = BLOCK
-    penalty: Penalty | None = None
 
     @property
     def residuals(self) -> int:
@@ -212,11 +146,10 @@ class Problem(Protocol):
             self.products(values[begin : begin + self.block])
             for begin in range(0, len(values), self.block)
         ]
-        found = np.concatenate(grams)
-        return found if self.penalty is None else found + self.penalty.gram(values)
+        return np.concatenate(grams)
 
     def products(self, values: FloatArray) -> FloatArray:
-        """Inner products of the rows of no more than `block` sets, without the penalty.
+        """Inner products of the rows of no more than `block` sets.
 
         Parameters
         ----------
@@ -231,12 +164,6 @@ class Problem(Protocol):
         rows = self.rows(values)
         flat = rows.reshape(*rows.shape[:2], -1)
         return np.asarray(flat @ flat.transpose(0, 2, 1))
-
-    def penalised(self, penalty: Penalty | None) -> Self:
-        """The same problem with a penalty, or without; those of curves alone can have one."""
-        if penalty is not None:
-            raise TypeError(f"{type(self).__name__} has no penalty")
-        return self
 
 
 class Bounds(Protocol):
@@ -378,9 +305,8 @@ def minimise(
     iterations
         Largest number of evaluations.
     """
-    return minimise_each(
-        lambda values, _: gram(values), starts, space, tolerance=tolerance, iterations=iterations
-    ).best_first()
+    ends = minimise_each(gram, starts, space, tolerance=tolerance, iterations=iterations)
+    return ends.best_first()
 
 
 def resume(
@@ -397,7 +323,7 @@ def resume(
     """
     best = end.only(np.arange(1))
     return minimise_each(
-        lambda values, _: gram(values),
+        gram,
         best.values,
         space,
         tolerance=tolerance,
@@ -407,7 +333,7 @@ def resume(
 
 
 def minimise_each(
-    gram: GramOf,
+    gram: Gram,
     starts: FloatArray,
     space: Bounds,
     *,
@@ -415,15 +341,11 @@ def minimise_each(
     iterations: int = 60,
     known: Minima | None = None,
 ) -> Minima:
-    """Minimise several sums of squares at once, each from its own start; see `minimise`.
+    """Minimise from every start, see `minimise`, with the ends in the order of the starts.
 
     Parameters
     ----------
-    gram
-        Evaluates Gram matrices of parameter sets, given the problem that each belongs to.
-    starts
-        A start of each problem, shape (problems, parameters).
-    space, tolerance, iterations
+    gram, starts, space, tolerance, iterations
         See `minimise`.
     known
         What a search knew that ended at the starts.
@@ -431,18 +353,18 @@ def minimise_each(
     Returns
     -------
     Minima
-        In the order of the problems.
+        In the order of the starts.
     """
     scale = LogTransform(space.positive)
     clipped = np.clip(starts, space.lower, space.upper)
 
-    def inner_gram(points: FloatArray, which: IntArray) -> FloatArray:
+    def inner_gram(points: FloatArray) -> FloatArray:
         values = scale.leave(points)
-        return scale.inner(gram(values, which), values)
+        return scale.inner(gram(values), values)
 
     points = scale.enter(clipped)
     if known is None:
-        grams, curvature = inner_gram(points, np.arange(len(points))), None
+        grams, curvature = inner_gram(points), None
     else:
         grams, curvature = scale.inner(known.gram, clipped), known.curvature
     none = np.zeros(len(points), dtype=bool)
@@ -461,7 +383,7 @@ def minimise_each(
 
 
 def _minimise(
-    gram: GramOf,
+    gram: Gram,
     begin: Minima,
     lower: FloatArray,
     upper: FloatArray,
@@ -501,7 +423,7 @@ def _minimise(
             cost, scaled, own, promised = cost[on], scaled[on], own[on], promised[on]
         step = np.minimum(np.maximum(scaled / scale, -longest), longest)
         trial = np.minimum(np.maximum(values + step, lower), upper)
-        trial_grams = gram(trial, active)
+        trial_grams = gram(trial)
         count += 1
         reached = trial_grams[:, -1, -1]
         trial_scale = _scale(trial_grams)

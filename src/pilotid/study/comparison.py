@@ -31,14 +31,13 @@ from pilotid.study.entries import (
 )
 from pilotid.study.scores import Interval, Mean
 from pilotid.study.store import Store
-from pilotid.study.tracks import PERIODS, TrackScore, track_scores
 from pilotid.types import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
 ESTIMATES, SUMMARY = "estimates.csv", "summary.csv"
-POPULATION, TRAJECTORIES = "population.csv", "trajectories.csv"
+POPULATION = "population.csv"
 ALL = "all"  # stands for all parameters, and for all recordings
 NO_TRY = Outcome.NOT_APPLICABLE.slug
 #: A fit ends in a wrong optimum if its criterion exceeds that of a search from the truth by more.
@@ -61,12 +60,6 @@ POPULATION_COLUMNS = (
     *("rms_z_trimmed", "rms_z_trimmed_se", "beyond_3", "beyond_3_se"),
     *("rmse_over_bound", "rmse_over_bound_se", "median_over_bound"),
     *("failures", "not_applicable", "wrong_optima", "optima", *LOSS_COLUMNS),
-)
-#: Columns of the table of trajectories behind scenario and method.
-TRACK_COLUMNS = (
-    *("parameter", "n"),
-    *(f"rmse_{period}{end}" for period in PERIODS for end in ("", "_se")),
-    *("rmse_median", "lag", "lag_se", "coverage_95", "coverage_se"),
 )
 
 
@@ -385,17 +378,6 @@ class MethodResults:
         reach = np.where(np.isfinite(bounds), bounds, 1.0) / 10.0
         return int(np.sum(np.all(np.abs(ends - np.median(ends, axis=0)) <= reach, axis=1)))
 
-    @cached_property
-    def tracks(self) -> tuple[TrackScore, ...]:
-        """Scores of the trajectories of the fits that count, by parameter; none if none varies."""
-        return track_scores([r.tracks for r in self.results if r.usable and r.tracks])
-
-    def paths(self, parameter: str) -> FloatArray:
-        """A parameter's trajectories in the fits that count, shape (fits, times)."""
-        rows = [t.values for r in self.results if r.usable for t in r.tracks
-                if t.parameter == parameter]  # fmt: skip
-        return np.array(rows, dtype=float)
-
 
 def loss_ratio(first: MethodResults, second: MethodResults) -> Interval:
     """Ratio of the first method's loss to the second's on the recordings that both accept.
@@ -521,14 +503,6 @@ class Comparison:
                         *(s.failures, s.objections, *wrong, *s.loss),
                     ]
 
-    def track_rows(self) -> Iterator[list[object]]:
-        """Scenario, method and `TRACK_COLUMNS` of every trajectory's parameter."""
-        for cell in self.cells:
-            for t in cell.tracks:
-                errors = [value for mean in t.rmse for value in mean]
-                head = [cell.scenario.name, cell.method, t.parameter, t.n]
-                yield [*head, *errors, t.median, *t.lag, *t.coverage]
-
     def estimate_rows(self) -> Iterator[list[object]]:
         """`ESTIMATE_COLUMNS` of every parameter in every fit.
 
@@ -563,14 +537,12 @@ class Comparison:
     def write_tables(self, folder: Path) -> None:
         """Write estimates and scores as CSV, numbers with as many digits as restore them.
 
-        What methods did on populations has a table of its own, and so have trajectories, if
-        there are any.
+        What methods did on populations has a table of its own, if there are any.
         """
         head = ("scenario", "method")
         for name, columns, rows in (
             (SUMMARY, (*head, *SUMMARY_COLUMNS), self.summary_rows()),
             (POPULATION, (*head, *POPULATION_COLUMNS), self.population_rows()),
-            (TRAJECTORIES, (*head, *TRACK_COLUMNS), self.track_rows()),
             (ESTIMATES, ESTIMATE_COLUMNS, self.estimate_rows()),
         ):
             held = list(rows)

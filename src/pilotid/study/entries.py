@@ -10,9 +10,6 @@ from typing import Any
 
 import numpy as np
 
-#: How the facts of a store on true trajectories begin, before the scenario's name.
-TRAJECTORY = "trajectory"
-
 
 @dataclass(frozen=True)
 class Unit:
@@ -80,32 +77,6 @@ class Draw:
 
 
 @dataclass(frozen=True)
-class Track:
-    """What a study keeps of a parameter's trajectory in one fit, see `pilotid.study.tracks`.
-
-    Attributes
-    ----------
-    parameter
-        Of the constant pilot.
-    rmse
-        Root mean square of the relative error before, during and after the change, and in all of
-        the window.
-    lag
-        By how much it is later than the truth [s].
-    coverage
-        Share of the time at which its band holds the truth.
-    values
-        At a few times evenly spaced over the window.
-    """
-
-    parameter: str
-    rmse: tuple[float | None, ...]
-    lag: float | None
-    coverage: float | None
-    values: tuple[float | None, ...]
-
-
-@dataclass(frozen=True)
 class Result:
     """What a fit gave; numbers are None where there are none.
 
@@ -130,8 +101,6 @@ class Result:
     remarks
         What a user would have been told of the recording and of the estimate, on one line, see
         `pilotid.study.fits.told`; empty for nothing.
-    tracks
-        Of the parameters' trajectories, where the pilot changes.
     """
 
     unit: Unit
@@ -146,7 +115,6 @@ class Result:
     excess: float | None = None
     draw: Draw | None = None
     remarks: str = ""
-    tracks: tuple[Track, ...] = ()
 
 
 @dataclass(frozen=True)

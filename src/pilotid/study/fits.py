@@ -24,7 +24,6 @@ from pilotid.recordings.recording import Recording
 from pilotid.remarks import codes_of
 from pilotid.seeds import draw_rng, fit_rng, recording_rng, start_rng
 from pilotid.study.entries import Draw, ParameterTruth, Result, Unit, number
-from pilotid.study.tracks import tracks_of
 from pilotid.theory.bounds import bounds
 from pilotid.types import one_line
 
@@ -67,11 +66,9 @@ def run_task(task: Task) -> Result:
         rng = fit_rng(seed, unit.method, unit.scenario, unit.replication)
         estimate = identify(method, recording, model, rng)
         excess = None if draw is None else excess_of(method, recording, estimate, scenario)
-        path, changes = estimate.trajectory, scenario.model.changes
-        tracks = tracks_of(path, scenario) if path is not None and changes else ()
         found = _result(unit, estimate, excess, draw)
         shown = remarks_of(origin, seed, replication)
-        return replace(found, remarks=told(shown, estimate), tracks=tracks)
+        return replace(found, remarks=told(shown, estimate))
     except MemoryError as error:
         return Result(unit, Outcome.OUT_OF_MEMORY.slug, one_line(str(error)), draw=draw)
     except BaseException as error:  # an interruption too: the user's go to another process

@@ -24,13 +24,11 @@ from pilotid.database import DamagedError, beside, checksum, damaged, in_words
 from pilotid.disk import write_file
 from pilotid.study.archive import KEPT, UNREADABLE, Row, from_archive, not_an_archive, to_archive
 from pilotid.study.entries import (
-    TRAJECTORY,
     Draw,
     MethodEntry,
     ParameterTruth,
     Result,
     ScenarioEntry,
-    Track,
     Unit,
 )
 from pilotid.types import InputError
@@ -199,10 +197,8 @@ class Store:
             If another pilot was drawn for other fits of the replication.
         """
         r = result
-        kept = [(t.parameter, *t.rmse, t.lag, t.coverage, t.values) for t in r.tracks]
-        tracks = json.dumps(kept) if kept else ""
         row = (*astuple(r.unit), r.outcome, r.message, int(r.usable), r.vaf, int(r.iterations))
-        row = (*row, int(r.posterior), r.seconds, r.excess, r.remarks, tracks)
+        row = (*row, int(r.posterior), r.seconds, r.excess, r.remarks, "")
         with self._transaction():
             if r.draw is not None:
                 self._add_draw(r.unit, r.draw)
@@ -453,22 +449,14 @@ def _checked(kind: str, content: str) -> Entry:
     entry = _entry(content)
     if kind == "about":
         _require_facts(dict(entry.row))
-    if kind == "fits":
-        _tracks(entry.row[-1])
     return entry
 
 
 def _require_facts(facts: Mapping[str, str]) -> None:
     """Refuse facts that a report could not read, with a ValueError."""
-    from pydantic import TypeAdapter
-
     for key, value in facts.items():
         if key.startswith("remnant ratio "):
             float(value)
-        if key.startswith(f"{TRAJECTORY} "):
-            truth = TypeAdapter(dict[str, list[float]]).validate_json(value)
-            if "time" not in truth or len({len(path) for path in truth.values()}) > 1:
-                raise ValueError(key)
 
 
 def _entry(content: str) -> Entry:
@@ -477,26 +465,11 @@ def _entry(content: str) -> Entry:
 
 
 def _result(row: Row, parts: list[Row], draw: Draw | None, order: list[str]) -> Result:
-    *unit, outcome, message, usable, vaf, count, posterior, seconds, excess, remarks, tracks = row
+    *unit, outcome, message, usable, vaf, count, posterior, seconds, excess, remarks, _ = row
     known = [part for part in parts if part[0] in order]
     estimates = tuple(sorted(known, key=lambda part: order.index(part[0])))
     head = Unit(*unit), outcome, message, bool(usable), vaf, count, bool(posterior), seconds
-    return Result(*head, estimates, excess, draw, remarks, _tracks(tracks))
-
-
-@cache
-def _adapter_of_tracks() -> Any:
-    from pydantic import TypeAdapter
-
-    return TypeAdapter(list[tuple[str, Num, Num, Num, Num, Num, Num, list[Num]]])
-
-
-def _tracks(text: str) -> tuple[Track, ...]:
-    """The trajectories of a fit; a ValueError if the text holds something else."""
-    return tuple(
-        Track(key, tuple(rmse), lag, coverage, tuple(values))
-        for key, *rmse, lag, coverage, values in _adapter_of_tracks().validate_json(text or "[]")
-    )
+    return Result(*head, estimates, excess, draw, remarks)
 
 
 def _draw(row: Row) -> Draw:

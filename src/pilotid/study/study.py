@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import platform
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -20,7 +19,7 @@ from pilotid.datasets.named import sound
 from pilotid.datasets.simulation import remnant_ratio
 from pilotid.disk import make_folder
 from pilotid.estimates.estimate import Outcome
-from pilotid.estimates.method import Method, follows
+from pilotid.estimates.method import Method
 from pilotid.jobs import USUAL_LIMITS, Limits, run_tasks
 from pilotid.methods import label_of, method_named, methods
 from pilotid.naming.code import code_digest, own_digest, packed, place_of, reason
@@ -28,7 +27,6 @@ from pilotid.naming.settings import labelled, plain
 from pilotid.seeds import DEFAULT_SEED
 from pilotid.study.comparison import Comparison, comparison_of
 from pilotid.study.entries import (
-    TRAJECTORY,
     MethodEntry,
     ParameterTruth,
     Result,
@@ -37,7 +35,6 @@ from pilotid.study.entries import (
 )
 from pilotid.study.fits import OUTSIDE, Task, given_up, run_task, scenario_of, truths_of
 from pilotid.study.store import Store
-from pilotid.study.tracks import truth_over_time
 from pilotid.types import InputError
 
 if TYPE_CHECKING:
@@ -113,14 +110,8 @@ def scenario_entry(scenario: AnyScenario, position: int = 0, typed: str = "") ->
 
 
 def scenario_facts(scenario: Scenario) -> dict[str, str]:
-    """What a report needs besides: the remnant's share, and the truth of a pilot who changes."""
-    found = {f"remnant ratio {scenario.name}": f"{remnant_ratio(scenario):.4f}"}
-    truth = truth_over_time(scenario)
-    if truth is not None:
-        values = dict(zip(truth.keys, truth.values.tolist(), strict=True))
-        path = json.dumps({"time": truth.time.tolist(), **values})
-        found[f"{TRAJECTORY} {scenario.name}"] = path
-    return found
+    """What a report needs besides: the remnant's share."""
+    return {f"remnant ratio {scenario.name}": f"{remnant_ratio(scenario):.4f}"}
 
 
 def _try_out(population: Population) -> None:
@@ -152,8 +143,6 @@ class Study:
         Recordings of each scenario.
     seed
         Seed of all random numbers.
-    sparing
-        Whether methods for time-varying pilots are left out where pilots do not vary.
     labels
         The methods' labels, which identify them in tables and in the store.
     """
@@ -162,7 +151,6 @@ class Study:
     methods: tuple[Method, ...]
     replications: int
     seed: int
-    sparing: bool
     labels: tuple[str, ...] = field(init=False, repr=False, compare=False)
 
     def __init__(
@@ -171,8 +159,6 @@ class Study:
         methods: Iterable[Method | str],
         replications: int = PROFILES["quick"][1],
         seed: int = DEFAULT_SEED,
-        *,
-        sparing: bool = False,
     ) -> None:
         typed = [
             (scenario, given if isinstance(given, str) else "")
@@ -185,7 +171,7 @@ class Study:
         _require_different("methods", self.labels)
         self.scenarios = tuple(scenario for scenario, _ in typed)
         self.methods = tuple(method for method, _ in tried)
-        self.replications, self.seed, self.sparing = replications, seed, sparing
+        self.replications, self.seed = replications, seed
         # What to type for each again.
         self._typed = [text for _, text in typed], [text for _, text in tried]
 
@@ -201,7 +187,6 @@ class Study:
             (scenario.name, label): (scenario, method)
             for scenario in self.scenarios
             for label, method in zip(self.labels, self.methods, strict=True)
-            if not (self.sparing and follows(method) and not changes(scenario))
         }
 
     def units(self) -> Iterator[Unit]:
@@ -246,8 +231,6 @@ class Study:
             )
         if changed:
             about["mixed"] = ", ".join(changed)
-        if self.sparing:
-            about["sparing"] = "yes"
         store.describe(about)
         for scenario, entry in zip(self.scenarios, scenarios, strict=True):
             store.add_scenario(entry)
@@ -359,11 +342,6 @@ class Pending:
     def total(self) -> int:
         """How many there are."""
         return sum(self.counts.values())
-
-
-def changes(scenario: AnyScenario) -> bool:
-    """Whether the pilot of a scenario changes during a recording; those of populations do not."""
-    return isinstance(scenario, Scenario) and scenario.model.changes
 
 
 def _each(given: Any) -> list[Any]:

@@ -183,8 +183,8 @@ class Trial:
                 )
             write_file(path, strict_json(held).encode())
             scenario = str(path)
-        tried, sparing = self.methods or list(methods().values()), not self.methods
-        study = Study([scenario], tried, replications, seed, sparing=sparing)
+        tried = self.methods or list(methods().values())
+        study = Study([scenario], tried, replications, seed)
         found = Trust(self, study.run_in(folder, workers, bar))
         found.comparison.write_tables(folder)
         write_file(path, strict_json({**found.to_dict(), **held}).encode())

@@ -12,11 +12,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, reduce
-from typing import Self
 
 import numpy as np
 
-from pilotid.solve.least_squares import Penalty, Problem
+from pilotid.solve.least_squares import Problem
 from pilotid.time_domain.band_likelihood import group_begins
 from pilotid.time_domain.prediction import Prediction
 from pilotid.time_domain.prepare import Band
@@ -128,7 +127,7 @@ class PredictionErrors(Problem):
 
     def __init__(self, prediction: Prediction, noise: NoiseModel, band: Band) -> None:
         self.prediction, self.noise, self.band = prediction, noise, band
-        self.block, self.penalty = prediction.block, prediction.penalty
+        self.block = prediction.block
         self.pilot = len(prediction.model.parameters)
 
     @cached_property
@@ -148,18 +147,14 @@ class PredictionErrors(Problem):
 
     @property
     def residuals(self) -> int:
-        """Number of prediction errors, see `Prediction.residuals`; in a band that of its bins."""
+        """Number of prediction errors, see `Prediction.samples`; in a band that of its bins."""
         terms = self.prediction.band_terms
-        return self.prediction.residuals if terms is None else terms.residuals
+        return self.prediction.samples if terms is None else terms.residuals
 
     @property
     def exact(self) -> PredictionErrors:
         """The problem whose Gram matrices are exact: this one."""
         return self
-
-    def penalised(self, penalty: Penalty | None) -> Self:
-        """The same with a penalty, or without."""
-        return type(self)(replace(self.prediction, penalty=penalty), self.noise, self.band)
 
     def whitener(self, values: FloatArray) -> FloatArray:
         """Whitening filter at one parameter set, shape (taps,)."""

@@ -18,7 +18,6 @@ from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import floors_of
 from pilotid.solve.covariance import covariance_of, score_dispersion
 from pilotid.solve.least_squares import Minima
-from pilotid.solve.smoothing import criterion_and_degrees
 from pilotid.time_domain.likelihood import PredictionErrors, for_search
 from pilotid.time_domain.noise import JointFit, descended
 from pilotid.time_domain.output_error import OutputErrors
@@ -178,23 +177,6 @@ class Optimum(JointFit):
             # open, but not the pilot's.
             found = covariance_of(information[pilot, pilot], variance)
         return None if found is None else found[pilot, pilot]
-
-    @property
-    def criterion(self) -> float:
-        """The criterion that chose the remnant's model, of pilot and remnant together."""
-        if self.joint.penalty is not None:
-            return criterion_and_degrees(self.joint, self.joint, self.end)[0]
-        return super().criterion
-
-    @property
-    def curves(self) -> str:
-        """How free the curves of a pilot are who varies freely, in words; empty for others."""
-        if self.joint.penalty is None:
-            return ""
-        degrees = criterion_and_degrees(self.joint, self.joint, self.end)[1]
-        named = zip(self.joint.prediction.model.curves, degrees, strict=True)
-        told = " and ".join(f"{curve.key} {degree:.1f}" for curve, degree in named)
-        return f"degrees of freedom of {told}"
 
     @property
     def remnant(self) -> RemnantEstimate:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import reduce
-from typing import Literal, Self
+from typing import Literal
 
 import numpy as np
 
@@ -20,19 +20,10 @@ from pilotid.estimates.estimate import (
 from pilotid.limits import ESTIMATE
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.remarks import Remark
 from pilotid.solve.covariance import covariance_of, sandwich
-from pilotid.solve.least_squares import Minima, Penalty, Problem, minimise
-from pilotid.solve.smoothing import fit_smooth
+from pilotid.solve.least_squares import Minima, Problem, minimise
 from pilotid.time_domain.prediction import Prediction, predict
 from pilotid.types import ComplexArray, FloatArray
-
-#: What must be known of curves whose smoothness was judged by a white residual.
-AGAINST_WHITE = Remark(
-    "white-remnant",
-    "the smoothness of the curves was chosen for a white remnant: they follow the remnant, and "
-    "their bands are far too narrow; use mle or bayes",
-)
 
 
 class OutputErrors(Problem):
@@ -50,16 +41,12 @@ class OutputErrors(Problem):
     def __init__(self, prediction: Prediction, taps: FloatArray | None = None) -> None:
         self.prediction = prediction
         self.taps = taps
-        self.block, self.penalty = prediction.block, prediction.penalty
+        self.block = prediction.block
 
     @property
     def residuals(self) -> int:
-        """Number of residuals, see `Prediction.residuals`."""
-        return self.prediction.residuals
-
-    def penalised(self, penalty: Penalty | None) -> Self:
-        """The same with a penalty, or without."""
-        return type(self)(replace(self.prediction, penalty=penalty), self.taps)
+        """Number of residuals, see `Prediction.samples`."""
+        return self.prediction.samples
 
     def rows(self, values: FloatArray) -> FloatArray:
         """Whitened Jacobian and residual, shape (sets, parameters + 1, runs, scored).
@@ -240,25 +227,19 @@ class WhiteLikelihood:
         recording, model
             What is fitted.
         found
-            The search in a narrower band, of the model that `searched` says.
+            The search in a narrower band.
         """
         prediction = predict(recording, model, self.band)
-        start = model.of_constant(found.values[0]) if model.curves else found.values[0]
+        start = found.values[0]
         terms = OutputErrors(prediction).noticeable_terms(start)
         problem = OutputErrors(replace(prediction, terms=terms))
-        if model.curves:
-            problem, end = fit_smooth(problem, model, model.curves, start, 1e-6)
-        else:
-            end = minimise(problem.gram, start[None], model, tolerance=1e-8)
+        end = minimise(problem.gram, start[None], model, tolerance=1e-8)
         values, gram = end.values[0], end.gram[0]
         variance = gram[-1, -1] / (problem.residuals - len(values))
         covariance = covariance_of(gram[:-1, :-1], variance)
         if self.covariance == "sandwich":
             rows = problem.rows(values[None])[0]
-            prior = None
-            if problem.penalty is not None:
-                prior = variance * problem.penalty.gram(values[None])[0, :-1, :-1]
-            covariance = sandwich(problem.gram, rows, values, prediction.dt, prior=prior)
+            covariance = sandwich(problem.gram, rows, values, prediction.dt)
         if covariance is None:
             return failed(method, model, Outcome.SINGULAR)
         estimate = make_estimate(
@@ -270,8 +251,4 @@ class WhiteLikelihood:
             converged=bool(end.converged[0]),
             prediction=prediction if self.band is None else None,
         )
-        return replace(
-            estimate,
-            iterations=found.iterations + end.iterations,
-            remarks=(AGAINST_WHITE,) if model.curves else (),
-        )
+        return replace(estimate, iterations=found.iterations + end.iterations)

@@ -19,7 +19,7 @@ from pilotid.pilot.factors import Response
 from pilotid.pilot.model import Channel, PilotModel
 from pilotid.pilot.timevarying import Changing
 from pilotid.recordings.recording import Recording
-from pilotid.solve.least_squares import BLOCK, Penalty
+from pilotid.solve.least_squares import BLOCK
 from pilotid.time_domain.band_likelihood import BandTerms, Weighting, weighting_of
 from pilotid.time_domain.prepare import (
     FAR,
@@ -191,8 +191,6 @@ class Prediction:
     fine
         Per channel, its input in samples if it varies in time, else None.  The entry of
         `spectra` is then one.
-    penalty
-        What is known of the parameters beside the recording: roughness; None for nothing.
     weighting
         How frequencies count in the likelihood of the band; None for direct prediction errors.
     """
@@ -207,7 +205,6 @@ class Prediction:
     scored: int
     terms: tuple[float, ...]
     fine: tuple[FineInput | None, ...]
-    penalty: Penalty | None
     weighting: Weighting | None
 
     @property
@@ -224,11 +221,6 @@ class Prediction:
     def samples(self) -> int:
         """Scored samples of all runs, less the nuisance terms fitted to each run."""
         return self.runs * (self.scored - len(self.terms))
-
-    @property
-    def residuals(self) -> int:
-        """`samples`, and what the penalty counts for."""
-        return self.samples + (self.penalty.rank if self.penalty else 0)
 
     @cached_property
     def band_terms(self) -> BandTerms | None:
@@ -264,7 +256,6 @@ class Prediction:
             scored=omega.size,
             terms=(),
             fine=self.fine,
-            penalty=None,
             weighting=None,
         )
 
@@ -520,7 +511,6 @@ def predict(recording: Recording, model: PilotModel, band: float | None = None) 
     band
         What lies above this frequency [rad/s] is not used; None for the full sampling rate.
     """
-    model = model.over(recording.duration)
     prepared: Prepared = prepare(recording, model, band)
     extension = min(round(EXTENSION / prepared.dt), prepared.control.shape[1] - 1)
     length = fast_length(prepared.control.shape[1] + 2 * extension)
@@ -553,7 +543,6 @@ def predict(recording: Recording, model: PilotModel, band: float | None = None) 
         scored=prepared.scored,
         terms=(0.0, *model.fixed_poles, *model.slow_poles),
         fine=fine,
-        penalty=None,
         weighting=None,
     )
 

@@ -148,8 +148,7 @@ def deviances(found: Optimum) -> FloatArray:
     their joint region, that of two degrees of freedom (docs/adapting.md has what was measured).
     """
     sought = np.full(found.joint.pilot, CHI_SQUARED_95)
-    for when in found.joint.prediction.model.whens:
-        sought[list(when)] = CHI_SQUARED_95_OF_TWO
+    sought[list(found.joint.prediction.model.change)] = CHI_SQUARED_95_OF_TWO
     return np.asarray(found.variance_factor * found.element_factor * sought)
 
 
@@ -169,34 +168,33 @@ def over_changes(found: Optimum, intervals: FloatArray, sought: FloatArray | flo
     share = np.broadcast_to(sought, pilot) / found.freedom
     target = float(found.end.cost[0]) * np.exp(share)
     result = intervals.copy()
-    for when in dict.fromkeys(joint.prediction.model.whens):
-        if not when:
+    if not joint.prediction.model.changes:
+        return result
+    middle, rate = joint.prediction.model.change
+    low, high = intervals[middle]
+    beyond = [low - far for far in PROFILE.shifts_beyond]
+    beyond += [high + far for far in PROFILE.shifts_beyond]
+    tried = [(middle, float(value), rate, PROFILE.rates_beyond) for value in beyond]
+    near = tuple(float(optimum[middle]) + shift for shift in PROFILE.shifts_around)
+    tried += [
+        (rate, value, middle, near)
+        for value in PROFILE.rates
+        if not intervals[rate, 0] <= value <= intervals[rate, 1]
+    ]
+    for fixed, value, other, starts in tried:
+        if not joint.lower[fixed] <= value <= joint.upper[fixed]:
             continue
-        middle, rate = when
-        low, high = intervals[middle]
-        beyond = [low - far for far in PROFILE.shifts_beyond]
-        beyond += [high + far for far in PROFILE.shifts_beyond]
-        tried = [(middle, float(value), rate, PROFILE.rates_beyond) for value in beyond]
-        near = tuple(float(optimum[middle]) + shift for shift in PROFILE.shifts_around)
-        tried += [
-            (rate, value, middle, near)
-            for value in PROFILE.rates
-            if not intervals[rate, 0] <= value <= intervals[rate, 1]
-        ]
-        for fixed, value, other, starts in tried:
-            if not joint.lower[fixed] <= value <= joint.upper[fixed]:
-                continue
-            points = np.tile(optimum, (len(starts), 1))
-            points[:, fixed], points[:, other] = value, starts
-            fits = minimise(
-                joint.gram,
-                np.clip(points, joint.lower, joint.upper),
-                Box.holding(joint, fixed, value),
-                tolerance=PROFILE.change_tolerance,
-                iterations=PROFILE.change_iterations,
-            )
-            for cost, own in zip(fits.cost, fits.values[:, :pilot], strict=True):
-                suits = cost <= target
-                result[suits, 0] = np.minimum(result[suits, 0], own[suits])
-                result[suits, 1] = np.maximum(result[suits, 1], own[suits])
+        points = np.tile(optimum, (len(starts), 1))
+        points[:, fixed], points[:, other] = value, starts
+        fits = minimise(
+            joint.gram,
+            np.clip(points, joint.lower, joint.upper),
+            Box.holding(joint, fixed, value),
+            tolerance=PROFILE.change_tolerance,
+            iterations=PROFILE.change_iterations,
+        )
+        for cost, own in zip(fits.cost, fits.values[:, :pilot], strict=True):
+            suits = cost <= target
+            result[suits, 0] = np.minimum(result[suits, 0], own[suits])
+            result[suits, 1] = np.maximum(result[suits, 1], own[suits])
     return result

@@ -30,7 +30,6 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Minima, minimise, minimise_each, solve_linear
 from pilotid.solve.search import draw_starts, search
-from pilotid.solve.smoothing import fit_smooth
 from pilotid.time_domain.likelihood import PredictionErrors, binned
 from pilotid.time_domain.noise import RemnantChoice
 from pilotid.time_domain.optimum import Optimum, SimulationCheck
@@ -59,8 +58,6 @@ def maximise_likelihood(
     settings
         Bands, starts, and the remnant's model if it is not to be chosen.
     """
-    if model.curves:
-        return _smooth(recording, model, rng, settings)
     lines = lines_pilot(recording, model, rng)
     first = first_fit(recording, model, rng, settings, lines)
     swept = sweep(first, rng, settings, lines)
@@ -163,8 +160,17 @@ class FirstFit:
 
     @property
     def wide_enough(self) -> bool:
-        """Whether the band holds what the recording tells of the pilot."""
-        return is_wide_enough(self.prediction, self.pilot, self.taps)
+        """Whether the band holds what the recording tells of the pilot, see `edge_information`.
+
+        Filter and decimation reach into the future a little; in a loop that answers at once
+        (position control) the remnant there, which the error shows too, would otherwise bias
+        delays and neuromuscular parameters.  In the likelihood of a band whose loop falls off
+        above it nothing is biased, and information is lost.
+        """
+        weighting = self.prediction.weighting
+        biased = weighting is None or weighting.answers_at_once
+        most = SEARCH.max_edge_information if biased else SEARCH.max_lost_information
+        return edge_information(self.prediction, self.pilot, self.taps) <= most
 
     def own_remnants(self, pilots: FloatArray) -> Minima:
         """Each pilot with the remnant that it leaves, both estimated together."""
@@ -264,27 +270,12 @@ def edge_information(prediction: Prediction, pilot: FloatArray, taps: FloatArray
     """
     rows = prediction.row_spectra(pilot[None], taps)[0, :-1]
     # A step has all frequencies: when it was, the band need not tell in full.
-    when = [i for indices in prediction.model.whens for i in indices]
-    rows = np.delete(rows, when, axis=0)
+    rows = np.delete(rows, prediction.model.change, axis=0)
     power = np.sum(np.abs(rows) ** 2, axis=1)
     if prediction.weighting is not None:  # a recorder's noise tells nothing
         power = power * prediction.weighting.weights(prediction.s.imag)
     upper = prediction.s.imag > SEARCH.edge_share * np.pi / prediction.dt
     return float(np.max(np.sum(power[:, upper], axis=1) / np.sum(power, axis=1)))
-
-
-def is_wide_enough(prediction: Prediction, pilot: FloatArray, taps: FloatArray) -> bool:
-    """Whether a band holds what the recording tells of a pilot, see `edge_information`.
-
-    Filter and decimation reach into the future a little; in a loop that answers at once (position
-    control) the remnant there, which the error shows too, would otherwise bias delays and
-    neuromuscular parameters.  In the likelihood of a band whose loop falls off above it nothing is
-    biased, and information is lost.
-    """
-    weighting = prediction.weighting
-    biased = weighting is None or weighting.answers_at_once
-    most = SEARCH.max_edge_information if biased else SEARCH.max_lost_information
-    return edge_information(prediction, pilot, taps) <= most
 
 
 # ------------------------------------------------------------------------------ 2. the sweep
@@ -349,7 +340,7 @@ def sweep(
     # What is far behind by then is given up, and of starts that met one goes on for all.
     met = together(rough, samples)[: SEARCH.sweep_survivors]
     ends = minimise_each(
-        lambda values, _: whitened.gram(values),
+        whitened.gram,
         rough.values[[group[0] for group in met]],
         model,
         tolerance=SEARCH.sweep_tolerance,
@@ -460,8 +451,6 @@ def optimum_near(
     check
         Which parameters simulate the control.
     """
-    if prediction.model.curves and prediction.penalty is None:
-        return _smooth_near(prediction, band, pilot, settings)
     choice = RemnantChoice(prediction, band, pilot, settings.noise)
     return _best_of(choice, settings, check).refined()
 
@@ -522,47 +511,3 @@ def _elsewhere(found: Optimum) -> Optimum:
         iterations=SEARCH.change_iterations,
     )
     return found.moved(ends.values[0]) if ends.cost[0] < found.end.cost[0] else found
-
-
-# ------------------------------------------------------------------ pilots who vary freely
-
-
-def _smooth(
-    recording: Recording,
-    model: PilotModel,
-    rng: np.random.Generator,
-    settings: LikelihoodSettings,
-) -> Optimum:
-    """The optimum of a model with curves, from that of the constant model."""
-    for rate in _rates(recording, settings):
-        plain = replace(settings, band=rate, wide=())
-        first = maximise_likelihood(recording, model.constant, rng, plain)
-        prediction = _prediction(recording, model, settings, rate)
-        pilot = prediction.model.of_constant(first.pilot)
-        if is_wide_enough(prediction, pilot, first.joint.whitener(first.values)):
-            break
-    prediction = replace(prediction, terms=first.joint.prediction.terms)
-    found = _smooth_near(prediction, first.joint.band, pilot, settings)
-    return replace(_elsewhere(found), starts=first.starts)
-
-
-def _smooth_near(
-    prediction: Prediction, band: Band, pilot: FloatArray, settings: LikelihoodSettings
-) -> Optimum:
-    """As `optimum_near`, for a model with curves: how smooth they are is found on the way."""
-    curves, residual = prediction.model.curves, OutputErrors(prediction).residual(pilot)
-    # What the first pilot leaves is not the remnant alone: a long autoregression would keep it.
-    noise = settings.noise or FIRST_NOISE_MODEL
-    joint = PredictionErrors(prediction, noise, band)
-    values = np.concatenate([pilot, guess_parameters(noise, residual, band)])
-    joint, end = fit_smooth(joint, joint, curves, values, SEARCH.reported_tolerance)
-    iterations = end.iterations
-    for _ in range(settings.rounds):
-        other = optimum_near(joint.prediction, band, end.values[0, : joint.pilot], settings)
-        if other.joint.noise == joint.noise:
-            break
-        joint, end = fit_smooth(
-            other.joint, other.joint, curves, other.values, SEARCH.reported_tolerance
-        )
-        iterations += other.iterations + end.iterations
-    return Optimum(joint, end, iterations=iterations)
