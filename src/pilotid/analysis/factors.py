@@ -196,8 +196,6 @@ def _effects(
     if is_across(layout.parameter, [models[name] for name in known if name in models]):
         notes.append("across models")
     tested = variances_of(table, [len(own) for own in levels])
-    if not tested:
-        notes.append("no test: nothing scatters")
     for size in range(1, len(factors) + 1):
         for some in combinations(range(len(factors)), size):
             yield Effect(
@@ -208,12 +206,12 @@ def _effects(
                 ":".join(list(factors)[place] for place in some),
                 tuple(subjects),
                 tested.get(some, Variance()),
-                tuple(notes),
+                tuple(notes if some in tested else [*notes, "no test: nothing scatters"]),
             )
 
 
 def variances_of(table: FloatArray, levels: Sequence[int]) -> dict[tuple[int, ...], Variance]:
-    """The test of each effect, by the places of its factors; none where nothing scatters.
+    """The test of each effect, by the places of its factors; those that scatter.
 
     Parameters
     ----------
@@ -226,13 +224,15 @@ def variances_of(table: FloatArray, levels: Sequence[int]) -> dict[tuple[int, ..
     from scipy.special import fdtrc
     from statsmodels.stats.anova import AnovaRM
 
-    if len(table) < FEWEST or np.ptp(table - table[0]) <= ROUNDING * np.abs(table).max():
+    if len(table) < FEWEST:
         return {}
     names = [f"f{place}" for place in range(len(levels))]
     cells = list(product(range(len(table)), *map(range, levels)))
     frame = DataFrame(cells, columns=["subject", *names]).assign(value=table.ravel())
     found = {}
-    for effect, row in AnovaRM(frame, "value", "subject", names).fit().anova_table.iterrows():
+    with np.errstate(divide="ignore", invalid="ignore"):
+        tested = AnovaRM(frame, "value", "subject", names).fit().anova_table
+    for effect, row in tested.iterrows():
         some = tuple(names.index(name) for name in effect.split(":"))
         f, df1, df2, p = map(float, row[["F Value", "Num DF", "Den DF", "Pr > F"]])
         own = np.ones((1, 1))
@@ -240,6 +240,8 @@ def variances_of(table: FloatArray, levels: Sequence[int]) -> dict[tuple[int, ..
             mean = np.full((count, count), 1.0 / count)
             own = np.kron(own, np.eye(count) - mean if place in some else mean)
         spread = np.cov(table @ own, rowvar=False)
+        if np.sqrt(np.trace(spread)) <= ROUNDING * np.abs(table).max():
+            continue
         epsilon = float(np.trace(spread) ** 2 / (df1 * np.sum(spread**2)))
         corrected = float(fdtrc(epsilon * df1, epsilon * df2, f))
         found[some] = Variance(f, df1, df2, p, epsilon, corrected, f * df1 / (f * df1 + df2))
