@@ -30,29 +30,6 @@ FEWEST = 2  # levels of a factor, and subjects of a test
 
 
 @dataclass(frozen=True)
-class Variance:
-    """The test of one effect in a table of subjects; NaN for what cannot be worked out.
-
-    Attributes
-    ----------
-    f, df1, df2, p
-        F, its degrees of freedom and its p.
-    epsilon, p_corrected
-        Greenhouse and Geisser's epsilon, and p with both degrees of freedom times that.
-    eta_squared
-        Partial eta squared.
-    """
-
-    f: float = NAN
-    df1: float = NAN
-    df2: float = NAN
-    p: float = NAN
-    epsilon: float = NAN
-    p_corrected: float = NAN
-    eta_squared: float = NAN
-
-
-@dataclass(frozen=True)
 class Effect:
     """A main effect, or an interaction, on one quantity: a line of factors.csv.
 
@@ -64,10 +41,14 @@ class Effect:
         The factors, joined by colons.
     subjects
         Those with a usable estimate in every condition.
-    variance
-        The test.
     notes
         Who is left out and why, and what could not be worked out.
+    f, df1, df2, p
+        F, its degrees of freedom and its p; NaN where there is no test, as all that follows.
+    epsilon, p_corrected
+        Greenhouse and Geisser's epsilon, and p with both degrees of freedom times that.
+    eta_squared
+        Partial eta squared.
     """
 
     stratum: Stratum
@@ -76,8 +57,14 @@ class Effect:
     unit: str
     effect: str
     subjects: tuple[str, ...]
-    variance: Variance
     notes: tuple[str, ...] = ()
+    f: float = NAN
+    df1: float = NAN
+    df2: float = NAN
+    p: float = NAN
+    epsilon: float = NAN
+    p_corrected: float = NAN
+    eta_squared: float = NAN
 
 
 def factors_of(text: str, conditions: Sequence[str]) -> dict[str, dict[str, str]]:
@@ -205,13 +192,15 @@ def _effects(
                 layout.unit,
                 ":".join(list(factors)[place] for place in some),
                 tuple(subjects),
-                tested.get(some, Variance()),
                 tuple(notes if some in tested else [*notes, "no test: nothing scatters"]),
+                *tested.get(some, ()),
             )
 
 
-def variances_of(table: FloatArray, levels: Sequence[int]) -> dict[tuple[int, ...], Variance]:
-    """The test of each effect, by the places of its factors; those that scatter.
+def variances_of(
+    table: FloatArray, levels: Sequence[int]
+) -> dict[tuple[int, ...], tuple[float, ...]]:
+    """F and all behind it in `Effect` by the places of an effect's factors, if it scatters.
 
     Parameters
     ----------
@@ -229,7 +218,7 @@ def variances_of(table: FloatArray, levels: Sequence[int]) -> dict[tuple[int, ..
     names = [f"f{place}" for place in range(len(levels))]
     cells = list(product(range(len(table)), *map(range, levels)))
     frame = DataFrame(cells, columns=["subject", *names]).assign(value=table.ravel())
-    found = {}
+    found: dict[tuple[int, ...], tuple[float, ...]] = {}
     with np.errstate(divide="ignore", invalid="ignore"):
         tested = AnovaRM(frame, "value", "subject", names).fit().anova_table
     for effect, row in tested.iterrows():
@@ -244,5 +233,5 @@ def variances_of(table: FloatArray, levels: Sequence[int]) -> dict[tuple[int, ..
             continue
         epsilon = float(np.trace(spread) ** 2 / (df1 * np.sum(spread**2)))
         corrected = float(fdtrc(epsilon * df1, epsilon * df2, f))
-        found[some] = Variance(f, df1, df2, p, epsilon, corrected, f * df1 / (f * df1 + df2))
+        found[some] = f, df1, df2, p, epsilon, corrected, f * df1 / (f * df1 + df2)
     return found

@@ -276,11 +276,10 @@ def factor_table(found: Sequence[Effect]) -> Table[Effect]:
     """The effects of factors on each quantity."""
 
     def df(e: Effect) -> str | None:
-        own = e.variance
-        return f"{own.df1:.0f}, {own.df2:.0f}" if math.isfinite(own.df2) else None
+        return f"{e.df1:.0f}, {e.df2:.0f}" if math.isfinite(e.df2) else None
 
     def mark(e: Effect) -> str:
-        return "good" if e.variance.p_corrected < LEVEL else ""
+        return "good" if e.p_corrected < LEVEL else ""
 
     columns: list[Column[Effect]] = [
         Column("stratum", lambda e: group_words(e.stratum) or NONE),
@@ -288,12 +287,12 @@ def factor_table(found: Sequence[Effect]) -> Table[Effect]:
         Column("parameter", lambda e: e.parameter, symbol=symbol),
         Column("effect", lambda e: e.effect.replace(":", " x ")),
         Column("subjects", lambda e: len(e.subjects), str),
-        Column("F", lambda e: e.variance.f, number),
+        Column("F", lambda e: e.f, number),
         Column("df", df, str),
-        Column("p", lambda e: e.variance.p, p_value),
-        Column("epsilon", lambda e: e.variance.epsilon, number, "Greenhouse and Geisser"),
-        Column("p corrected", lambda e: e.variance.p_corrected, p_value, "by epsilon", mark),
-        Column("partial eta²", lambda e: e.variance.eta_squared, number, "the effect's size"),
+        Column("p", lambda e: e.p, p_value),
+        Column("epsilon", lambda e: e.epsilon, number, "Greenhouse and Geisser"),
+        Column("p corrected", lambda e: e.p_corrected, p_value, "by epsilon", mark),
+        Column("partial eta²", lambda e: e.eta_squared, number, "the effect's size"),
         Column("notes", lambda e: "; ".join(e.notes) or NONE),
     ]
     return Table("Effects of the factors: analysis of variance", columns, found, heads=3)

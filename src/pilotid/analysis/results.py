@@ -66,8 +66,6 @@ def table_of(
 
 
 def _cell(line: object, column: str) -> object:
-    if isinstance(line, Effect) and hasattr(line.variance, PLACES.get(column, column)):
-        line = line.variance
     value = attrgetter(PLACES.get(column, column.removesuffix("_95")))(line)
     if column == "notes":
         return " | ".join(value)
