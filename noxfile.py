@@ -98,7 +98,6 @@ def check(session: nox.Session) -> None:
         "models": "models.py",
         "published": "published.py",
         "recorder": "recorder.py",
-        "shared": "shared.py",
     }
     names = [name for name in session.posargs[:1] if name in scripts]
     if not names:

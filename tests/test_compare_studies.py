@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,9 +11,9 @@ import pytest
 from helpers import Run
 from stores import finish
 
-from pilotid.publishing.changes import COLUMNS, find_changes, read_study
-from pilotid.study.entries import MethodEntry, Result, ScenarioEntry
-from pilotid.study.store import STORE, Store
+from pilotid.study.changes import find_changes, read_study
+from pilotid.study.entries import Result, ScenarioEntry
+from pilotid.study.store import Store
 from pilotid.types import InputError
 
 REPLICATIONS = 25
@@ -67,93 +65,43 @@ def shifted(result: Result) -> Result:
 
 
 def test_the_same_study_has_not_changed(first: Path) -> None:
-    found = find_changes(read_study(first), read_study(first))
-    assert found.words.startswith("Nothing changed: all ")
-    assert found.fits == found.same == 9 * REPLICATIONS
-    assert not found.changed
-    assert not found.notes
-    assert {c.score for c in found.all} == {"loss", "bias", "coverage", "failures", "time"}
-
-
-def test_kept_rows_are_the_same_study(first: Path, tmp_path: Path) -> None:
-    with Store(first) as store:
-        store.keep(tmp_path)
-    assert find_changes(read_study(first), read_study(tmp_path)).words.startswith(
-        "Nothing changed: all "
-    )
+    found, left_out = find_changes(read_study(first), read_study(first))
+    assert len(found) == 9 * 6
+    assert {c.ratio for c in found if math.isfinite(c.ratio.value)} == {(1.0, 1.0, 1.0)}
+    assert left_out == []
 
 
 def test_known_changes_are_found_and_no_others(first: Path, tmp_path: Path) -> None:
     other = changed(first, tmp_path / "b", shifted)
-    found = find_changes(read_study(first), read_study(other))
-    named = {(c.scenario, c.method, c.parameter, c.score) for c in found.changed}
-    assert {key for key in named if key[3] == "bias"} == {
-        ("first", "mle", "Kvis", "bias"),
-        ("any", "mle", "Kvis", "bias"),
-    }
-    assert {(*key[:3],) for key in named if key[3] == "coverage"} == {
-        ("first", "mle", "tlead"),
-        ("any", "mle", "tlead"),
-    }
-    worse = {key[:3] for key in named if key[3] == "loss"}
+    found, _ = find_changes(read_study(first), read_study(other))
+    worse = {c[:3] for c in found if c.ratio.lower > 1.0}
     assert {("first", "mle", "tlead"), ("first", "mle", "all"), ("any", "mle", "tlead")} <= worse
-    assert {method for _, method, _ in worse} == {"mle"}
-    (bias,) = (c for c in found.all if (c.scenario, c.method, c.parameter, c.score)
-               == ("first", "mle", "Kvis", "bias"))  # fmt: skip
-    assert bias.change == pytest.approx(1.0)
-    assert bias.change_se == pytest.approx(0.0, abs=1e-12)
-    assert bias.better == "no"
-    assert bias.verdict_first != bias.verdict_second
-    assert found.words.startswith(f"{len(found.changed)} of {len(found.all)} ")
+    assert {c[1] for c in found if c.ratio.value != 1.0} == {"mle"}
+    assert not any(c.ratio.upper < 1.0 for c in found)
 
 
-def test_failures_and_times(first: Path, tmp_path: Path) -> None:
-    def edit(result: Result) -> Result:
-        if result.unit.method == "arx" and result.unit.scenario == "second":
-            return Result(result.unit, "crashed", "why")
-        return replace(result, seconds=None if result.seconds is None else 3.0 * result.seconds)
+def test_recordings_of_both_count(first: Path, tmp_path: Path) -> None:
+    def fewer(result: Result) -> Result | None:
+        return None if result.unit.replication < 5 else result
 
-    other = changed(first, tmp_path / "b", edit)
-    found = find_changes(read_study(first), read_study(other))
-    failures = [c for c in found.changed if c.score == "failures"]
-    assert [(c.scenario, c.method) for c in failures] == [("second", "arx")]
-    assert failures[0].second == 1.0
-    times = [c for c in found.changed if c.score == "time"]
-    assert len(times) == 8
-    assert times[0].change == pytest.approx(3.0)
-    lost = [c for c in found.changed if c.score == "loss" and c.parameter == "all"]
-    assert [(c.scenario, c.method, c.better) for c in lost] == [
-        ("second", "arx", "yes")
-    ]  # it was sure and wrong
+    found, _ = find_changes(read_study(first), read_study(changed(first, tmp_path / "b", fewer)))
+    assert {c.ratio.value for c in found if math.isfinite(c.ratio.value)} == {1.0}
 
 
-def test_other_seeds_are_not_paired(first: Path, tmp_path: Path) -> None:
-    other = changed(first, tmp_path / "b", shifted, seed="2")
-    found = find_changes(read_study(first), read_study(other))
-    assert "Seeds differ (1, 2): recordings are not paired." in found.notes
-    assert found.fits == 0
-    assert ("first", "mle", "tlead", "coverage") in {
-        (c.scenario, c.method, c.parameter, c.score) for c in found.changed
-    }
-    apart = next(c for c in found.all if (c.parameter, c.score) == ("Kvis", "bias"))
-    paired = find_changes(read_study(first), read_study(changed(first, tmp_path / "c", shifted)))
-    together = next(c for c in paired.all if (c.parameter, c.score) == ("Kvis", "bias"))
-    assert apart.change_se > 2.0 * together.change_se
+def test_other_seeds_are_refused(first: Path, tmp_path: Path) -> None:
+    other = changed(first, tmp_path / "b", seed="2")
+    with pytest.raises(InputError, match="has the seed 2 and other recordings than"):
+        find_changes(read_study(first), read_study(other))
 
 
 def test_scenarios_that_differ_are_left_out_and_named(first: Path, tmp_path: Path) -> None:
-    def other_truth(entry: ScenarioEntry) -> ScenarioEntry:
-        known = tuple(replace(p, truth=2.0 * p.truth) for p in entry.parameters)
-        return replace(entry, parameters=known) if entry.name == "second" else entry
+    def other(entry: ScenarioEntry) -> ScenarioEntry:
+        return replace(entry, settings={"other": 1}) if entry.name == "second" else entry
 
-    def edit(result: Result) -> Result | None:
-        return None if result.unit.method == "fourier" else result
-
-    other = changed(first, tmp_path / "b", edit, other_truth)
-    found = find_changes(read_study(first), read_study(other))
-    assert {c.scenario for c in found.all} == {"first", "any"}
-    assert "Left out, since they differ: second (another truth)." in found.notes
-    assert "In the first study alone: fourier." in found.notes
+    one, two = read_study(first), read_study(changed(first, tmp_path / "b", scenario=other))
+    found, left_out = find_changes(one, two)
+    assert {c.scenario for c in found} == {"first", "any"}
+    assert left_out == ["second is left out: its settings differ"]
 
 
 def test_bounds_of_the_first_study_count(first: Path, tmp_path: Path) -> None:
@@ -162,9 +110,9 @@ def test_bounds_of_the_first_study_count(first: Path, tmp_path: Path) -> None:
         return replace(entry, parameters=known)
 
     other = changed(first, tmp_path / "b", scenario=wider)
-    found = find_changes(read_study(first), read_study(other))
-    assert found.notes == ["Bounds differ in first, second: those of the first study count."]
-    assert not found.changed
+    found, _ = find_changes(read_study(first), read_study(other))
+    values = [c.ratio.value for c in found if math.isfinite(c.ratio.value)]
+    assert values == pytest.approx([1.0] * len(values))
 
 
 def test_nothing_in_common_is_refused(first: Path, tmp_path: Path) -> None:
@@ -172,47 +120,15 @@ def test_nothing_in_common_is_refused(first: Path, tmp_path: Path) -> None:
         return replace(entry, settings={"other": 1})
 
     other = changed(first, tmp_path / "b", scenario=renamed)
-    with pytest.raises(InputError, match=r"no scenario and method in common.*other settings"):
+    with pytest.raises(InputError, match=r"has no fits of the recordings.*settings differ"):
         find_changes(read_study(first), read_study(other))
 
 
-def test_the_command_prints_what_changed_and_writes_all(
-    run: Run, first: Path, tmp_path: Path
-) -> None:
+def test_the_command_prints_the_ratios(run: Run, first: Path, tmp_path: Path) -> None:
     other = changed(first, tmp_path / "b", shifted)
-    table, plain = tmp_path / "all.csv", tmp_path / "all.json"
-    done = run("compare-studies", first, other, "--csv", table, "--json", plain)
+    done = run("compare-studies", first, other)
     assert (done.status, done.err) == (0, "")
-    (line,) = (x for x in done.out.splitlines() if "Kvis" in x and "first" in x and "bias" in x)
+    (line,) = (x for x in done.out.splitlines() if x.split()[:3] == ["first", "mle", "tlead"])
     assert line.split()[-1] == "worse"
-    rows = list(csv.reader(io.StringIO(table.read_text())))
-    assert tuple(rows[0]) == COLUMNS
-    held = json.loads(plain.read_text())
-    assert len(rows) - 1 == len(held["comparisons"]) > 90
-    assert held["first"]["seed"] == "1"
-    printed = run("compare-studies", first, other, "--csv", "-")
-    assert list(csv.reader(io.StringIO(printed.out))) == rows
-    nothing = run("compare-studies", first, first)
-    assert nothing.status == 0
-    assert "Nothing changed: all" in nothing.out
-
-
-def test_bad_input_is_a_sentence(run: Run, first: Path, tmp_path: Path) -> None:
-    for arguments, words in (
-        ((first, tmp_path / "nothing"), "there is no such file"),
-        ((first, first, "--csv", tmp_path / "no" / "f.csv"), "there is no folder"),
-        ((first, first, "--csv", "-", "--json", "-"), "would print both"),
-    ):
-        done = run("compare-studies", *arguments)
-        assert done.status == 2
-        assert words in done.err
-        assert done.err.count("\n") == 1
-
-
-def test_a_method_s_settings_may_have_changed(first: Path, tmp_path: Path) -> None:
-    # The two versions that are compared have the same label.
-    other = changed(first, tmp_path / "b")
-    with Store(other, create=True) as store:
-        assert (other / STORE).exists()
-        store.add_method(MethodEntry("new", 9, {}))
-    assert find_changes(read_study(first), read_study(other)).words.startswith("Nothing changed")
+    done = run("compare-studies", first, tmp_path / "nothing")
+    assert (done.status, done.err.count("\n")) == (2, 1)

@@ -50,9 +50,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for number, name in enumerate(("subj1_A", "subj1_B", "subj2_A", "subj2_B")):
         recording = pilotid.simulate(pilot, np.random.default_rng(number))
         pilotid.save_recording(recording, place / "data" / f"{name}.mat")
-    for number, name in enumerate(product("pq", (1, 2), (1, 2))):
+    for number, name in enumerate(product((1, 2), (1, 2))):
         recording = pilotid.simulate(replace(pilot, runs=1), np.random.default_rng(number))
-        pilotid.save_recording(recording, place / "data" / "{}_s{}_A_{}.csv".format(*name))
+        pilotid.save_recording(recording, place / "data" / "s{}_A_{}.csv".format(*name))
     for number, name in enumerate("abc"):
         pilotid.save_recording(pilotid.simulate("nominal", number), place / f"{name}.csv")
     run(place, ["simulate", "nominal", "--out", "run.csv"])

@@ -7,10 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pandas import DataFrame
 from scipy.stats import f as f_test
-from scipy.stats import norm, wilcoxon
-from statsmodels.stats.anova import AnovaRM
+from scipy.stats import norm, ttest_rel, wilcoxon
 from tidy_rows import row, table
 
 from pilotid.analysis.combine import signed_ranks
@@ -40,25 +38,26 @@ def by_effect(values: FloatArray) -> dict[str, Effect]:
     return {effect.effect: effect for effect in effects(rows, FACTORS)}
 
 
-def test_effects_are_those_of_statsmodels() -> None:
+def test_effects_of_two_levels_are_those_of_paired_tests() -> None:
     values = scores()
-    frame = DataFrame(
-        [
-            {"s": s, "A": FACTORS["dynamics"][c], "B": FACTORS["motion"][c], "y": y}
-            for s, own in enumerate(values)
-            for c, y in zip(CONDITIONS, own, strict=True)
-        ]
-    )
-    known = AnovaRM(frame, "y", "s", within=["A", "B"]).fit().anova_table
+    off, on = values[:, :3], values[:, 3:]
     found = by_effect(values)
     assert list(found) == ["dynamics", "motion", "dynamics:motion"]
-    for effect, expected in zip(found.values(), known.to_numpy(), strict=True):
-        own = effect.variance
-        assert (own.f, own.df1, own.df2, own.p) == pytest.approx(tuple(expected))
+    known = ttest_rel(on.mean(axis=1), off.mean(axis=1))
+    own = found["motion"]
+    assert (own.f, own.df1, own.df2) == pytest.approx((known.statistic**2, 1.0, 6.0))
+    assert (own.p, own.p_corrected) == pytest.approx((known.pvalue, known.pvalue))
+    for effect in found.values():
+        own, e = effect, effect.epsilon
         assert own.eta_squared == pytest.approx(own.f * own.df1 / (own.f * own.df1 + own.df2))
-        e = own.epsilon
         assert own.p_corrected == pytest.approx(f_test.sf(own.f, e * own.df1, e * own.df2))
-    assert found["motion"].variance.epsilon == pytest.approx(1.0)
+    assert found["motion"].epsilon == pytest.approx(1.0)
+
+
+def test_what_does_not_scatter_has_no_test() -> None:
+    (first, *_) = effects(table(dict.fromkeys(CONDITIONS, (1.0, 2.0, 3.0))), FACTORS)
+    assert math.isnan(first.f)
+    assert first.notes == ("no test: nothing scatters",)
 
 
 def test_the_correction_of_an_interaction_is_boxs() -> None:
@@ -69,7 +68,7 @@ def test_the_correction_of_an_interaction_is_boxs() -> None:
     mean = covariance.mean()
     centred = covariance - covariance.mean(axis=0) - covariance.mean(axis=1)[:, None] + mean
     box = np.trace(centred) ** 2 / (2.0 * np.sum(centred**2))
-    own = by_effect(values)["dynamics:motion"].variance
+    own = by_effect(values)["dynamics:motion"]
     assert own.epsilon == pytest.approx(box)
     assert 0.5 <= own.epsilon < 1.0
 
@@ -82,8 +81,8 @@ def test_the_greenhouse_geisser_correction_of_a_published_table() -> None:
     rows = table({f"D{i}": tuple(values[:, i].tolist()) for i in range(4)})
     factor = {"drug": {f"D{i}": str(i) for i in range(4)}}
     (own,) = effects(rows, factor)
-    assert own.variance.f == pytest.approx(24.76, abs=0.005)
-    assert (own.variance.df1, own.variance.df2) == (3.0, 12.0)
+    assert own.f == pytest.approx(24.76, abs=0.005)
+    assert (own.df1, own.df2) == (3.0, 12.0)
 
 
 def test_a_subject_who_is_not_complete_is_left_out_and_named() -> None:
@@ -95,7 +94,7 @@ def test_a_subject_who_is_not_complete_is_left_out_and_named() -> None:
     assert all("subject 3" in effect.notes[0] for effect in found)
     head, (line, *_) = table_of(found, FACTOR_COLUMNS)
     assert head == list(FACTOR_COLUMNS)
-    assert dict(zip(head, line, strict=True))["F"] == found[0].variance.f
+    assert dict(zip(head, line, strict=True))["F"] == found[0].f
 
 
 def test_a_parameter_that_a_condition_lacks_has_no_effects() -> None:

@@ -8,9 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import Run
 
-from pilotid.analysis.board import BOARD, Board, read_board
 from pilotid.analysis.cross_validation import (
     LeftOut,
     log_likelihood,
@@ -18,11 +16,10 @@ from pilotid.analysis.cross_validation import (
     rank_methods,
 )
 from pilotid.analysis.recordings import Part, alone, without
+from pilotid.analysis.report_tables import left_out_table
 from pilotid.datasets import SCENARIOS, simulate
-from pilotid.disk import strict_json
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.recordings.recording import Recording
-from pilotid.types import InputError
 
 SINGLE = SCENARIOS["single"]
 
@@ -107,35 +104,7 @@ def test_a_method_that_fails_once_costs_the_others_that_run_alone() -> None:
     assert second.behind[0] == pytest.approx(-2.0)
 
 
-def test_the_board_says_nothing_of_where_recordings_are(tmp_path: Path) -> None:
-    lines = [line("a", 1, 10.0), line("b", 1, math.nan, math.nan)]
-    ratios = {("/secret/place/a.mat", "single", "a"): [1.5, math.nan]}
-    text = strict_json(Board(lines, ratios, "command", {"pilotid": "1"}).to_dict())
-    assert "secret" not in text
-    (tmp_path / BOARD).write_text(text)
-    held = read_board(tmp_path / BOARD)
-    assert strict_json(held.to_dict()) == text
-    assert held.lines[0].part.fields == lines[0].part.fields
-    for wrong in ("", "[]", '{"runs_left_out": [1]}', '{"runs_left_out": []}'):
-        (tmp_path / BOARD).write_text(wrong)
-        with pytest.raises(InputError, match="cannot be read as what"):
-            read_board(tmp_path / BOARD)
-
-
-def test_an_analysis_has_its_part_on_pages(run: Run, tmp_path: Path) -> None:
-    lines = [line(m, n, 10.0 - (m == "worse")) for n in (1, 2) for m in ("better", "worse")]
-    board = Board(lines, {("/secret/place/a.mat", "single", "worse"): [2.5]}, "how", {"numpy": "2"})
-    (tmp_path / "people").mkdir()
-    (tmp_path / "people" / BOARD).write_text(strict_json(board.to_dict()))
-    done = run("publish", tmp_path / "people", "--out", tmp_path / "site")
-    assert done.status == 0, done.err
-    page = (tmp_path / "site" / "index.html").read_text(encoding="utf-8")
-    assert "Recordings of people: people" in page
-    assert page.index(">better</td>") < page.index(">worse</td>")
-    assert page.count('class="good">best</td>') == 1
-    assert "<td>2.5</td>" in page
-    assert "numpy 2" in page
-    assert {p.name for p in (tmp_path / "site" / "people").iterdir()} == {BOARD}
-    (tmp_path / "people" / BOARD).write_text("{}")
-    done = run("publish", tmp_path / "people", "--out", tmp_path / "site")
-    assert (done.status, done.err.count("\n")) == (2, 1)
+def test_the_table_has_the_likeliest_first() -> None:
+    lines = [line(m, n, 10.0 - (m == "worse")) for n in (1, 2) for m in ("worse", "better")]
+    found = [row[:5] for row in left_out_table(lines).items]
+    assert found == [("C1", "single", "better", 2, 0), ("C1", "single", "worse", 2, 0)]

@@ -14,7 +14,7 @@ import pytest
 from stores import KEYS, drawn, finish
 
 from pilotid.study import scores
-from pilotid.study.comparison import Comparison, MethodResults, comparison_of, loss_ratio
+from pilotid.study.comparison import ALL, Comparison, MethodResults, comparison_of, loss_ratios
 from pilotid.study.entries import ParameterTruth, Result, ScenarioEntry, Unit
 from pilotid.study.judge import judge
 from pilotid.study.store import Store
@@ -160,9 +160,9 @@ def test_intervals_of_a_ratio_cover_and_are_narrower_for_the_same_recordings() -
 
 def test_the_ratio_of_a_method_to_itself_is_one() -> None:
     cell = cell_of(normal(25))
-    assert loss_ratio(cell, cell) == (1.0, 1.0, 1.0)
+    assert loss_ratios(cell, cell)[ALL] == (1.0, 1.0, 1.0)
     worse = cell_of(normal(25) + 2.0)
-    assert loss_ratio(worse, cell).lower > 2.0
+    assert loss_ratios(worse, cell)[ALL].lower > 2.0
 
 
 def test_one_recording_has_a_loss_without_an_interval() -> None:

@@ -46,8 +46,6 @@ def digests(folder: Path) -> dict[Path, str]:
         "analyse o/models.csv --out o --force",
         "analyse s.csv --out o",
         "posterior o/summary.csv --out o --force",
-        "compare-studies A A --csv A/study.sqlite --force",
-        "compare-studies A A --json A/study.sqlite",
         "compare --scenario single --method mle-white --replications 1 --out o",
         "report A --out o",
         "simulate single --out s.csv",

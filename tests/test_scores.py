@@ -9,7 +9,6 @@ import pytest
 
 from pilotid.study import scores
 from pilotid.study.scores import Mean
-from pilotid.types import FloatArray
 
 VALUES = np.array([1.0, 2.0, 3.0, 6.0])  # mean 3; deviations -2, -1, 0, 3, squares sum to 14
 ONE = np.array([3, 3, 5, 5])  # recordings of four values
@@ -128,32 +127,3 @@ def test_coverage_has_an_interval_of_as_many_as_the_recordings_are_worth() -> No
     assert (low, high) == pytest.approx((0.3424, 1.0), abs=1e-3)  # Wilson's for 2 of 2
     none, interval, _ = scores.coverage(np.zeros(0, dtype=bool), ONE[:0])
     assert all(map(math.isnan, (none.value, *interval)))
-
-
-def test_a_difference_of_pairs_is_the_mean_of_their_differences() -> None:
-    change, error, p = scores.mean_difference(FIRST, SECOND, paired=True)
-    assert (change, error) == (1.0, pytest.approx(math.sqrt(2.0 / 3.0 / 4.0)))
-    assert p == pytest.approx(0.0917, abs=1e-4)  # Student's t of 1 / .408, 3 degrees of freedom
-    _, apart, _ = scores.mean_difference(FIRST, SECOND, paired=False)
-    assert apart == pytest.approx(math.sqrt((5.0 / 3.0 + 1.0 / 3.0) / 4.0))
-    assert scores.mean_difference(FIRST, FIRST, paired=True) == (0.0, 0.0, 1.0)
-    assert math.isnan(scores.mean_difference(FIRST[:1], FIRST[:1] + 1.0, paired=True)[2])
-
-
-def rejected(first: FloatArray, second: FloatArray, *, paired: bool) -> float:
-    """Share of comparisons of the rows below one in a hundred."""
-    found = [
-        scores.mean_difference(a, b, paired=paired)[2] < 0.01
-        for a, b in zip(first, second, strict=True)
-    ]
-    return float(np.mean(found))
-
-
-@pytest.mark.parametrize("paired", [True, False])
-def test_what_is_the_same_is_hardly_called_different(paired: bool) -> None:
-    # Skewed errors, as those of gains are, that two versions of a method share in part.
-    rng = np.random.default_rng(3)
-    common, *own = rng.exponential(size=(3, 400, 25)) - 1.0
-    first, second = (common + 0.3 * noise if paired else noise for noise in own)
-    assert rejected(first, second, paired=paired) < 0.03
-    assert rejected(first, second + 1.5, paired=paired) > 0.4

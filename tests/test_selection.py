@@ -13,7 +13,6 @@ from tidy_rows import table
 from pilotid.analysis.contrasts import contrasts
 from pilotid.analysis.factors import effects
 from pilotid.analysis.recordings import Excluded, Part, Pattern, excluded_of, parts_of
-from pilotid.analysis.repeated import repeated
 from pilotid.analysis.results import excluded_rows
 from pilotid.datasets import simulate
 from pilotid.recordings.files import Reading, save_recording
@@ -131,8 +130,7 @@ def test_every_table_says_who_is_excluded() -> None:
     every = [*rows, *excluded_rows(rows, [Excluded(part, "fell asleep")])]
     factors = {"motion": {"A": "off", "B": "on"}}
     out = "subject 3 (B: excluded (fell asleep))"
-    (contrast,), (together,), (effect,) = contrasts(every), repeated(every), effects(every, factors)
+    (contrast,), (effect,) = contrasts(every), effects(every, factors)
     assert contrast.left_out == (out,)
-    assert together.notes == (f"not in the analysis of variance: {out}",)
     assert effect.notes == (f"left out: {out}",)
     assert contrast.t == contrasts(rows)[0].t

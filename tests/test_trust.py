@@ -192,38 +192,6 @@ def test_the_command_and_python_write_and_say_the_same(run: Run, tmp_path: Path)
     assert "another recording, model or method" in other.err
 
 
-@pytest.mark.long
-def test_an_analysis_tries_a_typical_recording_of_each_condition(run: Run, tmp_path: Path) -> None:
-    for subject, seed in ((1, 3), (2, 4), (3, 5)):
-        for condition in ("A", "B"):
-            file = tmp_path / f"s{subject}_{condition}.csv"
-            assert run("simulate", "nominal", "--seed", seed, "--out", file).status == 0
-    files = sorted(tmp_path.glob("s?_?.csv"))
-    options = ("--pattern", "s{subject}_{condition}", "--model", "multi", "--method", "mle-white",
-               "--trust", "--replications", 20, "--out", tmp_path / "out")  # fmt: skip
-    answer = run("analyse", *files, *options)
-    assert answer.status == 0
-    for condition in ("A", "B"):
-        assert f"{condition}, multi: mle-white's interval of" in answer.out
-        folder = tmp_path / "out/trust" / f"{condition}-multi"
-        held = strict((folder / "trust.json").read_text(encoding="utf-8"))
-        assert (held["method"], held["replications"]) == ("mle-white", 20)
-        # The recording whose values are nearest to the medians of the three subjects.
-        assert held["recording"] == str(tmp_path / f"s{nearest(files, condition)}_{condition}.csv")
-    page = (tmp_path / "out/report.html").read_text(encoding="utf-8")
-    assert "trust/A-multi/report.html" in page
-    assert run("analyse", *files, *options).out == answer.out  # nothing is fitted again
-
-
-def nearest(files: list[Path], condition: str) -> int:
-    own = [f for f in files if f.stem.endswith(condition)]
-    fits = [pilotid.identify("mle-white", pilotid.load_recording(f), "multi") for f in own]
-    values = np.array([fit.values for fit in fits])
-    away = np.abs(values - np.median(values, axis=0))
-    spread = np.median(away, axis=0)
-    return 1 + int(np.argmin((away[:, spread > 0] / spread[spread > 0]).sum(axis=1)))
-
-
 def test_commands_refuse_what_has_no_scenario(run: Run, tmp_path: Path) -> None:
     assert run("simulate", "--out", tmp_path / "x.csv").status == 2
     both = run("simulate", "nominal", "--like", "x.csv", "--out", tmp_path / "x.csv")

@@ -361,7 +361,7 @@ def _templates() -> Environment:
     return environment
 
 
-def to_html(title: str, sections: Sequence[Section], above: str = "", kinds: Kinds = ()) -> str:
+def to_html(title: str, sections: Sequence[Section], kinds: Kinds = ()) -> str:
     """A document as one HTML text that needs no network; equal documents give equal bytes.
 
     Parameters
@@ -370,15 +370,11 @@ def to_html(title: str, sections: Sequence[Section], above: str = "", kinds: Kin
         Its heading.
     sections
         What it consists of.
-    above
-        The page above it, if there is one: of several studies, for example.
     kinds
         Files of each figure beside the page, to which it links.
     """
     template = _templates().get_template("document.html")
-    return template.render(
-        title=title, sections=sections, above=above, kinds=kinds, figures=FIGURES
-    )
+    return template.render(title=title, sections=sections, kinds=kinds, figures=FIGURES)
 
 
 def table_html(table: Table[Any]) -> str:
@@ -399,9 +395,7 @@ def blocks_html(*blocks: Text | Bullets | Table[Any]) -> str:
     return "".join(parts)
 
 
-def write_page(
-    path: Path, title: str, sections: Sequence[Section], above: str = "", kinds: Kinds = ()
-) -> None:
+def write_page(path: Path, title: str, sections: Sequence[Section], kinds: Kinds = ()) -> None:
     """Write a document as a page, and the figures of these kinds in a folder beside it.
 
     Raises
@@ -412,7 +406,7 @@ def write_page(
     if kinds:
         figures = [b for section in sections for b in section.blocks if isinstance(b, Figure)]
         save_figures(path.parent / FIGURES, figures, kinds)
-    write_file(path, to_html(title, sections, above, kinds).encode("utf-8", "replace"))
+    write_file(path, to_html(title, sections, kinds).encode("utf-8", "replace"))
 
 
 # ---------------------------------------------------------------------------------- Markdown

@@ -123,7 +123,6 @@ class EstimateLimits(NamedTuple):
     independent: float = 0.01  # least share of the largest variance of autocovariances in a band
     changes: float = 0.01  # p-value below which a pilot changes, if a gain or lead does
     changes_by: float = 1.0 / 3.0  # by this share of its constant value
-    unequal: float = 0.01  # p-value below which shared parameters are said to differ
     #: VAF [%] below which a model explains next to nothing: of 110 recordings of human pilots the
     #: least has 34 %; with the control recorded a second late the best fit has 12 %.
     least_vaf: float = 20.0

@@ -13,10 +13,7 @@ from pilotid.types import InputError
 #: What every page of this program has in its head.
 GENERATOR = '<meta name="generator" content="pilotid">'
 #: How the files begin that users name one by one: JSON by its first key, tables by their heads.
-BEGINS = re.compile(
-    rb'\A(\[\s*)?\{\s*"(recording|seed|first|command|pilotid)"|scenario,method,parameter,score|'
-    + re.escape(GENERATOR.encode())
-)
+BEGINS = re.compile(rb'\A(\[\s*)?\{\s*"(recording|seed|pilotid)"|' + re.escape(GENERATOR.encode()))
 HEAD = 2048  # bytes in which a file says what it is
 #: Files that make a folder one of results.
 STORES = ("study.sqlite", "study.rows.xz", "analysis.sqlite", "trust.json", "design.json")

@@ -79,9 +79,6 @@ CODES: dict[str, tuple[Grade, str]] = {
     "residual-not-white": ("doubt", "the prediction errors are not white"),
     "gain-element": ("note", "the controlled element is a gain: all rests on the remnant"),
     "outside-range": ("doubt", "a value lies outside the range of pilots"),
-    "shared": ("note", "conditions have parameters in common"),
-    "not-shared": ("note", "a parameter that others share stands for this condition alone"),
-    "unequal": ("doubt", "shared parameters are not the same in the conditions"),
     OTHER: ("note", "what a method says in words of its own"),
 }
 

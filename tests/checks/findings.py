@@ -19,7 +19,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from pilotid.analysis.contrasts import Contrast, contrasts
-from pilotid.analysis.repeated import repeated
 from pilotid.analysis.rows import Row
 from pilotid.analysis.spread import condition_spreads, run_spreads, spread_sentence
 from pilotid.api import identify, simulate
@@ -126,14 +125,6 @@ def adaptation(folder: Path) -> bool:
             )
             for note in contrast.notes:
                 print(f"  {'':22s} {note}")
-    print("\nall conditions at once: F, corrected p; mixed model: p, between subjects, within")
-    for each in repeated(rows):
-        if each.parameter in PUBLISHED["roll"]:
-            print(
-                f"  {dict(each.stratum)['axis']:6s}{each.parameter:8s} F({each.df1:.0f}, "
-                f"{each.df2:.0f}) {each.f:7.2f}  p {each.p_corrected:.4f}   p {each.mixed_p:.4f}  "
-                f"{each.between_subjects:.4f}  {each.residual:.4f}  {'; '.join(each.notes)}"
-            )
     return agrees
 
 

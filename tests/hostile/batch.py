@@ -150,9 +150,7 @@ def stores(seed: int, count: int, folder: Path) -> Iterator[tuple[str, list[str]
         out = str(folder / f"out{number}")
         command = ["report", str(place), "--out", out]
         if rng.random() < 0.2:
-            command = ["publish", str(place), "--out", out]
-        elif rng.random() < 0.2:
-            command = ["compare-studies", str(place), str(folder / "whole"), "--csv", "-"]
+            command = ["compare-studies", str(place), str(folder / "whole")]
         yield f"{damage.__name__} {number}", command, place
 
 
@@ -174,7 +172,6 @@ OPTIONS: dict[str, list[str]] = {
         "--method", "--profile", "--like",
     ],
     "report whole --out r": ["--wrong"],
-    "compare-studies whole whole": ["--csv", "--json"],
     "list": ["--x"],
 }  # fmt: skip
 VALUES = [

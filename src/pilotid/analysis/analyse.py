@@ -16,12 +16,10 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from pilotid.analysis.cross_validation import LeftOut, failed_rows, left_out_rows, predict_left_out
-from pilotid.analysis.halves import HalvesApart, fit_halves, halves_rows
 from pilotid.analysis.performance import lines_shared, performance_content, performance_rows
 from pilotid.analysis.recordings import Excluded, Part
 from pilotid.analysis.responses import responses_of
-from pilotid.analysis.rows import CONDITION, PERSON, SUBJECT, Row, grouped, in_order
-from pilotid.analysis.sharing import require_keys, share_fits
+from pilotid.analysis.rows import CONDITION, SUBJECT, Row, grouped, in_order
 from pilotid.database import DamagedError, beside, checksum, in_words, open_to_write
 from pilotid.disk import make_folder, write_file
 from pilotid.element.fit import chosen_element
@@ -48,6 +46,7 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.detectors import copies_among, fingerprints
 from pilotid.recordings.files import Reading
+from pilotid.recordings.selection import stem_of
 from pilotid.remarks import Remark, remark_of
 from pilotid.study.entries import number
 from pilotid.terminal import with_bar
@@ -60,9 +59,8 @@ COLUMNS = "key TEXT PRIMARY KEY, content TEXT, checksum INTEGER"
 #: What the contents of tasks have.
 CONTENTS = {
     "look": {"recording", "remarks", "fingerprints", "candidates", "performance"},
-    "fit": {"fits"},
+    "fit": {"model", "element", "estimates"},
     "left-out": {"model", "left_out"},
-    "halves": {"model", "halves"},
 }
 #: The folder of the recordings' pages.
 PAGES = "recordings"
@@ -86,7 +84,7 @@ class Settings:
     per_run
         Whether every run is fitted on its own as well.
     left_out
-        Whether every run is also predicted by the fit of the others, and halves are compared.
+        Whether every run is also predicted by the fit of the others.
     element
         The controlled element, where the user names it.
     seed
@@ -101,8 +99,6 @@ class Settings:
         Recordings that the user leaves out.
     fix
         Parameters that are held or bounded, see `pilotid.pilot.catalogue.with_held`.
-    share
-        Parameters that a subject's conditions have in common, see `pilotid.estimates.shared`.
     reading
         How files are read.
     """
@@ -119,7 +115,6 @@ class Settings:
     factors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     excluded: Sequence[Excluded] = ()
     fix: str | None = None
-    share: Sequence[str] = ()
     reading: Reading = field(default_factory=Reading)
 
     @property
@@ -184,8 +179,6 @@ class Analysis:
         A sentence for each file that was left out.
     left_out
         Runs predicted by the fits of the others.
-    halves
-        Parameters in both halves of recordings.
     ignored
         Codes of remarks that the user does not want to see.
     """
@@ -196,7 +189,6 @@ class Analysis:
     fits: Sequence[Fit]
     refused: Sequence[str]
     left_out: Sequence[LeftOut] = ()
-    halves: Sequence[HalvesApart] = ()
     ignored: frozenset[str] = frozenset()
 
     def without(self, codes: frozenset[str]) -> Analysis:
@@ -270,16 +262,22 @@ class Analysis:
         return candidates_of(self.looks[part])
 
 
+def group_words(group: Sequence[tuple[str, str]]) -> str:
+    """A group of recordings, or the stratum of a contrast, in words."""
+    fields = [value for field, value in group if field != "file"]
+    return " ".join(fields) or " ".join(stem_of(value) for _, value in group)
+
+
 def group_of(part: Part) -> Group:
     """The recordings that a recording is judged with: those of other subjects, else none."""
     if SUBJECT not in dict(part.fields):
         return (*part.fields, ("file", part.name))
-    return tuple(pair for pair in part.fields if pair[0] not in PERSON)
+    return tuple(pair for pair in part.fields if pair[0] != SUBJECT)
 
 
 # ----------------------------------------------------------------------------------- tasks
 
-What = Literal["look", "fit", "left-out", "halves"]
+What = Literal["look", "fit", "left-out"]
 
 
 @dataclass(frozen=True)
@@ -291,10 +289,10 @@ class Task:
     key
         A digest of all that its content follows from: recording, settings and code.
     what
-        Look at a recording and compare models, fit a model (or models to recordings with
-        parameters in common), fit one to all runs but one and predict that one, or fit halves.
-    parts, reading
-        The recording, or those with parameters in common, and how files are read.
+        Look at a recording and compare models, fit a model, or fit one to all runs but one and
+        predict that one.
+    part, reading
+        The recording, and how files are read.
     code
         Models, methods (or whether models of the catalogue compete) and controlled element, see
         `pilotid.naming.code.packed`.
@@ -308,17 +306,12 @@ class Task:
 
     key: str
     what: What
-    parts: tuple[Part, ...]
+    part: Part
     reading: Reading
     code: bytes
     seed: int
     run: int | None = None
     folder: Path | None = None
-
-    @property
-    def part(self) -> Part:
-        """The recording, the first of several."""
-        return self.parts[0]
 
 
 class Answer(NamedTuple):
@@ -332,7 +325,7 @@ class Answer(NamedTuple):
 def perform(task: Task) -> Answer:
     """Do a task; whatever goes wrong is an answer."""
     try:
-        done = {"look": _look, "fit": _fit, "left-out": _leave_out, "halves": _halve}
+        done = {"look": _look, "fit": _fit, "left-out": _leave_out}
         content = done[task.what](task)
         return Answer(task, json.loads(json.dumps(content)))
     except InputError as error:
@@ -379,27 +372,16 @@ def candidates_of(look: Content) -> list[Candidate]:
 
 
 def _fit(task: Task) -> Content:
-    models, methods, element, keys = unpacked(task.code)
-    recordings = [part.recording(task.reading, task.run) for part in task.parts]
-    fits = [
-        fit_all(recording, model, methods, task.seed, chosen_element(recording, element))
-        for recording, model in zip(recordings, models, strict=True)
-    ]
-    if keys:
-        names = [dict(part.fields)[CONDITION] for part in task.parts]
-        fits = share_fits(fits, names, keys)
-    pairs = zip(task.parts, fits, strict=True)
-    return {"fits": [_whole_content(task, part, fitted) for part, fitted in pairs]}
-
-
-def _whole_content(task: Task, part: Part, fitted: Fitted) -> Content:
     """What is kept of fits, with the recording's page where one is made."""
+    model, methods, element = unpacked(task.code)
+    recording = task.part.recording(task.reading, task.run)
+    fitted = fit_all(recording, model, methods, task.seed, chosen_element(recording, element))
     content = content_of(fitted)
     if task.folder is not None:
         points = first_step_of(fitted.recording, fitted.model)
         content["responses"] = responses_of(fitted, points)
         try:
-            content["page"] = _write_page(task, part, task.folder, fitted, points)
+            content["page"] = _write_page(task, task.folder, fitted, points)
         except InputError as error:  # the fit is kept
             content["unwritten"] = str(error)
     return content
@@ -412,20 +394,12 @@ def _leave_out(task: Task) -> Content:
     return {"model": model.name, "left_out": fits}
 
 
-def _halve(task: Task) -> Content:
-    model, methods, _ = unpacked(task.code)
-    recording = task.part.recording(task.reading)
-    return {"model": model.name, "halves": fit_halves(recording, model, methods, task.seed)}
-
-
-def _write_page(
-    task: Task, part: Part, folder: Path, fitted: Fitted, points: FrequencyResponse | None
-) -> str:
+def _write_page(task: Task, folder: Path, fitted: Fitted, points: FrequencyResponse | None) -> str:
     """Write a recording's page, with its figures, and give its place beside the report."""
     from pilotid.report.fit import html_report
 
     text = html_report([fitted], points=[points])
-    words = re.sub(r"[^\w.+-]+", "_", f"{part.words}_{fitted.model.name}")
+    words = re.sub(r"[^\w.+-]+", "_", f"{task.part.words}_{fitted.model.name}")
     name = f"{PAGES}/{words}_{task.key[:6]}.html"
     make_folder(folder / PAGES)
     write_file(folder / name, text.encode("utf-8", "replace"))
@@ -463,16 +437,11 @@ def _graded(remarks: Iterable[str]) -> list[tuple[str, str, str]]:
 
 def _failed_content(task: Task, why: str) -> Content:
     """The same of fits that a process was lost with: rows without numbers."""
-    models, methods, *_ = unpacked(task.code)
+    model, methods, _ = unpacked(task.code)
     if task.what == "left-out":
-        return {"model": models.name, "left_out": failed_rows(methods, Outcome.DIED.slug)}
-    if task.what == "halves":
-        return {"model": models.name, "halves": []}
-    found = []
-    for model in models:
-        estimates = tuple(failed(label, model, Outcome.DIED, why) for label in methods)
-        found.append(content_of(Fitted(None, model, estimates)))  # type: ignore[arg-type]
-    return {"fits": found}
+        return {"model": model.name, "left_out": failed_rows(methods, Outcome.DIED.slug)}
+    estimates = tuple(failed(label, model, Outcome.DIED, why) for label in methods)
+    return content_of(Fitted(None, model, estimates))  # type: ignore[arg-type]
 
 
 def _numbers(q: Quantity) -> list[float | None]:
@@ -496,7 +465,7 @@ class _Work:
     def task(
         self,
         what: What,
-        parts: Sequence[Part],
+        part: Part,
         content: tuple[object, ...],
         run: int | None = None,
         folder: Path | None = None,
@@ -504,11 +473,10 @@ class _Work:
         """A task with its key."""
         seed = self.settings.seed
         told = (what, run, plain(content), code_digest(content), seed, folder is not None)
-        digests = (self.digests[part] for part in parts)
-        text = repr((*digests, *told)).encode("utf-8", "replace")
+        text = repr((self.digests[part], *told)).encode("utf-8", "replace")
         key = hashlib.sha256(text).hexdigest()
         reading = self.settings.reading
-        return Task(key, what, tuple(parts), reading, packed(content), seed, run, folder)
+        return Task(key, what, part, reading, packed(content), seed, run, folder)
 
     def held(self, task: Task) -> Content | None:
         """What is held of a task."""
@@ -518,12 +486,11 @@ class _Work:
             if found is None or found[2] != checksum(*found[:2]):
                 return None
             content: Content = json.loads(found[1])
-            parts = content.get("fits", ())
             whole = CONTENTS[task.what] <= content.keys()
             # A page that was moved away, or could not be written, is made again.
-            pages = [page for own in parts if (page := own.get("page"))]
-            whole &= not any("unwritten" in own for own in parts)
-            whole &= all((self.path.parent / page).exists() for page in pages)
+            page = content.get("page")
+            whole &= "unwritten" not in content
+            whole &= page is None or (self.path.parent / page).exists()
         except (sqlite3.DatabaseError, ValueError, AttributeError, TypeError):
             return None  # it is done again
         return content if whole else None
@@ -548,8 +515,8 @@ class _Work:
             if content is not None:
                 held[task.key] = content
                 self.keep(task.key, content)
-                parts = content.get("fits", ())
-                self.refused |= {own["unwritten"]: None for own in parts if "unwritten" in own}
+                if "unwritten" in content:
+                    self.refused[content["unwritten"]] = None
             elif task.what == "look":
                 self.refused[why] = None
             else:
@@ -589,7 +556,7 @@ def analyse(
             except InputError as error:
                 work.refused[str(error)] = None
         compared_with = (tuple(settings.models.values()), settings.auto, element, settings.fix)
-        looks = {part: work.task("look", [part], compared_with) for part in work.digests}
+        looks = {part: work.task("look", part, compared_with) for part in work.digests}
         seen = work.contents(list(looks.values()), "looking at recordings")
         looked = {part: seen[t.key] for part, t in looks.items() if t.key in seen}
         copies = copies_among(
@@ -609,64 +576,24 @@ def analyse(
             else [settings.known[name] for name in settings.models]
             for part in looked
         }
-        together = _sharing(work, models, folder)
-        fits, left, halves = [], [], []
+        fits, left = [], []
         for part, look in looked.items():
             count = int(look["recording"]["runs"])
             runs = range(1, count + 1) if count > 1 else ()
             for model in models[part]:
-                fitted = ((model,), methods, element, ())
-                alone = work.task("fit", [part], fitted, folder=folder)
-                fits.append((part, together.get((part, model.name), alone)))
+                fitted = (model, methods, element)
+                fits.append(work.task("fit", part, fitted, folder=folder))
                 if settings.per_run:
-                    fits += [(part, work.task("fit", [part], fitted, run)) for run in runs]
+                    fits += [work.task("fit", part, fitted, run) for run in runs]
                 if settings.left_out:
                     predicts = (model, methods, None)
-                    left += [work.task("left-out", [part], predicts, run) for run in runs]
-                    halves.append(work.task("halves", [part], predicts))
-        held = work.contents([task for _, task in fits], "fitting")
+                    left += [work.task("left-out", part, predicts, run) for run in runs]
+        held = work.contents(fits, "fitting")
         told = work.contents(left, "leaving runs out")
-        halved = work.contents(halves, "fitting halves")
-        every = [
-            Fit(part, task.run, held[task.key]["fits"][task.parts.index(part)])
-            for part, task in fits
-        ]
+        every = [Fit(task.part, task.run, held[task.key]) for task in fits]
         runs_left = [(task.part, task.run or 0, told[task.key]) for task in left]
         lines = [line for own in runs_left for line in left_out_rows(*own)]
-        apart = [row for task in halves for row in halves_rows(task.part, halved[task.key])]
-        return Analysis(settings, looked, choices, every, list(work.refused), lines, apart)
-
-
-def _sharing(
-    work: _Work, models: Mapping[Part, Sequence[PilotModel]], folder: Path
-) -> dict[tuple[Part, str], Task]:
-    """The tasks of subjects whose conditions have parameters in common, by recording and model.
-
-    Raises
-    ------
-    InputError
-        If a model lacks one of them, or nobody has two conditions.
-    """
-    settings = work.settings
-    if not settings.share:
-        return {}
-    for own in models.values():
-        require_keys(own, settings.share)
-    groups = grouped(models, lambda part: tuple(p for p in part.fields if p[0] != CONDITION))
-    found: dict[tuple[Part, str], Task] = {}
-    for parts in groups.values():
-        if len(parts) < 2:
-            continue
-        for several in zip(*(models[part] for part in parts), strict=True):
-            content = (several, dict(settings.methods), settings.element, tuple(settings.share))
-            task = work.task("fit", parts, content, folder=folder)
-            found |= {(part, m.name): task for part, m in zip(parts, several, strict=True)}
-    if not found:
-        raise InputError(
-            "--share: no subject has recordings under two conditions; parameters are shared by the "
-            "conditions of a subject"
-        )
-    return found
+        return Analysis(settings, looked, choices, every, list(work.refused), lines)
 
 
 def _choices(

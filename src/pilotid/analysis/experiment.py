@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from pilotid.analysis.analyse import Settings
 from pilotid.analysis.analyse import analyse as analysed
-from pilotid.analysis.board import BOARD
 from pilotid.analysis.contrasts import Contrast
 from pilotid.analysis.factors import factors_of
 from pilotid.analysis.recordings import Pattern, excluded_of, parts_of
 from pilotid.analysis.results import Results, results_of
-from pilotid.analysis.rows import CONDITION, SUBJECT, in_order
-from pilotid.analysis.sharing import require_keys
+from pilotid.analysis.rows import CONDITION, in_order
 from pilotid.analysis.tables import ESTIMATES, TABLES, table_cells, write_tables
-from pilotid.analysis.trials import tried_conditions
-from pilotid.datasets.named import model_place
-from pilotid.disk import strict_json, write_file
 from pilotid.document import Bullets, Table, blocks_text
 from pilotid.estimates.method import Method
 from pilotid.methods import label_of, method_named
@@ -31,7 +26,7 @@ from pilotid.recordings.files import Reading, expanded, read_with
 from pilotid.recordings.selection import span_of
 from pilotid.remarks import codes_in
 from pilotid.seeds import DEFAULT_SEED
-from pilotid.study.study import Bar, about_this
+from pilotid.study.study import about_this
 from pilotid.types import InputError
 
 if TYPE_CHECKING:
@@ -72,15 +67,13 @@ class Experiment:
         head, rows = tables[name]
         return DataFrame(rows, columns=head)
 
-    def write(self, command: str = "", public: str = "") -> Path:
+    def write(self, command: str = "") -> Path:
         """Write all tables, figures and the report to the folder.
 
         Parameters
         ----------
         command
             The command that makes them, which they name.
-        public
-            The same without places of files, for what is published.
 
         Returns
         -------
@@ -92,9 +85,6 @@ class Experiment:
         write_tables(self.folder, self.results, command)
         seed = self.results.analysis.settings.seed
         about = {k: v for k, v in about_this(seed).items() if k not in ("seed", "code")}
-        if self.results.analysis.left_out:
-            board = self.results.board(public, about)
-            write_file(self.folder / BOARD, strict_json(board.to_dict()).encode())
         return write_report(self.folder, self.results, command, about)
 
     def blocks(self, report: Path | None = None) -> list[Bullets | Table[Contrast]]:
@@ -108,8 +98,7 @@ class Experiment:
             if choice.reason
         ]
         tables = [contrast_overview(results)] if results.contrasts else []
-        told = [f"{own.words}: {words}" for own in results.tried for words in own.trust.sentences]
-        told += [*alarms(results.analysis), *results.notes]
+        told = [*alarms(results.analysis), *results.notes]
         told += [f"report: {report}"] if report else []
         return [Bullets(choices), *tables, Bullets(told)]
 
@@ -128,19 +117,16 @@ def analyse(
     model_per_condition: bool = False,
     per_run: bool = False,
     left_out: bool = False,
-    trust: int = 0,
     exclude: Sequence[str] = (),
     because: str = "",
     factors: str | None = None,
     element: ControlledElement | str | None = None,
     fix: str | None = None,
-    share: Sequence[str] = (),
     reading: Reading | None = None,
     ignore: Sequence[str] = (),
     seed: int = DEFAULT_SEED,
     workers: int | None = None,
     force: bool = False,
-    bar: Bar = lambda results, _: results,
 ) -> Experiment:
     """Analyse recordings of subjects under conditions, as ``pilotid analyse`` does.
 
@@ -162,8 +148,6 @@ def analyse(
         Whether each condition has a model of its own, also where conditions are contrasted.
     per_run, left_out
         Whether each run is fitted alone as well, and whether it is predicted by the others' fit.
-    trust
-        Simulations of a typical recording of each condition.
     exclude, because
         Recordings to leave out, such as ``subject=6,condition=C4``, and why.
     factors
@@ -172,8 +156,6 @@ def analyse(
         The controlled element; else the file's, or what the signals show.
     fix
         Parameters that are held or bounded, such as ``fnm=12,dnm=.1..0.5``.
-    share
-        Parameters that the conditions of a subject have in common, such as ``["fnm", "dnm"]``.
     reading
         How files are read, a `pilotid.recordings.files.Reading`.
     ignore
@@ -184,8 +166,6 @@ def analyse(
         Processes; None for one for each processor.
     force
         Whether files of the folder may be written over that this program did not write.
-    bar
-        Shows the progress of simulations.
 
     Returns
     -------
@@ -198,12 +178,9 @@ def analyse(
         If no file can be used, or an option does not fit them.
     """
     models, methods = _several(models), _several(methods)
-    names = [m for m in models if isinstance(m, str) and m != AUTO]
     every = [model_named(m) if isinstance(m, str) else m for m in models if m != AUTO]
     auto = len(every) < len(models)
     with_held([*every, *(MODELS.values() if auto else ())], fix)  # refused at once
-    shared = list(dict.fromkeys(k.strip() for text in _several(share) for k in text.split(",")))
-    require_keys(every, shared)
     known = [method_named(m) if isinstance(m, str) else m for m in methods]
     ignored = codes_in(_several(ignore))
     reading, folder = reading or Reading(), Path(out)
@@ -230,34 +207,17 @@ def analyse(
         factors_of(factors, conditions) if factors else {},
         excluded,
         fix,
-        shared,
         reading,
     )
-    if shared:
-        _require_shareable(pattern, settings.methods)
     if not parts:
         raise InputError("; ".join(refused))
     read = [file for part in parts for file in part.files]
-    require_folder(folder, (*TABLES, BOARD, "report.html"), read_with(read), force=force)
+    require_folder(folder, (*TABLES, "report.html"), read_with(read), force=force)
     analysis = analysed(parts, settings, folder, workers, refused)
     if not analysis.parts:
         raise InputError("; ".join(analysis.refused))
     analysis = analysis.without(ignored) if ignored else analysis
-    if not trust:
-        return Experiment(results_of(analysis), folder)
-    places = {model_named(name).name: model_place(name) for name in names}
-    tried = tried_conditions(analysis, folder, trust, places, bar, workers)
-    return Experiment(results_of(analysis, *tried), folder)
-
-
-def _require_shareable(pattern: str | None, methods: Mapping[str, Method]) -> None:
-    """Refuse shared parameters where there are no conditions, or a method claims no errors."""
-    fields = Pattern(pattern).fields if pattern else ()
-    if missing := [name for name in (SUBJECT, CONDITION) if name not in fields]:
-        raise InputError(
-            f"--share: the pattern has no {{{missing[0]}}}; parameters are shared by the "
-            "conditions of a subject"
-        )
+    return Experiment(results_of(analysis), folder)
 
 
 def _several(given: Sequence[T]) -> Sequence[T]:

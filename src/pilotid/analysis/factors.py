@@ -1,7 +1,6 @@
 """Factors that conditions are combinations of: repeated-measures analysis of variance.
 
-Each main effect and interaction is a set of orthonormal contrasts of the conditions.  Its F is the
-mean square of their means over the subjects by that of their scatter; p is corrected for contrasts
+F and p of each main effect and interaction are those of statsmodels; p is corrected for effects
 that scatter differently after Greenhouse and Geisser (1959); the effect size is partial eta
 squared.  Subjects with a usable estimate in every condition count.
 """
@@ -27,30 +26,7 @@ from pilotid.types import FloatArray, InputError
 #: Level of each condition, by factor.
 Factors = Mapping[str, Mapping[str, str]]
 LARGEST = 2**20  # bytes of a file of factors
-FEWEST_LEVELS = 2
-
-
-@dataclass(frozen=True)
-class Variance:
-    """The test of one effect in a table of subjects; NaN for what cannot be worked out.
-
-    Attributes
-    ----------
-    f, df1, df2, p
-        F, its degrees of freedom and its p.
-    epsilon, p_corrected
-        Greenhouse and Geisser's epsilon, and p with both degrees of freedom times that.
-    eta_squared
-        Partial eta squared.
-    """
-
-    f: float = NAN
-    df1: float = NAN
-    df2: float = NAN
-    p: float = NAN
-    epsilon: float = NAN
-    p_corrected: float = NAN
-    eta_squared: float = NAN
+FEWEST = 2  # levels of a factor, and subjects of a test
 
 
 @dataclass(frozen=True)
@@ -65,10 +41,14 @@ class Effect:
         The factors, joined by colons.
     subjects
         Those with a usable estimate in every condition.
-    variance
-        The test.
     notes
         Who is left out and why, and what could not be worked out.
+    f, df1, df2, p
+        F, its degrees of freedom and its p; NaN where there is no test, as all that follows.
+    epsilon, p_corrected
+        Greenhouse and Geisser's epsilon, and p with both degrees of freedom times that.
+    eta_squared
+        Partial eta squared.
     """
 
     stratum: Stratum
@@ -77,8 +57,14 @@ class Effect:
     unit: str
     effect: str
     subjects: tuple[str, ...]
-    variance: Variance
     notes: tuple[str, ...] = ()
+    f: float = NAN
+    df1: float = NAN
+    df2: float = NAN
+    p: float = NAN
+    epsilon: float = NAN
+    p_corrected: float = NAN
+    eta_squared: float = NAN
 
 
 def factors_of(text: str, conditions: Sequence[str]) -> dict[str, dict[str, str]]:
@@ -101,7 +87,7 @@ def factors_of(text: str, conditions: Sequence[str]) -> dict[str, dict[str, str]
                     f"--factors: the level {level} of {factor} names the condition {condition}, "
                     f"which no file has; the conditions are {there}"
                 )
-        if len(set(levels.values())) < FEWEST_LEVELS:
+        if len(set(levels.values())) < FEWEST:
             raise InputError(f"--factors: {factor} has one level only; give it two or more")
     named = in_order([condition for levels in found.values() for condition in levels])
     cells: dict[tuple[str, ...], str] = {}
@@ -182,17 +168,6 @@ def effects(
     return [effect for layout in own for effect in _effects(layout, factors, models)]
 
 
-def notes_on(
-    layout: Layout, conditions: Sequence[str], out: Sequence[str], models: Mapping[str, PilotModel]
-) -> list[str]:
-    """Who is left out of a test over conditions, and whether it is one across models."""
-    notes = [f"left out: {'; '.join(out)}"] if out else []
-    known = dict.fromkeys(layout.models[c] for c in conditions)
-    if is_across(layout.parameter, [models[name] for name in known if name in models]):
-        notes.append("across models")
-    return notes
-
-
 def _effects(
     layout: Layout, factors: Factors, models: Mapping[str, PilotModel]
 ) -> Iterator[Effect]:
@@ -203,63 +178,60 @@ def _effects(
         return  # a parameter that some models do not have
     subjects, out = layout.split(conditions)
     table = np.array([[layout.cells[c][s].value for c in conditions] for s in subjects])
-    notes = notes_on(layout, conditions, out, models)
-    names = list(factors)
-    for size in range(1, len(names) + 1):
-        for some in combinations(range(len(names)), size):
-            contrasts = np.ones((1, 1))
-            for place, own in enumerate(levels):
-                level = np.full((1, len(own)), len(own) ** -0.5)
-                contrasts = np.kron(contrasts, contrasts_of(len(own)) if place in some else level)
-            tested = variance_of(table, contrasts)
+    notes = [f"left out: {'; '.join(out)}"] if out else []
+    known = dict.fromkeys(layout.models[c] for c in conditions)
+    if is_across(layout.parameter, [models[name] for name in known if name in models]):
+        notes.append("across models")
+    tested = variances_of(table, [len(own) for own in levels])
+    for size in range(1, len(factors) + 1):
+        for some in combinations(range(len(factors)), size):
             yield Effect(
                 layout.stratum,
                 layout.method,
                 layout.parameter,
                 layout.unit,
-                ":".join(names[place] for place in some),
+                ":".join(list(factors)[place] for place in some),
                 tuple(subjects),
-                tested,
-                tuple(notes if np.isfinite(tested.f) else [*notes, "no test: nothing scatters"]),
+                tuple(notes if some in tested else [*notes, "no test: nothing scatters"]),
+                *tested.get(some, ()),
             )
 
 
-def contrasts_of(levels: int) -> FloatArray:
-    """Orthonormal contrasts of the levels of a factor, shape (levels - 1, levels)."""
-    centred = np.eye(levels) - 1.0 / levels
-    return np.asarray(np.linalg.svd(centred)[2][: levels - 1])
-
-
-def variance_of(table: FloatArray, contrasts: FloatArray) -> Variance:
-    """The test of an effect.
+def variances_of(
+    table: FloatArray, levels: Sequence[int]
+) -> dict[tuple[int, ...], tuple[float, ...]]:
+    """F and all behind it in `Effect` by the places of an effect's factors, if it scatters.
 
     Parameters
     ----------
     table
-        Shape (subjects, conditions).
-    contrasts
-        Orthonormal contrasts of the conditions, shape (degrees of freedom, conditions).
+        Shape (subjects, conditions), conditions in the order of `product` over the factors.
+    levels
+        Number of levels of each factor.
     """
+    from pandas import DataFrame
     from scipy.special import fdtrc
+    from statsmodels.stats.anova import AnovaRM
 
-    count, size = len(table), len(contrasts)
-    if count < FEWEST_LEVELS:
-        return Variance()
-    own = table @ contrasts.T
-    rest = own - own.mean(axis=0)
-    between, within = count * float(np.sum(own.mean(axis=0) ** 2)), float(np.sum(rest**2))
-    if np.abs(rest).max() <= ROUNDING * np.abs(table).max():
-        return Variance()
-    df1, df2 = float(size), float(size * (count - 1))
-    f = between / df1 / (within / df2)
-    covariance = rest.T @ rest
-    epsilon = float(np.trace(covariance) ** 2 / (size * np.sum(covariance**2)))
-    return Variance(
-        f,
-        df1,
-        df2,
-        float(fdtrc(df1, df2, f)),
-        epsilon,
-        float(fdtrc(epsilon * df1, epsilon * df2, f)),
-        between / (between + within),
-    )
+    if len(table) < FEWEST:
+        return {}
+    names = [f"f{place}" for place in range(len(levels))]
+    cells = list(product(range(len(table)), *map(range, levels)))
+    frame = DataFrame(cells, columns=["subject", *names]).assign(value=table.ravel())
+    found: dict[tuple[int, ...], tuple[float, ...]] = {}
+    with np.errstate(divide="ignore", invalid="ignore"):
+        tested = AnovaRM(frame, "value", "subject", names).fit().anova_table
+    for effect, row in tested.iterrows():
+        some = tuple(names.index(name) for name in effect.split(":"))
+        f, df1, df2, p = map(float, row[["F Value", "Num DF", "Den DF", "Pr > F"]])
+        own = np.ones((1, 1))
+        for place, count in enumerate(levels):
+            mean = np.full((count, count), 1.0 / count)
+            own = np.kron(own, np.eye(count) - mean if place in some else mean)
+        spread = np.cov(table @ own, rowvar=False)
+        if np.sqrt(np.trace(spread)) <= ROUNDING * np.abs(table).max():
+            continue
+        epsilon = float(np.trace(spread) ** 2 / (df1 * np.sum(spread**2)))
+        corrected = float(fdtrc(epsilon * df1, epsilon * df2, f))
+        found[some] = f, df1, df2, p, epsilon, corrected, f * df1 / (f * df1 + df2)
+    return found

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pilotid.analysis.contrasts import Contrast
-from pilotid.analysis.learning import Learning
 from pilotid.analysis.responses import LINES, Response, over_subjects
 from pilotid.analysis.rows import Cell, Layout, in_order
 from pilotid.analysis.spread import ConditionSpread
@@ -90,46 +89,6 @@ def _panel(axes: Axes, layout: Layout, conditions: Sequence[str], subjects: Sequ
     logarithmic = ", log. axis" if axes.get_yscale() == "log" else ""
     title = with_unit(symbol(layout.parameter), unit_words(layout.unit))
     axes.set_title(f"{title}{logarithmic}", loc="left")
-
-
-def learning_figure(curves: Sequence[Learning]) -> Figure:
-    """Quantities over runs, a panel for each and a line for each subject.
-
-    Parameters
-    ----------
-    curves
-        Those of one condition and method.
-    """
-    keys = list(dict.fromkeys(curve.parameter for curve in curves))
-    subjects = in_order([curve.subject for curve in curves if curve.subject])
-    rows = math.ceil(len(keys) / ACROSS)
-    with journal_figure(1.75 * rows + 0.4) as figure:
-        panels = figure.subplots(rows, min(ACROSS, len(keys)), squeeze=False).ravel()
-        for axes, key in zip(panels, keys, strict=False):
-            own = [curve for curve in curves if curve.parameter == key]
-            for curve in own:
-                order, values = curve.values.T if curve.values.size else np.zeros((2, 0))
-                common = not curve.subject or len(own) == 1
-                number = subjects.index(curve.subject) if curve.subject else 0
-                axes.plot(
-                    order, values, "o" if common else "-", markersize=2.5,
-                    linewidth=0.6, color=INK if common else COLOURS[number % len(COLOURS)],
-                    label="mean over subjects" if not curve.subject else f"subject {curve.subject}",
-                )  # fmt: skip
-                if common:
-                    grid = np.linspace(1.0, max(order, default=2.0), 60)
-                    fall = np.exp(-(grid - 1.0) / curve.curve.constant)
-                    start, end = curve.curve.start, curve.curve.end
-                    axes.plot(grid, end + (start - end) * fall, color=INK, linewidth=1.2)
-            axes.set_title(with_unit(symbol(key), unit_words(own[0].unit)), loc="left")
-            draw_grid(axes, "y")
-        for axes in panels[max(0, len(keys) - ACROSS) : len(keys)]:
-            axes.set_xlabel("run")
-        for axes in panels[len(keys) :]:
-            axes.set_axis_off()
-        handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False)
-    return figure
 
 
 def _reach(cell: Cell) -> tuple[float, float]:

@@ -6,20 +6,16 @@ import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from pilotid.analysis.analyse import PAGES, Analysis, group_of
-from pilotid.analysis.board import group_words, left_out_blocks
+from pilotid.analysis.analyse import PAGES, Analysis, group_of, group_words
 from pilotid.analysis.contrasts import LEVEL
 from pilotid.analysis.figures import (
     estimates_figure,
-    learning_figure,
     normal_figure,
     parts_figure,
     responses_figure,
     spread_figure,
     standardised,
 )
-from pilotid.analysis.halves import halves_blocks
-from pilotid.analysis.learning import Learning
 from pilotid.analysis.report_tables import (
     FEW,
     alarms,
@@ -28,25 +24,21 @@ from pilotid.analysis.report_tables import (
     difference_words,
     estimate_groups,
     factor_table,
-    group_table,
     is_headline,
     is_significant,
-    learning_table,
+    left_out_table,
     means_table,
     model_table,
     recording_table,
-    repeated_table,
     table_title,
 )
 from pilotid.analysis.responses import LINES, Response
 from pilotid.analysis.results import Results
-from pilotid.analysis.rows import GROUP, MEASURED, SUBJECT, grouped
+from pilotid.analysis.rows import MEASURED, SUBJECT, grouped
 from pilotid.analysis.spread import spread_sentence
 from pilotid.document import Block, Bullets, Command, Figure, Section, Text, write_page
 from pilotid.estimates.estimate import Outcome
 from pilotid.limits import ESTIMATE
-from pilotid.report.trust import trust_blocks
-from pilotid.study.trust import UNKNOWN
 
 TITLE = "Pilot models of recorded subjects"
 MOST = 6  # differences that the summary names
@@ -74,18 +66,13 @@ OTHER_MODELS = (
     "so that it need not mean the same. Such rows count in no summary. Without "
     "`--model-per-condition` one model is chosen for conditions that are compared."
 )
-GROUPS = (
-    "Groups of subjects in each condition, b less a: Welch's t-test, which assumes no equal "
-    "variances, p after Holm's correction for the number of pairs and conditions, effect size "
-    "(Hedges' g). "
-    "Below, over the subjects with an estimate in every condition: the group, and whether "
-    "conditions differ otherwise in one group than in another (`groups.csv`, `factors.csv`)."
-)
-LEARNING = (
-    "Quantities over the order of runs and sessions, for all subjects together: an exponential "
-    "from start to end, whose distance falls to 37 % in so many runs (constant), with errors from "
-    "leaving subjects out one by one; and the change from run to run by a straight line, whose p "
-    "says whether anything changes at all. `learning.csv` has each subject's curve."
+LEFT_OUT = (
+    "Every run is predicted by the fit of the other runs of its recording. **VAF**: of its "
+    "control, as the simulated response explains it. **Likelihood**: of its whitened prediction "
+    "errors (nats a run), less that of the best of the same recordings, run by run. It is of all "
+    "the control: the inverse of the controlled element predicts that well and is no pilot, which "
+    "the VAF shows. After ± stands the standard error over the runs; runs of one subject are "
+    "alike, so that it is too small for other subjects."
 )
 RUNS = (
     "A claimed error says what the same pilot would scatter who did the same again. Runs "
@@ -112,14 +99,12 @@ def write_report(folder: Path, results: Results, command: str, about: Mapping[st
     """
     _clear(folder, results.analysis)
     path = folder / "report.html"
-    sections = list(report_sections(folder, results, command, about))
+    sections = list(report_sections(results, command, about))
     write_page(path, TITLE, sections, kinds=("svg", "pdf"))
     return path
 
 
-def report_sections(
-    folder: Path, results: Results, command: str, about: Mapping[str, str]
-) -> Iterator[Section]:
+def report_sections(results: Results, command: str, about: Mapping[str, str]) -> Iterator[Section]:
     """The sections of a report, without those that have nothing to say."""
     yield _summary(results)
     yield _models(results.analysis)
@@ -129,21 +114,10 @@ def report_sections(
         yield Section("responses", "Frequency responses", responses)
     if results.contrasts:
         yield _conditions(results)
-    if results.groups:
-        groups = [e for e in results.effects if e.effect.startswith(GROUP)]
-        tables: list[Block] = [group_table(results.groups), factor_table(groups)]
-        yield Section("groups", "Groups compared", [Text(GROUPS), *tables])
-    if results.learning:
-        yield Section("learning", "Learning", [Text(LEARNING), *_learning(results)])
     if results.by_condition:
         yield Section("runs", "From run to run", [Text(RUNS), *_runs(results)])
-    if results.tried:
-        yield Section("trust", "What the fits are worth", [*_tried(results, folder), Text(UNKNOWN)])
-    if results.analysis.left_out:
-        board = results.board(command, about)
-        yield Section("left-out", "Runs left out", left_out_blocks(board))
-    if results.analysis.halves:
-        yield Section("halves", "Agreement between halves", halves_blocks(results.analysis.halves))
+    if left_out := results.analysis.left_out:
+        yield Section("left-out", "Runs left out", [Text(LEFT_OUT), left_out_table(left_out)])
     yield Section("recordings", "Recordings", [recording_table(results.analysis)])
     versions = ", ".join(f"{name} {version}" for name, version in about.items())
     again: list[Block] = [Command("To make it again:", command)] if command else []
@@ -161,7 +135,7 @@ def _clear(folder: Path, analysis: Analysis) -> None:
 def _summary(results: Results) -> Section:
     analysis = results.analysis
     fields = [dict(part.fields) for part in analysis.parts]
-    subjects = {(own.get(GROUP), own[SUBJECT]) for own in fields if SUBJECT in own}
+    subjects = {own[SUBJECT] for own in fields if SUBJECT in own}
     runs = sum(int(look["recording"]["runs"]) for look in analysis.looks.values())
     of = f" of {len(subjects)} subjects" if subjects else ""
     told = [f"{len(analysis.parts)} recordings{of}, {runs} runs."]
@@ -296,7 +270,7 @@ def _estimates(results: Results) -> list[Block]:
     wider = ", with the variation from run to run" if results.wider else ""
     place = measured = 0
     for title, group in estimate_groups(results.shown, results.chosen):
-        blocks.append(means_table(group, title, results.analysis.settings.share))
+        blocks.append(means_table(group, title))
         if group[0].method == MEASURED:
             bars = parts_figure(group)
             if bars is not None:
@@ -336,8 +310,8 @@ def _conditions(results: Results) -> Section:
     blocks: list[Block] = [Text(PAIRED), *contrast_tables(results)]
     if any(c.across for c in results.contrasts):
         blocks.append(Text(OTHER_MODELS))
-    if factors := [e for e in results.effects if not e.effect.startswith(GROUP)]:
-        blocks.append(factor_table(factors))
+    if results.effects:
+        blocks.append(factor_table(results.effects))
     if residuals := standardised(results.contrasts):
         caption = (
             "Differences between conditions, each less its mean over the subjects and over their "
@@ -345,22 +319,7 @@ def _conditions(results: Results) -> Section:
             "the ends are subjects unlike the others: there, go by the robust mean and the ranks."
         )
         blocks.append(Figure("normal", normal_figure(residuals), caption))
-    if results.repeated:
-        blocks.append(repeated_table(results.repeated))
     return Section("conditions", "Conditions compared", blocks)
-
-
-def _learning(results: Results) -> Iterator[Block]:
-    """Quantities over runs: a table, and a figure for each condition and method."""
-    yield learning_table([c for c in results.learning if not c.subject] or results.learning)
-
-    def title_of(curve: Learning) -> str:
-        title = table_title(curve.stratum, curve.method, curve.model)
-        return ", ".join(filter(None, (title, curve.condition)))
-
-    for place, (title, own) in enumerate(grouped(results.learning, title_of).items(), start=1):
-        caption = f"Over runs, {title}. Thin: subjects; black: their mean, and the common curve."
-        yield Figure(f"learning-{place}", learning_figure(own), caption)
 
 
 def _runs(results: Results) -> Iterator[Block]:
@@ -374,11 +333,3 @@ def _runs(results: Results) -> Iterator[Block]:
             "claimed."
         )
         yield Figure(f"runs-{place}", spread_figure(own), caption)
-
-
-def _tried(results: Results, folder: Path) -> Iterator[Block]:
-    """What simulations say of the fits."""
-    for own in results.tried:
-        page = (own.folder / "report.html").relative_to(folder).as_posix()
-        yield Text(f"**{own.words}**: [all methods]({page})")
-        yield from trust_blocks(own.trust.to_dict())

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
-from pilotid.analysis.analyse import Analysis, Group, group_of
-from pilotid.analysis.board import group_words
+from pilotid.analysis.analyse import Analysis, Group, group_of, group_words
 from pilotid.analysis.contrasts import LEVEL, Contrast
+from pilotid.analysis.cross_validation import LeftOut, rank_methods
 from pilotid.analysis.factors import Effect
-from pilotid.analysis.groups import GroupDifference
-from pilotid.analysis.learning import Learning
-from pilotid.analysis.repeated import Repeated
 from pilotid.analysis.results import Results
 from pilotid.analysis.rows import (
     MEASURED,
@@ -49,12 +46,11 @@ def table_title(stratum: Stratum, method: str, model: str) -> str:
 # ------------------------------------------------------------------------------- estimates
 
 
-def means_table(group: Sequence[Layout], title: str, shared: Sequence[str] = ()) -> Table[Layout]:
+def means_table(group: Sequence[Layout], title: str) -> Table[Layout]:
     """Parameters down, conditions across: means over subjects, or single values.
 
     Means have the standard deviation between subjects in parentheses, values their standard error.
-    An asterisk marks those with a fit that the forcing functions contradict; parameters that
-    conditions share are marked.
+    An asterisk marks those with a fit that the forcing functions contradict.
     """
     conditions = in_order([c for layout in group for c in layout.conditions])
     models = {c: layout.models[c] for layout in group for c in layout.conditions}
@@ -83,7 +79,6 @@ def means_table(group: Sequence[Layout], title: str, shared: Sequence[str] = ())
     columns: list[Column[Layout]] = [
         Column("parameter", lambda layout: layout.parameter, symbol=symbol),
         Column("unit", lambda layout: layout.unit),
-        Column("conditions", lambda layout: "shared" if layout.parameter in shared else ""),
         *map(column, conditions),
     ]
     return Table(f"Estimates: {title}", columns, group)
@@ -277,34 +272,14 @@ def without_repeats(found: Sequence[Contrast]) -> list[Contrast]:
     return [c for c in found if not repeats(c)]
 
 
-def repeated_table(found: Sequence[Repeated]) -> Table[Repeated]:
-    """All conditions of each quantity together."""
-    columns: list[Column[Repeated]] = [
-        Column("stratum", lambda r: group_words(r.stratum) or NONE),
-        Column("method", lambda r: r.method),
-        Column("parameter", lambda r: r.parameter, symbol=symbol),
-        Column("conditions", lambda r: " ".join(r.conditions)),
-        Column("subjects", lambda r: len(r.subjects), str),
-        Column("F", lambda r: r.f, number),
-        Column("df", lambda r: f"{r.df1:.0f}, {r.df2:.0f}" if math.isfinite(r.df2) else None, str),
-        Column("p", lambda r: r.p, p_value),
-        Column("p corrected", lambda r: r.p_corrected, p_value, "Greenhouse and Geisser"),
-        Column("partial eta²", lambda r: r.eta_squared, number, "the effect's size"),
-        Column("p mixed", lambda r: r.mixed_p, p_value, "mixed model with a random intercept"),
-    ]
-    caption = "All conditions together: repeated-measures analysis of variance and mixed model"
-    return Table(caption, columns, found, heads=3, folded=True)
-
-
 def factor_table(found: Sequence[Effect]) -> Table[Effect]:
     """The effects of factors on each quantity."""
 
     def df(e: Effect) -> str | None:
-        own = e.variance
-        return f"{own.df1:.0f}, {own.df2:.0f}" if math.isfinite(own.df2) else None
+        return f"{e.df1:.0f}, {e.df2:.0f}" if math.isfinite(e.df2) else None
 
     def mark(e: Effect) -> str:
-        return "good" if e.variance.p_corrected < LEVEL else ""
+        return "good" if e.p_corrected < LEVEL else ""
 
     columns: list[Column[Effect]] = [
         Column("stratum", lambda e: group_words(e.stratum) or NONE),
@@ -312,60 +287,15 @@ def factor_table(found: Sequence[Effect]) -> Table[Effect]:
         Column("parameter", lambda e: e.parameter, symbol=symbol),
         Column("effect", lambda e: e.effect.replace(":", " x ")),
         Column("subjects", lambda e: len(e.subjects), str),
-        Column("F", lambda e: e.variance.f, number),
+        Column("F", lambda e: e.f, number),
         Column("df", df, str),
-        Column("p", lambda e: e.variance.p, p_value),
-        Column("epsilon", lambda e: e.variance.epsilon, number, "Greenhouse and Geisser"),
-        Column("p corrected", lambda e: e.variance.p_corrected, p_value, "by epsilon", mark),
-        Column("partial eta²", lambda e: e.variance.eta_squared, number, "the effect's size"),
+        Column("p", lambda e: e.p, p_value),
+        Column("epsilon", lambda e: e.epsilon, number, "Greenhouse and Geisser"),
+        Column("p corrected", lambda e: e.p_corrected, p_value, "by epsilon", mark),
+        Column("partial eta²", lambda e: e.eta_squared, number, "the effect's size"),
         Column("notes", lambda e: "; ".join(e.notes) or NONE),
     ]
     return Table("Effects of the factors: analysis of variance", columns, found, heads=3)
-
-
-def _clear(g: GroupDifference) -> str:
-    return "good" if g.p_holm < LEVEL else ""
-
-
-def group_table(found: Sequence[GroupDifference]) -> Table[GroupDifference]:
-    """Groups compared in each condition."""
-    columns: list[Column[GroupDifference]] = [
-        Column("condition", lambda g: group_words((*g.stratum, ("condition", g.condition)))),
-        Column("method", lambda g: g.method),
-        Column("groups", lambda g: f"{g.group_a}:{g.group_b}"),
-        Column("parameter", lambda g: g.parameter, symbol=symbol),
-        Column("unit", lambda g: g.unit),
-        Column("n", lambda g: f"{g.subjects_a}, {g.subjects_b}", str, "subjects"),
-        Column("difference", lambda g: (g.difference, g.std_error), to_error),
-        Column("t (df)", lambda g: f"{g.t:.2f} ({g.freedom:.1f})" if g.t == g.t else None, str),
-        Column("p", lambda g: g.p, p_value),
-        Column("p Holm", lambda g: g.p_holm, p_value, "for all comparisons", _clear),
-        Column("g", lambda g: (g.effect_size, 2), number, "Hedges'"),
-    ]
-    ordered = sorted(found, key=lambda g: (g.stratum, g.condition))  # stable
-    return Table("Differences between groups", columns, ordered, heads=3)
-
-
-def learning_table(found: Sequence[Learning]) -> Table[Learning]:
-    """Curves over runs."""
-
-    def shown(name: str) -> Callable[[Learning], tuple[float, float]]:
-        return lambda c: (getattr(c.curve, name), getattr(c.errors, name))
-
-    columns: list[Column[Learning]] = [
-        Column("condition", lambda c: group_words((*c.stratum, ("condition", c.condition)))),
-        Column("method", lambda c: c.method),
-        Column("parameter", lambda c: c.parameter, symbol=symbol),
-        Column("unit", lambda c: c.unit),
-        Column("subjects", lambda c: c.subjects, str),
-        Column("start", shown("start"), unsigned),
-        Column("end", shown("end"), unsigned),
-        Column("constant", shown("constant"), unsigned, "runs"),
-        Column("change a run", shown("slope"), unsigned, "of a straight line"),
-        Column("p", lambda c: c.p, p_value, "of no change"),
-        Column("notes", lambda c: "; ".join(c.notes) or NONE),
-    ]
-    return Table("Learning curves", columns, found, heads=3)
 
 
 # ------------------------------------------------------------------- models and recordings
@@ -440,6 +370,24 @@ def recording_table(analysis: Analysis) -> Table[Any]:
     return table_of(caption, heads, rows)
 
 
+def left_out_table(left: Sequence[LeftOut]) -> Table[Any]:
+    """Models and methods by the runs that they predict, within each kind of recording."""
+    heads = [
+        *(("recordings",), ("model",), ("method",)),
+        ("runs", str, "left out of a fit"),
+        ("failed", str, "fits of the others that do not count"),
+        ("VAF %", unsigned, "of runs left out"),
+        ("likelihood", plus_minus, "of a run left out, less the best; nats"),
+    ]
+    rows = [
+        (group_words(group), s.model, s.method, s.runs, s.failed, s.vaf, s.behind)
+        for group, own in grouped(left, lambda each: group_of(each.part)).items()
+        for s in rank_methods(own)
+    ]
+    caption = "Runs predicted by the fit of the others, the likeliest first"
+    return table_of(caption, heads, rows, 2)
+
+
 # ----------------------------------------------------------------------------------- LaTeX
 
 
@@ -448,7 +396,6 @@ def tables_tex(
     contrasts: Sequence[Contrast] = (),
     chosen: Chosen | None = None,
     made_by: str = "",
-    shared: Sequence[str] = (),
 ) -> str:
     r"""Estimates and contrasts as booktabs tabulars without captions, for ``\input`` in a table.
 
@@ -462,15 +409,13 @@ def tables_tex(
         The model of each stratum and condition, as for `contrasts`.
     made_by
         The command that made them, for the comment at the head.
-    shared
-        Parameters that conditions share.
     """
     parts = [
         f"% Made by: {printable(made_by or 'pilotid.analyse')}",
         r"% Needs \usepackage{booktabs}; each tabular may be put into a table of its own.",
     ]
     for title, group in estimate_groups(rows, chosen):
-        table = means_table(group, title, shared)
+        table = means_table(group, title)
         parts += [
             f"% {printable(table.caption)}: means over subjects, standard deviations in "
             "parentheses; or values ± standard errors",

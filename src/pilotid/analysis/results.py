@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
 
 from pilotid.analysis.analyse import Analysis
-from pilotid.analysis.board import Board
 from pilotid.analysis.contrasts import Contrast, contrasts, split_pairs, within_fits
 from pilotid.analysis.factors import Effect, effects
-from pilotid.analysis.groups import GroupDifference, group_differences, group_effects
-from pilotid.analysis.learning import Learning, learning
 from pilotid.analysis.recordings import Excluded
-from pilotid.analysis.repeated import Repeated, repeated
-from pilotid.analysis.rows import CONDITION, GROUP, PERSON, SUBJECT, Chosen, Row
+from pilotid.analysis.rows import CONDITION, SUBJECT, Chosen, Row
 from pilotid.analysis.spread import (
     ConditionSpread,
     RunSpread,
@@ -22,7 +18,6 @@ from pilotid.analysis.spread import (
     run_spreads,
     with_variation,
 )
-from pilotid.analysis.trials import Tried
 from pilotid.types import InputError
 
 #: Columns of contrasts.csv behind those of the stratum's fields.
@@ -34,27 +29,10 @@ CONTRAST_COLUMNS = (
     *("between_subjects", "between_lower_95", "between_upper_95", "claimed_error", "notes"),
     *("misspecified", "robust_difference", "wilcoxon_p", "lower_holm_95", "upper_holm_95"),
 )
-#: Columns of the table of analyses of all conditions.
-REPEATED_COLUMNS = (
-    *("conditions", "models", "method", "parameter", "unit", "subjects", "F", "df1", "df2", "p"),
-    *("epsilon", "p_corrected", "estimates", "likelihood_ratio", "mixed_p", "between_subjects"),
-    *("residual", "notes", "eta_squared"),
-)
 #: Columns of the table of factors.
 FACTOR_COLUMNS = (
     *("method", "parameter", "unit", "effect", "subjects", "F", "df1", "df2", "p", "epsilon"),
     *("p_corrected", "eta_squared", "notes"),
-)
-#: Columns of the table of groups, and of that of learning curves.
-GROUP_COLUMNS = (
-    *("condition", "method", "parameter", "unit", "group_a", "group_b", "subjects_a", "subjects_b"),
-    *("mean_a", "mean_b", "difference", "std_error", "t", "freedom", "p", "p_holm", "lower_95"),
-    *("upper_95", "effect_size"),
-)
-LEARNING_COLUMNS = (
-    *("condition", "model", "method", "parameter", "unit", "subject", "points", "subjects"),
-    *("start", "start_std_error", "end", "end_std_error", "constant", "constant_std_error"),
-    *("slope", "slope_std_error", "p", "notes"),
 )
 #: Columns of the table of spreads from run to run.
 SPREAD_COLUMNS = (
@@ -69,14 +47,11 @@ PLACES = {
     "ratio_lower_95": "ratio.lower",
     "ratio_upper_95": "ratio.upper",
     "ratio_p": "ratio.p",
-    **{name: f"curve.{name}" for name in ("start", "end", "constant", "slope")},
-    **{f"{name}_std_error": f"errors.{name}" for name in ("start", "end", "constant", "slope")},
 }
 
 
 def table_of(
-    lines: Sequence[Contrast | Repeated | RunSpread | Effect | GroupDifference | Learning],
-    columns: Sequence[str],
+    lines: Sequence[Contrast | RunSpread | Effect], columns: Sequence[str]
 ) -> tuple[list[str], list[list[object]]]:
     """A table for a CSV file, behind the fields of the strata; several notes are one text."""
     fields = list(dict.fromkeys(name for line in lines for name, _ in line.stratum))
@@ -91,13 +66,9 @@ def table_of(
 
 
 def _cell(line: object, column: str) -> object:
-    if isinstance(line, Effect) and hasattr(line.variance, PLACES.get(column, column)):
-        line = line.variance
     value = attrgetter(PLACES.get(column, column.removesuffix("_95")))(line)
     if column == "notes":
         return " | ".join(value)
-    if column in ("conditions", "models"):
-        return " ".join(dict.fromkeys(value))
     return len(value) if isinstance(value, tuple) else value
 
 
@@ -117,20 +88,14 @@ class Results:
     wider
         The fits of all runs together, with errors that include the variation from run to run;
         empty where runs were not fitted one by one.
-    contrasts, repeated
-        Conditions compared, in pairs and all together.
+    contrasts
+        Conditions compared in pairs.
     effects
-        Effects of the factors that conditions are combinations of, and of groups.
-    groups
-        Groups compared, in pairs in each condition.
-    learning
-        Quantities over runs and sessions.
+        Effects of the factors that conditions are combinations of.
     spreads, by_condition
         Runs compared, of each recording and over subjects.
     notes
         What could not be worked out, a sentence each.
-    tried
-        What simulations say of the fits of each condition, where that was asked for.
     """
 
     analysis: Analysis
@@ -139,21 +104,10 @@ class Results:
     loops: Sequence[Row]
     wider: Sequence[Row]
     contrasts: Sequence[Contrast]
-    repeated: Sequence[Repeated]
     effects: Sequence[Effect]
-    groups: Sequence[GroupDifference]
-    learning: Sequence[Learning]
     spreads: Sequence[RunSpread]
     by_condition: Sequence[ConditionSpread]
     notes: Sequence[str]
-    tried: Sequence[Tried] = ()
-
-    def board(self, command: str, versions: Mapping[str, str]) -> Board:
-        """Runs left out, with the command and the versions that made them."""
-        ratios: dict[tuple[str, str, str], list[float]] = {}
-        for s in self.spreads:
-            ratios.setdefault((s.file, s.model, s.method), []).append(s.ratio.value)
-        return Board(self.analysis.left_out, ratios, command, versions)
 
     @property
     def shown(self) -> Sequence[Row]:
@@ -161,19 +115,8 @@ class Results:
         return self.wider or [row for row in (*self.rows, *self.loops) if row.run is None]
 
 
-def results_of(
-    analysis: Analysis,
-    tried: Sequence[Tried] = (),
-    untried: Sequence[str] = (),
-) -> Results:
+def results_of(analysis: Analysis) -> Results:
     """Work out what follows from an analysis.
-
-    Parameters
-    ----------
-    analysis
-        What was fitted.
-    tried, untried
-        What `tried_conditions` gave.
 
     Raises
     ------
@@ -183,12 +126,10 @@ def results_of(
     seen, rows, loops = analysis.performance, analysis.rows, analysis.loop_rows
     pairs = analysis.settings.pairs
     spreads = run_spreads([*rows, *loops])
-    shared = analysis.settings.share
     both = [*seen, *rows, *loops]
     whole = [row for row in both if row.run is None]
-    notes: list[str] = list(untried)
+    notes: list[str] = []
     differences: list[Contrast] = []
-    together: list[Repeated] = []
     crossed: list[Effect] = []
     chosen = _chosen(analysis) if analysis.settings.auto else None
     fields = dict(analysis.parts[0].fields) if analysis.parts else {}
@@ -203,22 +144,12 @@ def results_of(
             "Conditions are not compared: that needs a pattern with {subject} and {condition}."
         )
     else:
-        if shared:
-            verb = "is" if len(shared) == 1 else "are"
-            notes.append(
-                f"{', '.join(shared)} {verb} shared by the conditions of each subject, and not "
-                "compared."
-            )
         between, within = split_pairs(both, pairs)
         both += excluded_rows(both, analysis.settings.excluded)
-        free = [row for row in both if row.parameter not in shared]
         if between or not within:
-            differences = contrasts(free, between, chosen, analysis.settings.known)
+            differences = contrasts(both, between, chosen, analysis.settings.known)
         differences += within_fits(both, within, chosen)
-        together = repeated(free, chosen)
-        crossed = effects(free, analysis.settings.factors, chosen, analysis.settings.known)
-    if GROUP in fields:
-        crossed = [*crossed, *group_effects(both, chosen, analysis.settings.known)]
+        crossed = effects(both, analysis.settings.factors, chosen, analysis.settings.known)
     return Results(
         analysis=analysis,
         chosen=chosen,
@@ -226,14 +157,10 @@ def results_of(
         loops=loops,
         wider=with_variation(whole, spreads) if spreads else [],
         contrasts=differences,
-        repeated=together,
         effects=crossed,
-        groups=group_differences(both, chosen),
-        learning=learning([*seen, *rows, *loops]),
         spreads=spreads,
         by_condition=condition_spreads(spreads),
         notes=notes,
-        tried=tried,
     )
 
 
@@ -243,8 +170,8 @@ def excluded_rows(rows: Sequence[Row], excluded: Sequence[Excluded]) -> list[Row
     for own in excluded:
         fields = own.part.fields
         for row in rows:
-            here = [pair for pair in row.fields if pair[0] not in PERSON]
-            if row.run is None and here == [pair for pair in fields if pair[0] not in PERSON]:
+            here = [pair for pair in row.fields if pair[0] != SUBJECT]
+            if row.run is None and here == [pair for pair in fields if pair[0] != SUBJECT]:
                 found[fields, row.model, row.method, row.parameter] = replace(
                     row, file=own.part.name, fields=fields, outcome=own.fault, usable=False
                 )

@@ -18,9 +18,6 @@ K = TypeVar("K", bound=Hashable)
 
 #: The field of a pattern that names who was recorded, and the one that names under what.
 SUBJECT, CONDITION = "subject", "condition"
-#: The field that names a group of subjects, and both fields that say who somebody is.
-GROUP = "group"
-PERSON = (GROUP, SUBJECT)
 #: The method of what signals show without any model.
 MEASURED = "measured"
 
@@ -75,9 +72,9 @@ class Row:
         return dict(self.fields).get(name, "")
 
     @property
-    def person(self) -> str:
-        """The subject, with the group where there are groups: each may number its own."""
-        return "/".join(filter(None, (self.field(name) for name in PERSON)))
+    def subject(self) -> str:
+        """The subject; empty where the pattern has none."""
+        return self.field(SUBJECT)
 
     @property
     def condition(self) -> str:
@@ -87,7 +84,7 @@ class Row:
     @property
     def stratum(self) -> tuple[tuple[str, str], ...]:
         """All fields but who and under what: contrasts are made within each value of them."""
-        return tuple(pair for pair in self.fields if pair[0] not in (*PERSON, CONDITION))
+        return tuple(pair for pair in self.fields if pair[0] not in (SUBJECT, CONDITION))
 
 
 def grouped(items: Iterable[T], key: Callable[[T], K]) -> dict[K, list[T]]:
@@ -111,7 +108,7 @@ def in_order(values: Sequence[str]) -> list[str]:
     return sorted(set(values), key=key)
 
 
-#: All fields of a row but group, subject and condition.
+#: All fields of a row but subject and condition.
 Stratum = tuple[tuple[str, str], ...]
 #: The model that is believed of a condition within a stratum.
 Chosen = Mapping[tuple[Stratum, str], str]
@@ -192,11 +189,6 @@ class Layout:
         return whole, out
 
 
-def group_in(subject: str) -> str:
-    """The group of a subject, see `Row.person`."""
-    return subject.rpartition("/")[0]
-
-
 def who(subject: str) -> str:
     """A subject in words."""
     return f"subject {subject}" if subject else "a subject without a name"
@@ -236,8 +228,8 @@ def _layout(stratum: Stratum, method: str, parameter: str, rows: Sequence[Row]) 
     for condition in in_order(list(by_condition)):
         here = by_condition[condition]
         models[condition] = here[0].model
-        by_person = grouped(here, lambda row: row.person)
-        cells[condition] = {who: _cell(by_person[who]) for who in in_order(list(by_person))}
+        own = grouped(here, lambda row: row.subject)
+        cells[condition] = {subject: _cell(own[subject]) for subject in in_order(list(own))}
     units = ", ".join(dict.fromkeys(row.unit for row in rows))
     return Layout(stratum, method, parameter, units, models, cells)
 

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from pilotid.analysis.analyse import Analysis, group_of
 from pilotid.analysis.cross_validation import COLUMNS as LEFT_OUT_COLUMNS
-from pilotid.analysis.halves import COLUMNS as HALVES_COLUMNS
 from pilotid.analysis.recordings import Part
 from pilotid.analysis.report_tables import tables_tex
 from pilotid.analysis.responses import COLUMNS as RESPONSE_COLUMNS
@@ -16,9 +15,6 @@ from pilotid.analysis.responses import response_cells
 from pilotid.analysis.results import (
     CONTRAST_COLUMNS,
     FACTOR_COLUMNS,
-    GROUP_COLUMNS,
-    LEARNING_COLUMNS,
-    REPEATED_COLUMNS,
     SPREAD_COLUMNS,
     Results,
     table_of,
@@ -27,13 +23,9 @@ from pilotid.analysis.rows import Row
 from pilotid.disk import table_bytes, write_file
 
 ESTIMATES, MODELS, LOOPS, CONTRASTS = "estimates.csv", "models.csv", "loops.csv", "contrasts.csv"
-CONDITIONS, RUNS, TEX = "conditions.csv", "runs.csv", "tables.tex"
-LEFT_OUT, HALVES, FACTORS, FRF = "left_out.csv", "halves.csv", "factors.csv", "frf.csv"
-GROUPS, LEARNING = "groups.csv", "learning.csv"
-TABLES = (
-    *(ESTIMATES, MODELS, LOOPS, CONTRASTS, CONDITIONS, RUNS, TEX, LEFT_OUT, FACTORS, FRF),
-    *(GROUPS, LEARNING),
-)
+RUNS, LEFT_OUT, FACTORS, FRF = "runs.csv", "left_out.csv", "factors.csv", "frf.csv"
+TEX = "tables.tex"
+TABLES = (ESTIMATES, MODELS, LOOPS, CONTRASTS, RUNS, TEX, LEFT_OUT, FACTORS, FRF)
 
 QUANTITY_COLUMNS = ("unit", "value", "std_error", "lower_95", "upper_95", "outcome", "remarks")
 
@@ -75,7 +67,6 @@ def table_cells(results: Results) -> dict[str, Cells]:
         CONTRASTS: table_of(results.contrasts, CONTRAST_COLUMNS),
     }
     more: dict[str, Cells] = {
-        CONDITIONS: table_of(results.repeated, REPEATED_COLUMNS),
         FRF: (
             ["file", *names, *RESPONSE_COLUMNS],
             [
@@ -85,16 +76,10 @@ def table_cells(results: Results) -> dict[str, Cells]:
             ],
         ),
         FACTORS: table_of(results.effects, FACTOR_COLUMNS),
-        GROUPS: table_of(results.groups, GROUP_COLUMNS),
-        LEARNING: table_of(results.learning, LEARNING_COLUMNS),
         RUNS: table_of(results.spreads, SPREAD_COLUMNS),
         LEFT_OUT: (
             ["file", *names, *LEFT_OUT_COLUMNS],
             [[e.part.name, *dict(e.part.fields).values(), *e.cells] for e in analysis.left_out],
-        ),
-        HALVES: (
-            ["file", *names, *HALVES_COLUMNS],
-            [[e.part.name, *dict(e.part.fields).values(), *e.cells] for e in analysis.halves],
         ),
     }
     return found | {name: cells for name, cells in more.items() if cells[1]}
@@ -114,8 +99,7 @@ def write_tables(folder: Path, results: Results, command: str) -> None:
     """
     for name, cells in table_cells(results).items():
         write_file(folder / name, table_bytes(*cells))
-    share = results.analysis.settings.share
-    text = tables_tex(results.shown, results.contrasts, results.chosen, command, share)
+    text = tables_tex(results.shown, results.contrasts, results.chosen, command)
     write_file(folder / TEX, text.encode("utf-8", "replace"))
 
 

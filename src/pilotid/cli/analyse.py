@@ -22,15 +22,12 @@ def analyse(
     model_per_condition: bool = False,
     per_run: bool = False,
     left_out: bool = False,
-    trust: bool = False,
-    replications: int = 40,
     reading: Reading,
     exclude: list[str] | None = None,
     because: str = "",
     factors: str | None = None,
     element: str | None = None,
     fix: str | None = None,
-    share: list[str] | None = None,
     ignore: list[str] | None = None,
     seed: int = DEFAULT_SEED,
     workers: int | None = None,
@@ -39,7 +36,6 @@ def analyse(
     """Analyse a laboratory's recordings: subjects, conditions, runs; tables and a report."""
     given = dict(locals())
     from pilotid.analysis.experiment import analyse as analysed
-    from pilotid.cli.running import with_progress
     from pilotid.pilot.catalogue import AUTO
 
     with options.resumable(out):
@@ -53,22 +49,17 @@ def analyse(
             model_per_condition=model_per_condition,
             per_run=per_run,
             left_out=left_out,
-            trust=replications if trust else 0,
             exclude=exclude or (),
             because=because,
             factors=factors,
             element=element,
             fix=fix,
-            share=share or (),
             reading=reading,
             ignore=ignore or (),
             seed=seed,
             workers=workers,
             force=force,
-            bar=with_progress,
         )
-    # Where the recordings are is nobody's business.
-    named = {**given, "files": [file.name for file in files], "out": out.name}
-    path = found.write(options.typed_command(analyse, given), options.typed_command(analyse, named))
+    path = found.write(options.typed_command(analyse, given))
     print_blocks(make_console(), *found.blocks(path))
     options.raise_refused(found.refused)

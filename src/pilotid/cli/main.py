@@ -267,6 +267,6 @@ def _fitted(
 
 for command in (
     *(simulate, fit, check, posterior, analyse, design, studies.compare, studies.trust),
-    *(studies.report, studies.publish, studies.compare_studies, people.fetch_data),
+    *(studies.report, studies.compare_studies, people.fetch_data),
 ):
     app.command()(options.as_command(command))

@@ -7,46 +7,35 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pilotid.cli import options
-from pilotid.datasets.people import PEOPLE, People, fetch, people_named, published, recordings_in
-from pilotid.document import Bullets, Section, Table, Text, print_blocks, write_page
+from pilotid.datasets.people import PEOPLE, fetch
+from pilotid.document import Bullets, Text, print_blocks
 from pilotid.recordings.files import Reading
 from pilotid.terminal import make_console
 
-#: Methods that are compared on people where none is named; those of which one is consistent
-#: without the others' assumptions are held against the others.
+#: Methods that are compared on people where none is named.
 USUAL = ("mle", "mle-white", "mle-reference", "fourier", "arx", "mmle3")
-PAGE = "people.html"
 
 
 def fetch_data(name: str | None = None, *, source: Path | None = None) -> None:
     """Fetch published recordings of people into the user's cache, or list them."""
     console = make_console()
-    if name is None:
-        for people in PEOPLE.values():
-            print_blocks(console, *_card(people))
+    folder = None if name is None else fetch(name, source)
+    for people in PEOPLE.values():
+        if name in (None, people.name):
+            facts = vars(people).items()
+            told = [f"{fact}: {text}" for fact, text in facts if text and fact != "name"]
+            print_blocks(console, Text(people.name, "heading"), Bullets(told))
+    if name is None or folder is None:
         return
-    folder = fetch(name, source)
     people = PEOPLE[name]
-    print_blocks(console, *_card(people), Text(f"{len(published()[name])} files in {folder}"))
+    given = ["--pattern", people.pattern, "--model", people.model]
+    given += ["--map", people.mapping] * bool(people.mapping)
+    given += ["--dt", people.dt] * bool(people.dt)
     # A pattern of files is for the shell to expand; what stands behind :: is not.
     files = f"{shlex.quote(str(folder))}/{people.files}"
     files = f"'{folder}/{people.files}'" if "::" in people.files else files
-    print_blocks(console, Text(f"pilotid analyse {files} {people.options} --out results/{name}"))
-
-
-def _card(people: People) -> list[Text | Bullets]:
-    """What is known of an experiment."""
-    files = published()[people.name]
-    size = sum(file.size for file in files) / 1e6
-    lines = [
-        f"who: {people.who}",
-        f"task: {people.task}",
-        f"recorded: {people.rate}",
-        f"to know: {people.faults}",
-        f"files: {len(files)}, {size:.0f} MB; licence: {people.licence}",
-        f"source: {people.source}",
-    ]
-    return [Text(people.name, "heading"), Bullets(lines)]
+    command = f"pilotid analyse {files} {shlex.join(given)} --out results/{name}"
+    print_blocks(console, Text(f"The files are in {folder}:"), Text(command))
 
 
 def compare_people(
@@ -58,42 +47,30 @@ def compare_people(
     force: bool,
     out: Path,
 ) -> None:
-    """Compare methods on published recordings: runs left out, runs and halves apart."""
-    from pilotid.analysis.agreement import agreement_blocks
-    from pilotid.analysis.board import left_out_blocks
+    """Compare methods on published recordings, by the runs that they predict."""
     from pilotid.analysis.experiment import analyse
-    from pilotid.analysis.halves import halves_blocks
-    from pilotid.cli.running import with_progress
+    from pilotid.analysis.report_tables import left_out_table
 
     methods = options.methods_of(method, USUAL)
-    people, folder = people_named(name), fetch(name)
+    folder = fetch(name)
+    people = PEOPLE[name]
     with options.resumable(out):
         found = analyse(
-            recordings_in(folder, name),
+            [folder / people.files] if "::" in people.files else sorted(folder.glob(people.files)),
             people.pattern,
             [people.model],
             list(methods.values()),
             out=out,
-            per_run=True,
             left_out=True,
-            reading=Reading((people.mapping,) if people.mapping else (), people.dt),
+            reading=Reading(
+                (people.mapping,) if people.mapping else (),
+                float(people.dt) if people.dt else None,
+            ),
             seed=seed,
             workers=workers,
             force=force,
-            bar=with_progress,
         )
-    report = found.write(f"pilotid compare --people {name}", f"pilotid compare --people {name}")
-    agreement = agreement_blocks(found.results.rows)
-    judged = left_out_blocks(found.results.board("", {}))
-    halves = halves_blocks(found.results.analysis.halves)
-    sections = [
-        Section("people", "Who, and what to know", _card(people)[1:]),
-        Section("left-out", "Runs left out", judged),
-        Section("halves", "Agreement between halves", halves),
-        Section("agreement", "Agreement with consistent estimates", agreement),
-    ]
-    write_page(out / PAGE, f"Methods on recordings of people: {name}", sections)
-    told = [f"page: {out / PAGE}", f"all fits: {report}"]
-    tables = [block for block in (*judged, *halves, *agreement) if isinstance(block, Table)]
-    print_blocks(make_console(), *_card(people), *tables, Bullets(told))
+    report = found.write(f"pilotid compare --people {name}")
+    table = left_out_table(found.results.analysis.left_out)
+    print_blocks(make_console(), table, Bullets([f"report: {report}"]))
     options.raise_refused(found.refused)

@@ -1,8 +1,7 @@
-"""The commands on studies: `compare`, `trust`, `report`, `publish` and `compare-studies`."""
+"""The commands on studies: `compare`, `trust`, `report` and `compare-studies`."""
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,7 +19,6 @@ from pilotid.types import InputError
 
 if TYPE_CHECKING:
     from pilotid.datasets import Scenario
-    from pilotid.publishing.changes import Change, Changes
     from pilotid.study.store import Store
 
 #: What reports of studies are written as.
@@ -143,74 +141,21 @@ def _finish(folder: Path, store: Store, *, plot: bool = False) -> None:
             make_console().print(f"\n{losses_text(study, compared(study))}", soft_wrap=True)
 
 
-def publish(folders: list[Path], *, out: Path, force: bool = False) -> None:
-    """Make static pages over several studies, from their stores alone."""
-    from pilotid.publishing.pages import INDEX, SCORES
-    from pilotid.publishing.pages import publish as published
-
-    outputs.require_folder(out, (INDEX, SCORES), force=force)
-    make_console().print(f"pages: {published(folders, out)}", soft_wrap=True)
-
-
-def compare_studies(
-    first: Path,
-    second: Path,
-    *,
-    csv: str | None = None,
-    json: str | None = None,
-    force: bool = False,
-) -> None:
-    """Say what changed from one study to another of the same scenarios, and how surely."""
-    from pilotid.disk import table_bytes, write_file
-    from pilotid.publishing.changes import COLUMNS, find_changes, read_study
-
-    stores = [folder / name for folder in (first, second) for name in outputs.STORES]
-    options.require_free(stores, csv, json, force=force)
-    if csv == "-" and json == "-":
-        raise InputError("--csv - and --json - would print both; write one of them to a file")
-    studies = [read_study(folder) for folder in (first, second)]
-    found = find_changes(*studies)
-    table = table_bytes(COLUMNS, found.all)
-    if csv == "-":
-        sys.stdout.write(table.decode())
-    elif csv is not None:
-        write_file(Path(csv), table)
-    if not options.write_json(json, found.to_dict()) and csv != "-":
-        _print(found)
-
-
-def _print(found: Changes) -> None:
+def compare_studies(first: Path, second: Path) -> None:
+    """Ratios of losses on the recordings of two studies, the second over the first."""
     from pilotid.document import Bullets, Column, Table, print_blocks
-    from pilotid.numbers import number, plus_minus, unsigned
+    from pilotid.study.changes import Change, find_changes, read_study
 
-    def size(c: Change) -> str:
-        if c.score == "time":
-            return f"x {unsigned(c.change, c.change_se)}"
-        return plus_minus(c.change, c.change_se)
-
+    found, left_out = find_changes(read_study(first), read_study(second))
     columns: list[Column[Change]] = [
         Column("scenario", lambda c: c.scenario),
         Column("method", lambda c: c.method),
         Column("parameter", lambda c: c.parameter),
-        Column("score", lambda c: "bias / bound" if c.score == "bias" else c.score),
-        Column("A", lambda c: c.first, number),
-        Column("B", lambda c: c.second, number),
-        Column("change", size, str),
-        Column("p", lambda c: c.p, lambda p: f"{p:.1e}" if p >= 1e-99 else "0"),
-        Column("", lambda c: "better" if c.better == "yes" else "worse"),
+        Column("loss B / A", lambda c: str(c.ratio), str),
+        Column("", lambda c: "better" if c.ratio.upper < 1 else "worse" * (c.ratio.lower > 1)),
     ]
-    studies = []
-    for letter, study in (("A", found.first), ("B", found.second)):
-        facts = (f"{name} {study.about.get(name, '?')}" for name in ("pilotid", "code", "seed"))
-        studies.append(f"{letter}: {study.folder} ({', '.join(facts)})")
-    verdicts = {
-        f"{c.scenario}, {c.method}: {c.verdict_first} -> {c.verdict_second}"
-        for c in found.all
-        if c.verdict_first != c.verdict_second
-    }
-    table = [Table("What changed", columns, found.changed)] if found.changed else []
-    told = Bullets([found.words, *sorted(verdicts), *found.notes])
-    print_blocks(make_console(), Bullets(studies), *table, told)
+    caption = f"Losses in {second} (B) over those in {first} (A), with 95 % intervals"
+    print_blocks(make_console(), Table(caption, columns, found), Bullets(left_out))
 
 
 def scenario_like(path: Path, seed: int) -> Scenario:

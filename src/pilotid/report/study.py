@@ -14,7 +14,6 @@ from pilotid.document import (
     Bullets,
     Command,
     Figure,
-    Kinds,
     Section,
     Table,
     Text,
@@ -42,7 +41,7 @@ from pilotid.report.study_tables import (
     remark_table,
 )
 from pilotid.report.trust import read_trust, trust_section
-from pilotid.study.comparison import Comparison, MethodResults, loss_ratio
+from pilotid.study.comparison import ALL, Comparison, MethodResults, loss_ratios
 from pilotid.study.judge import RULES, USABLE, judge, sentence
 from pilotid.study.scores import EFFICIENT, loss_text
 from pilotid.time_domain.settings import BAND, PROFILE, SEARCH
@@ -71,9 +70,7 @@ COLUMNS = (
 NUMBERS = "Numbers: [summary.csv](summary.csv), each fit: [estimates.csv](estimates.csv)."
 
 
-def write_report(
-    folder: Path, study: Comparison, *, kinds: Kinds = ("svg",), above: str = ""
-) -> Path:
+def write_report(folder: Path, study: Comparison) -> Path:
     """Write report.html, report.md and the figures; equal stores give equal bytes.
 
     What a `trust.json` beside the store says comes first.
@@ -86,10 +83,6 @@ def write_report(
         Where to write.
     study
         What the store holds.
-    kinds
-        Files of each figure.
-    above
-        The page above this one, if there is one.
 
     Returns
     -------
@@ -99,7 +92,7 @@ def write_report(
     told = read_trust(study.folder)
     sections = [*([trust_section(told)] if told else []), *report_sections(study)]
     page = folder / "report.html"
-    write_page(page, TITLE, sections, above, kinds)
+    write_page(page, TITLE, sections, kinds=("svg",))
     short = to_markdown(TITLE, [section.in_short() for section in sections if not section.folded])
     write_file(folder / "report.md", short.encode("utf-8", "replace"))
     return page
@@ -160,15 +153,14 @@ def answer(cells: Sequence[MethodResults]) -> str:
             f"On `{name}` no method is good enough: `{best.method}`, the best, is poor, with a "
             f"loss of {best.overall.loss}."
         )
-    alike = [cell for cell in others if (r := loss_ratio(cell, best)).lower <= 1.0 <= r.upper]
+    alike = [cell for cell in others if (r := loss_ratios(cell, best)[ALL]).lower <= 1.0 <= r.upper]
     if alike:
         listed = ", ".join(f"`{cell.method}`" for cell in alike)
         words += f" Not clearly worse (the ratio of losses may be 1): {listed}."
     worse = next((cell for cell in others if cell not in alike), None)
     if worse is not None:
-        words += (
-            f" Next, clearly worse: `{worse.method}`, {loss_ratio(worse, best)} times that loss."
-        )
+        ratio = loss_ratios(worse, best)[ALL]
+        words += f" Next, clearly worse: `{worse.method}`, {ratio} times that loss."
     poor = [f"`{cell.method}`" for cell in others if cell.overall.loss.lower >= USABLE]
     if poor and grade != "poor":
         words += f" **Do not use** {', '.join(poor)}: loss surely above {USABLE:g}."
@@ -239,23 +231,20 @@ def _scenario(study: Comparison, name: str) -> Section:
     return Section(key_of(name), f"Scenario {name}", blocks, folded=True)
 
 
-def details(cells: Sequence[MethodResults], key: str, *, linked: bool = True) -> list[Block]:
-    """Figures, which `key` names, and all numbers of a scenario or a population.
-
-    `linked` says whether the tables that figures are drawn from lie beside the page.
-    """
+def details(cells: Sequence[MethodResults], key: str) -> list[Block]:
+    """Figures, which `key` names, and all numbers of a scenario or a population."""
     entry, usable = cells[0].scenario, [cell for cell in cells if cell.usable]
     blocks: list[Block] = []
     if entry.one_recording:
         return [all_numbers(cells)]
     if entry.population:
-        blocks = _population(key, usable, NUMBERS if linked else "")
+        blocks = _population(key, usable)
     elif usable:
-        blocks = [_errors(key, usable, NUMBERS if linked else "")]
+        blocks = [_errors(key, usable)]
     return [*blocks, all_numbers(cells, paper_of(entry))]
 
 
-def _errors(key: str, cells: Sequence[MethodResults], source: str) -> Figure:
+def _errors(key: str, cells: Sequence[MethodResults]) -> Figure:
     name, paper = cells[0].scenario.name, paper_of(cells[0].scenario)
     beside = (
         f"; the crosses are {figures.PAPER}, Fig. 3 (10 runs, ± standard deviation)"
@@ -267,17 +256,16 @@ def _errors(key: str, cells: Sequence[MethodResults], source: str) -> Figure:
         figures.errors(cells, paper),
         f"Scenario {name}: mean error, standard deviation and claimed standard error beside the "
         f"Cramér-Rao bound{beside}. Each panel has its own scale; a triangle marks a method whose "
-        f"mean error lies outside it. {source}".rstrip(),
+        f"mean error lies outside it. {NUMBERS}",
         f"Mean error and scatter of each parameter by each method in scenario {name}",
     )
 
 
-def _population(key: str, cells: Sequence[MethodResults], source: str) -> list[Block]:
+def _population(key: str, cells: Sequence[MethodResults]) -> list[Block]:
     """Where in a population methods are weak, and how their errors are distributed."""
     if not cells:
         return []
     name = cells[0].scenario.name
-    parts = "Numbers: [population.csv](population.csv)." if source else ""
     weak = [words for cell in cells if (words := _weakest(cell))]
     blocks: list[Block] = [Bullets(weak)] if weak else []
     if not any(cell.overall.n for cell in cells):
@@ -289,7 +277,8 @@ def _population(key: str, cells: Sequence[MethodResults], source: str) -> list[B
             figures.by_stratum(cells),
             f"`{name}`: share of the 95 % intervals that hold the truth, over all parameters, in "
             "parts of the recordings. Bars: 95 % Monte Carlo intervals; grey: 93.5 to 96.5 %; a "
-            f"hollow triangle marks a share to the left of the axis. {parts}".rstrip(),
+            "hollow triangle marks a share to the left of the axis. "
+            "Numbers: [population.csv](population.csv).",
             f"Coverage of 95 % intervals by part of {name} and method",
         ),
         Figure(
@@ -297,7 +286,7 @@ def _population(key: str, cells: Sequence[MethodResults], source: str) -> list[B
             figures.by_parameter(cells),
             f"`{name}`: error over claimed error in ascending order, against the quantiles of a "
             "normal distribution, where an exact method lies on the line. Grey: where 95 % of each "
-            f"quantile would lie for as many recordings. {source}".rstrip(),
+            f"quantile would lie for as many recordings. {NUMBERS}",
             f"Quantiles of standardised errors in {name} by parameter and method",
         ),
     ]
@@ -352,15 +341,14 @@ def _trends(study: Comparison) -> list[Section]:
 OWN_FACTS = ("format", "seed", "mixed", "code")
 
 
-def command(study: Comparison, scenarios: Sequence[str], folder: str) -> str:
-    """What to type for these scenarios and the methods that were tried on them."""
-    tried = {cell.method for name in scenarios for cell in study.of(name)}
-    methods = [entry.typed or own for own, entry in study.entries.items() if own in tried]
-    names = dict.fromkeys(study.entry(name).typed or name for name in scenarios)
+def command(study: Comparison) -> str:
+    """What to type for the whole study."""
+    methods = [entry.typed or own for own, entry in study.entries.items()]
+    names = dict.fromkeys(study.entry(name).typed or name for name in study.names)
     return (
         f"pilotid compare --scenario {quote(','.join(names))} --method {quote(','.join(methods))} "
-        f"--replications {study.replications(scenarios)} --seed {study.about.get('seed', '?')} "
-        f"--out results/{folder}"
+        f"--replications {study.replications(study.names)} --seed {study.about.get('seed', '?')} "
+        f"--out results/compare"
     )
 
 
@@ -407,7 +395,7 @@ def provenance(study: Comparison) -> Section:
         Command(
             "The whole study (resumes an interrupted one; the same numbers for any number of "
             "workers):",
-            command(study, study.names, "compare"),
+            command(study),
         ),
         Command("This report again, from the store alone:", "pilotid report DIR"),
         Text(

@@ -14,7 +14,7 @@ from pilotid.document import Column, LogAxis, Table, table_of
 from pilotid.estimates.estimate import Outcome
 from pilotid.naming.symbols import symbol
 from pilotid.numbers import number, percent, plus_minus, share, signed, unsigned
-from pilotid.study.comparison import Comparison, MethodResults, Score, loss_ratio
+from pilotid.study.comparison import ALL, Comparison, MethodResults, Score, loss_ratios
 from pilotid.study.entries import Result
 from pilotid.study.judge import EFFICIENT, FEWEST, USABLE, judge
 from pilotid.study.scores import Interval, loss_text
@@ -62,18 +62,14 @@ def ranking(cells: Sequence[MethodResults]) -> Table[MethodResults]:
     axis = LogAxis.of(cell.overall.loss for cell in order)
     caption = f"`{entry.name}`, {what}: methods by their loss "
     caption += f"(1: exact; below {EFFICIENT:g} efficient, below {USABLE:g} usable)"
-    return Table(caption, ranking_columns(dict.fromkeys(order, order[0]), axis), order)
+    return Table(caption, _ranking_columns(order[0], axis), order)
 
 
-def ranking_columns(
-    best: Mapping[MethodResults, MethodResults], axis: LogAxis
-) -> list[Column[MethodResults]]:
-    """The columns of a ranking; `best` has the best method of each one's scenario."""
-
+def _ranking_columns(best: MethodResults, axis: LogAxis) -> list[Column[MethodResults]]:
     def times_best(cell: MethodResults) -> str | None:
         if not math.isfinite(cell.overall.loss.value):
             return None
-        return "best" if cell is best[cell] else str(loss_ratio(cell, best[cell]))
+        return "best" if cell is best else str(loss_ratios(cell, best)[ALL])
 
     return [
         Column("method", lambda c: c.method),

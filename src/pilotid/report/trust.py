@@ -63,11 +63,7 @@ def advice(told: Mapping[str, Any]) -> list[str]:
     return told["sentences"] or [sound]
 
 
-def trust_blocks(told: Mapping[str, Any]) -> list[Block]:
-    """Sentences and table of one fit, without what cannot be known."""
-    return [Bullets(advice(told)), trust_table(told)]
-
-
 def trust_section(told: Mapping[str, Any]) -> Section:
     """The section in front of the comparison."""
-    return Section("trust", "What the fit is worth", [*trust_blocks(told), Text(told["unknown"])])
+    blocks: list[Block] = [Bullets(advice(told)), trust_table(told), Text(told["unknown"])]
+    return Section("trust", "What the fit is worth", blocks)

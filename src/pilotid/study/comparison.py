@@ -379,24 +379,30 @@ class MethodResults:
         return int(np.sum(np.all(np.abs(ends - np.median(ends, axis=0)) <= reach, axis=1)))
 
 
-def loss_ratio(first: MethodResults, second: MethodResults) -> Interval:
-    """Ratio of the first method's loss to the second's on the recordings that both accept.
+def loss_ratios(first: MethodResults, second: MethodResults) -> dict[str, Interval]:
+    """Ratios of the first method's losses to the second's on the recordings that both have.
 
     Parameters
     ----------
     first, second
-        What both did in one scenario.
+        What both did in one scenario; the bounds of the second count.
+
+    Returns
+    -------
+    Those of all parameters together and of each, by key.
     """
     keys = [key for key in first.keys if key in second.keys]
     rows = [{r.unit.replication: i for i, r in enumerate(c.results)} for c in (first, second)]
     both = [number for number in rows[0] if number in rows[1]]
-    sides = [
-        cell.losses[[place[n] for n in both]][:, [cell.keys.index(key) for key in keys]]
-        for cell, place in zip((first, second), rows, strict=True)
-    ]
     if not both or not keys:
-        return scores.NOTHING
-    return scores.mean_losses(sides[0], first.scenario.name, sides[1])[0]
+        return {ALL: scores.NOTHING}
+    one, other = (
+        np.ix_([place[n] for n in both], [cell.keys.index(key) for key in keys])
+        for cell, place in zip((first, second), rows, strict=True)
+    )
+    scale = first.numbers.bound[one] / second.numbers.bound[other]
+    found = scores.mean_losses(first.losses[one] * scale, first.scenario.name, second.losses[other])
+    return dict(zip((ALL, *keys), found, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -414,15 +420,12 @@ class Comparison:
         Facts on the study, see `pilotid.study.study`.
     folder
         Where its store is.
-    name
-        What pages call it.
     """
 
     cells: tuple[MethodResults, ...]
     entries: Mapping[str, MethodEntry]
     about: Mapping[str, str]
     folder: Path
-    name: str = ""
 
     @property
     def methods(self) -> tuple[str, ...]:
@@ -570,5 +573,4 @@ def comparison_of(store: Store) -> Comparison:
         for (name, method), own in found.items()
     )
     methods = {label: entry for label, entry in store.methods().items() if label in present}
-    folder = store.path.parent
-    return Comparison(cells, methods, store.about(), folder, folder.name)
+    return Comparison(cells, methods, store.about(), store.path.parent)

@@ -370,32 +370,3 @@ def coverage_interval(share: float, count: int) -> tuple[float, float]:
 def _root(square: Mean) -> Mean:
     root = math.sqrt(square.value) if square.value >= 0.0 else math.nan
     return Mean(root, square.error / (2.0 * root) if root > 0.0 else math.nan)
-
-
-def mean_difference(
-    first: FloatArray, second: FloatArray, *, paired: bool
-) -> tuple[float, float, float]:
-    """Difference of two means, its standard error and p-value, by Student's or Welch's t.
-
-    Parameters
-    ----------
-    first, second
-        The values.
-    paired
-        Whether they belong together one by one.
-    """
-    from scipy.special import stdtr
-
-    change = float(np.mean(second) - np.mean(first))
-    if min(first.size, second.size) < 2:
-        return change, math.nan, math.nan
-    if paired:
-        error, freedom = bias(second - first, 0.0).error, first.size - 1.0
-    else:
-        squares = [bias(values, 0.0).error ** 2 for values in (first, second)]
-        error = math.sqrt(sum(squares))
-        terms = [s**2 / (v.size - 1) for s, v in zip(squares, (first, second), strict=True)]
-        freedom = error**4 / sum(terms) if error > 0.0 else 1.0
-    if not error > 0.0:
-        return change, error, 0.0 if change else 1.0
-    return change, error, float(min(2.0 * stdtr(freedom, -abs(change) / error), 1.0))
