@@ -25,11 +25,11 @@ from functools import cached_property
 
 import numpy as np
 
-from pilotid.element.fit import SIGNALS, chosen_element
+from pilotid.element.fit import closing_element
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.detectors import band_end
-from pilotid.recordings.recording import Recording, remembered
+from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import floors_of, periodogram, running_median
 from pilotid.time_domain.prepare import FAR
 from pilotid.time_domain.settings import BAND
@@ -341,18 +341,6 @@ def group_begins(
         end = bisect_right(listed, lowest + min(share * lowest, widest))
         begins.append(max(end, begins[-1] + 1))
     return begins[:-1]
-
-
-@remembered
-def closing_element(recording: Recording) -> tuple[ControlledElement | None, float]:
-    """The controlled element that closes the loop of a recording, and its relative error.
-
-    The one that the recording names, unless its signals show another one; None if none is known.
-    """
-    choice = chosen_element(recording)
-    if choice.origin == SIGNALS or choice.remarks:
-        return choice.identified.element, choice.identified.response_error
-    return choice.element, 0.0
 
 
 def weighting_of(

@@ -280,7 +280,7 @@ def _not_closed(found: Optimum, recording: Recording) -> Remark | None:
 
 def _not_simulated(found: Optimum) -> Remark | None:
     """What to say where no optimum of the likelihood simulates the control as a pilot does."""
-    if found.simulates_control or found.check is None:
+    if found.is_pilot or found.check is None:
         return None
     own = 100.0 * max(0.0, float(found.check.explained(found.pilot[None])[0]))
     lines = 100.0 * found.check.of_lines

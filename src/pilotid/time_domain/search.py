@@ -33,7 +33,7 @@ from pilotid.solve.search import draw_starts, search
 from pilotid.solve.smoothing import fit_smooth
 from pilotid.time_domain.likelihood import PredictionErrors, binned
 from pilotid.time_domain.noise import RemnantChoice
-from pilotid.time_domain.optimum import Optimum, SimulationCheck
+from pilotid.time_domain.optimum import Optimum, Candidates
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction, predict, weighted
 from pilotid.time_domain.prepare import Band, analysis_band, decimation
@@ -309,7 +309,7 @@ class Swept:
     candidates: FloatArray
     terms: tuple[float, ...]
     starts: Starts
-    check: SimulationCheck
+    check: Candidates
 
 
 def sweep(
@@ -333,7 +333,7 @@ def sweep(
     """
     model, samples = first.prediction.model, first.coarse.samples
     near = np.zeros((0, len(model.parameters))) if lines is None else lines
-    check = SimulationCheck(first.coarse, lines)
+    check = Candidates(first.coarse, lines)
     whitened = OutputErrors(first.coarse, first.taps)
     count = 0 if is_sound(model, lines) else settings.candidates
     starts = _starts(model, first.pilot, rng, count)
@@ -445,7 +445,7 @@ def optimum_near(
     band: Band,
     pilot: FloatArray,
     settings: LikelihoodSettings,
-    check: SimulationCheck | None = None,
+    check: Candidates | None = None,
 ) -> Optimum:
     """Pilot and remnant together from one pilot, the remnant's model chosen as they move.
 
@@ -467,14 +467,14 @@ def optimum_near(
 
 
 def _best_of(
-    choice: RemnantChoice, settings: LikelihoodSettings, check: SimulationCheck | None
+    choice: RemnantChoice, settings: LikelihoodSettings, check: Candidates | None
 ) -> Optimum:
     """The best of all models of the remnant near one pilot."""
     best = choice.best(settings.rounds)
     return Optimum(best.joint, best.end, iterations=choice.iterations, check=check)
 
 
-def _likely(choices: list[RemnantChoice], check: SimulationCheck) -> list[RemnantChoice]:
+def _likely(choices: list[RemnantChoice], check: Candidates) -> list[RemnantChoice]:
     """Candidates whose criterion is low on a first look, one of each optimum, best first."""
     if len(choices) == 1:
         return choices
@@ -491,7 +491,7 @@ def _likely(choices: list[RemnantChoice], check: SimulationCheck) -> list[Remnan
 
 def _best_and_competing(tried: Sequence[Optimum]) -> tuple[Optimum, list[FloatArray]]:
     """The best optimum that simulates the control, and pilots of those that are as likely."""
-    passed = [each for each in tried if each.simulates_control] or list(tried)
+    passed = [each for each in tried if each.is_pilot] or list(tried)
     lowest = min(each.criterion for each in passed)
     # What is far behind where fits are compared does not compete.
     far = lowest + 2.0 * SEARCH.competing_criterion
