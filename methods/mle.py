@@ -36,7 +36,7 @@ from pilotid.time_domain.settings import LikelihoodSettings
 from pilotid.types import FloatArray
 
 #: Why an optimum is none of a pilot.
-NO_PILOT = "the loop of this pilot and the controlled element would be unstable"
+NO_PILOT = "no optimum is a pilot in a stable loop, or explains the control where none is known"
 
 
 @dataclass(frozen=True)

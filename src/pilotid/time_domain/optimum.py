@@ -33,9 +33,8 @@ class Candidates:
     """Which parameters can be those of a pilot: the recorded loop was stable.
 
     A model that predicts the control as the inverse of the controlled element does has a high
-    likelihood, and its loop with the element is unstable.  Where no element is known, a pilot is
-    one whose simulated response explains something of the control, and about as much as that of
-    the pilot of the forcing frequencies.
+    likelihood; its loop with the element is unstable, or so near to it that its simulated response
+    explains nothing of the control, or far less than that of the pilot of the forcing lines.
 
     Parameters
     ----------
@@ -66,11 +65,12 @@ class Candidates:
 
     def __call__(self, sets: FloatArray) -> BoolArray:
         """Which parameters pass, the pilot's first, shape (sets,)."""
-        if self.element is not None:
-            return are_stable(self._errors.prediction.model, sets[:, : self._pilot], self.element)
-        least = SEARCH.min_vaf_ratio * max(self.of_lines, 0.0)
         explained = self.explained(sets)
-        return np.asarray((explained > 0.0) & (explained >= least))
+        passed = (explained > 0.0) & (explained >= SEARCH.min_vaf_ratio * self.of_lines)
+        if self.element is not None:
+            model = self._errors.prediction.model
+            passed &= are_stable(model, sets[:, : self._pilot], self.element)
+        return np.asarray(passed)
 
     def which(self, ends: Minima) -> IntArray:
         """Indices of the ends that pass, of all if none does."""

@@ -25,7 +25,7 @@ import numpy as np
 
 from pilotid.estimates.applicability import lines_objection
 from pilotid.estimates.estimate import Starts, is_at_bound
-from pilotid.lines.fit import fit_lines
+from pilotid.lines.fit import Pilots, fit_lines
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Minima, minimise, minimise_each, solve_linear
@@ -74,9 +74,12 @@ def maximise_likelihood(
     tried = [_best_of(c, settings, swept.check) for c in _likely(choices, swept.check)]
     best, competing = _best_and_competing(tried)
     # The terms were chosen beside a first estimate; at the optimum the choice may be another.
-    whitened = OutputErrors(first.prediction, best.joint.whitener(best.values))
-    terms = whitened.noticeable_terms(best.pilot)
-    if terms != swept.terms:
+    terms = swept.terms
+    for _ in range(SEARCH.term_rounds):
+        whitened = OutputErrors(first.prediction, best.joint.whitener(best.values))
+        before, terms = terms, whitened.noticeable_terms(best.pilot)
+        if len(terms) == len(before) and np.allclose(terms, before, rtol=SEARCH.same_decay):
+            break
         prediction = replace(first.prediction, terms=terms)
         best = optimum_near(prediction, first.band, best.pilot, settings, swept.check)
     best = _elsewhere(best)
@@ -107,7 +110,7 @@ def maxima_from(
 def lines_pilot(
     recording: Recording, model: PilotModel, rng: np.random.Generator
 ) -> FloatArray | None:
-    """The pilot that the forcing frequencies show, shape (1, parameters), if they do."""
+    """The pilot that the forcing frequencies show, shape (1, parameters), if it is one."""
     if lines_objection(recording, model):
         return None
     fit = fit_lines(
@@ -118,7 +121,8 @@ def lines_pilot(
         refined=SEARCH.lines_refined,
         same=SEARCH.lines_same_cost,
     )
-    return fit.values[None] if np.isfinite(fit.values).all() else None
+    pilot = fit.values[None]
+    return pilot if np.isfinite(pilot).all() and Pilots(recording, model)(pilot)[0] else None
 
 
 def is_sound(model: PilotModel, lines: FloatArray | None) -> bool:
