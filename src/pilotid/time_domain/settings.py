@@ -207,7 +207,7 @@ class SearchSettings:
     lines_candidates: int = 96
     lines_refined: int = 24
     lines_same_cost: float = 0.01
-    min_vaf_ratio: float = 0.8
+    min_vaf_ratio: float = 0.5
     first_tolerance: float = 3e-3
     first_iterations: int = 12
     sweep_tolerance: float = 1e-3
