@@ -163,7 +163,7 @@ LONG_BINS = 1 << 16  # bins of all runs from which one parameter set is evaluate
 #: What a unit of the element's output is in each input of a channel.
 CLOSED = {"e": -1.0, "x": 1.0, "ft": 0.0}
 GONE = 0.25  # of the pre-history, the time constant of a free decay that is over then
-BESIDE = 1.4  # ratio of the time constants of decays about one
+BESIDE = 1.05  # ratio of the time constants of decays about one: it, and its slope
 EXTENSION = 4.0  # seconds over which signals fade out beyond both ends of the recording
 
 

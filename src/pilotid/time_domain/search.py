@@ -33,7 +33,7 @@ from pilotid.solve.search import draw_starts, search
 from pilotid.solve.smoothing import fit_smooth
 from pilotid.time_domain.likelihood import PredictionErrors, binned
 from pilotid.time_domain.noise import RemnantChoice
-from pilotid.time_domain.optimum import Optimum, Candidates
+from pilotid.time_domain.optimum import Candidates, Optimum
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction, predict, weighted
 from pilotid.time_domain.prepare import Band, analysis_band, decimation
