@@ -23,6 +23,7 @@ from pilotid.datasets.forcing import (
 from pilotid.datasets.recorder import Recorder, recorded_forcing, recorded_noise, recorded_remnant
 from pilotid.datasets.remnant import Remnant, white
 from pilotid.datasets.violations import ElementChange, Kind, Violation
+from pilotid.element.fit import closing_element
 from pilotid.estimates.estimate import Estimate
 from pilotid.naming.settings import name_of
 from pilotid.pilot.catalogue import ADAPTING, LEAD2_LAG_MOTION, MULTI, SINGLE
@@ -30,7 +31,6 @@ from pilotid.pilot.element import ControlledElement, double_integrator
 from pilotid.pilot.loops import pilot_on, unstable_poles
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import SIGNALS, Recording
-from pilotid.time_domain.band_likelihood import closing_element
 from pilotid.types import FloatArray, InputError
 
 #: The pilots of AIAA 2008-7109 with motion (Kvis, tlead, tdvis, Kvest, tdvest, fnm, dnm) and

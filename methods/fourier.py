@@ -46,7 +46,7 @@ from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.parts import AnalysedBand, FrequencyResponse
 from pilotid.frequency.second_step import second_step
 from pilotid.lines.coefficients import NEIGHBOURS, TREND, Coefficients, coefficients_of
-from pilotid.lines.fit import Equations
+from pilotid.lines.fit import Equations, Pilots
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import minimise
@@ -114,7 +114,9 @@ class Fourier:
         coefficients = coefficients_of(recording, model, self.neighbours, self.trend)
         residuals = coefficients.first_residuals()
         problem = Equations(coefficients, model, coefficients.power(residuals))
-        end = search(problem.gram, model, rng, candidates=48, refined=6).values[:1]
+        pilots = Pilots(recording, model)
+        found = search(problem.gram, model, rng, candidates=48, refined=6)
+        end = pilots.first(found).values[:1]
         settled = False
         for _ in range(self.rounds):
             minimum = minimise(problem.gram, end, model, tolerance=1e-6)
@@ -138,6 +140,12 @@ class Fourier:
                 estimate,
                 outcome=Outcome.NOT_CONVERGED,
                 message=f"power and leakage of the remnant did not settle in {self.rounds} rounds",
+            )
+        if estimate.outcome.usable and not pilots(estimate.values[None])[0]:
+            estimate = replace(
+                estimate,
+                outcome=Outcome.CONTRADICTED,
+                message=f"the loop of this pilot and {pilots.element} would be unstable",
             )
         estimate = replace(estimate, band=AnalysedBand(float(response.omega[-1])))
         return _with_interpolation_error(estimate, coefficients, response)

@@ -35,6 +35,9 @@ from pilotid.time_domain.search import maxima_from, maximise_likelihood
 from pilotid.time_domain.settings import LikelihoodSettings
 from pilotid.types import FloatArray
 
+#: Why an optimum is none of a pilot.
+NO_PILOT = "no optimum is a pilot in a stable loop, or explains the control where none is known"
+
 
 @dataclass(frozen=True)
 class MLE(LikelihoodSettings):
@@ -81,6 +84,8 @@ class MLE(LikelihoodSettings):
         )
         if profile is not None:
             estimate = with_profile(estimate, found, profile)
+        if not found.is_pilot:
+            estimate = replace(estimate, outcome=Outcome.CONTRADICTED, message=NO_PILOT)
         tested = tested_specification(found, recording, estimate, self.against)
         return replace(
             estimate,

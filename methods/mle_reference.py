@@ -30,6 +30,7 @@ from typing import ClassVar
 import numpy as np
 
 from pilotid.chance import CHI_SQUARED_95
+from pilotid.element.fit import closing_element
 from pilotid.estimates.applicability import varying
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.pilot.loops import unstable_poles
@@ -38,7 +39,6 @@ from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_of
 from pilotid.solve.intervals import profile_intervals
 from pilotid.solve.least_squares import minimise
-from pilotid.time_domain.band_likelihood import closing_element
 from pilotid.time_domain.instruments import Moments, forcing_functions, references
 from pilotid.time_domain.output_error import make_estimate
 from pilotid.time_domain.search import maximise_likelihood
@@ -86,7 +86,7 @@ class MLEReference(LikelihoodSettings):
         element, _ = closing_element(recording)
         assert element is not None
         values = found.pilot[None]
-        if not found.simulates_control and found.lines_pilot is not None:
+        if not found.is_pilot and found.lines_pilot is not None:
             values = found.lines_pilot
         if unstable_poles(model, values[0], element):
             why = f"the loop of the pilot and {element.name} is unstable: there are no instruments"

@@ -25,7 +25,7 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import minimise
 from pilotid.time_domain.output_error import OutputErrors
-from pilotid.time_domain.prediction import predict
+from pilotid.time_domain.prediction import BESIDE, predict
 from pilotid.time_domain.prepare import decimation, fast_length, prepare
 from pilotid.types import FloatArray
 
@@ -79,7 +79,7 @@ def test_circular_prediction_recovers_every_parameter_to_rounding(name: str) -> 
     assert worst_error(OutputErrors(prediction), scenario) < 1e-8
 
 
-#: A lag of 8 s, which no run-in forgets: three decays stand for its own.
+#: A lag of 8 s, which no run-in forgets: two decays stand for its own.
 SLOW = {"precision": 2e-2}
 
 
@@ -87,13 +87,13 @@ SLOW = {"precision": 2e-2}
 @pytest.mark.parametrize("name", PILOTS)
 def test_prediction_with_run_in_recovers_every_parameter(name: str, band: float | None) -> None:
     scenario = PILOTS[name]
-    prediction = predict(noise_free(scenario), scenario.model, band)
+    prediction = predict(noise_free(scenario), scenario.model, band).with_decays(scenario.values)
     assert worst_error(OutputErrors(prediction), scenario) < SLOW.get(name, 1e-4)
 
 
 #: Pilots whose lag is not forgotten within the 3 s that are not scored, and the error that leaves.
 REMEMBERED = {"lead-lag-motion": 2e-3, "lead2-lag": 2e-2, "lead2-lag-motion": 4e-3}
-REMEMBERED |= {"descriptive": 2e-3, "precision": 0.3}
+REMEMBERED |= {"descriptive": 2e-3, "precision": 0.6}
 
 
 @pytest.mark.parametrize("band", BANDS)
@@ -101,6 +101,7 @@ REMEMBERED |= {"descriptive": 2e-3, "precision": 0.3}
 def test_prediction_without_run_in_recovers_every_parameter(name: str, band: float | None) -> None:
     scenario = PILOTS[name]
     prediction = predict(without_run_in(noise_free(scenario)), scenario.model, band)
+    prediction = prediction.with_decays(scenario.values)
     assert worst_error(OutputErrors(prediction), scenario) < REMEMBERED.get(name, 3e-4)
 
 
@@ -116,7 +117,8 @@ def test_prediction_of_a_step_disturbance_recovers_every_parameter(band: float |
 @pytest.mark.parametrize("name", PILOTS)
 def test_prediction_with_run_in_leaves_no_residual_at_the_truth(name: str) -> None:
     scenario = PILOTS[name]
-    problem = OutputErrors(predict(noise_free(scenario), scenario.model))
+    prediction = predict(noise_free(scenario), scenario.model)
+    problem = OutputErrors(prediction.with_decays(scenario.values))
     share = np.std(problem.residual(scenario.values)) / np.std(problem.prediction.control)
     assert share < SLOW.get(name, 1e-4)
 
@@ -327,12 +329,18 @@ def test_decays_that_are_alike_do_not_hide_one_another(size: float) -> None:
     assert bool(OutputErrors(prediction).noticeable_terms(NOMINAL.values)) == bool(size)
 
 
-def test_decays_of_slow_poles_always_stay() -> None:
+def test_decays_of_a_lag_that_outlasts_the_pre_history_always_stay() -> None:
     recording = simulate(NOMINAL, np.random.default_rng(5))
     for model in (PRECISION, PRECISION.with_fixed(tleadlow=3.0)):
-        assert model.slow_poles == (-0.2, -0.1, -0.05)
-        problem = OutputErrors(predict(recording, model, 26.0))
-        assert set(problem.noticeable_terms(model.start)) >= set(model.slow_poles)
+        prediction = predict(recording, model, 26.0)
+        assert 6.0 < prediction.pre_history <= 8.0
+        lag = min(model.slowest_lag(model.start), prediction.pre_history)
+        decays = prediction.with_decays(model.start).terms[-2:]
+        assert decays == pytest.approx((-BESIDE / lag, -1.0 / (BESIDE * lag)))
+        assert set(OutputErrors(prediction).noticeable_terms(model.start)) >= set(decays)
+    quick = model.start.copy()
+    quick[[model.keys.index("tlag"), model.keys.index("tlaglow")]] = 0.5, 1.5
+    assert prediction.with_decays(quick) is prediction
 
 
 def test_noticeable_terms_are_those_that_the_recording_shows() -> None:

@@ -97,8 +97,10 @@ def test_a_drift_is_measured(size: float, seen: bool) -> None:
 def test_sound_recordings_have_no_remarks_but_a_true_one(runs: int) -> None:
     for replication in range(5):
         remarks = fit_of(MLE(), replace(NOMINAL, runs=runs), replication).remarks
-        # Gain and lead time of this pilot trade off at -.99.
-        assert [r for r in remarks if "Kvis and tlead cannot be told apart" not in r] == []
+        # Gain and lead time of this pilot trade off at -.99; and the difference from the lines is
+        # significant (p = 7e-5) in one of all: a doubt.
+        assert set(codes_of(remarks)) <= {"inseparable", "misspecified"}
+        assert all(remark.grade != "wrong" for remark in remarks)
 
 
 @pytest.mark.long

@@ -57,7 +57,6 @@ from pilotid.pilot.factors import LookAhead as LookAhead
 from pilotid.pilot.factors import Neuromuscular as Neuromuscular
 from pilotid.pilot.factors import Otoliths as Otoliths
 from pilotid.pilot.factors import Parameter as Parameter
-from pilotid.pilot.factors import SlowLag as SlowLag
 from pilotid.pilot.model import Channel as Channel
 from pilotid.pilot.model import PilotModel as PilotModel
 from pilotid.recordings.files import (

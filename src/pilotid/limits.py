@@ -108,11 +108,12 @@ class EstimateLimits(NamedTuple):
     #: How seldom chance may speak against a fit, by each test of prediction errors: once in
     #: 14,000 recordings.
     seldom: float = 7e-5
-    misspecified: float = 1e-4  # p-value (none below .01 in 80 sound fits)
+    misspecified: float = 1e-3  # p-value: doubt (none of 360 sound fits)
+    surely_misspecified: float = 1e-5  # p-value: wrong
     #: s of all runs together from which it is tested; covariances are not good enough of less
     #: (30 s: 12 % of 120 sound fits disagreed; populations of 60 s and more: 2 of 480).
     tested_from: float = 60.0
-    covariance: float = 0.1  # share by which the covariance of a score may be wrong
+    covariance: float = 0.12  # least variance of a score in units of its own (360 sound fits)
     dispersed: float = 0.01  # how seldom a constant pilot's scores may count as dispersed
     segment: float = 8.0  # s, of the segments whose scores are compared
     lags: int = 40  # samples of the band over which prediction errors must not be correlated

@@ -69,7 +69,6 @@ CODES: dict[str, tuple[Grade, str]] = {
     # of an estimate, by the tests of some methods
     "hidden-signal": ("wrong", "e and x hardly stand above the noise of the recorder"),
     "element-unknown": ("doubt", "the loop cannot be closed: delays may be biased"),
-    "inverse-plant": ("wrong", "the best fit is the inverse of the controlled element"),
     "held-control": ("doubt", "u often keeps its value from one sample to the next"),
     "gains-change": ("doubt", "gains or leads change during the recording"),
     "overdispersed": ("note", "segments differ more than errors say: intervals are widened"),
@@ -78,6 +77,7 @@ CODES: dict[str, tuple[Grade, str]] = {
     "residual-drift": ("doubt", "u drifts by more than the model explains"),
     "residual-not-white": ("doubt", "the prediction errors are not white"),
     "gain-element": ("note", "the controlled element is a gain: all rests on the remnant"),
+    "slow-lag": ("note", "a lag is long beside the pre-history: its free decay is fitted too"),
     "outside-range": ("doubt", "a value lies outside the range of pilots"),
     OTHER: ("note", "what a method says in words of its own"),
 }

@@ -343,3 +343,15 @@ def differs(
         f"{found.name or 'another'}: at {omega[middle]:.2g} rad/s their gains are as {gain:.3g} to "
         f"1 and their phases {round(float(phase)):d} deg apart; margins with the wrong one mislead",
     )
+
+
+@remembered
+def closing_element(recording: Recording) -> tuple[ControlledElement | None, float]:
+    """The controlled element that closes the loop of a recording, and its relative error.
+
+    The one that the recording names, unless its signals show another one; None if none is known.
+    """
+    choice = chosen_element(recording)
+    if choice.origin == SIGNALS or choice.remarks:
+        return choice.identified.element, choice.identified.response_error
+    return choice.element, 0.0

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from pilotid.limits import ESTIMATE
-from pilotid.remarks import Remark
+from pilotid.remarks import Grade, Remark
 from pilotid.types import FloatArray
 
 
@@ -46,12 +46,14 @@ class Specification:
         """What to say of an estimate that disagrees."""
         if self.agrees:
             return ()
+        grade: Grade = "wrong" if self.p_value < ESTIMATE.surely_misspecified else "doubt"
         return (
             Remark(
                 "misspecified",
                 f"the estimate contradicts the forcing functions (p = {self.p_value:.1g}): the "
                 f"model or the recording is not as the method assumes; fit with {self.against} as "
                 "well, and do not use what differs",
+                grade,
             ),
         )
 
@@ -74,7 +76,11 @@ def score_test(score: FloatArray, shares: FloatArray, against: str) -> Specifica
     """
     from scipy.special import gammaincc
 
-    statistic = float(np.sum(score**2 / (np.clip(shares, 0.0, 1.0) + ESTIMATE.covariance)))
+    # What the estimate has made use of scatters by less than its share; and the covariance is
+    # itself an estimate, so that no direction scatters by less than a certain part.
+    part = ESTIMATE.covariance
+    scatter = part + (1.0 - part) * np.clip(shares, 0.0, 1.0) ** 2
+    statistic = float(np.sum(score**2 / scatter))
     if not math.isfinite(statistic):
         return None
     return Specification(statistic, float(gammaincc(0.5 * score.size, 0.5 * statistic)), against)

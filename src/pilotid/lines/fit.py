@@ -15,17 +15,19 @@ from functools import cached_property
 
 import numpy as np
 
+from pilotid.element.fit import closing_element
 from pilotid.estimates.applicability import lines_objection
 from pilotid.estimates.parts import RemnantEstimate
 from pilotid.estimates.specification import Specification, score_test
 from pilotid.lines.coefficients import NEIGHBOURS, TREND, Coefficients, coefficients_of
+from pilotid.pilot.loops import are_stable
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.detectors import band_end
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import floors_of
-from pilotid.solve.least_squares import Problem, minimise, solve_linear
+from pilotid.solve.least_squares import Minima, Problem, minimise, solve_linear
 from pilotid.solve.search import search
-from pilotid.types import ComplexArray, FloatArray
+from pilotid.types import BoolArray, ComplexArray, FloatArray
 
 #: Share of the inputs' power at a line that must be no noise of the recorder.
 CLEAR = 0.95
@@ -127,18 +129,45 @@ def fit_lines(
     residuals = coefficients.first_residuals()
     power = coefficients.power(residuals)
     first = Equations(coefficients.at_lines_alone(residuals), model, power)
-    found = search(first.gram, model, rng, candidates=candidates, refined=refined)
+    pilots = Pilots(recording, model)
+    found = pilots.first(search(first.gram, model, rng, candidates=candidates, refined=refined))
     if starts:
         points = np.array(starts)
         points, _ = solve_linear(first.gram(points), points, model.linear, model.lower)
-        more = minimise(first.gram, points, model, tolerance=1e-3, iterations=16)
+        more = pilots.first(minimise(first.gram, points, model, tolerance=1e-3, iterations=16))
         found = min((found, more), key=lambda minima: float(minima.cost[0]))
     fit = LinesFit(coefficients, model, found.values[0], power)
     for _ in range(ROUNDS):
-        before, fit = fit.values, fit.again()
-        if np.all(np.abs(fit.values - before) <= same * np.abs(before)):
+        before, fit = fit, fit.again()
+        if pilots(before.values[None])[0] and not pilots(fit.values[None])[0]:
+            return before
+        if np.all(np.abs(fit.values - before.values) <= same * np.abs(before.values)):
             break
     return fit
+
+
+class Pilots:
+    """Which parameters can be those of a pilot: the recorded loop was stable.
+
+    Parameters
+    ----------
+    recording, model
+        What is fitted; where no controlled element is known, or the model has no loop, all can be.
+    """
+
+    def __init__(self, recording: Recording, model: PilotModel) -> None:
+        self._model = model
+        self.element = None if model.no_loop else closing_element(recording)[0]
+
+    def __call__(self, sets: FloatArray) -> BoolArray:
+        """Whether each is in a stable loop, shape (sets,)."""
+        if self.element is None:
+            return np.ones(len(sets), dtype=bool)
+        return are_stable(self._model, sets, self.element)
+
+    def first(self, ends: Minima) -> Minima:
+        """The ends of a search, those in stable loops first, each kind with the best first."""
+        return ends.only(np.argsort(~self(ends.values), kind="stable"))
 
 
 class Equations(Problem):

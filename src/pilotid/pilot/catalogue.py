@@ -27,7 +27,6 @@ from pilotid.pilot.factors import (
     LookAhead,
     Neuromuscular,
     Otoliths,
-    SlowLag,
 )
 from pilotid.pilot.model import Channel, PilotModel
 from pilotid.pilot.timevarying import Changing
@@ -143,7 +142,7 @@ PRECISION = PilotModel(
         _visual(
             *LED_AND_LAGGED.factors[:-2],
             Lead("tleadlow", 4.0, (1.0, 60.0), (1.0, 10.0)),
-            SlowLag("tlaglow", 10.0, (1.0, 200.0), (3.0, 40.0)),
+            Lag("tlaglow", 10.0, (1.0, 200.0), (3.0, 40.0)),
             *SLOW,
         ),
     ),

@@ -111,11 +111,6 @@ class Factor:
         return ()
 
     @property
-    def slow_poles(self) -> tuple[float, ...]:
-        """Poles beside which one lies that decays so slowly that it is always there [rad/s]."""
-        return ()
-
-    @property
     def ahead(self) -> str:
         """Key of the parameter that says how far the factor looks ahead [s], empty for none."""
         return ""
@@ -218,10 +213,6 @@ class Held(Factor):
     @property
     def fixed_poles(self) -> tuple[float, ...]:
         return self.factor.fixed_poles
-
-    @property
-    def slow_poles(self) -> tuple[float, ...]:
-        return self.factor.slow_poles
 
     @property
     def derivative(self) -> int:
@@ -375,21 +366,6 @@ class Lag(Factor):
 
     def rational(self, values: Sequence[float], pade_order: int) -> Rational:
         return [1.0], [float(values[0]), 1.0]
-
-
-@dataclass(frozen=True)
-class SlowLag(Lag):
-    """A lag whose free decay outlasts a run-in: decays about that of its start are fitted too.
-
-    Attributes
-    ----------
-    key, start, bounds, usual
-        As of `Lag`.
-    """
-
-    @property
-    def slow_poles(self) -> tuple[float, ...]:
-        return (-0.5 / self.start, -1.0 / self.start, -2.0 / self.start)
 
 
 STRIDE = 32  # of the coarse grid of `exponential`

@@ -17,7 +17,7 @@ import numpy as np
 
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import INPUTS, PilotModel
-from pilotid.types import ComplexArray, FloatArray
+from pilotid.types import BoolArray, ComplexArray, FloatArray
 
 #: Where crossings are looked for [rad/s]: a pilot's loops have none beyond.
 GRID = np.geomspace(0.05, 60.0, 4000)
@@ -179,3 +179,39 @@ def unstable_poles(model: PilotModel, values: FloatArray, element: ControlledEle
     turn = np.unwrap(np.angle(characteristic))
     degree = len(element.denominator) - 1
     return round(float(degree - (turn[-1] - turn[0]) / (np.pi / 2.0)) / 2.0)
+
+
+#: Where `are_stable` follows the loop [rad/s]: a recorded loop moves within this range.
+STABILITY_GRID = np.geomspace(0.01, 400.0, 600)
+
+
+def are_stable(model: PilotModel, sets: FloatArray, element: ControlledElement) -> BoolArray:
+    """Whether the closed loop of each pilot is stable, shape (sets,).
+
+    It is `unstable_poles` for many pilots at once, on a coarser grid: a loop whose gain is above
+    one at the end of the grid is taken for unstable.
+
+    Parameters
+    ----------
+    model
+        The pilot, constant in time.
+    sets
+        Parameters in model order, shape (sets, parameters).
+    element
+        The controlled element.
+    """
+    omega = np.concatenate(([0.0], STABILITY_GRID))
+    s = 1j * omega
+    pilot = np.array([sum(pilot_on(model, omega, values)) for values in sets])
+    denominator = np.polyval(element.denominator, s)
+    around = np.polyval(element.numerator, s) * np.exp(-element.delay * s) * pilot
+    turn = np.unwrap(np.angle(denominator + around), axis=1)
+    loop = around[:, -1] / denominator[-1]
+    # From the end of the grid on the element's denominator turns alone.
+    roots = np.angle(s[-1] - np.roots(element.denominator)) % (2.0 * np.pi)
+    roots -= 2.0 * np.pi * (roots > 1.5 * np.pi)
+    rest = 0.5 * np.pi * len(roots) - float(np.sum(roots)) - np.angle(1.0 + loop)
+    whole = turn[:, -1] - turn[:, 0] + rest
+    degree = len(element.denominator) - 1
+    poles = np.round((degree - whole / (np.pi / 2.0)) / 2.0)
+    return np.asarray((poles == 0.0) & (np.abs(loop) < 1.0))

@@ -209,11 +209,25 @@ class PilotModel:
         poles = {p for c in self.channels for f in c.factors for p in f.fixed_poles}
         return tuple(sorted(poles))
 
-    @cached_property
-    def slow_poles(self) -> tuple[float, ...]:
-        """Poles whose free decays are nuisance terms of every recording [rad/s]."""
-        factors = (f for c in self.channels for f in c.factors if isinstance(f, Factor))
-        return tuple(sorted({p for f in factors for p in f.slow_poles}))
+    def slowest_lag(self, values: FloatArray) -> float:
+        """The longest time constant of a lag that parameters move [s], 0 without one.
+
+        Parameters
+        ----------
+        values
+            Parameters in model order, shape (parameters,).
+        """
+        if self.changes:
+            return 0.0
+        longest = 0.0
+        for factor, indices in {placed for layout in self.layout for placed in layout}:
+            own = [values[i] for i in indices]
+            if factor.fixed_poles or factor.seconds(own) is not None:
+                continue
+            poles = np.roots(factor.rational([float(value) for value in own], 1)[1])
+            real = poles.real[(poles.imag == 0.0) & (poles.real < 0.0)]
+            longest = max(longest, *(-1.0 / real).tolist(), 0.0)
+        return longest
 
     @cached_property
     def ahead(self) -> float:

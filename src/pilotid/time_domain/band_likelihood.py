@@ -25,15 +25,15 @@ from functools import cached_property
 
 import numpy as np
 
-from pilotid.element.fit import SIGNALS, chosen_element
+from pilotid.element.fit import closing_element
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.detectors import band_end
-from pilotid.recordings.recording import Recording, remembered
+from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import floors_of, periodogram, running_median
 from pilotid.time_domain.prepare import FAR
 from pilotid.time_domain.settings import BAND
-from pilotid.types import ComplexArray, FloatArray
+from pilotid.types import BoolArray, ComplexArray, FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +106,7 @@ class Weighting:
             outside=by_lag[np.abs(np.subtract.outer(lags, lags))],
             dt=dt,
             taken=runs * len(set(poles) - {0.0}),
+            unstable=int(np.sum(np.roots(self.element.denominator).real > 0.0)),
         )
 
 
@@ -127,6 +128,8 @@ class BandTerms:
         Sampling interval [s].
     taken
         Residuals that nuisance terms take.
+    unstable
+        Unstable poles of the controlled element.
     """
 
     weights: FloatArray
@@ -136,6 +139,7 @@ class BandTerms:
     outside: FloatArray
     dt: float
     taken: int
+    unstable: int
 
     @property
     def residuals(self) -> int:
@@ -195,6 +199,16 @@ class BandTerms:
         spectra[..., 1 : self.weights.size] *= self.weights[1:] ** power
         spectra[..., self.weights.size :] = 0.0
         return np.asarray(np.fft.irfft(spectra, n=rows.shape[-1]))
+
+    def are_stable(self, closed: ComplexArray) -> BoolArray:
+        """Whether loops are stable, of 1 + L in the groups that count, shape (sets, counting).
+
+        Nyquist's criterion: from the highest frequency down to the lowest the phase of 1 + L goes
+        to 0 (a gain at rest), -90 or -180 deg (integrators), less 180 deg for each unstable pole
+        of the element; each unstable pole of the loop adds 180 deg.
+        """
+        phase = np.unwrap(np.angle(closed[:, ::-1]), axis=1)[:, -1]
+        return np.asarray(phase + np.pi * self.unstable < np.pi / 3.0)
 
     def of_loop(self, closed: ComplexArray) -> FloatArray:
         """-sum W log |1 + L|^2 of 1 + L in the groups that count, shape (sets, counting)."""
@@ -286,7 +300,9 @@ class BandTerms:
         slope *= (share * variance)[:, None]
         found[:, -1, :-1] -= slope
         found[:, :-1, -1] -= slope
-        return np.asarray(found * np.exp(2.0 * term / size)[:, None, None])
+        found *= np.exp(2.0 * term / size)[:, None, None]
+        found[~self.are_stable(loop[:, -1])] *= BAND.unstable_factor
+        return np.asarray(found)
 
 
 def most_likely_regression(products: FloatArray, terms: BandTerms) -> tuple[FloatArray, FloatArray]:
@@ -341,18 +357,6 @@ def group_begins(
         end = bisect_right(listed, lowest + min(share * lowest, widest))
         begins.append(max(end, begins[-1] + 1))
     return begins[:-1]
-
-
-@remembered
-def closing_element(recording: Recording) -> tuple[ControlledElement | None, float]:
-    """The controlled element that closes the loop of a recording, and its relative error.
-
-    The one that the recording names, unless its signals show another one; None if none is known.
-    """
-    choice = chosen_element(recording)
-    if choice.origin == SIGNALS or choice.remarks:
-        return choice.identified.element, choice.identified.response_error
-    return choice.element, 0.0
 
 
 def weighting_of(

@@ -36,7 +36,7 @@ from pilotid.time_domain.instruments import specification_by_instruments
 from pilotid.time_domain.likelihood import PredictionErrors
 from pilotid.time_domain.optimum import Optimum
 from pilotid.time_domain.output_error import OutputErrors
-from pilotid.time_domain.prediction import predict
+from pilotid.time_domain.prediction import GONE, predict
 from pilotid.time_domain.prepare import (
     Band,
     analysis_band,
@@ -250,7 +250,6 @@ def fit_remarks(
     rows = found.tested_rows
     remarks = [
         _not_closed(found, recording) if asked_for_band else None,
-        _not_simulated(found),
         _dispersed(found.dispersion),
         _held(recording),
         _changed(rows, found.joint) or _varying(found, rows),
@@ -258,6 +257,7 @@ def fit_remarks(
         _drifting(found),
         coloured(rows[-1], found.joint.prediction.band_terms),
         _answered_at_once(recording, found.joint.prediction.model),
+        _slow_lag(found),
     ]
     return tuple(remark for remark in remarks if remark)
 
@@ -276,20 +276,6 @@ def _not_closed(found: Optimum, recording: Recording) -> Remark | None:
             "noise of the recorder counts as signal, and delays may be biased",
         )
     return VARYING if element_changes(recording) else NOT_CLOSED
-
-
-def _not_simulated(found: Optimum) -> Remark | None:
-    """What to say where no optimum of the likelihood simulates the control as a pilot does."""
-    if found.simulates_control or found.check is None:
-        return None
-    own = 100.0 * max(0.0, float(found.check.explained(found.pilot[None])[0]))
-    lines = 100.0 * found.check.of_lines
-    return Remark(
-        "inverse-plant",
-        "the best fit is the inverse of the controlled element, not a pilot: it explains "
-        f"{own:.0f} % of the control, a pilot fitted at the forcing frequencies {lines:.0f} %; "
-        "choose a simpler model or the method fourier",
-    )
 
 
 def _dispersed(dispersion: float) -> Remark | None:
@@ -325,6 +311,19 @@ def _answered_at_once(recording: Recording, model: PilotModel) -> Remark | None:
         "the controlled element is a gain, so that the values rest on the model of the remnant, "
         "and intervals may be too short; compare with fourier, which uses the forcing frequencies "
         "alone",
+    )
+
+
+def _slow_lag(found: Optimum) -> Remark | None:
+    prediction = found.joint.prediction
+    lag, before = prediction.model.slowest_lag(found.pilot), prediction.pre_history
+    if lag <= GONE * before:
+        return None
+    return Remark(
+        "slow-lag",
+        f"a lag of {lag:.2g} s is long beside the {before:.2g} s before the scored window: its "
+        "free decay is fitted too, which takes information on gain and lag; record a run-in of "
+        "four times the lag",
     )
 
 

@@ -10,13 +10,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from pilotid.element.fit import closing_element
 from pilotid.estimates.specification import Specification, score_test
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.loops import pilot_on, unstable_poles
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Problem
-from pilotid.time_domain.band_likelihood import closing_element
 from pilotid.time_domain.optimum import Optimum
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prepare import fast_length

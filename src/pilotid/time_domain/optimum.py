@@ -14,6 +14,7 @@ from pilotid.chance import chi_squared_limit
 from pilotid.estimates.estimate import Starts
 from pilotid.estimates.parts import AnalysedBand, RemnantEstimate
 from pilotid.limits import ESTIMATE
+from pilotid.pilot.loops import are_stable
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import floors_of
 from pilotid.solve.covariance import covariance_of, score_dispersion
@@ -27,11 +28,12 @@ from pilotid.time_domain.settings import PROFILE, SEARCH
 from pilotid.types import BoolArray, FloatArray, IntArray
 
 
-class SimulationCheck:
-    """Whether a pilot's simulated response explains the control as that of the lines' pilot does.
+class Candidates:
+    """Which parameters can be those of a pilot: the recorded loop was stable.
 
-    A model that predicts the control as the inverse of the controlled element has a high
-    likelihood, and simulates nothing.
+    A model that predicts the control as the inverse of the controlled element does has a high
+    likelihood; its loop with the element is unstable, or so near to it that its simulated response
+    explains nothing of the control, or far less than that of the pilot of the forcing lines.
 
     Parameters
     ----------
@@ -39,13 +41,14 @@ class SimulationCheck:
         The prediction with binned spectra.
     lines_pilot
         The pilot fitted to the forcing functions' lines, shape (1, parameters); None where there
-        are no lines: then all parameters pass.
+        are no lines.
     """
 
     def __init__(self, coarse: Prediction, lines_pilot: FloatArray | None) -> None:
         self._errors = OutputErrors(coarse)
         self._pilot = len(coarse.model.parameters)
         self._total = float(np.sum(coarse.samples_of(coarse.control_spectrum) ** 2))
+        self.element = None if coarse.weighting is None else coarse.weighting.element
         self.of_lines = 0.0 if lines_pilot is None else float(self.explained(lines_pilot)[0])
 
     def explained(self, sets: FloatArray) -> FloatArray:
@@ -61,9 +64,12 @@ class SimulationCheck:
 
     def __call__(self, sets: FloatArray) -> BoolArray:
         """Which parameters pass, the pilot's first, shape (sets,)."""
-        if self.of_lines <= 0.0:
-            return np.ones(len(sets), dtype=bool)
-        return np.asarray(self.explained(sets) >= SEARCH.min_vaf_ratio * self.of_lines)
+        explained = self.explained(sets)
+        passed = (explained > 0.0) & (explained >= SEARCH.min_vaf_ratio * self.of_lines)
+        if self.element is not None:
+            model = self._errors.prediction.model
+            passed &= are_stable(model, sets[:, : self._pilot], self.element)
+        return np.asarray(passed)
 
     def which(self, ends: Minima) -> IntArray:
         """Indices of the ends that pass, of all if none does."""
@@ -102,13 +108,13 @@ class Optimum(JointFit):
 
     starts: Starts = ONE_START
     iterations: int = 0
-    check: SimulationCheck | None = None
+    check: Candidates | None = None
     lines_pilot: FloatArray | None = None
     competing: Sequence[FloatArray] = ()
 
     @property
-    def simulates_control(self) -> bool:
-        """Whether it simulates the control as a pilot does, see `SimulationCheck`."""
+    def is_pilot(self) -> bool:
+        """Whether it can be a pilot, see `Candidates`."""
         return self.check is None or bool(self.check(self.pilot[None])[0])
 
     @property

@@ -76,13 +76,15 @@ class OutputErrors(Problem):
         the future of the recording (the same effect biases autoregressive coefficients
         when a mean is removed; Kendall 1954).  A term stays if its squared t-values, all
         runs together, exceed what chance gives once in 14,000.  The least noticeable goes first,
-        since decays that are alike hide one another.  Those of slow poles always stay: left out,
-        they bias what moves the pole by many claimed errors long before they are noticeable.
+        since decays that are alike hide one another.  Those of the estimate's own slow poles
+        always stay: left out, they bias what moves the pole by many claimed errors long before
+        they are noticeable.
         """
-        slow = self.prediction.model.slow_poles
-        poles, every = self.prediction.terms, self.prediction.nuisance_terms
+        prediction = self.prediction.with_decays(values)
+        slow = prediction.terms[len(self.prediction.terms) :]
+        poles, every = prediction.terms, prediction.nuisance_terms
         residual = self.prediction.residual(values, self.taps)
-        limit = chi_squared_limit(self.prediction.runs, ESTIMATE.seldom)
+        limit = chi_squared_limit(prediction.runs, ESTIMATE.seldom)
         kept = list(range(len(poles)))
         while kept:
             terms = every[:, kept]
@@ -117,7 +119,7 @@ def simulated_vaf(
     prediction
         The full-rate prediction, where the caller has it already.
     """
-    prediction = prediction or predict(recording, model)
+    prediction = (prediction or predict(recording, model)).with_decays(values)
     left = float(np.mean(np.var(OutputErrors(prediction).residual(values), axis=1)))
     spread = float(np.mean(np.var(prediction.control, axis=1)))
     return max(0.0, 100.0 * (1.0 - left / spread))

@@ -162,6 +162,8 @@ def fine_enough(step: int, dt: float) -> bool:
 LONG_BINS = 1 << 16  # bins of all runs from which one parameter set is evaluated after the other
 #: What a unit of the element's output is in each input of a channel.
 CLOSED = {"e": -1.0, "x": 1.0, "ft": 0.0}
+GONE = 0.25  # of the pre-history, the time constant of a free decay that is over then
+BESIDE = 1.05  # ratio of the time constants of decays about one: it, and its slope
 EXTENSION = 4.0  # seconds over which signals fade out beyond both ends of the recording
 
 
@@ -216,6 +218,29 @@ class Prediction:
     def block(self) -> int:
         """Parameter sets that are evaluated at once: one beyond any cache, to spare memory."""
         return BLOCK if self.control_spectrum.size < LONG_BINS else 1
+
+    @property
+    def pre_history(self) -> float:
+        """Time before the first scored sample from which the inputs are known [s]."""
+        return max(self.first * self.dt - EXTENSION, 0.0)
+
+    def with_decays(self, values: FloatArray) -> Prediction:
+        """The same with the free decay of the slowest lag, where it outlasts the pre-history.
+
+        Two exponentials take up the decay and its change with the time constant, which one alone
+        would hold where it was.  A lag that is longer than the pre-history is taken for as long:
+        decays that are slower still hide what the recording tells of the lag.
+
+        Parameters
+        ----------
+        values
+            Parameters, shape (parameters,).
+        """
+        lag = self.model.slowest_lag(values)
+        if not 0.0 < GONE * self.pre_history < lag:
+            return self
+        middle = min(lag, self.pre_history)
+        return replace(self, terms=(*self.terms, -BESIDE / middle, -1.0 / (BESIDE * middle)))
 
     @property
     def samples(self) -> int:
@@ -541,7 +566,7 @@ def predict(recording: Recording, model: PilotModel, band: float | None = None) 
         length=length,
         first=extension + prepared.first,
         scored=prepared.scored,
-        terms=(0.0, *model.fixed_poles, *model.slow_poles),
+        terms=(0.0, *model.fixed_poles),
         fine=fine,
         weighting=None,
     )

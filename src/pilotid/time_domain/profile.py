@@ -41,7 +41,7 @@ def profile_likelihood(found: Optimum) -> tuple[Optimum, Profile | None]:
         if profile is None or profile.better is None:
             break
         moved = found.moved(profile.better)
-        if found.simulates_control and not moved.simulates_control:
+        if found.is_pilot and not moved.is_pilot:
             break
         found = moved
         profile = profile_about(found)

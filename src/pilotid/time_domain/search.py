@@ -25,14 +25,14 @@ import numpy as np
 
 from pilotid.estimates.applicability import lines_objection
 from pilotid.estimates.estimate import Starts, is_at_bound
-from pilotid.lines.fit import fit_lines
+from pilotid.lines.fit import Pilots, fit_lines
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Minima, minimise, minimise_each, solve_linear
 from pilotid.solve.search import draw_starts, search
 from pilotid.time_domain.likelihood import PredictionErrors, binned
 from pilotid.time_domain.noise import RemnantChoice
-from pilotid.time_domain.optimum import Optimum, SimulationCheck
+from pilotid.time_domain.optimum import Candidates, Optimum
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction, predict, weighted
 from pilotid.time_domain.prepare import Band, analysis_band, decimation
@@ -71,9 +71,12 @@ def maximise_likelihood(
     tried = [_best_of(c, settings, swept.check) for c in _likely(choices, swept.check)]
     best, competing = _best_and_competing(tried)
     # The terms were chosen beside a first estimate; at the optimum the choice may be another.
-    whitened = OutputErrors(first.prediction, best.joint.whitener(best.values))
-    terms = whitened.noticeable_terms(best.pilot)
-    if terms != swept.terms:
+    terms = swept.terms
+    for _ in range(SEARCH.term_rounds):
+        whitened = OutputErrors(first.prediction, best.joint.whitener(best.values))
+        before, terms = terms, whitened.noticeable_terms(best.pilot)
+        if len(terms) == len(before) and np.allclose(terms, before, rtol=SEARCH.same_decay):
+            break
         prediction = replace(first.prediction, terms=terms)
         best = optimum_near(prediction, first.band, best.pilot, settings, swept.check)
     best = _elsewhere(best)
@@ -104,7 +107,7 @@ def maxima_from(
 def lines_pilot(
     recording: Recording, model: PilotModel, rng: np.random.Generator
 ) -> FloatArray | None:
-    """The pilot that the forcing frequencies show, shape (1, parameters), if they do."""
+    """The pilot that the forcing frequencies show, shape (1, parameters), if it is one."""
     if lines_objection(recording, model):
         return None
     fit = fit_lines(
@@ -115,7 +118,8 @@ def lines_pilot(
         refined=SEARCH.lines_refined,
         same=SEARCH.lines_same_cost,
     )
-    return fit.values[None] if np.isfinite(fit.values).all() else None
+    pilot = fit.values[None]
+    return pilot if np.isfinite(pilot).all() and Pilots(recording, model)(pilot)[0] else None
 
 
 def is_sound(model: PilotModel, lines: FloatArray | None) -> bool:
@@ -300,7 +304,7 @@ class Swept:
     candidates: FloatArray
     terms: tuple[float, ...]
     starts: Starts
-    check: SimulationCheck
+    check: Candidates
 
 
 def sweep(
@@ -324,7 +328,7 @@ def sweep(
     """
     model, samples = first.prediction.model, first.coarse.samples
     near = np.zeros((0, len(model.parameters))) if lines is None else lines
-    check = SimulationCheck(first.coarse, lines)
+    check = Candidates(first.coarse, lines)
     whitened = OutputErrors(first.coarse, first.taps)
     count = 0 if is_sound(model, lines) else settings.candidates
     starts = _starts(model, first.pilot, rng, count)
@@ -436,7 +440,7 @@ def optimum_near(
     band: Band,
     pilot: FloatArray,
     settings: LikelihoodSettings,
-    check: SimulationCheck | None = None,
+    check: Candidates | None = None,
 ) -> Optimum:
     """Pilot and remnant together from one pilot, the remnant's model chosen as they move.
 
@@ -456,14 +460,14 @@ def optimum_near(
 
 
 def _best_of(
-    choice: RemnantChoice, settings: LikelihoodSettings, check: SimulationCheck | None
+    choice: RemnantChoice, settings: LikelihoodSettings, check: Candidates | None
 ) -> Optimum:
     """The best of all models of the remnant near one pilot."""
     best = choice.best(settings.rounds)
     return Optimum(best.joint, best.end, iterations=choice.iterations, check=check)
 
 
-def _likely(choices: list[RemnantChoice], check: SimulationCheck) -> list[RemnantChoice]:
+def _likely(choices: list[RemnantChoice], check: Candidates) -> list[RemnantChoice]:
     """Candidates whose criterion is low on a first look, one of each optimum, best first."""
     if len(choices) == 1:
         return choices
@@ -480,7 +484,7 @@ def _likely(choices: list[RemnantChoice], check: SimulationCheck) -> list[Remnan
 
 def _best_and_competing(tried: Sequence[Optimum]) -> tuple[Optimum, list[FloatArray]]:
     """The best optimum that simulates the control, and pilots of those that are as likely."""
-    passed = [each for each in tried if each.simulates_control] or list(tried)
+    passed = [each for each in tried if each.is_pilot] or list(tried)
     lowest = min(each.criterion for each in passed)
     # What is far behind where fits are compared does not compete.
     far = lowest + 2.0 * SEARCH.competing_criterion

@@ -92,6 +92,8 @@ class BandSettings:
     at_once_ratio
         Tuned: gain of an element an octave above the band over that at its edge from which it
         answers at once: 1 of a gain, .5 of an integrator.
+    unstable_factor
+        Numerics: factor on the squares of a pilot whose loop is unstable, beyond all others.
     """
 
     top_share: float = 0.8
@@ -103,6 +105,7 @@ class BandSettings:
     group_share: float = 1.0 / 30.0
     max_group_width: float = 0.25
     at_once_ratio: float = 0.7
+    unstable_factor: float = 1e3
 
 
 @dataclass(frozen=True)
@@ -184,6 +187,10 @@ class SearchSettings:
         3.84 of an interval's end.
     same_criterion
         Numerics: difference of criteria below which two optima are one.
+    term_rounds
+        Numerics: how often the nuisance terms are chosen anew at most.
+    same_decay
+        Numerics: relative difference of time constants below which free decays are one.
     change_tolerance
         Numerics: relative decrease that ends searches for other times of a change.
     change_iterations
@@ -200,7 +207,7 @@ class SearchSettings:
     lines_candidates: int = 96
     lines_refined: int = 24
     lines_same_cost: float = 0.01
-    min_vaf_ratio: float = 0.8
+    min_vaf_ratio: float = 0.5
     first_tolerance: float = 3e-3
     first_iterations: int = 12
     sweep_tolerance: float = 1e-3
@@ -220,6 +227,8 @@ class SearchSettings:
     neighbour_criterion: float = 0.1
     competing_criterion: float = 5.0
     same_criterion: float = 0.01
+    term_rounds: int = 4
+    same_decay: float = 0.1
     change_tolerance: float = 1e-4
     change_iterations: int = 20
 

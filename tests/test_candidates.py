@@ -1,0 +1,57 @@
+"""What can be a pilot: a stable loop; and what a lag leaves that outlasts the run-in."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from checks.published import LED, preview_runs
+from golden.golden import POSITION
+from helpers import PILOTS, fit_of
+
+from pilotid import identify
+from pilotid.datasets import Scenario
+from pilotid.methods import method_named
+from pilotid.pilot.loops import are_stable, unstable_poles
+from pilotid.remarks import codes_of
+
+pytestmark = pytest.mark.numerical
+#: A lag of 3.6 s after 3 s of run-in.
+SLOW = replace(POSITION, name="slow", truth=(7.2, 0.2, 3.6, 0.25, 12.0, 0.35), run_in=3.0)
+
+
+@pytest.mark.parametrize("scenario", PILOTS.values(), ids=PILOTS)
+def test_stable_loops_are_those_without_unstable_poles(scenario: Scenario) -> None:
+    rng = np.random.default_rng(1)
+    model = scenario.model
+    sets = scenario.values * np.exp(0.6 * rng.normal(size=(20, len(model.keys))))
+    sets = np.clip(sets, model.lower, model.upper)
+    counts = [unstable_poles(model, values, scenario.element) for values in sets]
+    assert are_stable(model, sets, scenario.element).tolist() == [count == 0 for count in counts]
+
+
+@pytest.mark.parametrize("method", ["mle", "fourier"])
+def test_a_search_does_not_go_to_the_inverse_of_the_element(measured: Path, method: str) -> None:
+    recording = preview_runs(measured / "preview-gy", "gy", "fo")
+    estimate = identify(method, recording, LED)
+    assert estimate.values[LED.keys.index("Kvis")] < 10.0
+    assert estimate.vaf > 50.0
+
+
+@pytest.mark.parametrize("name", ["preview", "pursuit"])
+def test_what_is_no_pilot_did_not_converge(measured: Path, name: str) -> None:
+    recording = preview_runs(measured / "preview-gy", "gy", "fo")
+    estimate = identify("mle", recording, name)
+    assert not estimate.outcome.usable or estimate.vaf > 40.0
+
+
+@pytest.mark.parametrize("method", ["mle", "mle-reference"])
+def test_the_decay_of_a_lag_that_outlasts_the_run_in_is_no_bias(method: str) -> None:
+    fits = [fit_of(method_named(method), SLOW, i) for i in range(8)]
+    errors = np.array([(fit.values - SLOW.values) / fit.std_error for fit in fits])
+    # The median of eight has a standard error of about .45 claimed errors.
+    assert np.abs(np.median(errors, axis=0)).max() < 1.5
+    if method == "mle":
+        assert all("slow-lag" in codes_of(fit.remarks) for fit in fits)
