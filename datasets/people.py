@@ -141,7 +141,7 @@ PEOPLE = {
             "K. Bonnen et al., Journal of Vision 15(3):14, 2015; "
             "github.com/kbonnen/BonnenEtAl2015_KalmanFilterCode",
             "",
-            "data.mat::sigma=*",
+            "data.mat::sigma={11,13,17,21,25,29}",
             "sigma={condition}",
             "following",
             "ft=target,u=response,x=response",
@@ -180,7 +180,10 @@ def data_folder() -> Path:
 def recordings_in(folder: Path, name: str) -> list[Path]:
     """The files of an experiment in a folder, as commands take them."""
     files = PEOPLE[name].files
-    return sorted(folder.glob(files)) if "::" not in files else [folder / files]
+    start, _, levels = files.partition("{")
+    if levels:
+        return [folder / f"{start}{level}" for level in levels.rstrip("}").split(",")]
+    return sorted(folder.glob(files))
 
 
 def fetch(name: str, source: Path | None = None) -> Path:

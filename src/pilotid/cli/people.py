@@ -28,9 +28,7 @@ def fetch_data(name: str | None = None, *, source: Path | None = None) -> None:
     folder = fetch(name, source)
     people = PEOPLE[name]
     print_blocks(console, *_card(people), Text(f"{len(published()[name])} files in {folder}"))
-    # A pattern of files is for the shell to expand; what stands behind :: is not.
     files = f"{shlex.quote(str(folder))}/{people.files}"
-    files = f"'{folder}/{people.files}'" if "::" in people.files else files
     print_blocks(console, Text(f"pilotid analyse {files} {people.options} --out results/{name}"))
 
 
