@@ -8,14 +8,8 @@ counted on other seeds and on a fourth generator (``nox -s check -- remarks``).
 
 from __future__ import annotations
 
-import inspect
-import itertools
 import math
-from dataclasses import fields
-from typing import TYPE_CHECKING, NamedTuple
-
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
+from typing import NamedTuple
 
 
 class RecorderLimits(NamedTuple):
@@ -139,37 +133,3 @@ RECORDER = RecorderLimits()
 SIGNAL = SignalLimits()
 ELEMENT = ElementLimits()
 ESTIMATE = EstimateLimits()
-LIMITS = (RECORDER, SIGNAL, ELEMENT, ESTIMATE)
-
-
-class Constant(NamedTuple):
-    """A constant of a search, in words: where it comes from, and what it is."""
-
-    name: str
-    value: str
-    source: str
-    meaning: str
-
-
-def constants_of(*groups: DataclassInstance) -> list[Constant]:
-    """All constants of frozen dataclasses whose docstrings describe each by its source first."""
-    return [
-        Constant(own.name, shown_value(getattr(group, own.name)), *_described(group, own.name))
-        for group in groups
-        for own in fields(group)
-    ]
-
-
-def _described(group: DataclassInstance, name: str) -> tuple[str, str]:
-    """Source and meaning of a constant."""
-    _, _, described = (inspect.getdoc(group) or "").partition(f"\n{name}\n")
-    lines = itertools.takewhile(lambda line: line.startswith(" "), described.splitlines())
-    source, _, meaning = " ".join(line.strip() for line in lines).partition(": ")
-    return source.lower(), meaning
-
-
-def shown_value(value: object) -> str:
-    """A number, or several, with three digits."""
-    if isinstance(value, tuple):
-        return ", ".join(map(shown_value, value))
-    return f"{value:.3g}" if isinstance(value, float) else str(value)

@@ -23,7 +23,6 @@ from pilotid.document import (
     to_markdown,
     write_page,
 )
-from pilotid.limits import LIMITS, Constant, constants_of, shown_value
 from pilotid.naming.settings import shown
 from pilotid.numbers import number, share
 from pilotid.report import study_figures as figures
@@ -48,7 +47,6 @@ from pilotid.study.comparison import Comparison, MethodResults, loss_ratio
 from pilotid.study.entries import TRAJECTORY
 from pilotid.study.judge import RULES, USABLE, judge, sentence
 from pilotid.study.scores import EFFICIENT, loss_text
-from pilotid.time_domain.settings import BAND, PROFILE, SEARCH
 
 TITLE = "Pilot-model identification: methods compared"
 REFERENCE = "nominal"
@@ -457,18 +455,6 @@ def provenance(study: Comparison) -> Section:
         ),
         table_of("Methods", [("method",), ("settings",)], methods, folded=True),
         table_of("Scenarios", [(title,) for title in heads], scenarios, folded=True),
-        table_of(
-            "Constants of the search of `mle`, each with its source",
-            [(title,) for title in Constant._fields],
-            constants_of(BAND, SEARCH, PROFILE),
-            folded=True,
-        ),
-        table_of(
-            "Limits of the checks; `pilotid/limits.py` has their sources",
-            [("name",), ("value",)],
-            [(key, shown_value(v)) for group in LIMITS for key, v in group._asdict().items()],
-            folded=True,
-        ),
     ]
     if "mixed" in about:
         blocks.insert(0, Text(f"**{mixed(study)}**"))
