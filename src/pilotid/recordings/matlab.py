@@ -38,7 +38,7 @@ for path in map(eval, sys.stdin):
     try:
         found = loadmat(path)
     except Exception as error:
-        found = f"{type(error).__name__}: {error}"
+        found = error
     pickle.dump(found, sys.stdout.buffer, protocol=5)
     sys.stdout.buffer.flush()
 """
@@ -76,7 +76,7 @@ def _end(reader: subprocess.Popen[bytes]) -> None:
 
 
 def _answer(path: Path) -> object:
-    """What scipy reads of a file, or why it does not; None if that ended its process."""
+    """What scipy reads of a file, or what it raises; None if that ended its process."""
     reader = _reader(os.getpid())
     assert reader.stdin is not None
     assert reader.stdout is not None
@@ -96,9 +96,11 @@ def _loaded(path: Path) -> dict[str, Any]:
     """The variables that scipy reads of a file."""
     with LOCK:
         found = _answer(path) or _answer(path)  # a file read before may have harmed the first
-    if isinstance(found, dict):
-        return found
-    raise ValueError(found or "reading it failed")
+    if isinstance(found, Exception):
+        raise found
+    if not isinstance(found, dict):
+        raise ValueError("reading it failed")
+    return found
 
 
 def _in_array(value: Any, name: str) -> Iterator[tuple[str, Any]]:
