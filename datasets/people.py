@@ -71,6 +71,15 @@ def published(name: str) -> dict[str, str]:
     return {file: digest for people, file, digest in _table("people_files.csv") if people == name}
 
 
+def recordings_in(folder: Path, name: str) -> list[Path]:
+    """The recordings of an experiment in a folder, as commands take them."""
+    files = PEOPLE[name].files
+    start, _, levels = files.partition("{")
+    if levels:
+        return [folder / f"{start}{level}" for level in levels.rstrip("}").split(",")]
+    return sorted(folder.glob(files))
+
+
 def fetch(name: str, source: Path | None = None) -> Path:
     """The folder with the files of an experiment, which are fetched where they are not there yet.
 

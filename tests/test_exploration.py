@@ -17,7 +17,6 @@ from helpers import (
 
 from pilotid.datasets import Scenario, scenario_named, simulate
 from pilotid.datasets.remnant import Remnant
-from pilotid.limits import constants_of
 from pilotid.lines.fit import fit_lines
 from pilotid.methods.mle import MLE
 from pilotid.pilot.element import position_control
@@ -27,7 +26,6 @@ from pilotid.seeds import recording_rng
 from pilotid.solve.intervals import profile_intervals
 from pilotid.solve.least_squares import Minima, minimise
 from pilotid.time_domain import likelihood as reduction
-from pilotid.time_domain import settings
 from pilotid.time_domain.likelihood import binned
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction, predict
@@ -278,12 +276,3 @@ def test_criteria_from_the_optimum_and_from_the_truth_agree() -> None:
     sets = np.array([estimate.values, NOMINAL.values])
     own, true = MLE().criteria_from(recording, NOMINAL.model, sets)
     assert own == pytest.approx(true, abs=0.5)
-
-
-def test_every_constant_of_the_search_says_what_it_is_and_where_it_comes_from() -> None:
-    constants = constants_of(settings.BAND, settings.SEARCH, settings.PROFILE)
-    assert len(constants) > 40
-    for constant in constants:
-        assert constant.source in ("statistics", "numerics", "tuned"), constant.name
-        assert constant.meaning, constant.name
-    assert constants[0][:3] == ("top_share", "0.8", "numerics")

@@ -67,6 +67,7 @@ def test_rollpitch(run: Run, measured: Path) -> None:
 
 PREVIEW_MAP = "t=time,ft=ref,u=inp,fd=dis,x=state"
 FOLLOWING_MAP = "ft=target,u=response,x=response"
+SIGMAS, STRUCTS = (11, 13, 17, 21, 25, 29), ("identification", "validation")
 
 
 def briefly(run: Run, *arguments: object) -> list[str]:
@@ -92,12 +93,13 @@ def test_recordings_with_a_ramp_are_cut_to_their_periods(run: Run, measured: Pat
 
 def test_trials_are_read_by_level_and_structs_by_name(run: Run, measured: Path) -> None:
     told = briefly(
-        run, measured / "following" / "data.mat::sigma=*", "--map", FOLLOWING_MAP, "--dt", 1 / 60
+        run,
+        *(measured / "following" / f"data.mat::sigma={sigma}" for sigma in SIGMAS),
+        *("--map", FOLLOWING_MAP, "--dt", 1 / 60),
     )
-    assert [line.partition("::sigma=")[2][:9] for line in told] == [
-        f"{sigma}: 20 x " for sigma in (11, 13, 17, 21, 25, 29)
-    ]
-    told = briefly(run, measured / "course" / "ae4320_dataset.mat::*", "--map", "fd=-3.49*fd")
+    assert [line.partition("::sigma=")[2][:9] for line in told] == [f"{s}: 20 x " for s in SIGMAS]
+    parts = (measured / "course" / f"ae4320_dataset.mat::{name}" for name in STRUCTS)
+    told = briefly(run, *parts, "--map", "fd=-3.49*fd")
     assert ["identification: 1 x 81.92 s" in told[0], "validation: 1 x" in told[1]] == [True, True]
 
 

@@ -1,4 +1,4 @@
-"""Where results go: no input is written over, nor what another program wrote."""
+"""Where results go: no input is written over, and other files with --force alone."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "o").mkdir()
     for name in ("estimates", "summary", "models"):
         save_recording(RECORDING, tmp_path / "o" / f"{name}.csv")
-    (tmp_path / "a.json").write_text('{"mine": 1}')
+    save_recording(RECORDING, tmp_path / "b.csv")
+    (tmp_path / "notes.txt").write_text("mine")
     (tmp_path / "link.json").symlink_to("s.csv")
     (tmp_path / "A").mkdir()
     finish(tmp_path / "A", 1).close()
@@ -49,9 +50,9 @@ def digests(folder: Path) -> dict[Path, str]:
         "compare --scenario single --method mle-white --replications 1 --out o",
         "report A --out o",
         "simulate single --out s.csv",
-        "simulate single --out a.csv",
+        "simulate single --out b.csv",
+        "fit s.csv --json notes.txt",
         "fit s.csv --json a.out --report a.out",
-        "fit s.csv --json a.json",
         "fit s.csv --json link.json --force",
         "fit s.csv --json nowhere/a.json",
         "fit s.csv --json o",
@@ -66,12 +67,12 @@ def test_what_must_stay_is_refused_before_work_begins(run: Run, place: Path, com
     assert digests(place) == before
 
 
-def test_own_files_are_written_again_and_others_with_force(run: Run, place: Path) -> None:
+def test_results_are_written_again_and_other_files_with_force(run: Run, place: Path) -> None:
     for _ in range(2):
         assert run(*FIT, "--json", "x.json").status == 0
         assert run("simulate", "single", "--out", "y.csv").status == 0
-    assert run(*FIT, "--json", "a.json", "--force").status == 0
-    assert b"recording" in (place / "a.json").read_bytes()
+    assert run(*FIT, "--json", "notes.txt", "--force").status == 0
+    assert b"recording" in (place / "notes.txt").read_bytes()
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes with names")

@@ -75,7 +75,8 @@ def test_command(folder: Path, run: Run) -> None:
         assert told.status == 0, told.err
     told = run("fetch-data", "following")
     words = " ".join(told.out.split())
-    assert f"'{folder}/data/following/data.mat::sigma=*' --pattern 'sigma={{condition}}'" in words
+    files = f"{folder}/data/following/data.mat::sigma={{11,13,17,21,25,29}}"
+    assert f"{files} --pattern 'sigma={{condition}}'" in words
 
 
 @pytest.mark.numerical

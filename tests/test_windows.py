@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.io import savemat
 
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.files import Reading, load_recording, save_recording
@@ -137,21 +136,3 @@ def test_resampling_keeps_what_is_slow_and_removes_what_is_fast() -> None:
 def test_intervals_that_signals_cannot_be_brought_to(dt: float) -> None:
     with pytest.raises(InputError):
         recorded(sines((2, 5), 2400)).resample(dt)
-
-
-@pytest.mark.parametrize("extra", [0, 1])
-def test_signals_of_different_rates_are_brought_to_the_slowest(tmp_path: Path, extra: int) -> None:
-    slow = ramped(0, PERIOD + extra)
-    fast = sines((3, 8), 4 * PERIOD + extra, 4 * PERIOD)
-    content: dict[str, Any] = {"e": slow.e.T, "x": slow.x.T, "u": fast[:, None]}
-    for t in (slow.time, np.arange(4 * PERIOD + extra) * DT / 4):
-        savemat(tmp_path / "F.mat", {"t": t, **content})
-        found = load_recording(tmp_path / "F.mat")
-        assert (found.dt, found.samples, found.runs) == (DT, PERIOD + extra, 1)
-        np.testing.assert_array_equal(found.x, slow.x)
-        middle = slice(40, PERIOD - 40)
-        np.testing.assert_allclose(found.u[0, middle], fast[::4][middle], atol=1e-4)
-        assert "u (by 4)" in found.treatment[0]
-    savemat(tmp_path / "F.mat", {"t": slow.time, **content, "u": fast[:-7]})
-    with pytest.raises(InputError, match="samples long but the time has"):
-        load_recording(tmp_path / "F.mat")

@@ -2,8 +2,8 @@
 
 Texts hold `code`, **strong** words and links to a [section](#key), a [file](folder/name.html)
 beside the page or [one](../name.html) above it; nothing else is marked up.  Tables hold values,
-which columns format as plain text; each writer escapes them as `pilotid.escaping` does and sets
-signs in its own way.
+which columns format as plain text; each writer escapes them as `pilotid.escaping` does and
+sets signs in its own way.
 """
 
 from __future__ import annotations

@@ -8,14 +8,8 @@ counted on other seeds and on a fourth generator (``nox -s check -- remarks``).
 
 from __future__ import annotations
 
-import inspect
-import itertools
 import math
-from dataclasses import fields
-from typing import TYPE_CHECKING, NamedTuple
-
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
+from typing import NamedTuple
 
 
 class RecorderLimits(NamedTuple):
@@ -30,8 +24,6 @@ class RecorderLimits(NamedTuple):
     flat: float = -8.0  # dB an octave at the top of the spectrum of e and x (-10.8)
     own: float = 3e-5  # rms of e - (ft - x) over that of e (1e-15); files of 5 decimals reach it
     unanswered: float = 0.5  # share of x there that is no smooth answer to u + fd
-    flat_forcing: tuple[float, float] = (-6.0, 5e-6)  # of ft and fd, and level over rms (1e-12)
-    jittered: float = 0.05  # of its rms: fits are right at .03, wrong at .13
     outlier: tuple[float, float] = (60.0, 5e-3)  # over the usual error, and over rms (3e-6)
     converter_steps: float = 10.0  # of a converter, that are no jump
     identity: float = 0.02  # of a sample, by which e and ft or x are apart (0)
@@ -42,9 +34,6 @@ class RecorderLimits(NamedTuple):
     told: float = 0.01  # s, standard error up to which a time is told
     gain: float = 0.05  # by which the share of fd in the drive differs from 1 (.014)
     left: tuple[float, float] = (0.03, 1e-3)  # share of u that may be unexplained beside fd, and x
-    drift: tuple[float, float, float] = (150.0, 12e-6, 8.0)  # ppm (92), scatter, standard errors
-    copy: float = 0.72  # correlation of remnants (.52 in 624 measured pairs)
-    print: float = 0.5  # correlation of fingerprints (.19 in measured pairs; with noise of 5 % .7)
     #: Hz up to which signals must be usable for a fit to lose next to nothing: pilots have no
     #: power above 30 rad/s, and a band of 26 rad/s tells as much as a wider one.
     enough: float = 5.0
@@ -144,37 +133,3 @@ RECORDER = RecorderLimits()
 SIGNAL = SignalLimits()
 ELEMENT = ElementLimits()
 ESTIMATE = EstimateLimits()
-LIMITS = (RECORDER, SIGNAL, ELEMENT, ESTIMATE)
-
-
-class Constant(NamedTuple):
-    """A constant of a search, in words: where it comes from, and what it is."""
-
-    name: str
-    value: str
-    source: str
-    meaning: str
-
-
-def constants_of(*groups: DataclassInstance) -> list[Constant]:
-    """All constants of frozen dataclasses whose docstrings describe each by its source first."""
-    return [
-        Constant(own.name, shown_value(getattr(group, own.name)), *_described(group, own.name))
-        for group in groups
-        for own in fields(group)
-    ]
-
-
-def _described(group: DataclassInstance, name: str) -> tuple[str, str]:
-    """Source and meaning of a constant."""
-    _, _, described = (inspect.getdoc(group) or "").partition(f"\n{name}\n")
-    lines = itertools.takewhile(lambda line: line.startswith(" "), described.splitlines())
-    source, _, meaning = " ".join(line.strip() for line in lines).partition(": ")
-    return source.lower(), meaning
-
-
-def shown_value(value: object) -> str:
-    """A number, or several, with three digits."""
-    if isinstance(value, tuple):
-        return ", ".join(map(shown_value, value))
-    return f"{value:.3g}" if isinstance(value, float) else str(value)

@@ -1,22 +1,18 @@
-"""Where results may go: never over what is read, nor over what another program wrote."""
+"""Where results may go: never over what is read."""
 
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from pilotid.disk import make_folder
 from pilotid.types import InputError
 
-#: What every page of this program has in its head.
-GENERATOR = '<meta name="generator" content="pilotid">'
-#: How the files begin that users name one by one: JSON by its first key, tables by their heads.
-BEGINS = re.compile(rb'\A(\[\s*)?\{\s*"(recording|seed|pilotid)"|' + re.escape(GENERATOR.encode()))
-HEAD = 2048  # bytes in which a file says what it is
-#: Files that make a folder one of results.
-STORES = ("study.sqlite", "study.rows.xz", "analysis.sqlite", "trust.json", "design.json")
+#: Files that are written over unasked: an option names the one that it makes.
+RESULTS = (".json", ".html")
+#: Files that make a folder one of results, which is written into again.
+STORES = ("study.sqlite", "analysis.sqlite", "trust.json", "design.json", "report.html")
 
 
 def require_free(
@@ -31,7 +27,7 @@ def require_free(
     inputs
         Files that are read: they are never written over.
     force
-        Whether files may be written over that this program did not write.
+        Whether files may be written over that are no `RESULTS`.
     """
     read = {_identity(path): path for path in inputs}
     taken: dict[object, Path] = {}
@@ -48,8 +44,8 @@ def require_free(
             raise InputError(f"{target}: is a folder; name a file in it")
         if not (os.path.exists(target) or os.access(target.parent, os.W_OK | os.X_OK)):
             raise InputError(f"{target}: cannot be written; check the rights of its folder")
-        if os.path.isfile(target) and not (force or is_ours(target) or not target.stat().st_size):
-            raise _foreign(target)
+        if not force and target.suffix not in RESULTS and os.path.isfile(target):
+            raise _is_there(target)
 
 
 def require_folder(
@@ -57,19 +53,17 @@ def require_folder(
 ) -> None:
     """The same for files of these names in a folder, which is made."""
     targets = [folder / name for name in names]
-    marks = [path for path in targets if path.suffix == ".html"]
-    ours = any(os.path.exists(folder / name) for name in STORES) or any(map(is_ours, marks))
-    foreign = [] if ours or force else [path for path in targets if os.path.isfile(path)]
+    ours = any(os.path.exists(folder / name) for name in STORES)
+    there = [path for path in targets if os.path.isfile(path)]
     make_folder(folder)
     require_free(targets, inputs, force=True)
-    if foreign:
-        raise _foreign(foreign[0])
+    if there and not (ours or force):
+        raise _is_there(there[0])
 
 
-def _foreign(target: Path) -> InputError:
+def _is_there(target: Path) -> InputError:
     return InputError(
-        f"{target}: is there already, and not as this command would write it; name another place, "
-        "or write over it with --force"
+        f"{target}: is there already; name another place, or write over it with --force"
     )
 
 
@@ -87,15 +81,3 @@ def _identity_of_folder(folder: Path) -> str:
         return os.path.realpath(folder)
     except OSError:  # the current folder was deleted
         return str(folder)
-
-
-def is_ours(path: Path) -> bool:
-    """Whether this program wrote a file."""
-    if not os.path.isfile(path):  # a pipe would be waited for
-        return False
-    try:
-        with path.open("rb") as stream:
-            head = stream.read(HEAD)
-    except OSError:
-        return False
-    return BEGINS.search(head) is not None

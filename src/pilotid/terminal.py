@@ -6,7 +6,8 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from pilotid.types import one_line
@@ -41,6 +42,18 @@ def print_table(console: Console, table: RenderableType) -> None:
         console.print(table)
     lines = (line.rstrip() for line in captured.get().splitlines())
     console.file.write("\n".join(lines).strip("\n") + "\n")
+
+
+def show_page(page: Path, console: Console) -> None:
+    """Open a page in a browser; where there is no display or browser, say where the page is."""
+    shown = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if not sys.platform.startswith("linux") or shown:
+        import webbrowser
+
+        with suppress(webbrowser.Error):
+            if webbrowser.open(page.absolute().as_uri()):
+                return
+    console.print(f"open in a browser: {page.absolute()}", soft_wrap=True)
 
 
 @contextmanager

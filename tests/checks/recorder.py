@@ -180,33 +180,6 @@ def rows_dropped(count: int) -> Fault:
     return fault
 
 
-def jitter(share: float) -> Fault:
-    """Samples taken at times that scatter by a share of the interval."""
-
-    def fault(recording: Recording, rng: np.random.Generator) -> Recording:
-        from scipy.interpolate import CubicSpline
-
-        time = np.arange(recording.u.shape[1], dtype=float)
-        at = time + share * rng.standard_normal(time.size)
-        there = {n: getattr(recording, n) for n in ALL}
-        return replace(
-            recording,
-            **{n: CubicSpline(time, s, axis=1)(at) for n, s in there.items() if s is not None},
-        )
-
-    return fault
-
-
-def drifting(ppm: float) -> Fault:
-    def change(signal: FloatArray, _: Recording) -> FloatArray:
-        from scipy.interpolate import CubicSpline
-
-        time = np.arange(signal.shape[1], dtype=float)
-        return np.asarray(CubicSpline(time, signal, axis=1)(time * (1.0 + 1e-6 * ppm)))
-
-    return each(("u",), change)
-
-
 def times(factor: float, name: str) -> Fault:
     return each((name,), lambda s, _: factor * s)
 
@@ -358,9 +331,9 @@ def _made_of_filtered_output(recording: Recording, rng: np.random.Generator) -> 
     return replace(recording, x=x, e=target(recording) - x)
 
 
-def _copied(recording: Recording, rng: np.random.Generator) -> Recording:
+def _copied(recording: Recording, _: np.random.Generator) -> Recording:
     rows = {n: np.concatenate([s, s]) for n in ALL if (s := getattr(recording, n)) is not None}
-    return noisy(1e-3, "u")(replace(recording, **rows), rng)
+    return replace(recording, **rows)
 
 
 #: Faults by name, in the groups of a recorder's table.
@@ -410,8 +383,6 @@ FAULTS: dict[str, Fault] = {
     "3 spikes of 5 on u": spiked(5.0, "u"),
     "1 row dropped": rows_dropped(1),
     "5 rows dropped": rows_dropped(5),
-    **{f"jitter {s:g}": jitter(s) for s in (0.01, 0.1, 0.5)},
-    **{f"clock of u {p} ppm": drifting(p) for p in (100, 300, 500, 2000)},
     "u includes fd": _includes_fd,
     **{f"u times {f:g}": times(f, "u") for f in (1.1, 1.2, 2, 100, -1)},
     "u in rad": times(np.pi / 180, "u"),

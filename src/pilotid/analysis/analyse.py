@@ -13,8 +13,6 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-import numpy as np
-
 from pilotid.analysis.cross_validation import LeftOut, failed_rows, left_out_rows, predict_left_out
 from pilotid.analysis.performance import lines_shared, performance_content, performance_rows
 from pilotid.analysis.recordings import Excluded, Part
@@ -356,7 +354,7 @@ def _look(task: Task) -> Content:
     return {
         "recording": recording.to_dict(),
         "remarks": _graded([*remarks(recording), *shared, *choice.remarks]),
-        "fingerprints": fingerprints(recording).round(3).tolist(),
+        "fingerprints": list(fingerprints(recording)),
         "candidates": [asdict(candidate) for candidate in compared],
         "performance": performance_content(recording),
     }
@@ -561,7 +559,7 @@ def analyse(
         looked = {part: seen[t.key] for part, t in looks.items() if t.key in seen}
         copies = copies_among(
             [part.name for part in looked],
-            [np.array(look["fingerprints"]) for look in looked.values()],
+            [look["fingerprints"] for look in looked.values()],
         )
         for place, look in enumerate(looked.values()):
             look["remarks"] = [*_graded(copies.get(place, ())), *look["remarks"]]

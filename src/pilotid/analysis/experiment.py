@@ -22,7 +22,7 @@ from pilotid.outputs import require_folder
 from pilotid.pilot.catalogue import AUTO, MODELS, model_named, with_held
 from pilotid.pilot.element import ControlledElement, as_element
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.files import Reading, expanded, read_with
+from pilotid.recordings.files import Reading, read_with
 from pilotid.recordings.selection import span_of
 from pilotid.remarks import codes_in
 from pilotid.seeds import DEFAULT_SEED
@@ -187,7 +187,7 @@ def analyse(
     if reading.span:
         span_of(reading.span)
     parts, refused = parts_of(
-        expanded([Path(file) for file in _several(files)], reading.names, reading.dt),
+        [Path(file) for file in _several(files)],
         Pattern(pattern) if pattern else None,
     )
     parts, excluded = excluded_of(parts, _several(exclude), because) if parts else (parts, [])

@@ -30,7 +30,7 @@ from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.method import Method
 from pilotid.naming.code import PluginWarning
 from pilotid.naming.settings import labelled, split_list
-from pilotid.outputs import is_ours, require_free
+from pilotid.outputs import require_free
 from pilotid.pilot.catalogue import AUTO, MODELS, model_named, with_held
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
@@ -39,7 +39,7 @@ from pilotid.recordings.recording import Recording
 from pilotid.recordings.text import sidecar_path
 from pilotid.remarks import OF_STICK, codes_in
 from pilotid.seeds import DEFAULT_SEED, draw_rng, recording_rng
-from pilotid.terminal import make_console, show_warning, with_bar
+from pilotid.terminal import make_console, show_page, show_warning, with_bar
 from pilotid.types import InputError, one_line
 
 app = typer.Typer(
@@ -152,8 +152,8 @@ def simulate(
         raise InputError("name a scenario, or a recording with --like, and not both")
     truth_file = out.with_suffix(".truth.json")
     written = [out, truth_file, *[sidecar_path(out)] * (out.suffix.lower() == ".csv")]
-    force = force or is_ours(truth_file)
-    require_free(written, read_with([like] if like else []), force=force)
+    again = truth_file.exists()  # it was simulated
+    require_free(written, read_with([like] if like else []), force=force or again)
     named = scenario_named(scenario or "") if like is None else studies.scenario_like(like, seed)
     chosen = named.drawn(draw_rng(seed, named.name))
     chosen = replace(chosen, runs=runs or chosen.runs)
@@ -230,11 +230,7 @@ def fit(
             fitted.print(console, said)
             said |= {remark.code for remark in fitted.graded} & set(OF_STICK)
     if plot and report is not None:
-        from pilotid.show.text_figures import fit_text, opened
-
-        if not opened(report):
-            figures = "\n\n".join(map(fit_text, fits))
-            make_console(errors=printed).print(f"\n{figures}\nreport: {report}", soft_wrap=True)
+        show_page(report, make_console(errors=printed))
     options.raise_refused(refused)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pilotid.cli import options
-from pilotid.datasets.people import PEOPLE, fetch
+from pilotid.datasets.people import PEOPLE, fetch, recordings_in
 from pilotid.document import Bullets, Text, print_blocks
 from pilotid.recordings.files import Reading
 from pilotid.terminal import make_console
@@ -31,9 +31,7 @@ def fetch_data(name: str | None = None, *, source: Path | None = None) -> None:
     given = ["--pattern", people.pattern, "--model", people.model]
     given += ["--map", people.mapping] * bool(people.mapping)
     given += ["--dt", people.dt] * bool(people.dt)
-    # A pattern of files is for the shell to expand; what stands behind :: is not.
-    files = f"{shlex.quote(str(folder))}/{people.files}"
-    files = f"'{folder}/{people.files}'" if "::" in people.files else files
+    files = f"{shlex.quote(str(folder))}/{people.files}"  # which the shell expands
     command = f"pilotid analyse {files} {shlex.join(given)} --out results/{name}"
     print_blocks(console, Text(f"The files are in {folder}:"), Text(command))
 
@@ -56,7 +54,7 @@ def compare_people(
     people = PEOPLE[name]
     with options.resumable(out):
         found = analyse(
-            [folder / people.files] if "::" in people.files else sorted(folder.glob(people.files)),
+            recordings_in(folder, name),
             people.pattern,
             [people.model],
             list(methods.values()),

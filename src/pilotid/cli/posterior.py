@@ -13,7 +13,7 @@ from pilotid.outputs import require_folder
 from pilotid.pilot.catalogue import AUTO, model_named
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
-from pilotid.recordings.files import Reading, expanded, read_with
+from pilotid.recordings.files import Reading, read_with
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.selection import stem_of
 from pilotid.seeds import DEFAULT_SEED, fit_rng
@@ -41,7 +41,6 @@ def posterior(
 
     plant = element_named(element) if element else None
     named = None if model == AUTO else model_named(model)
-    files = expanded(files, reading.names, reading.dt)
     folders = folders_of(files, out) if len(files) > 1 and not joint else {}
     for folder in folders.values() or [out] * (out is not None):
         assert folder is not None

@@ -14,7 +14,7 @@ from pilotid.pilot.catalogue import AUTO
 from pilotid.pilot.element import element_named
 from pilotid.recordings.files import Reading, load_recording, read_with
 from pilotid.seeds import DEFAULT_SEED
-from pilotid.terminal import make_console
+from pilotid.terminal import make_console, show_page
 from pilotid.types import InputError
 
 if TYPE_CHECKING:
@@ -135,10 +135,7 @@ def _finish(folder: Path, store: Store, *, plot: bool = False) -> None:
     words, tables = overview(study, widest=5 if len(compared(study)) <= 5 else 0)
     print_blocks(make_console(), *tables, Bullets([*words, f"report: {path}"]))
     if plot:
-        from pilotid.show.text_figures import losses_text, opened
-
-        if not opened(path):
-            make_console().print(f"\n{losses_text(study, compared(study))}", soft_wrap=True)
+        show_page(path, make_console())
 
 
 def compare_studies(first: Path, second: Path) -> None:

@@ -1,4 +1,4 @@
-"""Warnings about an estimate, whatever method it comes from; see `pilotid.remarks.CODES`."""
+"""Warnings about an estimate, whatever its method; see `pilotid.remarks.CODES`."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ from pilotid.remarks import Remark, gravest_first
 from pilotid.types import BoolArray, FloatArray
 
 BLOCK = 5.0  # seconds whose mean is one observation of an offset
-LATE = ("late-signal", "late-forcing", "clock-drifts")
+LATE = ("late-signal", "late-forcing")
 
 
 def remarks(recording: Recording) -> tuple[Remark, ...]:

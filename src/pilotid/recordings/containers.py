@@ -1,8 +1,4 @@
-"""Files that hold named variables: MATLAB, HDF5, numpy and parquet.
-
-What is damaged may end the process in a library: `pilotid.recordings.reader_process` calls this in
-a process of its own.
-"""
+"""Files that hold named variables: MATLAB, HDF5, numpy and parquet."""
 
 from __future__ import annotations
 
@@ -16,13 +12,14 @@ from typing import Any
 
 import numpy as np
 
+from pilotid.disk import require_file
 from pilotid.recordings import matlab
 from pilotid.recordings.contents import Contents, Parts, Place, shown
 from pilotid.recordings.text import read_table
-from pilotid.recordings.variables import Variables, contents_of, parts_of
+from pilotid.recordings.variables import Variables, contents_of
 from pilotid.types import InputError
 
-PARQUET = (".parquet",)
+LARGEST_FILE = 2**32  # bytes
 #: How a good file is made.
 SAVED = {
     ".mat": "save it again with save -v7",
@@ -35,8 +32,8 @@ ARRAY = "data"
 
 def read_container(
     path: Path, source: str, places: Mapping[str, Place], parts: Parts, *, timed: bool
-) -> Contents | list[str]:
-    """What a file holds, or the parts of it that a ``*`` stands for.
+) -> Contents:
+    """What a file holds.
 
     Parameters
     ----------
@@ -49,14 +46,13 @@ def read_container(
     timed
         Whether the sampling interval is known, so that no times are needed.
     """
+    require_file(path, LARGEST_FILE)
     suffix = path.suffix.lower()
     try:
         table = _table(path, suffix, source)
         if table is not None:
             return read_table(io.StringIO(table), source, places, parts, timed=timed)
         with _opened(path, suffix, source) as variables:
-            if parts.is_several:
-                return parts_of(variables, source, places, parts, timed=timed)
             return contents_of(variables, source, places, parts, timed=timed)
     except InputError:
         raise
@@ -65,16 +61,11 @@ def read_container(
             f"{source}: takes too much memory; save t, e, u, x in a file of their own"
         ) from None
     except Exception as error:  # what is damaged fails in any way whatsoever
-        raise damage_error(source, suffix, f"{type(error).__name__}: {error}") from None
-
-
-def damage_error(source: str, suffix: str, what: str) -> InputError:
-    """The refusal of a file that is not what its format wants."""
-    kind = "MATLAB" if suffix == ".mat" else suffix
-    return InputError(
-        f"{source}: is no {kind} file, damaged or cut short ({shown(what)[1:-1]}); "
-        f"{SAVED.get(suffix, 'save it again')}"
-    )
+        kind, what = ("MATLAB" if suffix == ".mat" else suffix), f"{type(error).__name__}: {error}"
+        raise InputError(
+            f"{source}: is no {kind} file, damaged or cut short ({shown(what)[1:-1]}); "
+            f"{SAVED.get(suffix, 'save it again')}"
+        ) from None
 
 
 @contextmanager
@@ -141,7 +132,7 @@ def _table(path: Path, suffix: str, source: str) -> str | None:
             _refuse_objects(ARRAY, source)
         if not dtype.names:
             return None
-    elif suffix not in PARQUET:
+    elif suffix != ".parquet":
         return None
     import pandas as pd
 

@@ -273,9 +273,9 @@ class Parts:
     Attributes
     ----------
     path
-        Name of the struct, group or cell that holds the recording, ``*`` for each; empty for all.
+        Name of the struct, group or cell that holds the recording; empty for all.
     levels
-        Values of variables or columns by whose values runs are chosen, ``*`` for each.
+        Values of variables or columns by whose values runs are chosen.
     """
 
     path: str = ""
@@ -287,11 +287,6 @@ class Parts:
         pairs = [text.partition("=") for text in texts]
         levels = {name.strip(): value.strip() for name, equals, value in pairs if equals}
         return cls(".".join(name for name, equals, _ in pairs if not equals), levels)
-
-    @property
-    def is_several(self) -> bool:
-        """Whether a ``*`` stands for several parts."""
-        return "*" in (self.path, *self.levels.values())
 
 
 def is_level(value: object, wanted: str) -> bool:
@@ -480,8 +475,6 @@ class Contents:
         What the file says beside the signals.
     origin
         The file's names of the signals.
-    treatment
-        What was done to them, a sentence each.
     """
 
     t: FloatArray | None
@@ -489,7 +482,6 @@ class Contents:
     where: Callable[[int], str]
     notes: Notes = field(default_factory=Notes)
     origin: Mapping[str, str] = field(default_factory=dict)
-    treatment: tuple[str, ...] = ()
 
 
 def assembled(contents: Contents, source: str, dt: float | None = None) -> Recording:
@@ -539,7 +531,6 @@ def assembled(contents: Contents, source: str, dt: float | None = None) -> Recor
         source=source,
         controlled_element=notes.controlled_element or "",
         origin=origin,
-        treatment=contents.treatment,
         extra={name: values for name, values in signals.items() if name not in NAMES},
     )
 

@@ -11,7 +11,8 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import combinations, pairwise
+from hashlib import sha256
+from itertools import pairwise, permutations
 
 import numpy as np
 
@@ -21,14 +22,10 @@ from pilotid.recordings.recording import Recording, remembered
 from pilotid.recordings.spectra import floors_of
 from pilotid.recordings.timing import Relation, derivatives, regression
 from pilotid.remarks import GRADES, Grade, Remark
-from pilotid.types import BoolArray, ComplexArray, FloatArray
+from pilotid.types import ComplexArray, FloatArray
 
 LOWEST, PER_OCTAVE = 0.3, 6  # Hz, and bands in an octave
 FEWEST = 10  # bins of all runs in a band, of which its level is told
-HIGHEST = 5.0  # Hz, of the remnants that are held against one another
-SHORTEST = 30.0  # seconds of them
-MEDIAN_BINS, MOST_OF_A_LINE = 31, 1.5  # bins of a running median; times that, a line counts
-SEVERAL_PAIRS, CERTAIN = 3, 0.97  # pairs that tell how alike runs are; a correlation of copies
 
 
 @dataclass(frozen=True)
@@ -76,7 +73,7 @@ def _found(look: _Look, ends: Sequence[Finding]) -> list[Finding]:
     if not any(f.code == "lost-samples" for f in found):
         found += look.identity()
         found += look.times(found)
-    return found + list(look.copies(found))
+    return found + list(look.copies())
 
 
 @remembered
@@ -199,21 +196,6 @@ class _Look:
             )
             grade: Grade = "note" if usable >= 1.0 else "doubt"
             yield Finding("noise", name, grade, size, self.units[name], words, usable)
-        for name in ("ft", "fd"):
-            if name not in self.signals or _is_stepped(self.signals[name]):
-                continue
-            rms = float(np.std(self.signals[name]))
-            top = self.hertz > 0.35 * self.hertz[-1]
-            window = np.hanning(self.samples) ** 4
-            level = float(np.median(self.power[name][top])) / math.log(2.0) / float(window.sum())
-            size = math.sqrt(level) / rms
-            if self._slope(name) > RECORDER.flat_forcing[0] and size > RECORDER.flat_forcing[1]:
-                words = (
-                    f"{name} holds noise of {100.0 * size:.2g} % of its rms: the times of samples "
-                    "jitter, or it was recorded through a converter; give it as it was commanded"
-                )
-                jittered: Grade = "doubt" if size > RECORDER.jittered else "note"
-                yield Finding("jitter", name, jittered, size, "", words)
 
     @property
     def _apart(self) -> float:
@@ -304,12 +286,10 @@ class _Look:
         """Times of u, fd and x against one another, and what the drive holds of fd."""
         if "x" not in self.signals:
             return
-        late = list(self._drift())
-        if not late:
-            late = [*self._against_forcing(found), *self._against_output()]
+        late = [*self._against_forcing(found), *self._against_output()]
         yield from late
         known = {f.code for f in (*late, *found)}
-        if not known & {"late-signal", "late-forcing", "clock-drifts"}:
+        if not known & {"late-signal", "late-forcing"}:
             yield from self._against_named()
 
     def _against_forcing(self, found: Sequence[Finding]) -> Iterator[Finding]:
@@ -396,53 +376,16 @@ class _Look:
                 yield _late(name, "x", late, self.dt, "x would answer before it moves otherwise")
                 return
 
-    def _drift(self, parts: int = 4) -> Iterator[Finding]:
-        """The clock of u against that of fd, by quarters of the window."""
-        length = self.samples // parts
-        moving = "fd" in self.signals and not _is_stepped(self.signals["fd"])
-        if not moving or length * self.dt < 12.0:
-            return
-        quarters = [
-            Relation(
-                {n: s[:, i * length : (i + 1) * length] for n, s in self.signals.items()}, self.dt
-            )
-            for i in range(parts)
-        ]
-        best = [quarter.best(order=4) for quarter in quarters]
-        late, along = np.array([b.late for b in best]), np.arange(parts) - 0.5 * (parts - 1)
-        slope = float(along @ late) / float(along @ along)
-        scatter = float(np.std(late - late.mean() - slope * along))
-        ppm = 1e6 * slope / (length * self.dt)
-        error = max(b.error for b in best)
-        least, straight, errors = RECORDER.drift
-        if (
-            max(b.left for b in best) < RECORDER.left[0]
-            and error < RECORDER.told
-            and abs(ppm) > least
-            and scatter < straight * abs(ppm)
-            and abs(slope) * parts > errors * error
-        ):
-            words = (
-                f"u is recorded by a clock that drifts by {ppm:.0f} ppm against that of fd, "
-                f"{1e3 * abs(slope) * parts:.2g} ms over the recording; bring all to one clock"
-            )
-            yield Finding("clock-drifts", "u", "wrong", ppm, "ppm", words)
-
-    def copies(self, found: Sequence[Finding]) -> Iterator[Finding]:
-        """Runs with one remnant, which never comes twice."""
-        if self.recording.runs < 2 or self.recording.duration < SHORTEST:
-            return
-        highest = min((f.usable for f in found if f.signal == "u"), default=HIGHEST)
-        remnants, step = _remnants(self.recording, min(highest, HIGHEST))
-        pairs = list(combinations(range(self.recording.runs), 2))
-        alike = np.array([_alike(remnants[a], remnants[b], step) for a, b in pairs])
-        for pair in np.flatnonzero(_out_of_place(alike, RECORDER.copy)):
-            one, other = pairs[pair]
-            words = (
-                f"runs {one + 1} and {other + 1} have the same remnant (correlation "
-                f"{alike[pair]:.2f}): one is a copy of the other; leave it out"
-            )
-            yield Finding("copied-run", "u", "wrong", float(alike[pair]), "", words)
+    def copies(self) -> Iterator[Finding]:
+        """Runs whose control is the same to the last bit."""
+        prints = fingerprints(self.recording)
+        for other, digest in enumerate(prints):
+            if (one := prints.index(digest)) < other:
+                words = (
+                    f"runs {one + 1} and {other + 1} have the same control: one is a copy of the "
+                    "other; leave it out"
+                )
+                yield Finding("copied-run", "u", "wrong", 1.0, "", words)
 
 
 def _late(name: str, other: str, late: float, dt: float, why: str) -> Finding:
@@ -547,95 +490,12 @@ def _outliers(
     return float(error.max()) / usual, float(error.max()), events, run, sample + order
 
 
-def _remnants(
-    recording: Recording, highest: float, memory: float = 5.0
-) -> tuple[FloatArray, float]:
-    """What is left of u beside its answers to ft and fd, whitened; and its interval [s]."""
-    spectra, samples, step = _remnant_spectra(recording, highest, memory)
-    return np.fft.irfft(spectra, n=samples), step
+def fingerprints(recording: Recording) -> tuple[str, ...]:
+    """A digest of the control of each run, the same for runs that are the same to the last bit."""
+    return tuple(sha256(run.tobytes()).hexdigest() for run in recording.window(recording.u))
 
 
-@remembered
-def _remnant_spectra(
-    recording: Recording, highest: float, memory: float = 5.0
-) -> tuple[ComplexArray, int, float]:
-    """Transforms of that, (runs, bins); the number of its samples; and their interval [s]."""
-    every = max(1, round(0.08 / recording.dt))
-    step = every * recording.dt
-    count = recording.u.shape[1] // every
-
-    def sampled(signal: FloatArray) -> FloatArray:
-        means = signal[:, : count * every].reshape(len(signal), count, every).mean(axis=2)
-        return np.asarray(means - means.mean(axis=1, keepdims=True))
-
-    past = int(memory / step)
-    left = sampled(recording.u)[:, past:].copy()
-    forced = [s for s in (recording.ft, recording.fd) if s is not None and np.any(np.diff(s))]
-    windows = [
-        np.lib.stride_tricks.sliding_window_view(sampled(s), past + 1, axis=1) for s in forced
-    ]
-    for run in range(len(left)) if forced else ():
-        table = np.concatenate([w[run] for w in windows], axis=1)
-        gram = table.T @ table
-        gram += 1e-9 * np.trace(gram) / len(gram) * np.eye(len(gram))
-        left[run] -= table @ np.linalg.solve(gram, table.T @ left[run])
-    samples = left.shape[1]
-    spectra = np.fft.rfft(left * np.hanning(samples) ** 0.25)
-    hertz = np.fft.rfftfreq(samples, step)
-    size = np.abs(spectra)
-    around = np.pad(size, ((0, 0), (MEDIAN_BINS // 2, MEDIAN_BINS // 2)), "reflect")
-    usual = np.median(np.lib.stride_tricks.sliding_window_view(around, MEDIAN_BINS, axis=1), axis=2)
-    # Lines stand out of their neighbours: of a disturbance that was not recorded, they come again
-    # in every run.
-    size = np.maximum(usual, size / MOST_OF_A_LINE)
-    inside = (hertz > 0.15) & (hertz < min(highest, 0.45 / step))
-    return spectra / (size + 1e-300) * inside, samples, step
-
-
-def _out_of_place(alike: FloatArray, limit: float) -> BoolArray:
-    """Which pairs of runs are copies: alike, and far more so than pairs usually are.
-
-    Runs that are all alike answer to something that was not recorded.
-    """
-    usual = float(np.median(alike)) if alike.size >= SEVERAL_PAIRS else 0.0
-    return np.asarray(alike > min(max(limit, 0.5 * (1.0 + usual)), CERTAIN))
-
-
-def _alike(one: FloatArray, other: FloatArray, step: float, seconds: float = 12.0) -> float:
-    """Second largest correlation of pieces of one remnant with any of the other.
-
-    The largest may be of a transient that both have.
-    """
-    length, samples = int(seconds / step), other.size
-    pieces = np.lib.stride_tricks.sliding_window_view(one, length)[:: length // 2]
-    if len(pieces) < 2:
-        return 0.0
-    fast = 1 << (samples - 1).bit_length()
-    spectra = np.fft.rfft(other, fast) * np.conj(np.fft.rfft(pieces, fast))
-    products = np.fft.irfft(spectra)[:, : samples - length + 1]
-    energy = np.concatenate([[0.0], np.cumsum(other**2)])
-    energy = energy[length:] - energy[:-length]
-    size = np.sqrt(energy * np.sum(pieces**2, axis=1)[:, None] + 1e-300)
-    return float(np.sort(np.max(np.abs(products) / size, axis=1))[-2])
-
-
-def fingerprints(recording: Recording) -> FloatArray:
-    """What a copy of a run has in common with it, though late or noisy: shape (runs, bins).
-
-    Magnitudes of the remnant's spectrum, of mean 0 and norm 1.  No bins where the recording is
-    too short, or does not move.
-    """
-    if recording.duration < SHORTEST or "u" not in _moving(recording):
-        return np.zeros((recording.runs, 0))
-    with np.errstate(all="ignore"):
-        ends = [f.usable for f in _ends(recording) if f.signal == "u"]
-        spectra = _remnant_spectra(recording, min([*ends, HIGHEST]))[0]
-        size = np.abs(spectra[:, np.any(spectra, axis=0)])
-        size -= size.mean(axis=1, keepdims=True)
-        return np.asarray(size / np.linalg.norm(size, axis=1, keepdims=True))
-
-
-def copies_among(names: Sequence[str], prints: Sequence[FloatArray]) -> dict[int, list[Remark]]:
+def copies_among(names: Sequence[str], prints: Sequence[Sequence[str]]) -> dict[int, list[Remark]]:
     """What to say of recordings whose runs are copies of those of another recording.
 
     Parameters
@@ -646,21 +506,12 @@ def copies_among(names: Sequence[str], prints: Sequence[FloatArray]) -> dict[int
         Their `fingerprints`.
     """
     said: dict[int, list[Remark]] = {}
-    for bins in {p.shape[1] for p in prints} - {0}:
-        places = [(i, run) for i, p in enumerate(prints) for run in range(len(p))
-                  if p.shape[1] == bins]  # fmt: skip
-        stacked = np.array([prints[i][run] for i, run in places])
-        firsts, seconds = np.triu_indices(len(places), 1)
-        copied = _out_of_place((stacked @ stacked.T)[firsts, seconds], RECORDER.print)
-        for a, b in zip(firsts[copied], seconds[copied], strict=True):
-            one, other = places[a], places[b]
-            for (i, run), (j, same) in ((one, other), (other, one)):
-                if i != j and i not in said:
-                    said[i] = [
-                        Remark(
-                            "copied-run",
-                            f"run {run + 1} has the same remnant as run {same + 1} of {names[j]}: "
-                            "one is a copy of the other; leave it out",
-                        )
-                    ]
+    for (i, one), (j, other) in permutations(enumerate(prints), 2):
+        copy = next((digest for digest in one if digest in other), None)
+        if copy and i not in said:
+            words = (
+                f"run {one.index(copy) + 1} has the same control as run {other.index(copy) + 1} of "
+                f"{names[j]}: one is a copy of the other; leave it out"
+            )
+            said[i] = [Remark("copied-run", words)]
     return said

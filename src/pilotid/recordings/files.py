@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pilotid.disk import path_shown, write_file
 from pilotid.recordings.contents import (
-    Contents,
     Notes,
     Parts,
     assembled,
@@ -18,7 +16,7 @@ from pilotid.recordings.contents import (
     signal_places,
 )
 from pilotid.recordings.recording import LEAD_IN, Recording, joined
-from pilotid.recordings.selection import INSIDE, chosen_runs, file_and_parts, file_of, span_of
+from pilotid.recordings.selection import chosen_runs, file_and_parts, file_of, span_of
 from pilotid.recordings.text import csv_bytes, read_sidecar, read_text, sidecar_path
 from pilotid.recordings.windows import spanned, whole_periods
 from pilotid.types import InputError
@@ -85,61 +83,27 @@ def load_recording(
     InputError
         If the file cannot be used; the message says where it goes wrong.
     """
-    contents, source = _read(path, mapping, dt)
-    if isinstance(contents, list):
-        raise InputError(
-            f"{source}: stands for {', '.join(contents[:20])}; name one of them in place of the *"
-        )
-    recording = assembled(contents, source, dt)
-    return whole_periods(recording) if periods and contents.notes.run_in is None else recording
-
-
-def _read(
-    path: str | os.PathLike[str], mapping: Mapping[str, str] | None, dt: float | None
-) -> tuple[Contents | list[str], str]:
-    """What a file holds, or the parts that a ``*`` stands for, and its name in messages."""
     source = path_shown(path)
     file, names = file_and_parts(path)
     suffix, places, parts = _suffix(file, source, READ), signal_places(mapping), Parts.of(names)
     try:
         if suffix in TEXTS:
-            return read_text(file, source, places, parts, timed=dt is not None), source
-        from pilotid.recordings.reader_process import read_apart
+            contents = read_text(file, source, places, parts, timed=dt is not None)
+        else:
+            from pilotid.recordings.containers import read_container
 
-        notes = Notes() if suffix == ".mat" else read_sidecar(file)
-        timed = dt is not None or notes.dt is not None
-        contents = read_apart(file, source, places, parts, timed=timed)
+            notes = Notes() if suffix == ".mat" else read_sidecar(file)
+            timed = dt is not None or notes.dt is not None
+            contents = read_container(file, source, places, parts, timed=timed)
+            if notes.where:
+                contents = replace(contents, notes=notes)
     except OSError as error:
         raise InputError(
             f"{path_shown(error.filename or source)}: cannot be read ({error.strerror or error}); "
             "check the file and its rights"
         ) from error
-    if isinstance(contents, Contents) and notes.where:
-        contents = replace(contents, notes=notes)
-    return contents, source
-
-
-def expanded(
-    files: Iterable[Path], mapping: Mapping[str, str] | None = None, dt: float | None = None
-) -> list[Path]:
-    """Files, with a path for each part where a ``*`` stands for several.
-
-    What cannot be read stays as it is, and is refused where it is read.
-    """
-    found: list[Path] = []
-    for path in files:
-        file, names = file_and_parts(path)
-        found.append(path)
-        if any(name.endswith("*") for name in names):
-            with suppress(InputError):
-                contents, _ = _read(path, mapping, dt)
-                assert isinstance(contents, list)
-                star = next(n for n, name in enumerate(names) if name.endswith("*"))
-                found[-1:] = [
-                    Path(INSIDE.join([str(file), *names[:star], own, *names[star + 1 :]]))
-                    for own in contents
-                ]
-    return found
+    recording = assembled(contents, source, dt)
+    return whole_periods(recording) if periods and contents.notes.run_in is None else recording
 
 
 def save_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
@@ -235,7 +199,6 @@ class Reading:
         one recording, there is nothing to go on with.
         """
         recordings, refused = [], []
-        files = expanded(files, self.names, self.dt)
         together = joint and len(files) > 1
         for file in files:
             try:

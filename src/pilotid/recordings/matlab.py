@@ -1,16 +1,21 @@
 """MATLAB and HDF5 files: the variables in them, and recordings written as such files.
 
-Versions 4 and 5 are read by scipy, 7.3 and other HDF5 files by h5py.  Both trust what a file says,
-and a damaged one can end the process: `pilotid.recordings.reader_process` does so in a process of
-its own.
+Versions 4 and 5 are read by scipy in a process of their own, which a damaged file can end; 7.3 and
+other HDF5 files are read by h5py.
 """
 
 from __future__ import annotations
 
+import atexit
 import io
+import os
+import pickle
+import subprocess
+import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
+from functools import cache, partial
 from itertools import product, repeat
 from pathlib import Path
 from typing import Any
@@ -21,6 +26,23 @@ from pilotid.recordings.contents import Notes, common_run
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.variables import NOTES, MatlabObject, Variables
 
+#: A damaged file can end the process in which scipy reads it, so that it is one of its own,
+#: which lives for a minute after it was asked last.
+READER = """
+import pickle, signal, sys, warnings
+from scipy.io import loadmat
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+warnings.simplefilter("ignore")
+for path in map(eval, sys.stdin):
+    getattr(signal, "alarm", int)(60)
+    try:
+        found = loadmat(path)
+    except Exception as error:
+        found = error
+    pickle.dump(found, sys.stdout.buffer, protocol=5)
+    sys.stdout.buffer.flush()
+"""
+LOCK = threading.Lock()
 HDF5 = b"\x89HDF\r\n\x1a\n"  # how v7.3 files begin, behind a header of 512 bytes
 
 
@@ -35,10 +57,50 @@ def opened(path: Path) -> Iterator[Variables]:
         with h5py.File(path, "r") as file:
             yield dict(_in_group(file, ""))
     else:
-        from scipy.io import loadmat
-
-        content = {n: v for n, v in loadmat(path).items() if not n.startswith("__")}
+        content = {n: v for n, v in _loaded(path).items() if not n.startswith("__")}
         yield dict(pair for name, value in content.items() for pair in _in_array(value, name))
+
+
+@cache
+def _reader(owner: int) -> subprocess.Popen[bytes]:
+    """The process that reads for the one with this id; one that was forked has another."""
+    pipe, command = subprocess.PIPE, [sys.executable, "-P", "-c", READER]
+    reader = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL)
+    atexit.register(_end, reader)
+    return reader
+
+
+def _end(reader: subprocess.Popen[bytes]) -> None:
+    reader.kill()
+    reader.communicate()
+
+
+def _answer(path: Path) -> object:
+    """What scipy reads of a file, or what it raises; None if that ended its process."""
+    reader = _reader(os.getpid())
+    assert reader.stdin is not None
+    assert reader.stdout is not None
+    try:
+        reader.stdin.write(f"{str(path.absolute())!a}\n".encode())
+        reader.stdin.flush()
+        return pickle.load(reader.stdout)
+    except BaseException as error:  # when interrupted, the next answer must not be this one
+        _end(reader)
+        _reader.cache_clear()
+        if isinstance(error, OSError | EOFError | pickle.UnpicklingError):
+            return None
+        raise
+
+
+def _loaded(path: Path) -> dict[str, Any]:
+    """The variables that scipy reads of a file."""
+    with LOCK:
+        found = _answer(path) or _answer(path)  # a file read before may have harmed the first
+    if isinstance(found, Exception):
+        raise found
+    if not isinstance(found, dict):
+        raise ValueError("reading it failed")
+    return found
 
 
 def _in_array(value: Any, name: str) -> Iterator[tuple[str, Any]]:

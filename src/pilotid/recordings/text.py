@@ -46,6 +46,7 @@ LARGEST_SIDECAR = 2**22
 RUN = "run"  # the column that numbers the runs of a file in long format
 BLOCK = 2**16  # cells that are turned into numbers at once
 COMMENT = ("#", "%")
+NUMBER = r"\s*[-+]?[.,]?[0-9]"  # how a row of numbers begins
 MORE = "..."  # behind the last name, where more columns follow than there are names
 SWAPPED = str.maketrans(",.", ".,")  # where decimals have commas
 #: What is no UTF-8 and free of these bytes is taken for Latin-1.
@@ -59,7 +60,7 @@ def sidecar_path(path: Path) -> Path:
 
 def read_text(
     path: Path, source: str, places: Mapping[str, Place], parts: Parts, *, timed: bool
-) -> Contents | list[str]:
+) -> Contents:
     """Read a text file and its sidecar.
 
     Parameters
@@ -94,13 +95,8 @@ def read_table(
     notes: Notes | None = None,
     *,
     timed: bool,
-) -> Contents | list[str]:
-    """Read a table; see `read_text`.
-
-    Returns
-    -------
-    What it holds, or the parts that a ``*`` stands for.
-    """
+) -> Contents:
+    """What a table holds; see `read_text`."""
     if parts.path:
         raise InputError(
             f"{source}: a table has no part {shown(parts.path)}; choose rows by the value in a "
@@ -108,9 +104,6 @@ def read_table(
         )
     table = _Table(lines, source)
     levels = {table.column(name): wanted for name, wanted in parts.levels.items()}
-    if parts.is_several:
-        name = next(name for name, wanted in levels.items() if wanted == "*")
-        return [f"{name}={value}" for value in dict.fromkeys(table.cells(name))]
     notes = notes or Notes()
     places = notes.with_extra(places)
     columns = {signal: _columns(table, signal, place) for signal, place in places.items()}
@@ -228,12 +221,6 @@ class _Table:
                 f"{listed(self.header)}; choose rows by one of them"
             )
         return found[0]
-
-    def cells(self, name: str) -> Iterator[str]:
-        """The cells of a column that are not empty."""
-        place = self.header.index(name)
-        for rows, _ in self._blocks(BLOCK):
-            yield from (row[place].strip() for row in rows if len(row) > place and row[place])
 
     def read(self, names: Sequence[str], levels: Mapping[str, str]) -> FloatArray:
         """Some columns as finite numbers, shape (rows, columns).
@@ -360,17 +347,17 @@ def _layout(lines: Iterator[str]) -> tuple[str, int, Iterator[str], list[str]]:
         comments.append(first.strip("#% \t\r\n"))
         first, number = next(lines, ""), number + 1
     begin = [first]
-    if any(comments) and re.match(r"\s*[-+]?[.,]?[0-9]", first):
-        place = _header_among(comments, first, separator)
-        header = comments.pop(place)
+    headers = _headers(comments, first, separator) if re.match(NUMBER, first) else []
+    if headers:
+        header = comments[headers[0]]
         separator = separator or _separator(header)
         if header.endswith(MORE):
             name = _cells(header, separator)[-1]
             missing = len(_cells(first, separator)) - len(_cells(header, separator))
             header = header.removesuffix(MORE) + (separator + name.removesuffix(MORE)) * missing
-        under = [] if place == len(comments) else [comments.pop(place)]
-        begin = [f"{line}\n" for line in (header, *under)] + [first]
+        begin = [f"{line}\n" for line in (header, *(comments[n] for n in headers[1:]))] + [first]
         number -= len(begin) - 1
+        comments = [comment for n, comment in enumerate(comments) if n not in headers]
     return separator or _separator(begin[0]), number, chain(begin, lines), comments
 
 
@@ -386,22 +373,19 @@ def _cells(line: str, separator: str) -> list[str]:
     return line.split() if separator == " " else line.strip("\r\n").split(separator)
 
 
-def _header_among(comments: Sequence[str], first: str, separator: str) -> int:
-    """Which of the comments above a row of numbers names its columns."""
+def _headers(comments: Sequence[str], first: str, separator: str) -> list[int]:
+    """Which comments above a row of numbers name its columns, and hold the units below."""
 
     def fits(comment: str) -> bool:
         own = separator or _separator(comment)
-        names = len(_cells(comment, own))
-        return len(_cells(first, own)) == names or comment.endswith(MORE)
+        return comment.endswith(MORE) or len(_cells(first, own)) == len(_cells(comment, own))
 
-    last = max(n for n, comment in enumerate(comments) if comment)
-    place = max(
-        (n for n, comment in enumerate(comments) if comment and fits(comment)), default=last
-    )
-    units = [_unit_in(cell) for cell in _cells(comments[place], _separator(comments[place]))]
-    above = place - 1
-    is_units = place and comments[above] and fits(comments[above]) and None not in units
-    return above if is_units else place
+    found = [n for n, comment in enumerate(comments) if comment and fits(comment)][-2:]
+    if len(found) == 2 and found[1] == found[0] + 1:
+        cells = _cells(comments[found[1]], separator or _separator(comments[found[1]]))
+        if None not in map(_unit_in, cells):
+            return found
+    return found[-1:]
 
 
 def _with_comments(notes: Notes, comments: Iterable[str], *, timed: bool) -> Notes:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -21,17 +20,14 @@ from pilotid.recordings.contents import (
     common_time,
     is_level,
     lacking,
-    level_text,
     listed,
     matching,
     no_level,
     required,
     shown,
 )
-from pilotid.recordings.resampling import resampled
 from pilotid.types import FloatArray, InputError
 
-FEWEST_SAMPLES = 100  # of a signal whose rate may differ from that of others
 NOTES = "pilotid"  # the struct variable that holds what a CSV's sidecar holds
 #: How to make variables that are read of objects that only MATLAB reads.
 REMEDIES = {
@@ -74,12 +70,11 @@ def contents_of(
             "out in time or leave runs out"
         )
     arrays = {signal: [values[n] for n in names] for signal, names in members.items()}
-    t, treatment = None, ""
+    t = None
     samples = max(arrays["u"][0].shape)  # recordings have more samples than runs
     if "t" in arrays:
         times = [array.astype(np.float64) for array in arrays.pop("t")]
         t = _common_time(times, members["t"], source)
-        t, treatment = _at_one_rate(t, arrays)
         samples = t.size
     signals = {
         signal: places[signal].signed(_as_runs(pieces, members[signal], samples, source))
@@ -92,7 +87,7 @@ def contents_of(
         for signal, names in members.items()
     }
     where = partial(_place, members.get("t", [""])[0])
-    return Contents(t, signals, where, notes, origin, (treatment,) if treatment else ())
+    return Contents(t, signals, where, notes, origin)
 
 
 def _inside_of(variables: Variables, path: str, source: str) -> dict[str, Any]:
@@ -113,36 +108,6 @@ def _inside_of(variables: Variables, path: str, source: str) -> dict[str, Any]:
             if name.startswith(start) and not re.search(r"[.({]", rest):
                 inside.setdefault(rest, value)
     return inside
-
-
-def parts_of(
-    variables: Variables, source: str, places: Mapping[str, Place], parts: Parts, *, timed: bool
-) -> list[str]:
-    """The parts that a ``*`` stands for: those that hold a recording, or levels of a variable."""
-    own = {n: v for n, v in variables.items() if n.partition(".")[0] != NOTES}
-    if parts.path == "*":
-        timed = timed or _notes(variables, source).dt is not None
-        found = []
-        for path in dict.fromkeys(p for name in own for p in _paths_above(name)):
-            inside = _inside_of(own, path, source)
-            with suppress(InputError):
-                used = _members(inside, places, source, timed=timed)
-                if all("." not in name for names in used.values() for name in names):
-                    found.append(path)
-        if not found:
-            raise InputError(f"{source}: no part of it holds a recording; leave ::* out")
-        return found
-    inside = _inside_of(own, parts.path, source) if parts.path else own
-    name = next(name for name, wanted in parts.levels.items() if wanted == "*")
-    values = _levels(inside, name, source)
-    with suppress(TypeError):  # texts among numbers
-        values = sorted(values)  # type: ignore[type-var]
-    return [f"{name}={value}" for value in dict.fromkeys(map(level_text, values))]
-
-
-def _paths_above(name: str) -> list[str]:
-    """The structs, cells and groups in which a variable lies, from the outermost on."""
-    return [name[: match.start()] for match in re.finditer(r"\.", name)]
 
 
 def _levels(variables: Variables, name: str, source: str) -> list[object]:
@@ -193,36 +158,6 @@ def _column(value: Any, number: int) -> FloatArray | None:
         return None
     table = matrix if len(matrix) >= matrix.shape[1] else matrix.T  # more samples than columns
     return np.asarray(table[:, number - 1]) if 0 < number <= table.shape[1] else None
-
-
-def _at_one_rate(t: FloatArray, arrays: Mapping[str, list[FloatArray]]) -> tuple[FloatArray, str]:
-    """The times of the slowest signal, to whose rate the others are brought, and what was done.
-
-    Signals of one clock begin together, so that lengths in whole ratios tell the rates.
-    """
-    lengths = {"t": t.size} | {signal: max(own[0].shape) for signal, own in arrays.items()}
-    slowest = min(lengths.values())
-    factors = {signal: _ratio(length, slowest) for signal, length in lengths.items()}
-    if slowest < FEWEST_SAMPLES or set(factors.values()) == {1} or None in factors.values():
-        return t, ""
-    fast = {signal: factor for signal, factor in factors.items() if factor and factor > 1}
-    for signal in fast.keys() & arrays.keys():
-        for number, array in enumerate(arrays[signal]):
-            rows = array[np.newaxis] if array.ndim == 1 else array
-            rows = rows if rows.shape[1] == lengths[signal] else rows.T
-            arrays[signal][number] = resampled(rows.astype(float), 1, fast[signal])
-    dt = float(t[-1] - t[0]) / (t.size - 1) * fast.get("t", 1)
-    moved = ", ".join(f"{signal} (by {factor})" for signal, factor in fast.items() if signal != "t")
-    words = f"signals of different rates were brought to {1.0 / dt:.4g} Hz: {moved or 't'}"
-    return t[:: fast.get("t", 1)], words
-
-
-def _ratio(length: int, slowest: int) -> int | None:
-    """How many times as fast a signal is sampled as the slowest; None if not whole times."""
-    for more, less in ((length, slowest), (length - 1, slowest - 1)):
-        if less > 0 and more % less == 0:
-            return more // less
-    return None
 
 
 def _place(name: str, index: int) -> str:
@@ -331,8 +266,7 @@ def _inside(
         needed = [s for s in ("t", "e", "u", "x") if s in first]
         raise InputError(
             f"{source}: the structs {listed(holding)} all hold "
-            f"{listed(wanted[s] for s in needed)}; pick one, as in {source}::{holding[0]}, or "
-            "each, as a recording of its own, with ::*"
+            f"{listed(wanted[s] for s in needed)}; pick one, as in {source}::{holding[0]}"
         )
     if not holding:
         return {}
@@ -414,7 +348,7 @@ def _as_runs(
                     "time, or the first run; cut all runs to the same length"
                 )
             raise InputError(
-                f"{source}: variable {name} is {size} but the time has {samples} samples; store "
-                "one column a run, one row a sample"
+                f"{source}: variable {name} is {size} but the time has {samples} samples; give "
+                "all signals at one rate, one column a run, one row a sample"
             )
     return np.concatenate(rows) if len(rows) > 1 else rows[0]

@@ -21,7 +21,6 @@ from pilotid.document import (
     to_markdown,
     write_page,
 )
-from pilotid.limits import LIMITS, Constant, constants_of, shown_value
 from pilotid.naming.settings import shown
 from pilotid.numbers import number, share
 from pilotid.report import study_figures as figures
@@ -44,7 +43,6 @@ from pilotid.report.trust import read_trust, trust_section
 from pilotid.study.comparison import ALL, Comparison, MethodResults, loss_ratios
 from pilotid.study.judge import RULES, USABLE, judge, sentence
 from pilotid.study.scores import EFFICIENT, loss_text
-from pilotid.time_domain.settings import BAND, PROFILE, SEARCH
 
 TITLE = "Pilot-model identification: methods compared"
 REFERENCE = "nominal"
@@ -405,18 +403,6 @@ def provenance(study: Comparison) -> Section:
         ),
         table_of("Methods", [("method",), ("settings",)], methods, folded=True),
         table_of("Scenarios", [(title,) for title in heads], scenarios, folded=True),
-        table_of(
-            "Constants of the search of `mle`, each with its source",
-            [(title,) for title in Constant._fields],
-            constants_of(BAND, SEARCH, PROFILE),
-            folded=True,
-        ),
-        table_of(
-            "Limits of the checks; `pilotid/limits.py` has their sources",
-            [("name",), ("value",)],
-            [(key, shown_value(v)) for group in LIMITS for key, v in group._asdict().items()],
-            folded=True,
-        ),
     ]
     if "mixed" in about:
         blocks.insert(0, Text(f"**{mixed(study)}**"))

@@ -2,8 +2,7 @@
 
 Each constant is described by its source first: *statistics* is a level or bound that follows from
 theory; *numerics* is precision, memory or time, and moves an estimate by far less than its error;
-*tuned* was found on recordings, which are named.  Reports print them
-(`pilotid.limits.constants_of`).
+*tuned* was found on recordings, which are named.
 """
 
 from __future__ import annotations
