@@ -86,7 +86,6 @@ def check(session: nox.Session) -> None:
         "nonsense": "nonsense.py",
         "remarks": "remarks.py",
         "machines": "machines.py",
-        "stores": "damaged_stores.py",
         "population": "population.py",
         "constants": "constants.py",
         "elements": "elements.py",

@@ -19,7 +19,7 @@ BEGINS = re.compile(
 )
 HEAD = 2048  # bytes in which a file says what it is
 #: Files that make a folder one of results.
-STORES = ("study.sqlite", "study.rows.xz", "analysis.sqlite", "trust.json", "design.json")
+STORES = ("study.sqlite", "trust.json", "design.json")
 
 
 def require_free(

@@ -34,7 +34,6 @@ ARGUMENTS: dict[str, Range | tuple[str, ...]] = {
     "lead_in": Range(0.0, 3600.0),
     "dt": Range(1e-5, 1.0),
     "time_limit": Range(0.0, 1e7),
-    "memory": Range(0.0, 1e5),
     "lines": Range(1, 1000, True),
     "at_most": Range(10.0, 1e5),
     "seconds": Range(10.0, 1e5),

@@ -6,9 +6,7 @@ import hashlib
 import json
 import math
 import re
-import sqlite3
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import closing
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -22,7 +20,6 @@ from pilotid.analysis.recordings import Excluded, Part
 from pilotid.analysis.responses import responses_of
 from pilotid.analysis.rows import CONDITION, PERSON, SUBJECT, Row, grouped, in_order
 from pilotid.analysis.sharing import require_keys, share_fits
-from pilotid.database import DamagedError, beside, checksum, in_words, open_to_write
 from pilotid.disk import make_folder, write_file
 from pilotid.element.fit import chosen_element
 from pilotid.estimates.estimate import Outcome, failed
@@ -49,21 +46,11 @@ from pilotid.recordings.checks import remarks
 from pilotid.recordings.detectors import copies_among, fingerprints
 from pilotid.recordings.files import Reading
 from pilotid.remarks import Remark, remark_of
+from pilotid.store import Key, Rows
 from pilotid.study.entries import number
 from pilotid.terminal import with_bar
 from pilotid.types import InputError, one_line
 
-#: What is done already, as JSON by the key of its task.
-STORE = "analysis.sqlite"
-TABLE = "results"
-COLUMNS = "key TEXT PRIMARY KEY, content TEXT, checksum INTEGER"
-#: What the contents of tasks have.
-CONTENTS = {
-    "look": {"recording", "remarks", "fingerprints", "candidates", "performance"},
-    "fit": {"fits"},
-    "left-out": {"model", "left_out"},
-    "halves": {"model", "halves"},
-}
 #: The folder of the recordings' pages.
 PAGES = "recordings"
 
@@ -486,8 +473,7 @@ def _numbers(q: Quantity) -> list[float | None]:
 class _Work:
     """Where tasks are done: what is held, and what is refused meanwhile."""
 
-    path: Path
-    base: sqlite3.Connection
+    store: Rows
     workers: int | None
     settings: Settings
     refused: dict[str, None]
@@ -512,28 +498,12 @@ class _Work:
 
     def held(self, task: Task) -> Content | None:
         """What is held of a task."""
-        try:
-            query = f"SELECT * FROM {TABLE} WHERE key = ?"
-            found = self.base.execute(query, (task.key,)).fetchone()
-            if found is None or found[2] != checksum(*found[:2]):
-                return None
-            content: Content = json.loads(found[1])
-            parts = content.get("fits", ())
-            whole = CONTENTS[task.what] <= content.keys()
-            # A page that was moved away, or could not be written, is made again.
-            pages = [page for own in parts if (page := own.get("page"))]
-            whole &= not any("unwritten" in own for own in parts)
-            whole &= all((self.path.parent / page).exists() for page in pages)
-        except (sqlite3.DatabaseError, ValueError, AttributeError, TypeError):
-            return None  # it is done again
+        content: Content | None = self.store.get(dict, _key(task))
+        parts = content.get("fits", ()) if content else ()
+        # A page that was moved away, or could not be written, is made again.
+        pages = [self.store.path.parent / page for own in parts if (page := own.get("page"))]
+        whole = all(map(Path.exists, pages)) and not any("unwritten" in own for own in parts)
         return content if whole else None
-
-    def keep(self, key: str, content: Content) -> None:
-        """Keep a content, complete or not at all."""
-        text = json.dumps(content)
-        row = (key, text, checksum(key, text))
-        with in_words(self.path):
-            self.base.execute("INSERT OR REPLACE INTO results VALUES (?, ?, ?)", row)
 
     def contents(self, tasks: Sequence[Task], what: str) -> dict[str, Content]:
         """The contents of tasks by their keys; looks at recordings that failed are missing."""
@@ -547,7 +517,7 @@ class _Work:
         for task, content, why in with_bar(answers, what, len(todo)):
             if content is not None:
                 held[task.key] = content
-                self.keep(task.key, content)
+                self.store.put(_key(task), content, again=True)
                 parts = content.get("fits", ())
                 self.refused |= {own["unwritten"]: None for own in parts if "unwritten" in own}
             elif task.what == "look":
@@ -580,9 +550,8 @@ def analyse(
         A sentence for each file that was left out already.
     """
     code, methods, element = own_digest(), dict(settings.methods), settings.element
-    path = folder / STORE
-    with closing(_opened(path)) as base:
-        work = _Work(path, base, workers, settings, dict.fromkeys(refused))
+    with Rows(folder, create=True) as store:
+        work = _Work(store, workers, settings, dict.fromkeys(refused))
         for part in parts:
             try:
                 work.digests[part] = part.digest(settings.reading) + code
@@ -703,19 +672,6 @@ def compared(conditions: Sequence[str], pairs: Sequence[tuple[str, str]]) -> lis
     return [tuple(name for name in conditions if name in own) for own in sets]
 
 
-def _opened(path: Path) -> sqlite3.Connection:
-    """The file of what is done; one that is damaged costs the time to do it again."""
-    try:
-        base = open_to_write(path)
-        with in_words(path):
-            base.execute(f"CREATE TABLE IF NOT EXISTS {TABLE} ({COLUMNS})")
-            held = base.execute("SELECT sql FROM sqlite_master WHERE name = ?", (TABLE,)).fetchall()
-        if held == [(f"CREATE TABLE {TABLE} ({COLUMNS})",)]:
-            return base
-        base.close()
-    except DamagedError:
-        pass
-    path.replace(beside(path, ".damaged"))
-    for ending in ("-wal", "-shm"):
-        beside(path, ending).unlink(missing_ok=True)
-    return _opened(path)
+def _key(task: Task) -> Key:
+    """The key of a task's row in the store."""
+    return task.key, task.what, task.run or 0

@@ -120,14 +120,11 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "analyse replications": ("", "Simulations of each condition, with --trust."),
     "scheduler": ("ADDRESS", "Use the workers of this Dask scheduler instead."),
     "time_limit": ("S", "Seconds that a fit may take; 0 for no limit."),
-    "memory": ("GB", "Address space of each process; 0 for no limit."),
     "retry_failed": ("", "Fit again what crashed, died, or ran out of memory or time."),
-    "salvage": ("", "If the store is damaged, put a new one with all that is whole there."),
     "name": ("NAME", "Which; none lists what there is."),
     "source": ("FOLDER", "Take the files from here: no download."),
     "people": ("NAME", "Published recordings of people instead; see fetch-data."),
     "mix": ("", "Append to a study made with different code or settings."),
-    "keep": ("", "Write all rows in a small form too, and make the report from that."),
     # Experiments.
     "pattern": (
         "'subj{subject}_{condition}'",

@@ -25,7 +25,6 @@ from pilotid.naming.settings import shown
 from pilotid.publishing.changes import difference, free_name, names_for, read_study
 from pilotid.report.study import COLUMNS, LOSS, command, details, mixed, write_report
 from pilotid.report.study_tables import key_of, ranked, ranking, ranking_columns
-from pilotid.study.archive import KEPT
 from pilotid.study.comparison import (
     ESTIMATES,
     SUMMARY,
@@ -35,7 +34,6 @@ from pilotid.study.comparison import (
 )
 from pilotid.study.entries import ScenarioEntry
 from pilotid.study.judge import RULES, sentence
-from pilotid.study.store import Store
 from pilotid.study.study import LIBRARIES
 from pilotid.types import InputError
 
@@ -138,10 +136,8 @@ def publish(folders: Sequence[Path], out: Path) -> Path:
 
 
 def _write_study(study: Comparison, folder: Path) -> None:
-    """A study's report with its figures, its tables, and its rows in their small form."""
+    """A study's report with its figures and its tables."""
     make_folder(folder)
-    with Store(study.folder) as store:
-        store.keep(folder)
     study.write_tables(folder)
     write_report(folder, study, kinds=("svg", "pdf"), above=f"../{INDEX}")
 
@@ -239,7 +235,7 @@ def _studies(studies: Sequence[Comparison]) -> list[Block]:
     rows = [
         (
             f"[{s.name}]({s.name}/report.html)",
-            f"[fits]({s.name}/{ESTIMATES}), [scores]({s.name}/{SUMMARY}), [store]({s.name}/{KEPT})",
+            f"[fits]({s.name}/{ESTIMATES}), [scores]({s.name}/{SUMMARY})",
             *(len(s.names), len(s.methods), s.replications(s.names), s.fits),
             *map(s.about.get, facts),
         )

@@ -12,6 +12,7 @@ import numpy as np
 
 #: How the facts of a store on true trajectories begin, before the scenario's name.
 TRAJECTORY = "trajectory"
+LARGEST = 1e300  # number among the settings
 
 
 @dataclass(frozen=True)
@@ -223,7 +224,7 @@ class ScenarioEntry:
         for name in path.split("."):
             held = held.get(name) if isinstance(held, Mapping) else None
         is_number = isinstance(held, int | float) and not isinstance(held, bool)
-        return float(held) if is_number else math.nan
+        return float(held) if is_number and abs(held) <= LARGEST else math.nan
 
 
 def number(value: float) -> float | None:
