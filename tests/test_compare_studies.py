@@ -75,14 +75,6 @@ def test_the_same_study_has_not_changed(first: Path) -> None:
     assert {c.score for c in found.all} == {"loss", "bias", "coverage", "failures", "time"}
 
 
-def test_kept_rows_are_the_same_study(first: Path, tmp_path: Path) -> None:
-    with Store(first) as store:
-        store.keep(tmp_path)
-    assert find_changes(read_study(first), read_study(tmp_path)).words.startswith(
-        "Nothing changed: all "
-    )
-
-
 def test_known_changes_are_found_and_no_others(first: Path, tmp_path: Path) -> None:
     other = changed(first, tmp_path / "b", shifted)
     found = find_changes(read_study(first), read_study(other))

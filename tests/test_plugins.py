@@ -22,9 +22,6 @@ from helpers import Run
 from pilotid.methods import METHODS, label_of, method_named, methods
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.naming.code import PluginWarning, taken
-from pilotid.publishing.changes import find_changes, read_study
-from pilotid.publishing.pages import publish
-from pilotid.study.store import Store
 from pilotid.types import InputError
 
 HERE = Path(__file__).parent
@@ -128,30 +125,6 @@ def test_a_package_s_method_goes_through_a_study_to_its_report(
     assert refused.returncode == 2
     assert "other code or settings (different: line-fit)" in refused.stderr
     assert pilotid(python, *more, "mmle3", cwd=tmp_path).returncode == 0
-
-
-@pytest.mark.long
-def test_its_rows_stand_beside_those_of_others_on_pages(python: Path, tmp_path: Path) -> None:
-    options = ("--scenario", "single", "--replications", 2, "--workers", 1)
-    for name, chosen in (("usual", "mle,fourier"), ("mine", "line-fit,fourier")):
-        out = ("--method", chosen, "--out", tmp_path / name)
-        assert pilotid(python, "compare", *options, *out, cwd=tmp_path).returncode == 0
-    # From here on without the package, as those who receive its rows: a file of a few kB.
-    sent = tmp_path / "sent" / "mine"
-    sent.mkdir(parents=True)
-    with Store(tmp_path / "mine") as store:
-        assert store.keep(sent).stat().st_size < 5000
-    page = publish([tmp_path / "usual", sent], tmp_path / "site")
-    rows = re.findall(r"<tr.*?</tr>", page.read_text(encoding="utf-8"), flags=re.DOTALL)
-    told = [re.findall(r">([\w-]+)(?:</a>)?</t[hd]>", row)[:3] for row in rows]
-    assert {tuple(row) for row in told if row[:1] == ["single"] and len(row) == 3} == {
-        ("single", "mle", "usual"),
-        ("single", "fourier", "usual"),
-        ("single", "fourier", "mine"),
-        ("single", "line-fit", "mine"),
-    }
-    found = find_changes(read_study(tmp_path / "usual"), read_study(sent))
-    assert found.words.startswith("Nothing changed: all 2 fits are the same.")
 
 
 def test_the_commands_of_its_readme_exist(run: Run) -> None:

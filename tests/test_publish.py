@@ -13,9 +13,8 @@ from stores import KEYS, finish, fit
 
 from pilotid.publishing.changes import names_for, read_study
 from pilotid.publishing.pages import publish
-from pilotid.study.archive import KEPT
 from pilotid.study.entries import MethodEntry, ParameterTruth, ScenarioEntry, Unit
-from pilotid.study.store import STORE, Store
+from pilotid.study.store import Store
 from pilotid.types import InputError
 
 REPLICATIONS = 12
@@ -42,14 +41,11 @@ def with_plugin(folder: Path, truths: Sequence[float] = (1.5, 9.0)) -> None:
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Pages over a whole store and over one of which there are the kept rows alone."""
+    """Pages over two stores."""
     folder = tmp_path_factory.mktemp("studies")
     (folder / "usual").mkdir()
     finish(folder / "usual", REPLICATIONS).close()
     with_plugin(folder / "mine")
-    with Store(folder / "mine") as store:
-        store.keep(folder / "mine")
-    (folder / "mine" / STORE).unlink()
     assert publish([folder / "usual", folder / "mine"], folder / "site").name == "index.html"
     return folder / "site"
 
@@ -126,7 +122,7 @@ def test_scenarios_of_another_truth_have_pages_of_their_own(site: Path) -> None:
 def test_rows_and_figures_can_be_taken_along(site: Path) -> None:
     assert (site / "scores.csv").read_text().startswith("study,scenario,method,parameter,")
     for name in ("usual", "mine"):
-        assert {KEPT, "estimates.csv", "summary.csv"} <= {p.name for p in (site / name).iterdir()}
+        assert {"estimates.csv", "summary.csv"} <= {p.name for p in (site / name).iterdir()}
         pictures = list((site / name / "figures").iterdir())
         kinds = [{p.stem for p in pictures if p.suffix == kind} for kind in (".svg", ".pdf")]
         assert kinds[0] == kinds[1] != set()
