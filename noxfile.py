@@ -95,7 +95,6 @@ def check(session: nox.Session) -> None:
         "adapting-free": "adapting_free.py",
         "adapting-oracle": "adapting_oracle.py",
         "constancy": "constancy.py",
-        "design": "design.py",
         "models": "models.py",
         "published": "published.py",
         "recorder": "recorder.py",

@@ -130,7 +130,7 @@ def test_a_package_s_method_goes_through_a_study_to_its_report(
 def test_the_commands_of_its_readme_exist(run: Run) -> None:
     text = (PACKAGE / "README.md").read_text(encoding="utf-8")
     commands = re.findall(r"^    pilotid ([\w-]+) (.*?)(?:#.*)?$", text, flags=re.MULTILINE)
-    assert {name for name, _ in commands} >= {"compare", "publish", "report", "compare-studies"}
+    assert {name for name, _ in commands} >= {"compare", "compare-studies"}
     for name, options in commands:
         told = run(name, "--help").out
         assert all(option in told for option in re.findall(r"--[\w-]+", options)), name

@@ -174,7 +174,7 @@ def test_a_death_at_any_statement_leaves_a_whole_store(tmp_path: Path) -> None:
     with Store(tmp_path) as store:
         whole = content_of(store)
     rng = np.random.default_rng(5)
-    for number in [*range(0, 24, 8), *rng.integers(24, 50, 3).tolist()]:
+    for number in [*range(0, 24, 8), *rng.integers(24, 38, 3).tolist()]:
         folder = tmp_path / str(number)
         folder.mkdir()
         program = DYING.format(here=HERE)

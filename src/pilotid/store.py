@@ -124,8 +124,8 @@ class Rows:
 def damaged(path: Path, why: object) -> InputError:
     """What to raise where a store is damaged."""
     return InputError(
-        f"{path}: is damaged ({one_line(str(why))}); `sqlite3 {STORE} .recover | sqlite3 new.sqlite` saves what "
-        "is whole in a new file"
+        f"{path}: is damaged ({one_line(str(why))}); `sqlite3 {STORE} .recover | sqlite3 "
+        "new.sqlite` saves what is whole in a new file"
     )
 
 

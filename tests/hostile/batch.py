@@ -141,11 +141,7 @@ OPTIONS: dict[str, list[str]] = {
     ],
     "check s.csv --brief": ["--lead-in", "--dt", "--runs", "--span", "--element", "--map"],
     "simulate single --out new.csv": ["--seed", "--runs", "--like"],
-    "design nominal --out d --lines 4": [
-        "--seconds", "--runs", "--lines", "--period", "--rate", "--fade", "--pilots",
-        "--subjects", "--between", "--within", "--at-most", "--wanted", "--limit", "--truth",
-        "--power", "--minimise", "--from", "--model",
-    ],
+    "design nominal --out d": ["--limit", "--minimise", "--from"],
     "compare --out c": [
         "--replications", "--workers", "--time-limit", "--seed", "--scenario",
         "--method", "--profile", "--like",

@@ -102,9 +102,7 @@ def test_a_file_without_rights_costs_no_other(
         "fit s.csv --method mle(band=0)",
         "fit s.csv --method arx(memory=-1)",
         "fit s.csv --method arx(memory=1e9)",
-        *(f"design nominal --out d --seconds {s}" for s in ("1e308", "1e23")),
-        "design nominal --out d --pilots 1000000",
-        "design nominal --out d --wanted tdvest=-3%",
+        "design nominal --out d --limit e=-3%",
         "compare --out c --replications 1000000000",
         "compare --out c --workers 100000",
         "simulate single --out x.csv --runs 1000000000",
@@ -118,10 +116,9 @@ def test_numbers_out_of_range_are_refused_at_once(run: Run, place: Path, command
 @pytest.mark.parametrize(
     "call",
     [
-        lambda: pilotid.design(over="median"),  # type: ignore[arg-type]
-        lambda: pilotid.design(remnant="foo"),  # type: ignore[arg-type]
-        lambda: pilotid.design(wanted={"tdvest": -1.0}),
-        lambda: pilotid.design(wanted={"tdvest": float("nan")}),
+        lambda: pilotid.design(minimise="foo"),
+        lambda: pilotid.design(limits={"e": -1.0}),
+        lambda: pilotid.design(limits={"e": float("nan")}),
         lambda: pilotid.compare(["single"], ["mle-white"], 0, out="c"),
         lambda: pilotid.compare(["single"], ["mle-white"], 1, workers=0, out="c"),
         lambda: pilotid.identify("mle-white", RECORDING, "single", -1),
