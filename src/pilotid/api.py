@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import UnionType
-from typing import TYPE_CHECKING, Literal, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -249,59 +249,29 @@ def design(
     scenario: Scenario | str = "nominal",
     minimise: str = "A",
     *,
-    wanted: Mapping[str, float] | None = None,
-    limit: str = "e=1,u=1",
-    pilots: Sequence[Scenario] = (),
-    over: Literal["mean", "worst"] = "mean",
-    remnant: Literal["held", "share"] = "held",
-    shared: bool = False,
-    seed: int = DEFAULT_SEED,
+    limits: Mapping[str, float] | None = None,
 ) -> Design:
-    """Design forcing functions: ``design("nominal", limit="e=1.5,u=1.5").errors``.
+    """Design forcing functions: ``design(limits={"e": 1.5, "u": 1.5}).errors``.
 
     Parameters
     ----------
     scenario
         Pilot, loop, remnant and window, or its name; its forcing functions are the reference.
     minimise
-        ``A``, ``D``, ``E`` or parameters, of relative errors.
-    wanted
-        Standard errors as shares by parameter, such as ``{"tdvest": 0.03}``: the shortest time
-        is sought instead.
-    limit
-        As the command line takes it; see `pilotid.designing.limits.Limits`.
-    pilots, over
-        Pilots that the design is to suit, in the mean or in the worst case.
-    remnant
-        Whether the remnant's power is held, or is a share of the control's.
-    shared
-        Whether target and disturbance have the same lines, which takes an even number of runs.
-    seed
-        Seed of the phases' random starts.
+        ``A``, ``D`` or parameters, of relative errors.
+    limits
+        Largest variances of ``e`` and ``u`` over those of the reference; 1 if None.
 
     Returns
     -------
     Design
-        Lines, powers, predicted errors, costs in e and u, the optimality gap, and the
-        ``scenario`` of the design, which `simulate` and `compare` take.
+        Predicted errors, costs in e and u, crest factors, and the ``scenario`` of the design,
+        which `simulate` and `compare` take.
     """
+    from pilotid.designing.design import REFERENCE
     from pilotid.designing.design import design as designed
-    from pilotid.designing.limits import Limits
-    from pilotid.designing.lines import chosen_lines, reference_lines
-    from pilotid.naming.settings import configured
 
     named = scenario_named(scenario) if isinstance(scenario, str) else scenario
     if not isinstance(named, Scenario):
         raise InputError(f"{named.name}: is a population; a design is for one scenario")
-    limits = configured(Limits, limit, f"limit={limit}")
-    return designed(
-        named,
-        minimise,
-        wanted=wanted,
-        limits=limits,
-        lines=chosen_lines(reference_lines(named), shared=True) if shared else None,
-        pilots=pilots,
-        over=over,
-        remnant=remnant,
-        seed=seed,
-    )
+    return designed(named, minimise, REFERENCE if limits is None else limits)

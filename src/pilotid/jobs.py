@@ -1,7 +1,6 @@
 """Independent tasks on local processes or on a Dask cluster, whatever happens to one of them.
 
-A task whose process dies is run once more, since a death may be chance, and then given up; one
-that takes too long is given up at once.  Neither costs the other tasks anything.
+A task whose process dies or that takes too long is given up, and costs the others nothing.
 """
 
 from __future__ import annotations
@@ -11,17 +10,14 @@ import logging
 import os
 import signal
 import sys
-import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from functools import cache, partial
+from contextlib import closing, suppress
 from itertools import chain, islice
-from multiprocessing import parent_process, resource_tracker, spawn
+from multiprocessing import spawn
 from multiprocessing.context import SpawnContext, SpawnProcess
-from threading import Lock, Thread
+from threading import Lock
 from typing import Any, TypeVar
 
 from pilotid.naming.code import own_digest, reason
@@ -30,13 +26,10 @@ from pilotid.types import InputError
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")
 
-GIGABYTE = 2**30
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-QUIET_EXIT = 256  # in place of 0
-TASKS_PER_WORKER = 4  # submitted at a time: enough to keep each busy
+THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+TIME_LIMIT = 600.0  # s
 POLL_INTERVAL = 0.5  # s
-WARN_WITHOUT_WORKERS = 5.0  # s
-SCHEDULER_TIMEOUT = 10.0  # s
+QUIET_EXIT = 256  # in place of 0
 
 
 class Loss(enum.Enum):
@@ -46,32 +39,13 @@ class Loss(enum.Enum):
     TIMED_OUT = "it took longer than the time limit"
 
 
-@dataclass(frozen=True)
-class Limits:
-    """What a task on a local process may take.
-
-    Attributes
-    ----------
-    seconds
-        Time; None for no limit.
-    gigabytes
-        Address space of its process, where the system can limit it; None for no limit.
-    """
-
-    seconds: float | None = 600.0
-    gigabytes: float | None = 4.0
-
-
-USUAL_LIMITS = Limits()
-
-
 def run_tasks(
     function: Callable[[Task], Answer],
     tasks: Iterable[Task],
     given_up: Callable[[Task, Loss, str], Answer],
     workers: int | None = None,
     scheduler: str | None = None,
-    limits: Limits = USUAL_LIMITS,
+    seconds: float | None = TIME_LIMIT,
 ) -> Iterator[Answer]:
     """The answers to all tasks, in the order in which they come.
 
@@ -88,17 +62,33 @@ def run_tasks(
         them, even by a single one, so that the numbers are the same for any number.
     scheduler
         Address of a Dask scheduler to use instead.
-    limits
-        What a task on a local process may take.
+    seconds
+        What a task on a local process may take; None for no limit.
 
     Raises
     ------
     InputError
         If processes cannot start, the scheduler does not answer, or a worker of it runs other code.
     """
-    if scheduler is None:
-        return _run_locally(function, tasks, given_up, workers or processors(), limits)
-    return _run_on_dask(function, tasks, given_up, scheduler)
+    remaining = iter(tasks)
+    first = list(islice(remaining, workers or processors()))
+    if not first:
+        return
+    remaining, running = chain(first, remaining), dict[Future[Any], Task]()
+    chosen = _Processes(len(first), seconds) if scheduler is None else _Cluster(scheduler)
+    with closing(chosen) as executor:
+        while True:
+            for task in islice(remaining, max(0, executor.room - len(running))):
+                running[executor.submit(function, task)] = task
+            if not running:
+                return
+            for future in wait(running, POLL_INTERVAL, FIRST_COMPLETED).done:
+                task = running.pop(future)
+                try:
+                    answer: Answer = future.result()
+                except Exception as error:
+                    answer = given_up(task, *executor.loss(error))
+                yield answer
 
 
 def processors() -> int:
@@ -108,73 +98,38 @@ def processors() -> int:
     return os.cpu_count() or 1
 
 
-def _run_all(
-    tasks: Iterable[Task],
-    submit: Callable[[Task], Future[Any]],
-    capacity: Callable[[], int],
-    answers_of: Callable[[Task, Future[Any]], Iterable[Answer]],
-) -> Iterator[Answer]:
-    """Submit tasks as there is room, and give their answers; a task without any runs again."""
-    running: dict[Future[Any], Task] = {}
-    remaining = iter(tasks)
-    while True:
-        for task in islice(remaining, max(0, capacity() - len(running))):
-            running[submit(task)] = task
-        if not running:
-            return
-        for future in wait(running, POLL_INTERVAL, FIRST_COMPLETED).done:
-            task = running.pop(future)
-            answers = list(answers_of(task, future))
-            if not answers:
-                running[submit(task)] = task
-            yield from answers
-
-
 # ------------------------------------------------------------------------- local processes
 
 
-def _run_locally(
-    function: Callable[[Task], Answer],
-    tasks: Iterable[Task],
-    given_up: Callable[[Task, Loss, str], Answer],
-    workers: int,
-    limits: Limits,
-) -> Iterator[Answer]:
-    from pebble import ProcessExpired, ProcessPool
+class _Processes:
+    """Processes of this machine."""
 
-    remaining = iter(tasks)
-    first = list(islice(remaining, workers))
-    if not first:
-        return
-    pool = ProcessPool(len(first), initializer=_set_up, context=_Context())
-    work = partial(_run_limited, limits.gigabytes, function)
-    died: list[Task] = []  # once
+    def __init__(self, workers: int, seconds: float | None) -> None:
+        from pebble import ProcessPool
 
-    def submit(task: Task) -> Future[Any]:
+        self.room, self.seconds = 2 * workers, seconds
+        self.pool = ProcessPool(workers, initializer=_set_up, context=_Context())
+
+    def submit(self, function: Callable[[Task], Any], task: Task) -> Future[Any]:
         try:
-            return pool.schedule(work, [task], timeout=limits.seconds)
+            return self.pool.schedule(function, [task], timeout=self.seconds)
         except RuntimeError:  # the pool has given up
             raise _cannot_start() from None
 
-    def answers_of(task: Task, future: Future[Any]) -> Iterator[Answer]:
-        try:
-            yield future.result()
-        except TimeoutError:
-            yield given_up(task, Loss.TIMED_OUT, f"{limits.seconds:g} s")
-        except ProcessExpired as error:
-            if any(task is each for each in died):
-                code = error.exitcode or 0
-                how = f"exit status {code % QUIET_EXIT}" if code >= 0 else f"signal {-code}"
-                yield given_up(task, Loss.DIED, f"twice, with {how}")
-            died.append(task)
-        except BrokenProcessPool:
-            raise _cannot_start() from None
+    def loss(self, error: Exception) -> tuple[Loss, str]:
+        from pebble import ProcessExpired
 
-    try:
-        yield from _run_all(chain(first, remaining), submit, lambda: 2 * len(first), answers_of)
-    finally:
-        pool.stop()  # type: ignore[no-untyped-call]
-        pool.join()
+        if isinstance(error, TimeoutError):
+            return Loss.TIMED_OUT, f"{self.seconds:g} s"
+        if isinstance(error, ProcessExpired):
+            return Loss.DIED, f"exit code {error.exitcode}"
+        if isinstance(error, BrokenProcessPool):
+            raise _cannot_start() from None
+        raise error
+
+    def close(self) -> None:
+        self.pool.stop()  # type: ignore[no-untyped-call]
+        self.pool.join()
 
 
 def _cannot_start() -> InputError:
@@ -185,14 +140,29 @@ def _cannot_start() -> InputError:
 
 
 _STARTING = Lock()
+_PREPARE = spawn.get_preparation_data
 
 
 class _Process(SpawnProcess):
     """A process of one thread in linear algebra, which never imports the user's script."""
 
     def start(self) -> None:
-        with _STARTING, _starting():
-            super().start()
+        """Start; numpy reads the numbers of threads as it is imported, before any code of ours.
+
+        A script without a main guard would start itself again, and Python does not know joblib's
+        way to start processes by itself.
+        """
+        with _STARTING:
+            usual = dict(os.environ)
+            os.environ.update(THREADS)
+            spawn.get_preparation_data = _without_main
+            try:
+                super().start()
+            finally:
+                spawn.get_preparation_data = _PREPARE
+                for name in THREADS:
+                    os.environ.pop(name)
+                os.environ.update(usual)
 
     @property
     def exitcode(self) -> int | None:
@@ -200,205 +170,74 @@ class _Process(SpawnProcess):
         code = super().exitcode
         return QUIET_EXIT if code == 0 else code
 
-    def terminate(self) -> None:
-        """End it at once, with all processes that it started."""
-        if hasattr(os, "killpg") and self.pid:
-            with suppress(OSError):
-                os.killpg(self.pid, signal.SIGKILL)  # it leads a group, see `_set_up`
-        self.kill()
-
 
 class _Context(SpawnContext):
     Process = _Process
 
 
-@contextmanager
-def _starting() -> Iterator[None]:
-    """What a new process takes from this one before any code of ours runs in it.
-
-    Numpy reads the numbers of threads as it is imported.  A script without a main guard would
-    start itself again, and joblib's way to start processes is one that Python does not know by
-    itself.  Ctrl-C reaches all processes of a terminal, and those would print where they were.
-    """
-    environment, prepare = dict(os.environ), spawn.get_preparation_data
+def _without_main(name: str) -> dict[str, object]:
     left_out = ("init_main_from_name", "init_main_from_path", "start_method")
-    blocked = None
-    if hasattr(signal, "pthread_sigmask"):
-        resource_tracker.ensure_running()  # when it has to start, it lets interruptions through
-        blocked = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-    os.environ.update(dict.fromkeys(THREADS, "1"))
-    spawn.get_preparation_data = lambda name: {
-        key: value for key, value in prepare(name).items() if key not in left_out
-    }
-    try:
-        yield
-    finally:
-        spawn.get_preparation_data = prepare
-        for name in THREADS:
-            os.environ.pop(name)
-        os.environ.update({name: environment[name] for name in THREADS if name in environment})
-        if blocked is not None:
-            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+    return {key: value for key, value in _PREPARE(name).items() if key not in left_out}
 
 
 def _set_up() -> None:
-    """Make a process the leader of a group which ends when the one that started it does."""
-    with suppress(OSError):
-        os.dup2(2, 1)  # what a method prints is no part of a command's output
-    if hasattr(os, "setpgrp"):
-        os.setpgrp()
-    Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    parent = parent_process()
-    assert parent is not None
-    parent.join()
-    if hasattr(os, "killpg"):
-        os.killpg(0, signal.SIGKILL)
-    os._exit(1)
-
-
-def _run_limited(gigabytes: float | None, function: Callable[[Task], Answer], task: Task) -> Answer:
-    """Do a task with no more memory than it may have, where the system can limit that."""
-    own = os.getpid()
-    try:
-        return _limited(gigabytes, function, task)
-    finally:
-        if os.getpid() != own:  # a task that forked would answer twice
-            os._exit(1)
-
-
-def _limited(gigabytes: float | None, function: Callable[[Task], Answer], task: Task) -> Answer:
-    try:
-        import resource
-    except ImportError:
-        return function(task)
-    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
-    most = sys.maxsize if hard == resource.RLIM_INFINITY else hard
-    try:
-        with suppress(ValueError, OSError):
-            wanted = min(int(gigabytes * GIGABYTE), most) if gigabytes else soft
-            resource.setrlimit(resource.RLIMIT_AS, (wanted, hard))
-        return function(task)
-    finally:
-        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
+    """Leave Ctrl-C to the process that started this one, and keep what methods print apart."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.dup2(2, 1)
 
 
 # ------------------------------------------------------------------------------------ Dask
 
 
-def _run_on_dask(
-    function: Callable[[Task], Answer],
-    tasks: Iterable[Task],
-    given_up: Callable[[Task, Loss, str], Answer],
-    scheduler: str,
-) -> Iterator[Answer]:
-    try:
-        from distributed.scheduler import KilledWorker
-    except ImportError:
-        raise InputError(
-            "--scheduler needs Dask: install pilotid[distributed], or leave the option out"
-        ) from None
+class _Cluster:
+    """The workers of a Dask scheduler."""
 
-    def answers_of(task: Task, future: Future[Any]) -> Iterator[Answer]:
+    room = 1000  # enough to keep all busy
+
+    def __init__(self, scheduler: str) -> None:
         try:
-            digest, answer = future.result()
-        except KilledWorker:
-            yield given_up(task, Loss.DIED, "again and again")
-            return
-        except CancelledError:  # that is how a lost connection ends them
-            raise _scheduler_lost(scheduler) from None
-        except Exception as error:  # a fit's own are answers
+            from distributed import Client
+        except ImportError:
             raise InputError(
-                f"--scheduler {scheduler}: a worker cannot do a fit ({reason(error)}); install "
-                "the same version of pilotid there and start it again"
+                "--scheduler needs Dask: install pilotid[distributed], or leave the option out"
+            ) from None
+        make: Callable[..., Any] = Client
+        self.place = f"--scheduler {scheduler}"
+        logging.disable()  # what is wrong is said in a sentence; Dask would tell it in a hundred
+        try:
+            self.client = make(scheduler, timeout=10.0, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise InputError(
+                f"{self.place}: no Dask scheduler answers ({error}); start one, `dask scheduler`"
             ) from error
-        if digest != _digest():
-            raise InputError(
-                f"--scheduler {scheduler}: a worker runs other code of pilotid (digest {digest}, "
-                f"here {_digest()}); install the same version there and start it again"
-            )
-        yield answer
-
-    looked, found = -POLL_INTERVAL, 0
-
-    def capacity() -> int:
-        nonlocal looked, found
-        if time.monotonic() - looked >= POLL_INTERVAL:
-            found = _count_workers(client, scheduler)
-            looked = time.monotonic()
-        return TASKS_PER_WORKER * found
-
-    with _dask_client(scheduler) as client:
+        if not self.client.ncores():
+            sys.stderr.write(f"pilotid: {self.place} has no workers; waiting for some\n")
         # Not as a context: on leaving that would wait for fits that nobody does.
-        executor = client.get_executor(retries=0, pure=False)
-        yield from _run_all(
-            tasks,
-            lambda task: executor.submit(_signed, function, task),
-            capacity,
-            answers_of,
-        )
+        self.executor = self.client.get_executor(retries=0, pure=False)
+
+    def submit(self, function: Callable[[Task], Any], task: Task) -> Future[Any]:
+        future: Future[Any] = self.executor.submit(_same_code, own_digest(), function, task)
+        return future
+
+    def loss(self, error: Exception) -> tuple[Loss, str]:
+        from distributed.scheduler import KilledWorker
+
+        if isinstance(error, KilledWorker):
+            return Loss.DIED, "again and again"
+        if isinstance(error, CancelledError):  # that is how a lost connection ends them
+            told = "the scheduler ended or cannot be reached any more; what is done is kept"
+        else:
+            told = f"a worker cannot do a fit ({reason(error)}); install the same pilotid there"
+        raise InputError(f"{self.place}: {told}, and run the same command again") from error
+
+    def close(self) -> None:
+        with suppress(Exception):  # there may be nobody to take leave of
+            self.client.close(timeout=2.0)
+        logging.disable(logging.NOTSET)
 
 
-def _signed(function: Callable[[Task], Answer], task: Task) -> tuple[str, Answer]:
-    """An answer with the digest of the code that it is from."""
-    return _digest(), function(task)
-
-
-@cache
-def _digest() -> str:
-    return own_digest()
-
-
-@contextmanager
-def _dask_client(scheduler: str) -> Iterator[Any]:
-    """A connection to a scheduler, which is left at once whatever happens."""
-    from distributed import Client
-
-    make: Callable[..., Any] = Client
-    before = logging.root.manager.disable
-    logging.disable()  # what is wrong is said in a sentence; Dask would tell it in a hundred lines
-    try:
-        try:
-            client = make(scheduler, timeout="10s", set_as_default=False)
-        except (OSError, ValueError, TimeoutError) as error:
-            raise InputError(
-                f"--scheduler {scheduler}: no Dask scheduler answers there ({error}); start one "
-                "with `dask scheduler`, and name its address"
-            ) from error
-        try:
-            yield client
-        finally:
-            with suppress(Exception):  # there may be nobody to take leave of
-                client.close(timeout=2.0)
-    finally:
-        logging.disable(before)
-
-
-def _count_workers(client: Any, scheduler: str) -> int:
-    """The number of workers, once there are any."""
-    start = told = time.monotonic()
-    while True:
-        try:
-            found = client.sync(
-                client.scheduler.ncores, workers=None, callback_timeout=SCHEDULER_TIMEOUT
-            )
-        except (OSError, TimeoutError, AttributeError):  # the last once the client has given up
-            raise _scheduler_lost(scheduler) from None
-        if found:
-            return len(found)
-        if told == start and time.monotonic() - start > WARN_WITHOUT_WORKERS:
-            told = time.monotonic()
-            sys.stderr.write(
-                f"pilotid: the scheduler {scheduler} has no workers; waiting for some "
-                f"(`dask worker {scheduler}` starts one)\n"
-            )
-        time.sleep(POLL_INTERVAL)
-
-
-def _scheduler_lost(scheduler: str) -> InputError:
-    return InputError(
-        f"--scheduler {scheduler}: the scheduler ended or cannot be reached any more; what is "
-        "done is kept, and the same command resumes once one runs"
-    )
+def _same_code(digest: str, function: Callable[[Task], Answer], task: Task) -> Answer:
+    """An answer of the code that asks."""
+    if own_digest() != digest:
+        raise InputError(f"it runs other code, digest {own_digest()}, here {digest}")
+    return function(task)

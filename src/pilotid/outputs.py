@@ -12,7 +12,7 @@ from pilotid.types import InputError
 #: Files that are written over unasked: an option names the one that it makes.
 RESULTS = (".json", ".html")
 #: Files that make a folder one of results, which is written into again.
-STORES = ("study.sqlite", "analysis.sqlite", "trust.json", "design.json", "report.html")
+STORES = ("study.sqlite", "trust.json", "design.json", "report.html")
 
 
 def require_free(

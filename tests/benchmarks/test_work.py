@@ -14,7 +14,6 @@ from pytest_benchmark.fixture import BenchmarkFixture
 from pilotid import Study, load_recording, save_recording
 from pilotid.datasets import scenario_named
 from pilotid.designing.design import design
-from pilotid.designing.limits import Limits
 from pilotid.recordings.recording import Recording
 
 PROGRAM = "from pilotid.cli.main import main; main()"
@@ -79,7 +78,7 @@ def test_reading_a_large_csv(benchmark: BenchmarkFixture, tmp_path: Path) -> Non
 def test_design(benchmark: BenchmarkFixture) -> None:
     benchmark.group = "design"
     given = (scenario_named("nominal"),)
-    made = benchmark.pedantic(design, given, {"limits": Limits(e=1.5, u=1.5)}, rounds=3)
+    made = benchmark.pedantic(design, given, {"limits": {"e": 1.5, "u": 1.5}}, rounds=3)
     assert made.gap < 1e-3
 
 

@@ -6,9 +6,7 @@ import hashlib
 import json
 import math
 import re
-import sqlite3
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import closing
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -18,7 +16,6 @@ from pilotid.analysis.performance import lines_shared, performance_content, perf
 from pilotid.analysis.recordings import Excluded, Part
 from pilotid.analysis.responses import responses_of
 from pilotid.analysis.rows import CONDITION, SUBJECT, Row, grouped, in_order
-from pilotid.database import DamagedError, beside, checksum, in_words, open_to_write
 from pilotid.disk import make_folder, write_file
 from pilotid.element.fit import chosen_element
 from pilotid.estimates.estimate import Outcome, failed
@@ -46,20 +43,11 @@ from pilotid.recordings.detectors import copies_among, fingerprints
 from pilotid.recordings.files import Reading
 from pilotid.recordings.selection import stem_of
 from pilotid.remarks import Remark, remark_of
+from pilotid.store import Key, Rows
 from pilotid.study.entries import number
 from pilotid.terminal import with_bar
 from pilotid.types import InputError, one_line
 
-#: What is done already, as JSON by the key of its task.
-STORE = "analysis.sqlite"
-TABLE = "results"
-COLUMNS = "key TEXT PRIMARY KEY, content TEXT, checksum INTEGER"
-#: What the contents of tasks have.
-CONTENTS = {
-    "look": {"recording", "remarks", "fingerprints", "candidates", "performance"},
-    "fit": {"model", "element", "estimates"},
-    "left-out": {"model", "left_out"},
-}
 #: The folder of the recordings' pages.
 PAGES = "recordings"
 
@@ -453,8 +441,7 @@ def _numbers(q: Quantity) -> list[float | None]:
 class _Work:
     """Where tasks are done: what is held, and what is refused meanwhile."""
 
-    path: Path
-    base: sqlite3.Connection
+    store: Rows
     workers: int | None
     settings: Settings
     refused: dict[str, None]
@@ -478,27 +465,15 @@ class _Work:
 
     def held(self, task: Task) -> Content | None:
         """What is held of a task."""
-        try:
-            query = f"SELECT * FROM {TABLE} WHERE key = ?"
-            found = self.base.execute(query, (task.key,)).fetchone()
-            if found is None or found[2] != checksum(*found[:2]):
-                return None
-            content: Content = json.loads(found[1])
-            whole = CONTENTS[task.what] <= content.keys()
-            # A page that was moved away, or could not be written, is made again.
-            page = content.get("page")
-            whole &= "unwritten" not in content
-            whole &= page is None or (self.path.parent / page).exists()
-        except (sqlite3.DatabaseError, ValueError, AttributeError, TypeError):
-            return None  # it is done again
+        content: Content | None = self.store.get(dict, _key(task))
+        if content is None:
+            return None
+        # A page that was moved away, or could not be written, is made again.
+        page = content.get("page")
+        whole = "unwritten" not in content and (
+            page is None or (self.store.path.parent / page).exists()
+        )
         return content if whole else None
-
-    def keep(self, key: str, content: Content) -> None:
-        """Keep a content, complete or not at all."""
-        text = json.dumps(content)
-        row = (key, text, checksum(key, text))
-        with in_words(self.path):
-            self.base.execute("INSERT OR REPLACE INTO results VALUES (?, ?, ?)", row)
 
     def contents(self, tasks: Sequence[Task], what: str) -> dict[str, Content]:
         """The contents of tasks by their keys; looks at recordings that failed are missing."""
@@ -512,7 +487,7 @@ class _Work:
         for task, content, why in with_bar(answers, what, len(todo)):
             if content is not None:
                 held[task.key] = content
-                self.keep(task.key, content)
+                self.store.put(_key(task), content, again=True)
                 if "unwritten" in content:
                     self.refused[content["unwritten"]] = None
             elif task.what == "look":
@@ -545,9 +520,8 @@ def analyse(
         A sentence for each file that was left out already.
     """
     code, methods, element = own_digest(), dict(settings.methods), settings.element
-    path = folder / STORE
-    with closing(_opened(path)) as base:
-        work = _Work(path, base, workers, settings, dict.fromkeys(refused))
+    with Rows(folder, create=True) as store:
+        work = _Work(store, workers, settings, dict.fromkeys(refused))
         for part in parts:
             try:
                 work.digests[part] = part.digest(settings.reading) + code
@@ -628,19 +602,6 @@ def compared(conditions: Sequence[str], pairs: Sequence[tuple[str, str]]) -> lis
     return [tuple(name for name in conditions if name in own) for own in sets]
 
 
-def _opened(path: Path) -> sqlite3.Connection:
-    """The file of what is done; one that is damaged costs the time to do it again."""
-    try:
-        base = open_to_write(path)
-        with in_words(path):
-            base.execute(f"CREATE TABLE IF NOT EXISTS {TABLE} ({COLUMNS})")
-            held = base.execute("SELECT sql FROM sqlite_master WHERE name = ?", (TABLE,)).fetchall()
-        if held == [(f"CREATE TABLE {TABLE} ({COLUMNS})",)]:
-            return base
-        base.close()
-    except DamagedError:
-        pass
-    path.replace(beside(path, ".damaged"))
-    for ending in ("-wal", "-shm"):
-        beside(path, ending).unlink(missing_ok=True)
-    return _opened(path)
+def _key(task: Task) -> Key:
+    """The key of a task's row in the store."""
+    return task.key, task.what, task.run or 0

@@ -23,7 +23,7 @@ from pilotid.methods import label_of, method_named, methods
 from pilotid.naming.settings import split_list
 from pilotid.pilot.catalogue import AUTO, model_named
 from pilotid.pilot.model import PilotModel
-from pilotid.ranges import ARGUMENTS, Range, ranged
+from pilotid.ranges import ARGUMENTS, ranged
 from pilotid.recordings.files import Reading, read_with
 from pilotid.recordings.recording import Recording
 from pilotid.types import FloatArray, InputError
@@ -67,7 +67,6 @@ MEANINGS: dict[str, tuple[str, str]] = {
         "Pilot model; repeat or use commas; auto takes the catalogue's best.",
     ),
     "check model": ("NAME,...", "Models of which is told what methods can do."),
-    "design model": ("NAME|file.py:NAME", "Another model; --truth has its values."),
     "trust model": ("NAME|auto", "Pilot model; auto takes the best."),
     "method": (
         "NAME",
@@ -116,14 +115,11 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "trust replications": ("", "Simulations of the recording."),
     "scheduler": ("ADDRESS", "Use the workers of this Dask scheduler instead."),
     "time_limit": ("S", "Seconds that a fit may take; 0 for no limit."),
-    "memory": ("GB", "Address space of each process; 0 for no limit."),
     "retry_failed": ("", "Fit again what crashed, died, or ran out of memory or time."),
-    "salvage": ("", "If the store is damaged, put a new one with all that is whole there."),
     "name": ("NAME", "Which; none lists what there is."),
     "source": ("FOLDER", "Take the files from here: no download."),
     "people": ("NAME", "Published recordings of people instead; see fetch-data."),
     "mix": ("", "Append to a study made with different code or settings."),
-    "keep": ("", "Write all rows in a small form too, and make the report from that."),
     # Experiments.
     "pattern": (
         "'subj{subject}_{condition}'",
@@ -147,31 +143,9 @@ MEANINGS: dict[str, tuple[str, str]] = {
         "Factors that conditions are combinations of, for an analysis of variance.",
     ),
     # Designs.
-    "minimise": ("A|D|E|KEY,KEY", "What is made small, of relative errors."),
-    "wanted": ("tdvest=3%,Kvest=5%", "Standard errors: the shortest time."),
-    "limit": (
-        "e=1.5,u=1.5",
-        "Variances of e, u, de, du, x, dx, ddx over the reference's; power, line, floor, high; "
-        "peaks ft, fd, stick, travel, velocity, acceleration; shape=false, balance=false.",
-    ),
-    "at_most": ("S", "Longest window for --wanted."),
-    "lines": ("", "Lines of each signal; default: the reference's."),
-    "pick": ("", "Which lines may be taken."),
-    "period": ("S", "Period of line 1; default: the reference's."),
-    "seconds": ("S", "Window; default: the scenario's."),
-    "design runs": ("", "Runs (of a subject in each condition); default: the scenario's."),
-    "design truth": ("tlead=2,Kvest=1", "True values that differ."),
-    "estimates": ("F.json", "Pilots of a pilot study: fit --json."),
-    "pilots": ("", "Pilots of the populations' ranges to suit."),
-    "over": ("", "What counts of several pilots."),
-    "power": ("'tlead +15%'", "A difference between conditions to plan for."),
-    "subjects": ("", "Subjects, for --power."),
-    "between": ("", "Spread of the difference between subjects, a share."),
-    "within": ("", "Spread from run to run, a share."),
-    "rate": ("HZ", "Rate of forcing.csv; default: scenario's."),
-    "fade": ("S", "Fades of forcing.csv."),
-    "shared": ("", "ft and fd on the same lines; fd turns between runs."),
-    "remnant": ("", "The remnant's power, or a share of u's."),
+    "minimise": ("A|D|KEY,KEY", "What is made small, of relative errors."),
+    "limit": ("e=1.5,u=1.5", "Largest variances of e and u, over those of the reference."),
+    "estimates": ("F.json", "The pilot of a fit: fit --json."),
 }
 ONLY = Parameter.KEYWORD_ONLY
 #: Options that are not called like their parameters, which are reserved words or other things.
@@ -308,7 +282,7 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
         metavar, text = MEANINGS.get(f"{function.__name__} {name}") or MEANINGS[name]
         known = ARGUMENTS.get(name)
         about: dict[str, Any] = {"metavar": metavar or None, "help": text}
-        if isinstance(known, Range) and known.whole and int in (kind, *get_args(kind)):
+        if known is not None and known.whole and int in (kind, *get_args(kind)):
             about["min"] = int(known.low)
         info = typer.Option(spelled(name), **about)
         if parameter.kind is not ONLY:

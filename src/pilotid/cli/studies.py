@@ -36,9 +36,7 @@ def compare(
     workers: int | None = None,
     scheduler: str | None = None,
     time_limit: float = 600.0,
-    memory: float = 4.0,
     retry_failed: bool = False,
-    salvage: bool = False,
     people: str | None = None,
     mix: bool = False,
     plot: bool = False,
@@ -48,7 +46,6 @@ def compare(
     """Compare methods on simulated recordings whose truth is known."""
     from pilotid.cli.running import with_progress
     from pilotid.datasets import CATALOGUE
-    from pilotid.jobs import Limits
     from pilotid.methods import methods
     from pilotid.study.store import Store
     from pilotid.study.study import PROFILES, UNANSWERED, Study
@@ -74,16 +71,13 @@ def compare(
     count = replications or count
     study = Study([*like_it, *names], tried, count, seed)
     outputs.require_folder(out, TABLES, read_with([like] if like else []), force=force)
-    if salvage:
-        _salvage(out)
     with Store(out, create=True) as store, options.resumable(store.path):
         pending = study.enter(store, mix=mix, retry=retry_failed)
         held = study.size - pending.total
         if held:
             words = f"{store.path}: holds {held} of {study.size} fits already"
             make_console().print(words, soft_wrap=True)
-        limits = Limits(time_limit or None, memory or None)
-        results = study.run(store, pending, workers, scheduler, limits)
+        results = study.run(store, pending, workers, scheduler, time_limit or None)
         told = with_progress(results, pending.counts, workers)
         unanswered = sum(result.message == UNANSWERED for result in told)
         _finish(out, store, plot=plot)
@@ -92,36 +86,14 @@ def compare(
             raise typer.Exit(1)
 
 
-def report(
-    folder: Path,
-    *,
-    out: Path | None = None,
-    keep: bool = False,
-    salvage: bool = False,
-    force: bool = False,
-) -> None:
+def report(folder: Path, *, out: Path | None = None, force: bool = False) -> None:
     """Make the tables and the report of a comparison again, from its store alone."""
     from pilotid.study.store import Store
 
-    target = out or folder
-    if salvage:
-        _salvage(folder)
     with Store(folder) as store:
         if out is not None:
             outputs.require_folder(out, TABLES, force=force)
-        if not keep:
-            _finish(target, store)
-            return
-        path = store.keep(target)
-    with Store(target, small=True) as store:
-        _finish(target, store)
-    make_console().print(f"rows: {path}", soft_wrap=True)
-
-
-def _salvage(folder: Path) -> None:
-    from pilotid.study.store import salvage
-
-    make_console(errors=True).print(f"pilotid: {salvage(folder)}", soft_wrap=True)
+        _finish(out or folder, store)
 
 
 def _finish(folder: Path, store: Store, *, plot: bool = False) -> None:

@@ -1,4 +1,1 @@
-"""Experiments designed before they are recorded: forcing functions, time, subjects, runs.
-
-Start at `design`; the conic program is in `optimum`.
-"""
+"""Forcing functions designed before an experiment; the conic program is in `optimum`."""

@@ -1,169 +1,49 @@
-"""Forcing functions and recording time that give the precision wanted.
+"""Forcing functions that give the precision wanted, within limits on error and control.
 
-The powers of the lines are the optimum of a convex problem, see `pilotid.designing.optimum`;
-phases are chosen after them, for bounds on errors do not depend on phases, and peaks do.
+The lines are those of a reference, and so is the remnant's power.  Their powers are the optimum of
+a convex problem; phases are chosen after them, for bounds on errors do not depend on phases, and
+peaks do.
 """
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Literal, NamedTuple
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
 from zlib import crc32
 
 import numpy as np
 
+from pilotid.datasets.experiments import experiment_of, inputs_of
 from pilotid.datasets.forcing import Multisine
-from pilotid.datasets.remnant import TabulatedRemnant
-from pilotid.datasets.scenarios import Scenario
-from pilotid.designing.limits import Limits, linear
-from pilotid.designing.lines import (
-    SIGNALS,
-    Lines,
-    Loop,
-    loop_of,
-    powers_of,
-    reference_lines,
-    sines_of,
-    widening,
-    with_held_remnant,
-    with_shared_remnant,
-)
-from pilotid.designing.optimum import Aim, Optimum, Over, gains_of, goal_of, minimise_within
-from pilotid.ranges import Range, in_range
+from pilotid.datasets.named import scenario_json
+from pilotid.datasets.remnant import UNIT_LEVEL, Remnant, TabulatedRemnant
+from pilotid.datasets.scenarios import NOMINAL, Scenario
+from pilotid.datasets.simulation import closed_loop, white_level
+from pilotid.designing.optimum import least
+from pilotid.disk import require_file, strict_json, table_bytes, write_file
+from pilotid.naming.settings import name_of
+from pilotid.pilot.catalogue import model_named
+from pilotid.pilot.element import element_named
 from pilotid.seeds import DEFAULT_SEED, draw_rng
+from pilotid.theory.bounds import GRID, LineInformation, line_information
+from pilotid.time_domain.settings import PROFILE
 from pilotid.types import ComplexArray, FloatArray, InputError
 
-WISH = Range(1e-6, 1.0)
-NORMS = (4, 16, 64, 256)
-STEPS = 40  # for each norm
-STARTS = 4
-GRID_PER_LINE = 8  # samples for a period of the highest line
-
-
-def with_signals(
-    scenario: Scenario, lines: Lines, powers: FloatArray, duration: float, seed: int
-) -> tuple[Scenario, dict[str, tuple[float, float]]]:
-    """The scenario with the forcing functions of a design, and crest factors.
-
-    Parameters
-    ----------
-    scenario
-        The reference, with the remnant that the design is to have.
-    lines, powers
-        The lines, and the variance of each sine, the target's first.
-    duration
-        Length of the window [s].
-    seed
-        Of the phases' random starts.
-
-    Returns
-    -------
-    The scenario, and by signal its crest factor and that of the reference.
-    """
-    rng = draw_rng(seed, "phases")
-    made: dict[str, Multisine] = {}
-    crest: dict[str, tuple[float, float]] = {}
-    for name, at in lines.signals:
-        numbers = np.array(lines.target if name == "ft" else lines.disturbance, dtype=float)
-        amplitudes = np.sqrt(2.0 * powers[at])
-        phases = low_crest(numbers, amplitudes, rng)
-        sines = tuple(map(int, numbers)), tuple(amplitudes.tolist()), tuple(phases.tolist())
-        made[name] = Multisine(*sines, lines.period)
-        old = sines_of(scenario, name)
-        crest[name] = crest_of(made[name]), math.nan if old is None else crest_of(old)
-    digest = crc32(repr(made).encode() + repr(scenario).encode())
-    return replace(
-        scenario,
-        name=f"design-{scenario.name}-{digest:08x}",
-        description=f"forcing functions designed for {scenario.name}",
-        target=made.get("ft"),
-        disturbance=made.get("fd"),
-        duration=duration,
-        alternating=lines.shared,
-        family="",
-        varied="",
-    ), crest
-
-
-def crest_of(forcing: Multisine) -> float:
-    """Crest factor of a sum of sines."""
-    numbers = np.array(forcing.lines, dtype=float)
-    return crest_factor(numbers, np.array(forcing.amplitudes), np.array(forcing.phases))
-
-
-def crest_factor(lines: FloatArray, amplitudes: FloatArray, phases: FloatArray) -> float:
-    """Peak over root mean square of sum_i A_i sin(k_i w0 t + phi_i) over a period."""
-    signal = _signal(_turns(lines, 64), amplitudes, phases)
-    return float(np.max(np.abs(signal)) / np.sqrt(0.5 * np.sum(amplitudes**2)))
-
-
-def low_crest(
-    lines: FloatArray, amplitudes: FloatArray, rng: np.random.Generator, starts: int = STARTS
-) -> FloatArray:
-    """Phases with a low crest factor, the best of several descents, shape (lines,) [rad].
-
-    Parameters
-    ----------
-    lines
-        Whole multiples of the base frequency, shape (lines,).
-    amplitudes
-        Shape (lines,).
-    rng
-        For the random starts.
-    starts
-        Number of descents; the first begins at Schroeder's phases.
-    """
-    from scipy.optimize import minimize
-
-    turns = _turns(lines, GRID_PER_LINE)
-    cosines, sines = np.ascontiguousarray(turns.real), np.ascontiguousarray(turns.imag)
-    size = amplitudes / np.sqrt(0.5 * np.sum(amplitudes**2))
-    share = np.cumsum(np.concatenate([[0.0], 0.5 * size[:-1] ** 2]))
-    schroeder = -2.0 * np.pi * np.cumsum(share)
-    begins = [schroeder, *rng.uniform(-np.pi, np.pi, (starts - 1, lines.size))]
-
-    def norm(phases: FloatArray, power: int) -> tuple[float, FloatArray]:
-        along, across = size * np.cos(phases), size * np.sin(phases)
-        signal = along @ sines + across @ cosines
-        peak = np.max(np.abs(signal))
-        scaled = signal / peak
-        weight = np.abs(scaled) ** (power - 2) * scaled
-        mean = float(np.mean(weight * scaled))
-        slopes = (along * (cosines @ weight) - across * (sines @ weight)) / signal.size
-        # ln(norm) has the same minimum, and a scale that does not depend on the power.
-        return float(np.log(peak) + np.log(mean) / power), slopes / (peak * mean)
-
-    best, least = schroeder, np.inf
-    for start in begins:
-        phases = start
-        for power in NORMS:
-            phases = minimize(
-                norm, phases, (power,), "BFGS", jac=True, options={"maxiter": STEPS}
-            ).x
-        crest = crest_factor(lines, amplitudes, phases)
-        if crest < least:
-            best, least = phases, crest
-    return np.asarray(np.angle(np.exp(1j * best)))
-
-
-def _turns(lines: FloatArray, density: int) -> ComplexArray:
-    """exp(j k w0 t) over a period, shape (lines, times)."""
-    count = int(density * np.max(lines))
-    return np.asarray(np.exp(2j * np.pi * np.outer(lines, np.arange(count)) / count))
-
-
-def _signal(turns: ComplexArray, amplitudes: FloatArray, phases: FloatArray) -> FloatArray:
-    return np.asarray(np.imag((amplitudes * np.exp(1j * phases)) @ turns))
-
-
-#: Line of a table: relative standard errors by parameter.
+#: Largest share of a signal's power at a line, or the reference's share where that is more, and
+#: the least, of the reference's share: without them few lines have all the power, whose crest
+#: factor is high and which a pilot foresees.
+LINE, FLOOR = 0.14, 0.7
+FADE = 2.0  # s
+NORMS, STEPS, STARTS = (4, 16, 64, 256, 1024), 100, 6
+SAMPLES = 16  # for a period of the highest line, while phases are sought
+LARGEST = 2**26  # bytes of a fit's JSON
+EVERYWHERE = 1e9  # rad/s
+REFERENCE = {"e": 1.0, "u": 1.0}
 Errors = dict[str, float]
-OFF = 0.25  # share by which one parameter of `wrong_pilots` is another
-#: What the remnant's power does when forcing functions change: nothing, or it keeps its share of
-#: the control's.
-RemnantPower = Literal["held", "share"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,92 +52,42 @@ class Design:
 
     Attributes
     ----------
-    scenario
-        The experiment, ready to be simulated; its remnant has the power, or the share of the
-        control's power, that it has under the reference's forcing functions.
-    reference
-        The scenario that the design started from.
-    minimise, wanted, limits, over, remnant
+    scenario, reference
+        The experiment, ready to be simulated, and the scenario that it started from.
+    minimise, limits
         What was asked for.
-    lines, powers
-        Lines and the variance of each sine, the target's first, shape (lines,).
-    errors, reference_errors
-        Predicted standard errors as shares of the true values, with the design and with the
-        reference's forcing functions in a window of the same length: bounds, and the share that
-        the finite length adds to the errors of `mle`.
-    errors_if_held, errors_if_scaled
-        Errors of the design if the remnant has the power, or the share of the control's power,
-        that it has with the reference; one of them is `errors`.
+    errors, reference_errors, twice, five_runs
+        Predicted standard errors as shares of the true values: of the design, of the reference's
+        forcing functions, and of the design in twice the time and in five runs.  They are bounds,
+        and the share that the finite length adds to the errors of `mle`.
     costs
-        Variances of e, u, x and their rates over those of the reference.
-    rms
-        Root mean squares of the same signals.
+        Variances of e and u over those of the reference.
     crest
         Crest factors of ft and fd, and those of the reference.
-    optimum
-        The answer of the solver, in its units.
-    gap
-        By how much, at the most, another design within the limits is better, as a share of the
-        variance that is minimised.
-    gains
-        For each pilot of a robust design, the objective over that of the reference.
-    unrounded
-        For wishes, the shortest window [s]; that of `scenario` is whole periods.
-    loops, references
-        The loops of the pilots, with the lines of the design and those of the reference.
-    seed
-        Of the phases' random starts, and of pilots.
+    binding
+        The limits that are reached.
     """
 
     scenario: Scenario
     reference: Scenario
     minimise: str
-    wanted: Mapping[str, float]
-    limits: Limits
-    over: Over
-    remnant: RemnantPower
-    lines: Lines
-    powers: FloatArray
+    limits: Mapping[str, float]
     errors: Errors
     reference_errors: Errors
-    errors_if_held: Errors
-    errors_if_scaled: Errors
+    twice: Errors
+    five_runs: Errors
     costs: dict[str, float]
-    rms: dict[str, float]
     crest: dict[str, tuple[float, float]]
-    optimum: Optimum
-    gap: float
-    gains: tuple[float, ...]
-    unrounded: float
-    loops: Sequence[Loop] = field(repr=False)
-    references: Sequence[Loop] = field(repr=False)
-    seed: int = DEFAULT_SEED
-
-    @property
-    def better(self) -> int:
-        """For how many pilots the design is better than the reference, by more than 0.1 %."""
-        return sum(gain < 0.999 for gain in self.gains)
-
-    @property
-    def binding(self) -> tuple[str, ...]:
-        """Names of the limits that keep the design from being better, dearest first."""
-        return tuple(name for name, _ in self.optimum.prices)
+    binding: tuple[str, ...]
 
 
 def design(
-    scenario: Scenario,
-    minimise: str = "A",
-    *,
-    wanted: Mapping[str, float] | None = None,
-    limits: Limits | None = None,
-    lines: Lines | None = None,
-    pilots: Sequence[Scenario] = (),
-    over: Over = "mean",
-    remnant: RemnantPower = "held",
-    at_most: float | None = None,
-    seed: int = DEFAULT_SEED,
+    scenario: Scenario, minimise: str = "A", limits: Mapping[str, float] = REFERENCE
 ) -> Design:
     """The best forcing functions within limits.
+
+    Neither signal has more power than the reference's, the ratio of both powers is kept, and no
+    share of the power above any frequency is larger than the reference's.
 
     Parameters
     ----------
@@ -265,206 +95,327 @@ def design(
         Pilot, controlled element, remnant, window and runs; its forcing functions are the
         reference, and set the power of the remnant.
     minimise
-        ``A`` (mean relative variance), ``D`` (volume), ``E`` (longest axis), or parameters as
-        in ``Kvis,tlead``.
-    wanted
-        Relative standard errors by parameter, such as ``{"tdvest": 0.03}``: the shortest time
-        is sought instead.
+        ``A`` (mean relative variance), ``D`` (volume), or parameters as in ``Kvis,tlead``.
     limits
-        What is to be kept.
-    lines
-        The lines; None for the reference's.
-    pilots
-        Scenarios like `scenario` of the pilots that the design is to suit; none for the
-        scenario's own.
-    over
-        Whether the mean over pilots counts, or the worst of them, each over its value with the
-        reference.
-    remnant
-        Whether the remnant's power is held, or is a share of the control's: for one pilot.
-    at_most
-        Longest window [s] of a design by `wanted`.
-    seed
-        Seed of random phases.
+        Largest variances of ``e`` and ``u`` over those of the reference.
 
     Raises
     ------
     InputError
-        If limits exclude one another, or wishes take longer than `at_most`; the sentence says
-        which limit binds.
+        If limits exclude one another, or the scenario's forcing functions are no sums of sines.
     """
-    limits = limits or Limits()
-    known = reference_lines(scenario)
-    lines = lines or known
-    usual = powers_of(scenario)
-    periods = scenario.duration / lines.period
-    if abs(periods - round(periods)) > 1e-9 or round(periods) < 1:
+    keys, signals = scenario.model.keys, sines_of(scenario)
+    usual = np.concatenate([0.5 * np.array(sines.amplitudes) ** 2 for sines in signals.values()])
+    told, gains, free = _loop(scenario, signals)
+    before = {name: free[name] + float(gains[name] @ usual) for name in gains}
+    if unknown := [name for name in limits if name not in gains]:
+        raise InputError(f"there is no limit on {unknown[0]}: give e, u or both")
+    names, rows, room = [], [], []
+    for name, times in limits.items():
+        alone = free[name] / before[name]
+        if not alone < times < math.inf:
+            raise InputError(
+                f"the limit {name}={times:g} cannot be kept: the remnant alone makes the variance "
+                f"of {name} {alone:.2f} of the reference's"
+            )
+        names.append(f"{name}={times:g}")
+        rows.append(gains[name] / before[name])
+        room.append(times - alone)
+    wholes, shapes = _spectra(signals, usual)
+    names += [f"power of {name}" for name in signals]
+    rows = np.array([*rows, *wholes, *shapes])
+    room = np.array([*room, *np.ones(len(wholes)), *np.zeros(len(shapes))])
+    unit = np.full(usual.size, np.mean(usual))
+    named = list(keys) if minimise in ("A", "D") else [k.strip() for k in minimise.split(",")]
+    if unknown := [key for key in named if key not in keys]:
         raise InputError(
-            f"a window of {scenario.duration:g} s is no whole number of periods of "
-            f"{lines.period:g} s; choose another --period or --seconds"
+            f"there is no parameter '{unknown[0]}' to make small: choose from {', '.join(keys)}, "
+            "or A or D"
         )
-    _require_told_apart(scenario, known, lines)
-    if remnant == "share" and len(pilots) > 1:
-        raise InputError(
-            "a remnant that is a share of the control's power is for one pilot: leave out "
-            "--pilots, or let the remnant be held"
-        )
-    if remnant == "share" and isinstance(scenario.remnant, TabulatedRemnant):
-        raise InputError(
-            f"scenario {scenario.name}: its remnant has an estimated spectrum, and can only be "
-            "held; leave out --remnant share"
-        )
-    everyone = tuple(pilots) or (scenario,)
-    loops = [loop_of(pilot, lines) for pilot in everyone]
-    references = loops if lines == known else [loop_of(pilot, known) for pilot in everyone]
-    own = loop_of(scenario, lines) if pilots else loops[0]
-    before = loop_of(scenario, known) if pilots else references[0]
-    control = before.variance("u", usual)
-    grown = own.sharing(control)
-    if remnant == "share":
-        loops = [loop.sharing(control) for loop in loops]
-        references = [loop.sharing(control) for loop in references]
+    weights = np.array([named.count(key) / len(named) for key in keys])
+    weights /= float(weights @ np.diag(told.covariance(usual)))
+    powers = unit * least(
+        told.runs * told.base,
+        math.sqrt(told.runs) * told.factors * np.sqrt(unit)[:, None, None],
+        None if minimise == "D" else weights,
+        rows * unit,
+        room,
+        np.array([wholes[0] - wholes[-1]])[: len(wholes) - 1] * unit,
+    )
+    used = rows[: len(names)] @ powers / room[: len(names)]
+    powers /= max(1.0, float(np.max(used)))  # rounding may leave it just outside
+    made = _with_phases(scenario, signals, powers)
 
-    unit = np.ones(lines.omega.size)
-    for name, at in lines.signals:
-        unit[at] = usual[dict(known.signals)[name]].sum()
-    for key, share in (wanted or {}).items():
-        in_range(share, WISH, f"the standard error wanted of {key}, as a share,")
-    aim = Aim(minimise, wanted or {}, over)
-    goal = goal_of(aim, loops, references, usual, unit)
-    rows = linear(limits, loops, references, usual, over=over)
-    rows = [replace(row, gradient=row.gradient * unit) for row in rows]
-    forced = loops[0].gains["u"] * unit if remnant == "share" else None
-    optimum = minimise_within(goal, rows, forced, control)
-    powers = np.asarray(optimum.powers * unit)
+    def errors(own: FloatArray, times: float = 1.0, runs: int = scenario.runs) -> Errors:
+        """Bounds fall with the root of the time; those of a short recording are too small."""
+        seconds = times * scenario.duration
+        short = 1.0 + PROFILE.bartlett_seconds / (runs * seconds)
+        factor = short * scenario.runs / (runs * times)
+        found = np.sqrt(factor * np.diag(told.covariance(own)))
+        return dict(zip(keys, found.tolist(), strict=True))
 
-    unrounded = _window(scenario, optimum.value) if wanted else scenario.duration
-    duration = scenario.duration
-    if wanted:
-        duration = math.ceil(unrounded / lines.period - 1e-9) * lines.period
-        _require_time(wanted, unrounded, at_most, scenario, optimum)
-    # Bounds fall with the root of the length.
-    longer = math.sqrt(scenario.duration / duration * widening(scenario.runs, duration))
-
-    def by_key(errors: FloatArray) -> Errors:
-        return dict(zip(scenario.model.keys, (longer * errors).tolist(), strict=True))
-
-    as_it_is = with_shared_remnant if remnant == "share" else with_held_remnant
-    made, crest = with_signals(as_it_is(scenario), lines, powers, duration, seed)
-    if_held, if_scaled = by_key(own.errors(powers)), by_key(grown.errors(powers))
-    costing = grown if remnant == "share" else own
+    crests = zip(signals, map(crest_of, sines_of(made).values()), signals.values(), strict=True)
     return Design(
         scenario=made,
         reference=scenario,
         minimise=minimise,
-        wanted=dict(wanted or {}),
         limits=limits,
-        over=over,
-        remnant=remnant,
-        lines=lines,
-        powers=powers,
-        errors=if_scaled if remnant == "share" else if_held,
-        reference_errors=by_key(before.errors(usual)),
-        errors_if_held=if_held,
-        errors_if_scaled=if_scaled,
-        costs={s: costing.variance(s, powers) / before.variance(s, usual) for s in SIGNALS},
-        rms={s: math.sqrt(costing.variance(s, powers)) for s in SIGNALS},
-        crest=crest,
-        optimum=optimum,
-        gap=_gap(optimum, minimise if not wanted else ""),
-        gains=gains_of(aim, loops, references, usual, powers),
-        unrounded=unrounded,
-        loops=loops,
-        references=references,
-        seed=seed,
+        errors=errors(powers),
+        reference_errors=errors(usual),
+        twice=errors(powers, times=2.0),
+        five_runs=errors(powers, runs=5),
+        costs={n: (free[n] + float(gains[n] @ powers)) / before[n] for n in gains},
+        crest={name: (crest, crest_of(reference)) for name, crest, reference in crests},
+        binding=tuple(n for n, share in zip(names, used, strict=True) if share > 0.999),
     )
 
 
-def _require_told_apart(scenario: Scenario, known: Lines, lines: Lines) -> None:
-    """Refuse lines of both signals where no runs tell the two answers apart."""
-    if known.shared and not scenario.alternating:
-        raise InputError(
-            f"scenario {scenario.name}: its ft and fd have lines in common within each run, and "
-            "what they tell depends on phases; start from lines of their own"
-        )
-    if lines.shared and scenario.runs % 2:
-        raise InputError(
-            "lines that ft and fd share are told apart by runs in which fd has the other sign: "
-            "that takes an even number of runs; add --runs 2"
-        )
+def sines_of(scenario: Scenario) -> dict[str, Multisine]:
+    """The forcing functions by name, ft first.
 
-
-def _gap(optimum: Optimum, minimise: str) -> float:
-    """How much less the variance could be at the most, as a share of it."""
-    if minimise == "D":  # a mean of logarithms
-        return math.expm1(optimum.value - optimum.lower)
-    return (optimum.value - optimum.lower) / optimum.lower
-
-
-def _window(scenario: Scenario, excess: float) -> float:
-    """The window in which a variance that is too large by a factor is as wished for [s]."""
-    long = excess * scenario.duration  # but for the price of a finite length
-    short = widening(scenario.runs, 1.0) - 1.0
-    return 0.5 * (long + math.sqrt(long * long + 4.0 * long * short))
-
-
-def _require_time(
-    wanted: Mapping[str, float],
-    needed: float,
-    at_most: float | None,
-    scenario: Scenario,
-    optimum: Optimum,
-) -> None:
-    if at_most is None or needed <= at_most:
-        return
-    wish = ", ".join(f"{key} to {100.0 * share:g} %" for key, share in wanted.items())
-    binding = [n for n, _ in optimum.prices]
-    what = f"the limit that binds most is {binding[0]}" if binding else "no limit binds"
-    runs = f" in each of {scenario.runs} runs" if scenario.runs > 1 else ""
-    raise InputError(f"{wish} takes {needed:.0f} s{runs}, more than {at_most:g} s; {what}")
-
-
-class Wrong(NamedTuple):
-    """A pilot with one other parameter, and what the design is worth for him.
-
-    Attributes
-    ----------
-    key, share
-        The parameter, and by what share it differs.
-    errors
-        Standard errors over those with the reference's forcing functions, by parameter; none
-        where the loop is unstable.
-    costs
-        Variances of e and u over those with the reference's forcing functions.
+    Raises
+    ------
+    InputError
+        If they are not sums of sines with whole periods in the window and lines of their own.
     """
+    given = {"ft": scenario.target, "fd": scenario.disturbance}
+    found = {name: f for name, f in given.items() if isinstance(f, Multisine)}
+    periods = {sines.period for sines in found.values()}
+    lines = [line for sines in found.values() for line in sines.lines]
+    whole = len(periods) == 1 and round(own := scenario.duration / min(periods)) >= 1
+    if not whole or abs(own - round(own)) > 1e-9 or len(set(lines)) < len(lines):
+        raise InputError(
+            f"scenario {scenario.name}: a design starts from sums of sines of one period, with "
+            "whole periods in the window and no line in both; name nominal, for example"
+        )
+    return found
 
-    key: str
-    share: float
-    errors: list[float]
-    costs: tuple[float, float]
+
+# ------------------------------------------------------------------------ errors and limits
 
 
-def wrong_pilots(made: Design) -> Iterator[Wrong]:
-    """Each parameter lower and higher, the remnant as the design takes it."""
-    reference = with_held_remnant(made.reference)
-    keys = reference.model.keys
-    usual = powers_of(reference)
-    known = made.references[0].lines
-    for i, key in enumerate(keys):
-        for share in (-OFF, OFF):
-            truth = np.array(reference.truth)
-            truth[i] *= 1.0 + share
-            pilot = replace(reference, truth=tuple(truth.tolist()))
-            try:
-                before, after = loop_of(pilot, known), loop_of(pilot, made.lines)
-            except InputError:
-                yield Wrong(key, share, [], (math.nan, math.nan))
-                continue
-            if made.remnant == "share":
-                control = before.variance("u", usual)
-                before, after = before.sharing(control), after.sharing(control)
-            error, control = (
-                after.variance(s, made.powers) / before.variance(s, usual) for s in "eu"
+def _loop(
+    scenario: Scenario, signals: dict[str, Multisine]
+) -> tuple[LineInformation, dict[str, FloatArray], dict[str, float]]:
+    """What lines of unit power tell, and the variances of e and u by these and by the remnant."""
+    experiment = experiment_of(scenario)
+    error, control, output = [], [], []
+    for name, sines in signals.items():
+        cause = "target" if name == "ft" else "disturbance"
+        own = inputs_of(scenario, sines.omega, cause)
+        error.append(own[0])
+        output.append(own[1])
+        control.append(closed_loop(scenario, sines.omega).u[cause])
+    grid = np.linspace(0.0, np.pi / scenario.dt, GRID + 1)
+    remnant = experiment.circulation(grid)
+    weights = np.full(GRID + 1, 1.0 / GRID) * remnant.density
+    weights[[0, -1]] *= 0.5
+    free = {"e": remnant.error, "u": closed_loop(scenario, grid).u["remnant"]}
+    e, u, x = map(np.concatenate, (error, control, output))
+    omega = np.concatenate([sines.omega for sines in signals.values()])
+    return (
+        line_information(experiment, omega, e, x),
+        {"e": np.abs(e) ** 2, "u": np.abs(u) ** 2},
+        {name: float(weights @ np.abs(answer) ** 2) for name, answer in free.items()},
+    )
+
+
+def _spectra(
+    signals: dict[str, Multisine], usual: FloatArray
+) -> tuple[list[FloatArray], list[FloatArray]]:
+    """The power of each signal over the reference's, and rows that are not to be above zero."""
+    first, shapes, wholes = 0, [], []
+    for sines in signals.values():
+        own = np.eye(usual.size)[first : first + len(sines.lines)]
+        first += len(own)
+        own /= float((own @ usual).sum())
+        whole, shares = own.sum(axis=0), own @ usual
+        wholes.append(whole)
+        for number, (line, share) in enumerate(zip(own, shares, strict=True)):
+            shapes += [line - max(LINE, share) * whole, FLOOR * share * whole - line]
+            # A hair of room: the reference itself is on all of these limits at once.
+            shapes.append(own[number:].sum(axis=0) - (shares[number:].sum() + 1e-6) * whole)
+    return wholes, shapes
+
+
+# ---------------------------------------------------------------------------------- phases
+
+
+def _with_phases(scenario: Scenario, signals: dict[str, Multisine], powers: FloatArray) -> Scenario:
+    """The scenario with the powers of a design, phases of low crest, and its remnant's power."""
+    rng, made, first = draw_rng(DEFAULT_SEED, "phases"), {}, 0
+    for name, sines in signals.items():
+        amplitudes = np.sqrt(2.0 * powers[first : first + len(sines.lines)])
+        first += len(sines.lines)
+        made[name] = low_crest(replace(sines, amplitudes=tuple(amplitudes.tolist())), rng)
+    digest = crc32(repr(made).encode() + repr(scenario).encode())
+    gain = white_level(scenario) / UNIT_LEVEL
+    return replace(
+        scenario,
+        name=f"design-{scenario.name}-{digest:08x}",
+        description=f"forcing functions designed for {scenario.name}",
+        target=made.get("ft"),
+        disturbance=made.get("fd"),
+        remnant=replace(scenario.remnant, level=gain, level_is="gain"),
+        family="",
+        varied="",
+    )
+
+
+def crest_of(sines: Multisine) -> float:
+    """Crest factor, the peak over the root mean square, of a sum of sines."""
+    amplitudes, phases = np.array(sines.amplitudes), np.array(sines.phases)
+    phasors = amplitudes * np.exp(1j * phases)
+    signal = np.imag(phasors @ _turns(np.array(sines.lines), 4 * SAMPLES))
+    return float(np.max(np.abs(signal)) / np.sqrt(0.5 * np.sum(amplitudes**2)))
+
+
+def low_crest(sines: Multisine, rng: np.random.Generator) -> Multisine:
+    """The same lines and amplitudes with phases of low crest, the best of several descents.
+
+    The first of them begins at Schroeder's phases.
+    """
+    from scipy.optimize import minimize
+
+    turns, amplitudes = _turns(np.array(sines.lines), SAMPLES), np.array(sines.amplitudes)
+    cosine, sine = np.ascontiguousarray(turns.real), np.ascontiguousarray(turns.imag)
+    size = amplitudes / np.sqrt(0.5 * np.sum(amplitudes**2))
+    schroeder = -2.0 * np.pi * np.cumsum(np.cumsum(np.append(0.0, 0.5 * size[:-1] ** 2)))
+
+    def norm(phases: FloatArray, power: int) -> tuple[float, FloatArray]:
+        along, across = size * np.cos(phases), size * np.sin(phases)
+        signal = along @ sine + across @ cosine
+        peak = np.max(np.abs(signal))
+        scaled = signal / peak
+        weight = np.abs(scaled) ** (power - 2) * scaled
+        mean = float(np.mean(weight * scaled))
+        slopes = (along * (cosine @ weight) - across * (sine @ weight)) / signal.size
+        # ln(norm) has the same minimum, and a scale that does not depend on the power.
+        return float(np.log(peak) + np.log(mean) / power), slopes / (peak * mean)
+
+    found = []
+    for start in (schroeder, *rng.uniform(-np.pi, np.pi, (STARTS - 1, size.size))):
+        phases = start
+        for power in NORMS:
+            steps = {"maxiter": STEPS}
+            phases = minimize(norm, phases, (power,), "BFGS", jac=True, options=steps).x
+        turned = np.angle(np.exp(1j * phases)).tolist()
+        found.append(replace(sines, phases=tuple(turned)))
+    return min(found, key=crest_of)
+
+
+def _turns(lines: FloatArray, density: int) -> ComplexArray:
+    """exp(j k w0 t) over a period, shape (lines, times)."""
+    count = int(density * np.max(lines))
+    return np.asarray(np.exp(2j * np.pi * np.outer(lines, np.arange(count)) / count))
+
+
+# --------------------------------------------------------------------- the pilot of a fit
+
+
+def scenario_of_fit(path: Path, scenario: Scenario | None = None) -> Scenario:
+    """The pilot of a fit, from the JSON of ``pilotid fit --json``, as a scenario.
+
+    Forcing functions and window are the recording's own, or those of a `scenario`, which then
+    stands in for a controlled element and a remnant that the file does not have, too.
+
+    Raises
+    ------
+    InputError
+        If the file does not hold one recording with an estimate that can be used.
+    """
+    require_file(path, LARGEST)
+    try:
+        held = json.loads(path.read_text(encoding="utf-8"))
+        (entry,) = held if isinstance(held, list) else [held]
+        usable = [e for e in entry["estimates"] if e["outcome"] in ("converged", "at-bound")]
+        estimate = next((e for e in usable if e.get("remnant")), usable[0])
+        values = {key: float(p["value"]) for key, p in estimate["parameters"].items()}
+        element = (estimate.get("loops") or {}).get("element")
+        known: dict[str, Any] = {"model": (model := model_named(str(entry["model"])))}
+        known["truth"] = tuple(model.vector(values).tolist())
+        if element:
+            known["element"] = element_named(element)
+        if estimate.get("remnant"):
+            known["remnant"] = _remnant(estimate["remnant"])
+        if scenario is None and len(known) == 4:
+            known |= _window(entry["recording"])
+        elif scenario is None:
+            raise InputError(
+                f"{path}: tells no controlled element or no remnant; fit the recording with "
+                "--element and --method mle, or name a scenario"
             )
-            ratio = after.errors(made.powers) / before.errors(usual)
-            yield Wrong(key, share, ratio.tolist(), (error, control))
+    except InputError:
+        raise
+    except (OSError, ValueError, TypeError, LookupError, AttributeError, RecursionError):
+        raise InputError(
+            f"{path}: cannot be read as a fit; name a file that `pilotid fit --json` wrote of one "
+            "recording with sums of sines, with an estimate that converged"
+        ) from None
+    name = f"like-{path.stem}" if scenario is None else f"{scenario.name}-{path.stem}"
+    known |= {"name": name_of(name)[:60], "description": f"pilot and remnant of {path.name}"}
+    return replace(scenario or NOMINAL, **known, family="", varied="")
+
+
+def _window(recording: dict[str, Any]) -> dict[str, Any]:
+    """Forcing functions, window and units of a recording, by the names that a scenario has."""
+    sines = {
+        name: Multisine(*(tuple(s[k]) for k in ("lines", "amplitudes", "phases")), s["period"])
+        for name, s in recording["forcing"].items()
+    }
+    return {
+        "target": sines.get("ft"),
+        "disturbance": sines.get("fd"),
+        "units": tuple(recording["units"].items()),
+        **{key: recording[key] for key in ("duration", "run_in", "dt", "runs")},
+    }
+
+
+def _remnant(estimated: dict[str, Any]) -> Remnant:
+    """The estimated remnant; above its band the density is that at its end."""
+    held = estimated["parameters"]
+    if estimated.get("model") == "second-order":
+        level = float(estimated["power_ratio"])
+        return Remnant(2, float(held["frequency"]), float(held["damping"]), level, level_is="ratio")
+    omega, density = estimated["omega"], estimated["density"]
+    return TabulatedRemnant(
+        omega=(*omega, EVERYWHERE),
+        density=(*density, density[-1]),
+        coefficients=len(held),
+        band=float(omega[-1]),
+    )
+
+
+# ----------------------------------------------------------------------------------- files
+
+
+def write_files(folder: Path, made: Design, about: dict[str, Any], place: str = "") -> None:
+    """Write design.json and forcing.csv; a model that is not the catalogue's is found at `place`.
+
+    The measurement window begins at t = 0.  Before it the signals run on from the run-in's
+    beginning, where they are faded in; after it they are faded out.
+    """
+    scenario, names = made.scenario, ("errors", "reference_errors", "twice", "five_runs")
+    signals = {
+        name: {**asdict(sines), "omega": sines.omega.tolist(), "crest_factor": made.crest[name][0]}
+        for name, sines in sines_of(scenario).items()
+    }
+    held = {
+        **about,
+        "objective": {"minimise": made.minimise, "limits": made.limits},
+        "reference": made.reference.name,
+        "binding": made.binding,
+        **{name: getattr(made, name) for name in (*names, "costs")},
+        "signals": signals,
+        "scenario": scenario_json(scenario, place),
+    }
+    write_file(folder / "design.json", strict_json(held).encode())
+    first = -round(max(scenario.run_in, FADE) / scenario.dt)
+    last = round((scenario.duration + FADE) / scenario.dt)
+    time = np.arange(first, last + 1) * scenario.dt
+    near = np.clip(np.minimum(time - time[0], time[-1] - time) / FADE, 0.0, 1.0)
+    fade = 0.5 - 0.5 * np.cos(np.pi * near)
+    both = [np.zeros(time.size) if forcing is None else fade * forcing.at(time)
+            for forcing in (scenario.target, scenario.disturbance)]  # fmt: skip
+    rows = [[f"{value + 0.0:.9g}" for value in row] for row in np.column_stack([time, *both])]
+    write_file(folder / "forcing.csv", table_bytes(("t", "ft", "fd"), rows))

@@ -184,6 +184,7 @@ def unpacked(content: bytes) -> Any:
 # -------------------------------------------------------------------- whether code changed
 
 
+@functools.cache
 def own_digest() -> str:
     """A short digest of this package's source."""
     found = [find_spec(name) for name in (OWN, f"{OWN}.methods", f"{OWN}.datasets")]

@@ -561,12 +561,13 @@ def comparison_of(store: Store) -> Comparison:
     """What a store holds."""
     entries = {entry.name: entry for entry in store.scenarios()}
     found: dict[tuple[str, str], list[Result]] = {}
-    for result in store.results():
-        found.setdefault((result.unit.scenario, result.unit.method), []).append(result)
-    present = {method for _, method in found}
     drawn: dict[str, dict[int, Draw]] = {}
-    for (name, replication), draw in store.draws().items():
-        drawn.setdefault(name, {})[replication] = draw
+    for result in store.results():
+        unit = result.unit
+        found.setdefault((unit.scenario, unit.method), []).append(result)
+        if result.draw is not None:
+            drawn.setdefault(unit.scenario, {})[unit.replication] = result.draw
+    present = {method for _, method in found}
     strata = {name: strata_of(draws) for name, draws in drawn.items()}
     cells = tuple(
         MethodResults(entries[name], method, tuple(own), strata.get(name, {}))

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+LARGEST = 1e300  # number among the settings
+
 
 @dataclass(frozen=True)
 class Unit:
@@ -191,7 +193,7 @@ class ScenarioEntry:
         for name in path.split("."):
             held = held.get(name) if isinstance(held, Mapping) else None
         is_number = isinstance(held, int | float) and not isinstance(held, bool)
-        return float(held) if is_number else math.nan
+        return float(held) if is_number and abs(held) <= LARGEST else math.nan
 
 
 def number(value: float) -> float | None:

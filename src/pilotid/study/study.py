@@ -20,7 +20,7 @@ from pilotid.datasets.simulation import remnant_ratio
 from pilotid.disk import make_folder
 from pilotid.estimates.estimate import Outcome
 from pilotid.estimates.method import Method
-from pilotid.jobs import USUAL_LIMITS, Limits, run_tasks
+from pilotid.jobs import TIME_LIMIT, run_tasks
 from pilotid.methods import label_of, method_named, methods
 from pilotid.naming.code import code_digest, own_digest, packed, place_of, reason
 from pilotid.naming.settings import labelled, plain
@@ -252,14 +252,15 @@ class Study:
         pending: Iterable[Unit],
         workers: int | None = None,
         scheduler: str | None = None,
-        limits: Limits = USUAL_LIMITS,
+        time_limit: float | None = TIME_LIMIT,
     ) -> Iterator[Result]:
         """Fit what is pending; each result is in the store before it comes out.
 
         A fit that nobody answered, or for which an answer to another came, is one that failed.
         """
         answered: set[Unit] = set()
-        answers = run_tasks(run_task, self.tasks(pending), given_up, workers, scheduler, limits)
+        tasks = self.tasks(pending)
+        answers = run_tasks(run_task, tasks, given_up, workers, scheduler, time_limit)
         lost = (u for u in pending if u not in answered)
         for found in chain(answers, (Result(u, Outcome.DIED.slug, UNANSWERED) for u in lost)):
             answered.add(found.unit)

@@ -417,24 +417,12 @@ class LineInformation:
         found = covariance_of(self.information(powers), 1.0)
         return np.full_like(self.base, np.nan) if found is None else found
 
-    def slopes(self, powers: FloatArray) -> FloatArray:
-        """Derivatives of `covariance` by each line's power, the remnant held.
-
-        Returns
-        -------
-        FloatArray
-            Shape (lines, parameters, parameters).
-        """
-        seen = np.einsum("pq,jqa->jpa", self.covariance(powers), self.factors)
-        return np.asarray(-self.runs * np.einsum("jpa,jqa->jpq", seen, seen))
-
 
 def line_information(
     experiment: Experiment,
     omega: FloatArray,
     error: ComplexArray,
     output: ComplexArray,
-    band: float | None = None,
 ) -> LineInformation:
     """What lines tell of the parameters of an experiment; its own lines are left aside.
 
@@ -447,10 +435,8 @@ def line_information(
         twice if the lines do not meet in one run.
     error, output
         Error and output for each unit of a line, shape (lines,).
-    band
-        What lies above this frequency [rad/s] is not used; None for the whole record.
     """
-    view = View(experiment, band)
+    view = View(experiment, None)
     circulation = view.circulation
     free = view.gradient(view.omega, circulation.error, circulation.output, experiment.values)
     base = view.samples * (view.information(free, free) - nuisance_share(view, free))

@@ -1,0 +1,196 @@
+"""The store of a study or of an analysis: one SQLite file, one table, a row of JSON for each fit.
+
+The file is in write-ahead mode and every row is written at once: a process that is killed, a power
+cut or a full disk cost the fits under way, and the same command goes on.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sqlite3
+from collections.abc import Iterable, Iterator
+from contextlib import closing, contextmanager, suppress
+from dataclasses import asdict, is_dataclass
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Self
+
+from pilotid.types import InputError, one_line
+
+STORE = "study.sqlite"
+SCHEMA = (
+    "CREATE TABLE rows (scenario TEXT, method TEXT, replication INTEGER, content TEXT, "
+    "PRIMARY KEY (scenario, method, replication))"
+)
+KEY = "scenario = ? AND method = ? AND replication = ?"
+PATIENCE = 60.0  # seconds to wait for another process
+LARGEST_ROW = 2**26  # bytes
+# Primary result codes, which are the low byte of what SQLite says.
+DAMAGED = (11, 26)  # malformed, no database
+READ_ONLY = (3, 8, 14)  # no permission, read-only, cannot be opened
+
+#: Scenario, method and replication.
+Key = tuple[str, str, int]
+
+
+class Rows:
+    """Rows in a folder's file, each of a type that says what it holds.
+
+    Parameters
+    ----------
+    folder
+        Where the file is.
+    create
+        Whether to write: the file is made if there is none.  One that is only read may be on a
+        medium that cannot be written.
+
+    Attributes
+    ----------
+    path
+        The file.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or it is damaged or of another version.
+    """
+
+    #: Tells stores of one kind from others; raised when their rows change.
+    format = 1
+
+    def __init__(self, folder: Path, *, create: bool = False) -> None:
+        self.path = folder / STORE
+        if not (create or self.path.exists()):
+            raise InputError(
+                f"{self.path}: there is no such file; name a folder that pilotid wrote results to"
+            )
+        with self._in_words():
+            opened = _opened_to_write if create else _opened_to_read
+            self._base = opened(self.path, self.format)
+
+    def close(self) -> None:
+        """Close the file, which then holds everything."""
+        self._base.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def put(self, key: Key, thing: object, *, again: bool = False) -> None:
+        """Keep a thing; what is known already stays as it is, unless it is put again."""
+        content = asdict(thing) if is_dataclass(thing) and not isinstance(thing, type) else thing
+        text = json.dumps(content, allow_nan=False)
+        how = "REPLACE" if again else "IGNORE"
+        with self._in_words():
+            self._base.execute(f"INSERT OR {how} INTO rows VALUES (?, ?, ?, ?)", (*key, text))
+
+    def drop(self, keys: Iterable[Key]) -> None:
+        """Forget rows."""
+        with self._in_words():
+            self._base.executemany(f"DELETE FROM rows WHERE {KEY}", keys)
+
+    def get(self, kind: Any, key: Key) -> Any:
+        """The thing of a kind under a key, None if there is none."""
+        return next(iter(self.every(kind, KEY, *key)), None)
+
+    def every(self, kind: Any, where: str, *values: object) -> list[Any]:
+        """All things of a kind, which SQL tells from others, in the order of their keys."""
+        query = f"SELECT content FROM rows WHERE {where} ORDER BY scenario, method, replication"
+        with self._in_words():
+            found = self._base.execute(query, values).fetchall()
+        try:
+            return [_adapter(kind).validate_json(content) for (content,) in found]
+        except ValueError as error:
+            raise damaged(self.path, "its rows are none of this program") from error
+
+    @contextmanager
+    def _in_words(self) -> Iterator[None]:
+        """Say in a sentence what SQLite cannot do with the file."""
+        try:
+            yield
+        except (sqlite3.Error, UnicodeError, OSError) as error:
+            if _code(error) in DAMAGED or isinstance(error, UnicodeDecodeError):
+                raise damaged(self.path, error) from error
+            raise InputError(
+                f"{self.path}: cannot be read or written ({error}); check the folder, its rights "
+                "and the room on its disk, and run the same command again: what is done is kept"
+            ) from error
+
+
+def damaged(path: Path, why: object) -> InputError:
+    """What to raise where a store is damaged."""
+    return InputError(
+        f"{path}: is damaged ({one_line(str(why))}); `sqlite3 {STORE} .recover | sqlite3 "
+        "new.sqlite` saves what is whole in a new file"
+    )
+
+
+def _opened_to_write(path: Path, number: int) -> sqlite3.Connection:
+    base = _checked(path, _connected(path, "rwc"), [(SCHEMA, number)], [])
+    base.execute("PRAGMA journal_mode=WAL")
+    base.execute("PRAGMA synchronous=NORMAL")
+    base.execute("BEGIN IMMEDIATE")
+    base.execute(SCHEMA.replace("TABLE", "TABLE IF NOT EXISTS", 1))
+    base.execute(f"PRAGMA user_version = {number}")
+    base.execute("COMMIT")
+    return base
+
+
+def _opened_to_read(path: Path, number: int) -> sqlite3.Connection:
+    whole = [(SCHEMA, number)]
+    try:
+        return _checked(path, _connected(path, "rw"), whole)
+    except sqlite3.OperationalError as error:
+        if _code(error) not in READ_ONLY:
+            raise
+    # SQLite can read a file with a log only where it can write.
+    with TemporaryDirectory() as folder:
+        copy = Path(folder) / STORE
+        shutil.copyfile(path, copy)
+        with suppress(FileNotFoundError):
+            shutil.copyfile(f"{path}-wal", f"{copy}-wal")
+        memory = sqlite3.connect(":memory:", isolation_level=None)
+        with closing(_checked(path, _connected(copy, "rw"), whole)) as base:
+            base.backup(memory)
+    return memory
+
+
+def _connected(path: Path, mode: str) -> sqlite3.Connection:
+    """A connection in which every statement is a transaction."""
+    place = f"{path.resolve().as_uri()}?mode={mode}"
+    base = sqlite3.connect(place, uri=True, isolation_level=None, timeout=PATIENCE)
+    base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_ROW)
+    return base
+
+
+def _checked(path: Path, base: sqlite3.Connection, *schemas: object) -> sqlite3.Connection:
+    """A connection to a whole file with one of these schemas, which computes nothing if read."""
+    query = "SELECT sql, user_version FROM sqlite_master, pragma_user_version WHERE sql NOT NULL"
+    try:
+        if base.execute(query).fetchall() not in schemas:
+            raise InputError(
+                f"{path}: is no such store, or of another version of pilotid; name another folder"
+            )
+        told = base.execute("PRAGMA quick_check(1)").fetchone()
+        if told != ("ok",):
+            raise damaged(path, told[0])
+    except BaseException:
+        base.close()
+        raise
+    return base
+
+
+def _code(error: Exception) -> int:
+    """SQLite's primary result code, 0 if the error is not SQLite's own."""
+    return int(getattr(error, "sqlite_errorcode", 0)) & 0xFF
+
+
+@cache
+def _adapter(kind: Any) -> Any:
+    from pydantic import TypeAdapter
+
+    return TypeAdapter(kind)
