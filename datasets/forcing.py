@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pilotid.types import ComplexArray, FloatArray
+from pilotid.support.types import ComplexArray, FloatArray
 
 Response = Callable[[FloatArray], ComplexArray]
 PERIOD = 81.92  # measurement window of AIAA 2008-7109 [s]

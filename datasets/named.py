@@ -13,14 +13,14 @@ from pilotid.datasets.recorder import Recorder
 from pilotid.datasets.remnant import Remnant, TabulatedRemnant
 from pilotid.datasets.scenarios import DEGREES, SCENARIOS, Scenario, checked
 from pilotid.datasets.simulation import remnant_ratio
-from pilotid.disk import require_file
 from pilotid.naming.code import is_place, taken
 from pilotid.naming.settings import from_catalogue, name_of, plain, require_name
 from pilotid.pilot.catalogue import MODELS, model_named
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.loops import margins
 from pilotid.pilot.model import PilotModel
-from pilotid.types import InputError
+from pilotid.support.disk import require_file
+from pilotid.support.types import InputError
 
 #: What a study has recordings of: both have a name, a description, and `drawn`, which gives
 #: the scenario of a replication.

@@ -12,7 +12,7 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from pilotid.types import InputError
+from pilotid.support.types import InputError
 
 HERE = Path(__file__).parent
 #: The variable that names the folder of fetched files.

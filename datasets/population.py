@@ -47,7 +47,7 @@ from pilotid.pilot.element import (
 from pilotid.pilot.factors import Factor, InnerLoop
 from pilotid.pilot.loops import margins, open_loops, unstable_poles
 from pilotid.pilot.model import PilotModel
-from pilotid.types import FloatArray, InputError
+from pilotid.support.types import FloatArray, InputError
 
 T = TypeVar("T")
 

@@ -20,7 +20,7 @@ from pilotid.datasets.remnant import TabulatedRemnant
 from pilotid.estimates.parts import RemnantEstimate
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import floors_of, known_lines
-from pilotid.types import FloatArray, InputError, IntArray
+from pilotid.support.types import FloatArray, InputError, IntArray
 
 #: A loop is simulated so many times as fast as it is recorded, so that the filter is that of
 #: continuous signals.

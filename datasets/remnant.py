@@ -8,7 +8,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from pilotid.types import ComplexArray, FloatArray
+from pilotid.support.types import ComplexArray, FloatArray
 
 #: Standard deviation of the sampled white noise at remnant gain 1, calibrated so that
 #: the paper's scale holds with the inferred filter of `Remnant`: gain 0.1 gives

@@ -31,7 +31,7 @@ from pilotid.pilot.element import ControlledElement, double_integrator
 from pilotid.pilot.loops import pilot_on, unstable_poles
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import SIGNALS, Recording
-from pilotid.types import FloatArray, InputError
+from pilotid.support.types import FloatArray, InputError
 
 #: The pilots of AIAA 2008-7109 with motion (Kvis, tlead, tdvis, Kvest, tdvest, fnm, dnm) and
 #: without (Kvis, tlead, tdvis, fnm, dnm).

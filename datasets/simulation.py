@@ -23,7 +23,7 @@ from pilotid.datasets.stepping import stepped
 from pilotid.pilot.factors import Neuromuscular
 from pilotid.pilot.loops import margins, pilot_on, pilot_on_each, unstable_poles
 from pilotid.recordings.recording import Recording
-from pilotid.types import ComplexArray, FloatArray, InputError
+from pilotid.support.types import ComplexArray, FloatArray, InputError
 
 
 class ClosedLoop(NamedTuple):

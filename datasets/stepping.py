@@ -19,7 +19,7 @@ from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.violations import SteppedElement
 from pilotid.pilot.model import Channel
 from pilotid.pilot.timevarying import Changing
-from pilotid.types import FloatArray, InputError, IntArray
+from pilotid.support.types import FloatArray, InputError, IntArray
 
 STEP = 0.005  # seconds, at most
 RUN_UP = 60.0  # seconds before the recording, in which the start from rest is forgotten

@@ -14,7 +14,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from pilotid.pilot.element import ControlledElement
-from pilotid.types import FloatArray
+from pilotid.support.types import FloatArray
 
 Kind = Literal["threshold", "change", "quantised", "saturated", "drift", "lost"]
 BURST = 10  # samples that are lost together

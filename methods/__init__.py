@@ -23,7 +23,7 @@ from pilotid.methods.mmle3 import MMLE3
 from pilotid.methods.sindy import SINDy
 from pilotid.naming.code import PluginWarning, is_place, reason, taken
 from pilotid.naming.settings import from_catalogue, labelled
-from pilotid.types import InputError
+from pilotid.support.types import InputError
 
 #: The methods of this package, in the order of tables and figures.
 METHODS: tuple[Method, ...] = (

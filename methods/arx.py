@@ -51,7 +51,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from pilotid.chance import chi_squared_limit
 from pilotid.estimates.applicability import dependent_signals, looking_ahead, varying
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.parts import FrequencyResponse
@@ -70,13 +69,14 @@ from pilotid.frequency.second_step import (
     output_at_once,
     second_step,
 )
-from pilotid.limits import ESTIMATE
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import minimise
 from pilotid.solve.search import search
+from pilotid.support.limits import ESTIMATE
+from pilotid.support.numbers import chi_squared_limit
+from pilotid.support.types import FloatArray
 from pilotid.time_domain.prediction import Prediction, predict
-from pilotid.types import FloatArray
 
 LEAST_ROWS = 5.0  # rows of the regression for each of its coefficients
 

@@ -43,11 +43,11 @@ from pilotid.posterior.importance import Weighted, importance
 from pilotid.posterior.likelihood import Likelihood, Posterior
 from pilotid.posterior.priors import Prior, priors_of
 from pilotid.recordings.recording import Recording
+from pilotid.support.types import FloatArray
 from pilotid.time_domain.output_error import make_estimate
 from pilotid.time_domain.remnant_models import LowPass
 from pilotid.time_domain.search import maximise_likelihood
 from pilotid.time_domain.settings import LikelihoodSettings
-from pilotid.types import FloatArray
 
 #: Measured on the scenario disturbance-only: samplers that start from different summits end with
 #: posteriors that do not agree, each with draws enough.

@@ -51,7 +51,7 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import minimise
 from pilotid.solve.search import search
-from pilotid.types import ComplexArray
+from pilotid.support.types import ComplexArray
 
 
 @dataclass(frozen=True)

@@ -28,12 +28,12 @@ import numpy as np
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
+from pilotid.support.types import FloatArray
 from pilotid.time_domain.diagnostics import fit_remarks, tested_specification
 from pilotid.time_domain.output_error import make_estimate
 from pilotid.time_domain.profile import profile_likelihood, with_profile
 from pilotid.time_domain.search import maxima_from, maximise_likelihood
 from pilotid.time_domain.settings import LikelihoodSettings
-from pilotid.types import FloatArray
 
 #: Why an optimum is none of a pilot.
 NO_PILOT = "no optimum is a pilot in a stable loop, or explains the control where none is known"

@@ -29,7 +29,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from pilotid.chance import CHI_SQUARED_95
 from pilotid.element.fit import closing_element
 from pilotid.estimates.applicability import varying
 from pilotid.estimates.estimate import Estimate, Outcome, failed
@@ -39,6 +38,7 @@ from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_of
 from pilotid.solve.intervals import profile_intervals
 from pilotid.solve.least_squares import minimise
+from pilotid.support.numbers import CHI_SQUARED_95
 from pilotid.time_domain.instruments import Moments, forcing_functions, references
 from pilotid.time_domain.output_error import make_estimate
 from pilotid.time_domain.search import maximise_likelihood

@@ -29,11 +29,11 @@ from pilotid.estimates.applicability import looking_ahead, varying
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.remarks import Remark
 from pilotid.solve.covariance import covariance_of
+from pilotid.support.remarks import Remark
+from pilotid.support.types import ComplexArray, FloatArray
 from pilotid.time_domain.output_error import make_estimate
 from pilotid.time_domain.prepare import prepare
-from pilotid.types import ComplexArray, FloatArray
 
 Hold = Literal["zoh", "foh"]
 FINITE_DIFFERENCE = 1e-5  # relative step of the central differences

@@ -54,8 +54,8 @@ from pilotid.frequency.regression import (
 from pilotid.frequency.second_step import against_recording, output_at_once, second_step
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
+from pilotid.support.types import FloatArray
 from pilotid.time_domain.prediction import predict
-from pilotid.types import FloatArray
 
 LEAST_ROWS = 2.0  # rows of the regression for each of its columns
 LEAST_BLOCKS = 10  # blocks of time to resample from

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from pilotid.datasets import POPULATIONS, SCENARIOS, Scenario, simulate
-from pilotid.document import Section, to_markdown
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import Method, identify
 from pilotid.pilot.catalogue import (
@@ -34,10 +33,11 @@ from pilotid.pilot.element import (
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.report.study import TITLE, report_sections, write_report
-from pilotid.seeds import fit_rng, recording_rng, start_rng
 from pilotid.study.comparison import Comparison
+from pilotid.support.document import Section, to_markdown
+from pilotid.support.numbers import fit_rng, recording_rng, start_rng
+from pilotid.support.types import FloatArray
 from pilotid.time_domain.prediction import Prediction
-from pilotid.types import FloatArray
 
 NOMINAL = SCENARIOS["nominal"]
 SINGLE_LOOP = SCENARIOS["single"]

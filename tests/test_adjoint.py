@@ -13,6 +13,7 @@ from pilotid.methods.mle import MLE
 from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.model import PilotModel
 from pilotid.solve.least_squares import minimise, resume
+from pilotid.support.types import FloatArray
 from pilotid.time_domain.likelihood import (
     AdjointErrors,
     BinnedPrediction,
@@ -32,7 +33,6 @@ from pilotid.time_domain.remnant_models import (
     guess_parameters,
 )
 from pilotid.time_domain.settings import SEARCH
-from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical
 

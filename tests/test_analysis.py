@@ -25,9 +25,9 @@ from pilotid.analysis.tables import ESTIMATES, MODEL_COLUMNS
 from pilotid.datasets import simulate
 from pilotid.pilot.loops import margins
 from pilotid.recordings.files import save_recording
-from pilotid.remarks import CODES
-from pilotid.seeds import recording_rng
-from pilotid.types import InputError
+from pilotid.support.numbers import recording_rng
+from pilotid.support.remarks import CODES
+from pilotid.support.types import InputError
 
 PATTERN = "s{subject}_{condition}"
 OPTIONS = ("--per-run", "--left-out", "--model-per-condition")
@@ -311,7 +311,7 @@ def test_the_report_says_what_was_found(small: Path) -> None:
     for words in (
         "4 recordings of 2 subjects, 8 runs",
         "Conditions compared",
-        "has the same remnant as run 1 of",
+        "has the same control as run 1 of",
     ):
         assert words in page
     ids = re.findall(r'\bid="([^"]+)"', page)

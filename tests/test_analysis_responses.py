@@ -32,7 +32,7 @@ from pilotid.naming.symbols import symbol
 from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.loops import open_loops
 from pilotid.recordings.recording import Recording
-from pilotid.seeds import recording_rng
+from pilotid.support.numbers import recording_rng
 
 pytestmark = pytest.mark.numerical
 RECORDING: Recording = simulate(replace(NOMINAL, runs=3), recording_rng(1, "responses"))

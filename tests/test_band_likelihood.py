@@ -20,9 +20,10 @@ from pilotid.pilot.loops import pilot_on
 from pilotid.posterior.likelihood import Likelihood
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import floors_of
-from pilotid.seeds import recording_rng
 from pilotid.solve.covariance import covariance_of
 from pilotid.solve.least_squares import minimise
+from pilotid.support.numbers import recording_rng
+from pilotid.support.types import FloatArray
 from pilotid.theory.bounds import View
 from pilotid.time_domain import band_likelihood
 from pilotid.time_domain.band_likelihood import (
@@ -43,7 +44,6 @@ from pilotid.time_domain.remnant_models import (
 )
 from pilotid.time_domain.search import maxima_from
 from pilotid.time_domain.settings import BAND
-from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical
 

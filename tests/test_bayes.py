@@ -21,13 +21,13 @@ from pilotid.pilot.catalogue import MULTI, SINGLE
 from pilotid.posterior.ensembles import Run
 from pilotid.posterior.likelihood import Likelihood
 from pilotid.posterior.priors import HalfCauchy, LogNormal, Normal, default_prior, priors_of
-from pilotid.seeds import fit_rng, recording_rng, start_rng
+from pilotid.support.numbers import fit_rng, recording_rng, start_rng
+from pilotid.support.types import FloatArray, InputError
 from pilotid.time_domain.likelihood import PredictionErrors
 from pilotid.time_domain.output_error import residual_spectra
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prepare import analysis_band, prediction_error_filters
 from pilotid.time_domain.remnant_models import Autoregressive, LowPass, NoiseModel
-from pilotid.types import FloatArray, InputError
 
 pytestmark = pytest.mark.numerical
 

@@ -15,7 +15,7 @@ from pilotid import identify
 from pilotid.datasets import Scenario
 from pilotid.methods import method_named
 from pilotid.pilot.loops import are_stable, unstable_poles
-from pilotid.remarks import codes_of
+from pilotid.support.remarks import codes_of
 
 pytestmark = pytest.mark.numerical
 #: A lag of 3.6 s after 3 s of run-in.

@@ -23,11 +23,11 @@ from pilotid.pilot.loops import loop_slopes, margins, open_loops, pilot_on, pilo
 from pilotid.pilot.model import Channel, PilotModel
 from pilotid.recordings.files import save_recording
 from pilotid.recordings.recording import Recording
+from pilotid.support.types import InputError
 from pilotid.testing import check_estimate
 from pilotid.theory.bounds import bounds
 from pilotid.time_domain.output_error import residual_spectra
 from pilotid.time_domain.prediction import predict
-from pilotid.types import InputError
 
 pytestmark = pytest.mark.numerical
 

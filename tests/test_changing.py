@@ -33,15 +33,15 @@ from pilotid.pilot.model import (
 )
 from pilotid.pilot.timevarying import Changing
 from pilotid.report.fit import html_report
-from pilotid.seeds import fit_rng, recording_rng
 from pilotid.solve.least_squares import Box, minimise
 from pilotid.study.fits import truths_of
+from pilotid.support.numbers import fit_rng, recording_rng
+from pilotid.support.types import FloatArray, InputError
 from pilotid.time_domain.likelihood import binned
 from pilotid.time_domain.output_error import residual_spectra
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.profile import over_changes
 from pilotid.time_domain.search import maximise_likelihood
-from pilotid.types import FloatArray, InputError
 
 pytestmark = pytest.mark.numerical
 

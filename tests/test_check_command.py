@@ -12,14 +12,14 @@ from helpers import Run, strict
 
 import pilotid
 from pilotid.datasets import SCENARIOS, simulate
-from pilotid.disk import strict_json
 from pilotid.methods import methods
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.files import detrended, load_recording, save_recording
 from pilotid.recordings.recording import Recording, joined
 from pilotid.recordings.understood import understood
-from pilotid.remarks import codes_of
-from pilotid.types import InputError
+from pilotid.support.disk import strict_json
+from pilotid.support.remarks import codes_of
+from pilotid.support.types import InputError
 
 pytestmark = [pytest.mark.numerical, pytest.mark.long]
 

@@ -21,7 +21,7 @@ from pilotid.methods import METHODS, methods
 from pilotid.pilot.catalogue import MODELS
 from pilotid.recordings.files import load_recording, save_recording
 from pilotid.recordings.recording import Recording
-from pilotid.remarks import CODES
+from pilotid.support.remarks import CODES
 
 # The columns that others script against.
 ESTIMATES_HEAD = (
@@ -500,7 +500,7 @@ OWN = """
 from dataclasses import replace
 from pilotid.datasets import SCENARIOS
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.remarks import CODES
+from pilotid.support.remarks import CODES
 
 ONE = replace(SCENARIOS["single"], name="one", duration=30.0)
 TWO = [ONE, replace(ONE, name="two", runs=2)]

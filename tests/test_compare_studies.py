@@ -14,7 +14,7 @@ from stores import finish
 from pilotid.study.changes import find_changes, read_study
 from pilotid.study.entries import Result, ScenarioEntry
 from pilotid.study.store import Store
-from pilotid.types import InputError
+from pilotid.support.types import InputError
 
 REPLICATIONS = 25
 

@@ -20,8 +20,8 @@ from pilotid.methods.arx import ARX
 from pilotid.methods.sindy import SINDy
 from pilotid.pilot.catalogue import SINGLE
 from pilotid.pilot.element import position_control
+from pilotid.support.types import FloatArray
 from pilotid.time_domain.prediction import predict
-from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical
 

@@ -15,9 +15,9 @@ from tidy_rows import row, table
 from pilotid.analysis.contrasts import Contrast, contrasts, is_across
 from pilotid.analysis.report_tables import is_significant
 from pilotid.analysis.results import CONTRAST_COLUMNS, table_of
-from pilotid.disk import table_bytes
 from pilotid.pilot.catalogue import MODELS
-from pilotid.types import InputError
+from pilotid.support.disk import table_bytes
+from pilotid.support.types import InputError
 
 A = (1.1, 1.4, 0.9, 2.0, 1.3)
 B = (1.6, 1.5, 1.7, 2.1, 2.2)

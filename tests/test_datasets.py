@@ -30,7 +30,7 @@ from pilotid.element.fit import identified_element
 from pilotid.pilot.element import double_integrator, position_control, single_integrator
 from pilotid.pilot.loops import pilot_on
 from pilotid.recordings.recording import Recording
-from pilotid.types import ComplexArray, FloatArray, InputError
+from pilotid.support.types import ComplexArray, FloatArray, InputError
 
 pytestmark = pytest.mark.numerical
 

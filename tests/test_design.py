@@ -36,9 +36,9 @@ from pilotid.estimates.fitted import fit_all
 from pilotid.methods import method_named
 from pilotid.pilot.catalogue import MULTI
 from pilotid.pilot.element import element_named
+from pilotid.support.types import FloatArray, InputError
 from pilotid.theory.bounds import bounds
 from pilotid.time_domain.settings import PROFILE
-from pilotid.types import FloatArray, InputError
 
 pytestmark = pytest.mark.numerical
 

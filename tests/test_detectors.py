@@ -23,7 +23,7 @@ from pilotid.recordings.detectors import (
     fingerprints,
 )
 from pilotid.recordings.recording import Recording
-from pilotid.seeds import start_rng
+from pilotid.support.numbers import start_rng
 
 pytestmark = pytest.mark.numerical
 

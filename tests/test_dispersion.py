@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pilotid.chance import chi_squared_limit
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.datasets.violations import Violation
 from pilotid.estimates.method import identify
 from pilotid.methods import method_named
-from pilotid.remarks import codes_of
 from pilotid.solve.covariance import score_dispersion
+from pilotid.support.numbers import chi_squared_limit
+from pilotid.support.remarks import codes_of
 
 pytestmark = pytest.mark.numerical
 

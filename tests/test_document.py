@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from pilotid.document import (
+from pilotid.support.document import (
     Bullets,
     Column,
     Command,
@@ -29,7 +29,7 @@ from pilotid.document import (
     to_markdown,
     typeset,
 )
-from pilotid.numbers import number, plus_minus, share
+from pilotid.support.numbers import number, plus_minus, share
 
 Item = tuple[str, float, float]
 NASTY = "a|b <i>&\x1b[1m_%"
@@ -160,7 +160,7 @@ def test_a_figure_that_is_there_is_not_written_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drawn: list[bytes] = []
-    monkeypatch.setattr("pilotid.document.pdf", lambda _: drawn.append(b"") or b"%PDF")
+    monkeypatch.setattr("pilotid.support.document.pdf", lambda _: drawn.append(b"") or b"%PDF")
 
     def saved(title: str) -> int:
         from matplotlib.figure import Figure as Drawing

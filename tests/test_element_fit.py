@@ -17,7 +17,7 @@ from pilotid.element.search import HIGHEST, fitted_form, spectra_of
 from pilotid.pilot.element import ControlledElement, double_integrator, element_named
 from pilotid.recordings.files import load_recording
 from pilotid.recordings.recording import Recording
-from pilotid.types import FloatArray
+from pilotid.support.types import FloatArray
 
 pytestmark = pytest.mark.numerical
 

@@ -17,7 +17,7 @@ from pilotid.pilot.element import (
     second_order,
     single_integrator,
 )
-from pilotid.types import InputError
+from pilotid.support.types import InputError
 
 OMEGA = np.geomspace(0.1, 30.0, 20)
 S = 1j * OMEGA

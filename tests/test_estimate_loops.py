@@ -32,8 +32,8 @@ from pilotid.pilot.element import (
 from pilotid.pilot.loops import margin, margins, open_loops
 from pilotid.recordings.files import save_recording
 from pilotid.show.responses import open_loop
+from pilotid.support.types import FloatArray, InputError
 from pilotid.time_domain.remnant_models import LowPass
-from pilotid.types import FloatArray, InputError
 
 pytestmark = pytest.mark.numerical
 

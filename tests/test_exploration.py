@@ -22,9 +22,10 @@ from pilotid.methods.mle import MLE
 from pilotid.pilot.element import position_control
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.seeds import recording_rng
 from pilotid.solve.intervals import profile_intervals
 from pilotid.solve.least_squares import Minima, minimise
+from pilotid.support.numbers import recording_rng
+from pilotid.support.types import FloatArray
 from pilotid.time_domain import likelihood as reduction
 from pilotid.time_domain.likelihood import binned
 from pilotid.time_domain.output_error import OutputErrors
@@ -49,7 +50,6 @@ from pilotid.time_domain.search import (
     together,
 )
 from pilotid.time_domain.settings import PROFILE, SEARCH
-from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical
 

@@ -18,7 +18,7 @@ from pilotid.recordings.checks import remarks
 from pilotid.recordings.files import load_recording, save_recording
 from pilotid.recordings.recording import joined
 from pilotid.recordings.selection import of_runs
-from pilotid.types import InputError
+from pilotid.support.types import InputError
 
 Kind = Literal["state", "cue"]
 DT, WINDOW, RUN_IN = 0.02, 4096, 400

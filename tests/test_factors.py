@@ -16,7 +16,7 @@ from pilotid.analysis.contrasts import contrasts
 from pilotid.analysis.factors import Effect, effects, factors_of
 from pilotid.analysis.figures import standardised
 from pilotid.analysis.results import FACTOR_COLUMNS, table_of
-from pilotid.types import FloatArray, InputError
+from pilotid.support.types import FloatArray, InputError
 
 TEXT = "dynamics=C1,C4:gain;C2,C5:single;C3,C6:double;motion=C1,C2,C3:off;C4,C5,C6:on"
 CONDITIONS = ("C1", "C2", "C3", "C4", "C5", "C6")

@@ -17,7 +17,6 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from pilotid.datasets import scenario_named, simulate
-from pilotid.document import pdf, save_figures, to_html
 from pilotid.estimates.draws import Draws
 from pilotid.estimates.estimate import Estimate, Outcome, failed, symmetric_intervals
 from pilotid.estimates.fitted import Fitted, fit_all
@@ -36,7 +35,8 @@ from pilotid.report.posterior import convergence_words
 from pilotid.show import plots
 from pilotid.show.posterior_figures import corner
 from pilotid.show.style import SMALLEST, STYLES
-from pilotid.types import InputError
+from pilotid.support.document import pdf, save_figures, to_html
+from pilotid.support.types import InputError
 
 ELEMENT = double_integrator(4.0)
 

@@ -23,7 +23,7 @@ from pilotid.recordings import matlab
 from pilotid.recordings.contents import refuse_codes
 from pilotid.recordings.files import Reading, load_recording, parse_mapping, save_recording
 from pilotid.recordings.recording import SIGNALS, Recording
-from pilotid.types import FloatArray, InputError
+from pilotid.support.types import FloatArray, InputError
 
 HEADER = "t,e,u,x"
 Writer = Callable[[Path], Path]
@@ -316,6 +316,8 @@ CODES = [np.where(np.arange(SAMPLES) % 9 == 4, code, ONE["e"]) for code in (-999
 #: Name, file, and what the sentence must say.
 REFUSED: list[tuple[str, Writer, list[str]]] = [
     ("no names", written(text().partition("\n")[2]), ["line 1 holds numbers", "header row"]),
+    ("comments that name no columns", written(text("# pilot 3").replace("\n", "\n# t,e,u\n", 1)),
+     ["line 3 holds numbers", "header row"]),
     ("several missing", written(text("time,err,stick,phi")),
      ["no columns 't', 'e', 'u', 'x', only time, err, stick, phi", "t=COLUMN,e=COLUMN,u=COLUMN"]),
     ("no time and no rate", written(text("e,u,x", columns={k: ONE[k] for k in "eux"})),

@@ -18,7 +18,7 @@ from scipy.io import savemat
 
 from pilotid.recordings.files import load_recording, save_recording
 from pilotid.recordings.recording import Recording
-from pilotid.types import InputError
+from pilotid.support.types import InputError
 
 SAMPLES = 120
 DT = 0.1

@@ -14,7 +14,7 @@ from pilotid.estimates.estimate import Outcome
 from pilotid.estimates.method import identify
 from pilotid.methods import method_named, methods
 from pilotid.pilot.catalogue import MODELS, with_held
-from pilotid.types import InputError
+from pilotid.support.types import InputError
 
 OMEGA = np.array([0.5, 2.0, 7.0, 15.0])
 NOMINAL = SCENARIOS["nominal"]

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from pilotid.jobs import Loss, run_tasks
-from pilotid.types import InputError
+from pilotid.support.types import InputError
 
 
 def doubled(task: int) -> int:

@@ -15,10 +15,10 @@ from tidy_rows import row, table
 from pilotid.analysis.contrasts import contrasts
 from pilotid.analysis.report_tables import tables_tex
 from pilotid.analysis.rows import Row
-from pilotid.document import Column, Table, table_latex
-from pilotid.escaping import for_latex
 from pilotid.naming.symbols import SYMBOLS
-from pilotid.numbers import p_value, to_error
+from pilotid.support.document import Column, Table, table_latex
+from pilotid.support.escaping import for_latex
+from pilotid.support.numbers import p_value, to_error
 
 A = (1.12, 1.43, 0.91, 2.02, 1.31)
 B = (1.61, 1.52, 1.73, 2.14, 2.25)

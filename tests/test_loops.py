@@ -28,7 +28,7 @@ from pilotid.pilot.loops import (
     why_no_crossing,
 )
 from pilotid.pilot.model import PilotModel
-from pilotid.types import ComplexArray, FloatArray
+from pilotid.support.types import ComplexArray, FloatArray
 
 pytestmark = pytest.mark.numerical
 

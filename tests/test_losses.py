@@ -18,7 +18,7 @@ from pilotid.study.comparison import ALL, Comparison, MethodResults, comparison_
 from pilotid.study.entries import ParameterTruth, Result, ScenarioEntry, Unit
 from pilotid.study.judge import judge
 from pilotid.study.store import Store
-from pilotid.types import FloatArray
+from pilotid.support.types import FloatArray
 
 Row = Mapping[str, str]
 ENTRY = ScenarioEntry(

@@ -17,9 +17,9 @@ from pilotid.pilot.factors import Parameter
 from pilotid.pilot.model import PilotModel
 from pilotid.solve.least_squares import Gram, Minima, minimise, resume, solve_linear
 from pilotid.solve.search import draw_starts, search
+from pilotid.support.types import BoolArray, FloatArray
 from pilotid.time_domain.output_error import OutputErrors, record
 from pilotid.time_domain.prediction import predict
-from pilotid.types import BoolArray, FloatArray
 
 pytestmark = pytest.mark.numerical
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from helpers import NOMINAL, fit_of, part_of, predict_circular, without_remnant
 
-from pilotid.chance import CHI_SQUARED_95, Z95
 from pilotid.datasets import SCENARIOS, Scenario, simulate
 from pilotid.estimates.estimate import Outcome
 from pilotid.estimates.method import identify
@@ -19,12 +18,13 @@ from pilotid.recordings.checks import remarks
 from pilotid.solve.covariance import covariance_at_bounds
 from pilotid.solve.intervals import find_profile_end, profile_intervals
 from pilotid.solve.least_squares import minimise
+from pilotid.support.numbers import CHI_SQUARED_95, Z95
+from pilotid.support.types import FloatArray
 from pilotid.time_domain.likelihood import PredictionErrors, binned
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prepare import Band
 from pilotid.time_domain.remnant_models import Autoregressive, LowPass, NoiseModel
-from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical
 

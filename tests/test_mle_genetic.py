@@ -18,7 +18,7 @@ from pilotid.pilot.factors import Delay, Gain
 from pilotid.pilot.model import Channel, PilotModel
 from pilotid.solve.least_squares import minimise
 from pilotid.solve.search import evolve
-from pilotid.types import FloatArray
+from pilotid.support.types import FloatArray
 
 pytestmark = pytest.mark.numerical
 

@@ -20,7 +20,7 @@ from pilotid.methods.mmle3 import MMLE3, Hold, _Output, pulse_response
 from pilotid.pilot.catalogue import GAIN_ONLY, MULTI
 from pilotid.pilot.element import Rational
 from pilotid.study import scores
-from pilotid.types import FloatArray
+from pilotid.support.types import FloatArray
 
 pytestmark = pytest.mark.numerical
 

@@ -32,9 +32,9 @@ from pilotid.pilot.factors import (
     Values,
 )
 from pilotid.pilot.model import Channel, PilotModel
+from pilotid.support.types import ComplexArray, FloatArray, InputError
 from pilotid.time_domain.output_error import residual_spectra
 from pilotid.time_domain.prediction import predict
-from pilotid.types import ComplexArray, FloatArray, InputError
 
 pytestmark = pytest.mark.numerical
 

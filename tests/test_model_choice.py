@@ -22,7 +22,7 @@ from pilotid.model_choice import (
 from pilotid.pilot.catalogue import MODELS
 from pilotid.recordings.files import load_recording
 from pilotid.recordings.recording import Recording
-from pilotid.seeds import recording_rng
+from pilotid.support.numbers import recording_rng
 from pilotid.time_domain.information_criteria import evidence
 
 pytestmark = pytest.mark.numerical

@@ -29,8 +29,8 @@ from pilotid.naming.settings import (
     split_call,
     split_list,
 )
+from pilotid.support.types import InputError
 from pilotid.time_domain.remnant_models import LowPass
-from pilotid.types import InputError
 
 
 class Colour(Enum):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pilotid.support.types import FloatArray
 from pilotid.time_domain.noise import contenders
 from pilotid.time_domain.prepare import FAR, Band, lowpass
 from pilotid.time_domain.remnant_models import (
@@ -16,7 +17,6 @@ from pilotid.time_domain.remnant_models import (
     lagged_products,
     remnant_estimate,
 )
-from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical
 

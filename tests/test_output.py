@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from pilotid.disk import strict_json
-from pilotid.document import print_blocks
 from pilotid.estimates.estimate import Estimate, Outcome, Starts, failed, symmetric_intervals
 from pilotid.estimates.parts import FrequencyResponse
 from pilotid.estimates.quantities import Quantity, abreast, quantity_tables
 from pilotid.pilot.catalogue import MODELS, SINGLE
+from pilotid.support.disk import strict_json
+from pilotid.support.document import print_blocks
 
 
 def estimate(method: str = "mine", **fields: object) -> Estimate:

@@ -23,7 +23,7 @@ from pilotid.datasets import simulate
 from pilotid.estimates.estimate import Outcome, failed
 from pilotid.estimates.loops import loops_of
 from pilotid.recordings.files import load_recording
-from pilotid.seeds import recording_rng
+from pilotid.support.numbers import recording_rng
 
 pytestmark = pytest.mark.numerical
 

@@ -16,7 +16,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pilotid.datasets import scenario_named, simulate
-from pilotid.document import svg
 from pilotid.estimates.estimate import Estimate, Outcome, failed, symmetric_intervals
 from pilotid.estimates.fitted import Fitted
 from pilotid.estimates.parts import FrequencyResponse, RemnantEstimate
@@ -27,7 +26,8 @@ from pilotid.recordings.recording import Recording
 from pilotid.report.fit import html_report
 from pilotid.show import plots
 from pilotid.show.style import OTHERS, STYLES
-from pilotid.types import FloatArray, InputError
+from pilotid.support.document import svg
+from pilotid.support.types import FloatArray, InputError
 
 
 @cache

@@ -22,7 +22,7 @@ from helpers import Run
 from pilotid.methods import METHODS, label_of, method_named, methods
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.naming.code import PluginWarning, taken
-from pilotid.types import InputError
+from pilotid.support.types import InputError
 
 HERE = Path(__file__).parent
 PACKAGE = HERE.parent / "examples" / "plugin"

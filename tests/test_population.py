@@ -24,8 +24,8 @@ from pilotid.datasets.simulation import closed_loop, lines_in, remnant_ratio, re
 from pilotid.pilot.factors import Delay, Gain
 from pilotid.pilot.loops import margins, open_loops
 from pilotid.pilot.model import Channel, PilotModel
+from pilotid.support.types import InputError
 from pilotid.theory.bounds import bounds
-from pilotid.types import InputError
 
 EXOTIC = ("band-pass", "notch", "two processes", "fractional")
 

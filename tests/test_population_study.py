@@ -20,14 +20,14 @@ from pilotid.estimates.estimate import Estimate, Outcome, symmetric_intervals
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.seeds import draw_rng, fit_rng, recording_rng
 from pilotid.study.comparison import Comparison, MethodResults, Score, comparison_of
 from pilotid.study.entries import Draw, Result, strata_of
 from pilotid.study.fits import Task, element_kind, facts_of, scenario_of
 from pilotid.study.store import Store
 from pilotid.study.study import Study
+from pilotid.support.numbers import draw_rng, fit_rng, recording_rng
+from pilotid.support.types import FloatArray, InputError
 from pilotid.theory.bounds import bounds
-from pilotid.types import FloatArray, InputError
 
 #: Short recordings of one run, so that a study of them takes seconds.
 QUICK = replace(

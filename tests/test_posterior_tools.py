@@ -9,7 +9,7 @@ from scipy import stats
 from pilotid.estimates.draws import Draws, quantiles, shortest_interval
 from pilotid.posterior.ensembles import Run, autocorrelation_times, ensembles, r_hat
 from pilotid.posterior.importance import LogDensity, StudentT, fitted, importance
-from pilotid.types import FloatArray
+from pilotid.support.types import FloatArray
 
 pytestmark = pytest.mark.numerical
 

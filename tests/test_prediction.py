@@ -24,10 +24,10 @@ from pilotid.pilot.factors import Canals
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import minimise
+from pilotid.support.types import FloatArray
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import BESIDE, predict
 from pilotid.time_domain.prepare import decimation, fast_length, prepare
-from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical
 

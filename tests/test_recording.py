@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from pilotid.recordings.recording import ABSENT, SIGNALS, Recording, joined
-from pilotid.types import FloatArray, InputError
+from pilotid.support.types import FloatArray, InputError
 
 DT = 0.05
 SAMPLES = 240  # 12 s

@@ -84,7 +84,7 @@ def codes() -> dict[str, list[str]]:
 
 
 #: What has no numbers to tell of: names for types.
-TYPES = {"pilotid.types.FloatArray", "pilotid.types.ComplexArray"}
+TYPES = {"pilotid.support.types.FloatArray", "pilotid.support.types.ComplexArray"}
 
 
 def test_all_that_is_at_the_top_is_in_the_reference() -> None:

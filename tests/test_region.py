@@ -8,19 +8,18 @@ import numpy as np
 import pytest
 from helpers import NOMINAL
 
-from pilotid.chance import CHI_SQUARED_95
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.estimates.estimate import Outcome, at_bounds
 from pilotid.methods.mle import MLE
 from pilotid.pilot.factors import Neuromuscular
 from pilotid.pilot.model import PilotModel
-from pilotid.seeds import recording_rng
 from pilotid.solve.intervals import profile_intervals
 from pilotid.solve.least_squares import Box, Minima, minimise
+from pilotid.support.numbers import CHI_SQUARED_95, recording_rng
+from pilotid.support.types import FloatArray
 from pilotid.time_domain.optimum import Optimum
 from pilotid.time_domain.profile import off_bounds, profile_about
 from pilotid.time_domain.search import maximise_likelihood
-from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical
 

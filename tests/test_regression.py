@@ -18,7 +18,7 @@ from pilotid.frequency.regression import (
     discrete_response,
     lagged_rows,
 )
-from pilotid.types import FloatArray
+from pilotid.support.types import FloatArray
 
 pytestmark = pytest.mark.numerical
 

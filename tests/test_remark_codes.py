@@ -17,8 +17,8 @@ import pytest
 from pilotid import save_recording, simulate
 from pilotid.cli.main import main
 from pilotid.naming.symbols import with_symbols
-from pilotid.remarks import CODES, OTHER, Remark, codes_in, codes_of, remark_of
-from pilotid.types import InputError
+from pilotid.support.remarks import CODES, OTHER, Remark, codes_in, codes_of, remark_of
+from pilotid.support.types import InputError
 
 ROOT = Path(__file__).parent.parent
 

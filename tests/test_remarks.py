@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from pilotid.datasets import SCENARIOS, simulate
-from pilotid.disk import strict_json
 from pilotid.estimates.applicability import one_signal
 from pilotid.estimates.draws import Draws
 from pilotid.estimates.estimate import Estimate, Outcome, symmetric_intervals
@@ -18,6 +17,7 @@ from pilotid.estimates.warnings import remarks_on
 from pilotid.methods import MLE
 from pilotid.pilot.catalogue import LEAD_LAG, MULTI, SINGLE
 from pilotid.pilot.model import PilotModel
+from pilotid.support.disk import strict_json
 
 pytestmark = pytest.mark.numerical
 

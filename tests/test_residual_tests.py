@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 from helpers import NOMINAL, PILOTS, fit_of, recording_of
 
-from pilotid.chance import chi_squared_limit
 from pilotid.datasets import SCENARIOS, Scenario
 from pilotid.datasets.population import POPULATIONS
 from pilotid.datasets.violations import Violation
 from pilotid.estimates.method import identify
-from pilotid.limits import ESTIMATE
 from pilotid.methods.mle import MLE
 from pilotid.recordings.recording import Recording
-from pilotid.remarks import codes_of
+from pilotid.support.limits import ESTIMATE
+from pilotid.support.numbers import chi_squared_limit
+from pilotid.support.remarks import codes_of
+from pilotid.support.types import FloatArray
 from pilotid.time_domain.diagnostics import (
     drift_left,
     held_share,
@@ -26,7 +27,6 @@ from pilotid.time_domain.diagnostics import (
 )
 from pilotid.time_domain.remnant_models import LowPass
 from pilotid.time_domain.search import maximise_likelihood
-from pilotid.types import FloatArray
 
 pytestmark = pytest.mark.numerical
 

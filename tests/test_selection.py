@@ -19,8 +19,8 @@ from pilotid.recordings.files import Reading, save_recording
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.selection import chosen_runs, span_of
 from pilotid.recordings.spectra import NotMultisineError, forcing_lines
-from pilotid.seeds import recording_rng
-from pilotid.types import InputError
+from pilotid.support.numbers import recording_rng
+from pilotid.support.types import InputError
 
 RECORDING: Recording = simulate(replace(NOMINAL, runs=4), recording_rng(1, "four runs"))
 

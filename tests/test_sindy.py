@@ -29,7 +29,7 @@ from pilotid.methods.sindy import Library, SINDy, ensemble_covariance, prune, un
 from pilotid.pilot.catalogue import MULTI, SINGLE
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.types import FloatArray
+from pilotid.support.types import FloatArray
 
 pytestmark = pytest.mark.numerical
 

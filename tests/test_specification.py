@@ -12,10 +12,10 @@ from pilotid.datasets import SCENARIOS, scenario_named, simulate
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.method import identify
 from pilotid.estimates.specification import Specification
-from pilotid.limits import ESTIMATE
 from pilotid.methods import method_named
 from pilotid.pilot.catalogue import MODELS
-from pilotid.seeds import start_rng
+from pilotid.support.limits import ESTIMATE
+from pilotid.support.numbers import start_rng
 
 pytestmark = pytest.mark.numerical
 

@@ -20,7 +20,7 @@ from pilotid.study.entries import (
     Unit,
 )
 from pilotid.study.store import STORE, Store
-from pilotid.types import InputError
+from pilotid.support.types import InputError
 
 NUMBERS = (("Kvis", 0.2, 0.1, 0.0, 0.4), ("tlead", 3.0, None, None, None))
 

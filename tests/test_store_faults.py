@@ -21,7 +21,7 @@ from stores import Content, changed, content_of, finish
 
 from pilotid.study.entries import Result, Unit
 from pilotid.study.store import STORE, Store
-from pilotid.types import InputError
+from pilotid.support.types import InputError
 
 HERE = str(Path(__file__).parent)
 REPORT = ("estimates.csv", "summary.csv", "report.md", "report.html")
@@ -104,7 +104,7 @@ import numpy as np
 from stores import fit
 from test_store_faults import units
 from pilotid.study.store import Store
-from pilotid.types import InputError
+from pilotid.support.types import InputError
 rng = np.random.default_rng(1)
 with Store(Path(sys.argv[1]), create=True) as store:
     resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]),) * 2)

@@ -28,7 +28,7 @@ from pilotid.study.entries import Result, Unit
 from pilotid.study.fits import Task, run_task, started
 from pilotid.study.store import FITS, STORE, Store
 from pilotid.study.study import Study, method_entry, scenario_entry
-from pilotid.types import InputError
+from pilotid.support.types import InputError
 
 STUDY = Study(("single", "starts"), ("mle-white", "fourier"), 3, 5)
 

@@ -15,14 +15,14 @@ import numpy as np
 import pytest
 from helpers import written
 
-from pilotid.document import table_rich
-from pilotid.escaping import for_html
-from pilotid.numbers import decimals, number, plus_minus, share, signed
 from pilotid.report.study import overview
 from pilotid.study.comparison import MethodResults, comparison_of
 from pilotid.study.entries import MethodEntry, ParameterTruth, Result, ScenarioEntry, Unit
 from pilotid.study.store import Store
-from pilotid.terminal import make_console
+from pilotid.support.document import table_rich
+from pilotid.support.escaping import for_html
+from pilotid.support.numbers import decimals, number, plus_minus, share, signed
+from pilotid.support.terminal import make_console
 
 KEYS = ("Kvis", "tlead", "tdvis", "Kvest", "tdvest", "fnm", "dnm")
 TRUTH = (0.17, 2.93, 0.32, 1.59, 0.29, 12.0, 0.3)

@@ -15,16 +15,16 @@ from pilotid.datasets.simulation import white_level
 from pilotid.estimates.method import identify
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.pilot.catalogue import MULTI
-from pilotid.seeds import fit_rng, recording_rng
 from pilotid.solve.covariance import hessian, sandwich_of, score_products
 from pilotid.study.study import scenario_entry
+from pilotid.support.numbers import fit_rng, recording_rng
+from pilotid.support.types import FloatArray, InputError
 from pilotid.theory.bounds import View, bounds, monic, white_limit
 from pilotid.time_domain.likelihood import PredictionErrors
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prepare import Band, decimation
 from pilotid.time_domain.remnant_models import LowPass
-from pilotid.types import FloatArray, InputError
 
 pytestmark = pytest.mark.numerical
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from timings import RATIOS, SLOWER, compared, exponents, summary_of
 
-from pilotid.numbers import number
+from pilotid.support.numbers import number
 
 ROOT = Path(__file__).parents[1]
 

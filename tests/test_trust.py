@@ -23,8 +23,8 @@ from pilotid.pilot.catalogue import ADAPTING
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import floors_of
 from pilotid.study.trust import length_factor
+from pilotid.support.types import FloatArray, InputError
 from pilotid.time_domain.remnant_models import Autoregressive, LowPass, NoiseModel
-from pilotid.types import FloatArray, InputError
 
 pytestmark = pytest.mark.numerical
 

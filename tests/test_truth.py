@@ -19,7 +19,7 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.study.fits import run_task, started
 from pilotid.study.study import Study
-from pilotid.types import InputError
+from pilotid.support.types import InputError
 
 #: What the spies were handed, by scenario.
 HANDED: list[tuple[Recording, PilotModel]] = []

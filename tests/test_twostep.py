@@ -11,7 +11,6 @@ from helpers import NOMINAL, PILOTS
 from scipy.optimize import approx_fprime
 
 from pilotid.datasets import scenario_named, simulate
-from pilotid.document import svg
 from pilotid.estimates.estimate import Outcome
 from pilotid.estimates.parts import FrequencyResponse, circular, real_parts
 from pilotid.frequency.second_step import ResponseFit, second_step
@@ -19,7 +18,8 @@ from pilotid.pilot.catalogue import MULTI, SINGLE
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.show.panels import response_figure
-from pilotid.types import ComplexArray, FloatArray
+from pilotid.support.document import svg
+from pilotid.support.types import ComplexArray, FloatArray
 
 pytestmark = pytest.mark.numerical
 

@@ -14,7 +14,7 @@ from pilotid.datasets.stepping import STEP, stepped
 from pilotid.datasets.violations import Violation
 from pilotid.recordings.recording import Recording
 from pilotid.study.fits import truths_of
-from pilotid.types import FloatArray, InputError
+from pilotid.support.types import FloatArray, InputError
 
 pytestmark = pytest.mark.numerical
 

@@ -14,8 +14,8 @@ from pilotid.recordings.files import Reading, load_recording, save_recording
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import forcing_lines
 from pilotid.recordings.windows import whole_periods
-from pilotid.remarks import codes_of
-from pilotid.types import FloatArray, InputError
+from pilotid.support.remarks import codes_of
+from pilotid.support.types import FloatArray, InputError
 
 DT = 1.0 / 60.0
 PERIOD = 1200  # samples

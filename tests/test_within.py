@@ -11,7 +11,7 @@ from tidy_rows import row
 
 from pilotid.analysis.contrasts import split_pairs, within_fits
 from pilotid.analysis.rows import Row
-from pilotid.types import InputError
+from pilotid.support.types import InputError
 
 BEFORE, AFTER = (0.4, 0.5, 0.7), (0.9, 1.3, 1.2)
 PAIR = ("tlead1", "tlead2")

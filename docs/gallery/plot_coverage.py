@@ -13,9 +13,9 @@ import numpy as np
 from scipy.special import erfc
 
 import pilotid
-from pilotid.seeds import draw_rng
 from pilotid.show.style import colour_of, journal_style, marker_of
 from pilotid.study.scores import coverage
+from pilotid.support.numbers import draw_rng
 
 METHODS = ("mle-white", "mle", "fourier")
 RECORDINGS = 20

@@ -68,6 +68,6 @@ from pilotid.recordings.files import (
 from pilotid.recordings.recording import Recording as Recording
 from pilotid.recordings.recording import joined as joined
 from pilotid.study.study import Study as Study
-from pilotid.types import InputError as InputError
+from pilotid.support.types import InputError as InputError
 
 __version__: str

@@ -20,10 +20,10 @@ from pilotid.methods import label_of, method_named
 from pilotid.pilot.catalogue import model_named
 from pilotid.pilot.element import ControlledElement, as_element
 from pilotid.pilot.model import PilotModel
-from pilotid.ranges import ranged
 from pilotid.recordings.recording import Recording
-from pilotid.seeds import DEFAULT_SEED, draw_rng, fit_rng, recording_rng
-from pilotid.types import InputError
+from pilotid.support.numbers import DEFAULT_SEED, draw_rng, fit_rng, recording_rng
+from pilotid.support.ranges import ranged
+from pilotid.support.types import InputError
 
 if TYPE_CHECKING:
     from pilotid.designing.design import Design

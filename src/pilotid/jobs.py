@@ -21,7 +21,7 @@ from threading import Lock
 from typing import Any, TypeVar
 
 from pilotid.naming.code import own_digest, reason
-from pilotid.types import InputError
+from pilotid.support.types import InputError
 
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")

@@ -29,11 +29,11 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
 from pilotid.recordings.contents import listed
 from pilotid.recordings.recording import Recording, unit_sized
-from pilotid.seeds import DEFAULT_SEED, fit_rng
+from pilotid.support.numbers import DEFAULT_SEED, fit_rng
+from pilotid.support.types import FloatArray, InputError
 from pilotid.time_domain.constancy import changes
 from pilotid.time_domain.information_criteria import Evidence, evidence
 from pilotid.time_domain.output_error import simulated_vaf
-from pilotid.types import FloatArray, InputError
 
 #: Models of the catalogue to be asked for by name.
 ASKED_FOR = (

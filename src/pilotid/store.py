@@ -17,7 +17,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Self
 
-from pilotid.types import InputError, one_line
+from pilotid.support.types import InputError, one_line
 
 STORE = "study.sqlite"
 SCHEMA = (

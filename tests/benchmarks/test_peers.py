@@ -24,10 +24,10 @@ from pilotid.pilot.catalogue import MULTI
 from pilotid.posterior.likelihood import Likelihood
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import minimise
+from pilotid.support.types import FloatArray
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.search import maximise_likelihood
-from pilotid.types import FloatArray
 
 PADE = 5
 SCRIPT = "output error of seven parameters, 4096 samples, from 40 % off"

@@ -25,8 +25,8 @@ from pilotid.estimates.method import Searching, identify
 from pilotid.methods import method_named
 from pilotid.pilot.catalogue import ADAPTING, SINGLE
 from pilotid.recordings.files import load_recording
-from pilotid.seeds import fit_rng
-from pilotid.types import FloatArray
+from pilotid.support.numbers import fit_rng
+from pilotid.support.types import FloatArray
 
 #: Conditions of the experiment in which the element changes, and in which axes.
 CHANGED = {

@@ -32,9 +32,9 @@ from pilotid.datasets.experiments import experiment_of
 from pilotid.estimates.method import identify
 from pilotid.methods import methods
 from pilotid.posterior.priors import default_prior
-from pilotid.seeds import fit_rng, recording_rng
+from pilotid.support.numbers import fit_rng, recording_rng
+from pilotid.support.types import FloatArray
 from pilotid.theory.bounds import bounds
-from pilotid.types import FloatArray
 
 METHODS = ("bayes", "bayes-white")
 SKEWED = ("Kvis", "tlead")

@@ -18,12 +18,12 @@ import numpy as np
 
 from pilotid.datasets import POPULATIONS, SCENARIOS, Scenario, simulate
 from pilotid.datasets.population import Population
-from pilotid.limits import ESTIMATE
 from pilotid.model_choice import select
 from pilotid.pilot.catalogue import SINGLE
 from pilotid.recordings.files import load_recording
 from pilotid.recordings.recording import Recording
-from pilotid.seeds import fit_rng, recording_rng
+from pilotid.support.limits import ESTIMATE
+from pilotid.support.numbers import fit_rng, recording_rng
 from pilotid.time_domain.constancy import Constancy, constancy_of
 
 CHANGING = ("adapting-slow", "adapting-fast")

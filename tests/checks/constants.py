@@ -20,15 +20,15 @@ import numpy as np
 from pilotid.datasets import simulate
 from pilotid.datasets.population import POPULATIONS
 from pilotid.methods.mle import MLE
-from pilotid.seeds import fit_rng, recording_rng, start_rng
 from pilotid.solve.least_squares import minimise
+from pilotid.support.numbers import fit_rng, recording_rng, start_rng
+from pilotid.support.types import BoolArray, FloatArray
 from pilotid.time_domain.likelihood import PredictionErrors
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prepare import analysis_band
 from pilotid.time_domain.remnant_models import LowPass
 from pilotid.time_domain.search import maximise_likelihood
 from pilotid.time_domain.settings import PROFILE
-from pilotid.types import BoolArray, FloatArray
 
 
 class RemnantAlone:

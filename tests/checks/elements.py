@@ -25,8 +25,8 @@ from pilotid.estimates.loops import loops_of
 from pilotid.estimates.method import identify
 from pilotid.methods.mle import MLE
 from pilotid.recordings.files import load_recording
-from pilotid.seeds import draw_rng, fit_rng, recording_rng
-from pilotid.types import InputError
+from pilotid.support.numbers import draw_rng, fit_rng, recording_rng
+from pilotid.support.types import InputError
 
 OMEGA = np.geomspace(0.3, 17.0, 100)
 

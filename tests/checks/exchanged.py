@@ -19,7 +19,7 @@ from pilotid.datasets import SCENARIOS, Scenario, simulate
 from pilotid.pilot.catalogue import LOOK_AHEAD
 from pilotid.pilot.element import single_integrator
 from pilotid.recordings.recording import joined
-from pilotid.types import FloatArray
+from pilotid.support.types import FloatArray
 
 NOMINAL = SCENARIOS["nominal"]
 NOMINAL = replace(NOMINAL, remnant=replace(NOMINAL.remnant, level=0.05))

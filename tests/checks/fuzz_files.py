@@ -364,7 +364,7 @@ def read_all(pipe: Connection, kind: str, seed: int, first: int, last: int, fold
     import resource
 
     from pilotid.recordings.files import load_recording
-    from pilotid.types import InputError
+    from pilotid.support.types import InputError
 
     good, originals = samples(kind), []
     path = Path(folder) / "F.mat"

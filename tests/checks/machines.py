@@ -23,7 +23,7 @@ from processors import NATIVE, Processor, runnable
 from pilotid.datasets import SCENARIOS
 from pilotid.estimates.method import identify
 from pilotid.methods import METHODS
-from pilotid.seeds import fit_rng, recording_rng
+from pilotid.support.numbers import fit_rng, recording_rng
 
 FAMILIES = ("nominal", "single", "white-remnant", "remnant-0.8", "disturbance-step", "runs-2")
 #: What the stored estimates are of: 60 fits, one and several runs, white and coloured remnants.

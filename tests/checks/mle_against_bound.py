@@ -25,7 +25,7 @@ from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.method import identify
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.seeds import fit_rng, recording_rng
+from pilotid.support.numbers import fit_rng, recording_rng
 from pilotid.theory.bounds import bounds
 
 LOOSE = ("Kvis", "tlead")

@@ -18,7 +18,7 @@ from helpers import PILOTS
 
 from pilotid.datasets import simulate
 from pilotid.model_choice import select
-from pilotid.seeds import recording_rng
+from pilotid.support.numbers import recording_rng
 
 
 def main() -> None:

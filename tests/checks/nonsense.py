@@ -26,7 +26,7 @@ from pilotid.methods import method_named
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.files import load_recording
 from pilotid.recordings.recording import Recording
-from pilotid.remarks import codes_of
+from pilotid.support.remarks import codes_of
 
 SOUND = {
     name: scenario

@@ -20,11 +20,11 @@ from pilotid.datasets import SCENARIOS, Scenario, simulate
 from pilotid.estimates.method import identify
 from pilotid.methods.mle import MLE
 from pilotid.solve.least_squares import minimise
+from pilotid.support.types import FloatArray
 from pilotid.time_domain.likelihood import PredictionErrors
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prepare import analysis_band
 from pilotid.time_domain.remnant_models import LowPass
-from pilotid.types import FloatArray
 
 SAME = 0.5  # units of the deviance
 

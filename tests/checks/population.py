@@ -30,12 +30,12 @@ from pilotid.datasets.population import POPULATIONS
 from pilotid.estimates.estimate import Outcome
 from pilotid.estimates.method import identify
 from pilotid.methods import method_named
-from pilotid.seeds import fit_rng, recording_rng, start_rng
 from pilotid.solve.search import draw_starts
 from pilotid.study.comparison import WRONG
 from pilotid.study.fits import excess_of
+from pilotid.support.numbers import fit_rng, recording_rng, start_rng
+from pilotid.support.types import BoolArray, FloatArray
 from pilotid.theory.bounds import bounds
-from pilotid.types import BoolArray, FloatArray
 
 TRIMMED = 0.01
 

@@ -30,7 +30,7 @@ from pilotid.pilot.factors import Gain, Lead
 from pilotid.pilot.model import Channel
 from pilotid.recordings.recording import Recording, joined
 from pilotid.show.style import draw_grid, journal_style, log_ticks
-from pilotid.types import FloatArray
+from pilotid.support.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -26,10 +26,10 @@ from pilotid.methods import method_named
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.detectors import findings
 from pilotid.recordings.recording import Recording
-from pilotid.remarks import remark_of
-from pilotid.seeds import fit_rng, recording_rng, start_rng
 from pilotid.study.comparison import WRONG
-from pilotid.types import FloatArray, InputError
+from pilotid.support.numbers import fit_rng, recording_rng, start_rng
+from pilotid.support.remarks import remark_of
+from pilotid.support.types import FloatArray, InputError
 
 Fault = Callable[[Recording, np.random.Generator], Recording]
 ALL = ("e", "u", "x", "ft", "fd")

@@ -28,8 +28,8 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.files import load_recording
 from pilotid.recordings.recording import Recording
-from pilotid.remarks import Remark, remark_of
-from pilotid.seeds import draw_rng, fit_rng, recording_rng
+from pilotid.support.numbers import draw_rng, fit_rng, recording_rng
+from pilotid.support.remarks import Remark, remark_of
 
 SEED = 1
 STEPPED = "stepped"

@@ -9,11 +9,11 @@ import argparse
 from pathlib import Path
 
 from pilotid.datasets import scenario_named, simulate
-from pilotid.document import svg
 from pilotid.estimates.method import identify
 from pilotid.methods import methods
-from pilotid.seeds import fit_rng, recording_rng
 from pilotid.show.panels import response_figure
+from pilotid.support.document import svg
+from pilotid.support.numbers import fit_rng, recording_rng
 
 SCENARIO = "nominal"
 FILE = Path(__file__).parents[2] / "docs" / "responses.svg"

@@ -21,8 +21,8 @@ from pilotid.estimates.draws import Draws
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.method import identify
 from pilotid.methods.bayes import Bayes
-from pilotid.seeds import fit_rng, recording_rng
-from pilotid.types import FloatArray
+from pilotid.support.numbers import fit_rng, recording_rng
+from pilotid.support.types import FloatArray
 
 NOMINAL = SCENARIOS["nominal"]
 METHOD = Bayes()

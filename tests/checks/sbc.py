@@ -29,9 +29,9 @@ from pilotid.estimates.method import identify
 from pilotid.methods.bayes import Bayes
 from pilotid.pilot.loops import unstable_poles
 from pilotid.posterior.priors import LogNormal
-from pilotid.seeds import fit_rng, recording_rng
+from pilotid.support.numbers import fit_rng, recording_rng
+from pilotid.support.types import FloatArray
 from pilotid.time_domain.remnant_models import LowPass
-from pilotid.types import FloatArray
 
 NOMINAL = SCENARIOS["nominal"]
 SPREAD = 0.15  # of the pilot's parameters, on the logarithmic scale

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from pilotid.recordings.recording import Recording
-from pilotid.types import FloatArray
+from pilotid.support.types import FloatArray
 
 STEP = 0.001  # s, of Heun's rule
 RUN_IN, MEASURED = 8.0, 90.0  # s

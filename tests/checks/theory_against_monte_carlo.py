@@ -21,9 +21,9 @@ from pilotid.datasets.forcing import PERIOD
 from pilotid.datasets.remnant import Remnant
 from pilotid.estimates.method import identify
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.seeds import fit_rng, recording_rng
+from pilotid.support.numbers import fit_rng, recording_rng
+from pilotid.support.types import FloatArray
 from pilotid.theory.bounds import white_limit
-from pilotid.types import FloatArray
 
 REMNANTS = {
     "second order, 3.5 rad/s, 0.7": Remnant(2, 3.5, 0.7, 0.15, "ratio"),

@@ -25,8 +25,8 @@ from pilotid.datasets import scenario_named, simulate
 from pilotid.pilot.model import Channel
 from pilotid.recordings.files import save_recording
 from pilotid.study.study import Study
-from pilotid.terminal import with_bar
-from pilotid.types import InputError
+from pilotid.support.terminal import with_bar
+from pilotid.support.types import InputError
 
 RECORDING = simulate(scenario_named("single"), np.random.default_rng(1))
 FIT = ("--model", "single", "--method", "mle-white")
@@ -191,7 +191,7 @@ def test_a_long_job_says_so_once(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     ticks = iter(range(0, 10**6, 30))
-    monkeypatch.setattr("pilotid.terminal.time.monotonic", lambda: float(next(ticks)))
+    monkeypatch.setattr("pilotid.support.terminal.time.monotonic", lambda: float(next(ticks)))
     assert list(with_bar(range(100), "fitting", 100)) == list(range(100))
     assert "about 50 min more" in capsys.readouterr().err
 

@@ -14,7 +14,7 @@ from pilotid.estimates.estimate import (
 )
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.types import FloatArray
+from pilotid.support.types import FloatArray
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,6 @@ from pilotid.analysis.performance import lines_shared, performance_content, perf
 from pilotid.analysis.recordings import Excluded, Part
 from pilotid.analysis.responses import responses_of
 from pilotid.analysis.rows import CONDITION, SUBJECT, Row, grouped, in_order
-from pilotid.disk import make_folder, write_file
 from pilotid.element.fit import chosen_element
 from pilotid.estimates.estimate import Outcome, failed
 from pilotid.estimates.fitted import Fitted, fit_all
@@ -42,11 +41,12 @@ from pilotid.recordings.checks import remarks
 from pilotid.recordings.detectors import copies_among, fingerprints
 from pilotid.recordings.files import Reading
 from pilotid.recordings.selection import stem_of
-from pilotid.remarks import Remark, remark_of
 from pilotid.store import Key, Rows
 from pilotid.study.entries import number
-from pilotid.terminal import with_bar
-from pilotid.types import InputError, one_line
+from pilotid.support.disk import make_folder, write_file
+from pilotid.support.remarks import Remark, remark_of
+from pilotid.support.terminal import with_bar
+from pilotid.support.types import InputError, one_line
 
 #: The folder of the recordings' pages.
 PAGES = "recordings"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pilotid.types import FloatArray
+from pilotid.support.types import FloatArray
 
 NAN = math.nan
 #: Differences are equal if they scatter by no more than the rounding of what they are made of.

@@ -24,13 +24,13 @@ from pilotid.analysis.rows import grouped
 from pilotid.estimates.method import Method, identify
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.seeds import fit_rng
 from pilotid.study.entries import number
+from pilotid.support.numbers import fit_rng
+from pilotid.support.types import FloatArray
 from pilotid.time_domain.output_error import OutputErrors, simulated_vaf
 from pilotid.time_domain.prediction import Prediction, predict
 from pilotid.time_domain.prepare import analysis_band
 from pilotid.time_domain.remnant_models import best_noise_model
-from pilotid.types import FloatArray
 
 BAND = 50.0  # analysis band of the likelihood [rad/s], that of `mle`
 COLUMNS = ("run", "model", "method", "outcome", "vaf", "log_likelihood", "seconds")

@@ -15,19 +15,19 @@ from pilotid.analysis.recordings import Pattern, excluded_of, parts_of
 from pilotid.analysis.results import Results, results_of
 from pilotid.analysis.rows import CONDITION, in_order
 from pilotid.analysis.tables import ESTIMATES, TABLES, table_cells, write_tables
-from pilotid.document import Bullets, Table, blocks_text
 from pilotid.estimates.method import Method
 from pilotid.methods import label_of, method_named
-from pilotid.outputs import require_folder
 from pilotid.pilot.catalogue import AUTO, MODELS, model_named, with_held
 from pilotid.pilot.element import ControlledElement, as_element
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.files import Reading, read_with
 from pilotid.recordings.selection import span_of
-from pilotid.remarks import codes_in
-from pilotid.seeds import DEFAULT_SEED
 from pilotid.study.study import about_this
-from pilotid.types import InputError
+from pilotid.support.disk import require_folder
+from pilotid.support.document import Bullets, Table, blocks_text
+from pilotid.support.numbers import DEFAULT_SEED
+from pilotid.support.remarks import codes_in
+from pilotid.support.types import InputError
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -18,10 +18,10 @@ import numpy as np
 from pilotid.analysis.combine import NAN, ROUNDING
 from pilotid.analysis.contrasts import is_across
 from pilotid.analysis.rows import Chosen, Layout, Row, Stratum, in_order, layouts
-from pilotid.disk import require_file
 from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.model import PilotModel
-from pilotid.types import FloatArray, InputError
+from pilotid.support.disk import require_file
+from pilotid.support.types import FloatArray, InputError
 
 #: Level of each condition, by factor.
 Factors = Mapping[str, Mapping[str, str]]

@@ -17,8 +17,8 @@ from pilotid.analysis.recordings import Part
 from pilotid.analysis.rows import MEASURED, Row
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import known_lines
-from pilotid.remarks import Remark
-from pilotid.types import FloatArray, IntArray
+from pilotid.support.remarks import Remark
+from pilotid.support.types import FloatArray, IntArray
 
 #: What variances are made of, and the signal that has each.
 SOURCES = {"target": "ft", "disturbance": "fd"}

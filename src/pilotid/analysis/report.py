@@ -36,9 +36,9 @@ from pilotid.analysis.responses import LINES, Response
 from pilotid.analysis.results import Results
 from pilotid.analysis.rows import MEASURED, SUBJECT, grouped
 from pilotid.analysis.spread import spread_sentence
-from pilotid.document import Block, Bullets, Command, Figure, Section, Text, write_page
 from pilotid.estimates.estimate import Outcome
-from pilotid.limits import ESTIMATE
+from pilotid.support.document import Block, Bullets, Command, Figure, Section, Text, write_page
+from pilotid.support.limits import ESTIMATE
 
 TITLE = "Pilot models of recorded subjects"
 MOST = 6  # differences that the summary names

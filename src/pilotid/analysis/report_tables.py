@@ -24,12 +24,12 @@ from pilotid.analysis.rows import (
     layouts,
     mean_and_spread,
 )
-from pilotid.document import Column, Table, table_latex, table_of
-from pilotid.limits import ESTIMATE
 from pilotid.naming.symbols import symbol
-from pilotid.numbers import NONE, number, p_value, percent, plus_minus, to_error, unsigned
-from pilotid.remarks import GRADES, OF_STICK, Remark, counted_grades, gravest_first
-from pilotid.types import printable
+from pilotid.support.document import Column, Table, table_latex, table_of
+from pilotid.support.limits import ESTIMATE
+from pilotid.support.numbers import NONE, number, p_value, percent, plus_minus, to_error, unsigned
+from pilotid.support.remarks import GRADES, OF_STICK, Remark, counted_grades, gravest_first
+from pilotid.support.types import printable
 
 #: Pairs of conditions of which all differences are shown at once.
 FEW = 3

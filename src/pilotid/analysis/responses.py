@@ -12,7 +12,7 @@ from pilotid.estimates.loops import NAMES
 from pilotid.estimates.parts import FrequencyResponse
 from pilotid.pilot.loops import open_loops
 from pilotid.show.responses import fitted_response, loop_errors
-from pilotid.types import ComplexArray, FloatArray
+from pilotid.support.types import ComplexArray, FloatArray
 
 #: Frequencies of fitted responses [rad/s].
 OMEGA = np.geomspace(0.2, 20.0, 40)

@@ -18,7 +18,7 @@ from pilotid.analysis.spread import (
     run_spreads,
     with_variation,
 )
-from pilotid.types import InputError
+from pilotid.support.types import InputError
 
 #: Columns of contrasts.csv behind those of the stratum's fields.
 CONTRAST_COLUMNS = (

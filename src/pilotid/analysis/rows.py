@@ -10,8 +10,8 @@ from typing import TypeVar
 import numpy as np
 
 from pilotid.analysis.combine import plain_mean
-from pilotid.chance import Z95
 from pilotid.estimates.estimate import Outcome
+from pilotid.support.numbers import Z95
 
 T = TypeVar("T")
 K = TypeVar("K", bound=Hashable)

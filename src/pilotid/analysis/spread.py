@@ -16,8 +16,8 @@ import numpy as np
 
 from pilotid.analysis.combine import NAN, Ratio, random_effects, ratio_of
 from pilotid.analysis.rows import Row, grouped
-from pilotid.chance import Z95
-from pilotid.types import FloatArray
+from pilotid.support.numbers import Z95
+from pilotid.support.types import FloatArray
 
 #: Chance of a run being left out though it is like the others, for each recording and parameter.
 LEFT_OUT = 0.01

@@ -20,7 +20,7 @@ from pilotid.analysis.results import (
     table_of,
 )
 from pilotid.analysis.rows import Row
-from pilotid.disk import table_bytes, write_file
+from pilotid.support.disk import table_bytes, write_file
 
 ESTIMATES, MODELS, LOOPS, CONTRASTS = "estimates.csv", "models.csv", "loops.csv", "contrasts.csv"
 RUNS, LEFT_OUT, FACTORS, FRF = "runs.csv", "left_out.csv", "factors.csv", "frf.csv"

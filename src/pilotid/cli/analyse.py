@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from pilotid.cli import options
-from pilotid.document import print_blocks
 from pilotid.recordings.files import Reading
-from pilotid.seeds import DEFAULT_SEED
-from pilotid.terminal import make_console
+from pilotid.support.document import print_blocks
+from pilotid.support.numbers import DEFAULT_SEED
+from pilotid.support.terminal import make_console
 
 
 def analyse(

@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 from pilotid.cli import options
-from pilotid.document import Text, print_blocks
 from pilotid.naming.settings import split_list
 from pilotid.pilot.catalogue import model_named
 from pilotid.pilot.element import element_named
 from pilotid.recordings.files import Reading
-from pilotid.remarks import codes_in
 from pilotid.report.check import check_all, summary_of
-from pilotid.terminal import make_console
+from pilotid.support.document import Text, print_blocks
+from pilotid.support.remarks import codes_in
+from pilotid.support.terminal import make_console
 
 
 def check(

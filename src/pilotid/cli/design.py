@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from pilotid.cli.options import numbers_in, typed_command
-from pilotid.outputs import require_folder
-from pilotid.terminal import make_console
-from pilotid.types import InputError
+from pilotid.support.disk import require_folder
+from pilotid.support.terminal import make_console
+from pilotid.support.types import InputError
 
 
 def design(
@@ -28,7 +28,7 @@ def design(
     from pilotid.designing.design import design as designed
     from pilotid.designing.design import scenario_of_fit, write_files
     from pilotid.designing.report import error_table, sentences, write_report
-    from pilotid.document import Bullets, print_blocks
+    from pilotid.support.document import Bullets, print_blocks
 
     read = [Path(path) for path in (scenario, estimates) if path is not None]
     require_folder(out, ("design.json", "forcing.csv", "report.html"), read, force=force)

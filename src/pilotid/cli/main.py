@@ -24,23 +24,22 @@ from pilotid.cli.check import check
 from pilotid.cli.design import design
 from pilotid.cli.posterior import posterior
 from pilotid.cli.running import STATUS, announce, heeding_interruptions
-from pilotid.disk import strict_json, write_file
 from pilotid.estimates.applicability import refusal
 from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.method import Method
 from pilotid.naming.code import PluginWarning
 from pilotid.naming.settings import labelled, split_list
-from pilotid.outputs import require_free
 from pilotid.pilot.catalogue import AUTO, MODELS, model_named, with_held
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.files import Reading, read_with, save_recording
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.text import sidecar_path
-from pilotid.remarks import OF_STICK, codes_in
-from pilotid.seeds import DEFAULT_SEED, draw_rng, recording_rng
-from pilotid.terminal import make_console, show_page, show_warning, with_bar
-from pilotid.types import InputError, one_line
+from pilotid.support.disk import require_free, strict_json, write_file
+from pilotid.support.numbers import DEFAULT_SEED, draw_rng, recording_rng
+from pilotid.support.remarks import OF_STICK, codes_in
+from pilotid.support.terminal import make_console, show_page, show_warning, with_bar
+from pilotid.support.types import InputError, one_line
 
 app = typer.Typer(
     help="Identify pilot models from tracking recordings with every standard method.",

@@ -15,18 +15,18 @@ from typing import Annotated, Any, get_args, get_type_hints
 
 import typer
 
-from pilotid import outputs
 from pilotid.cli.running import StoppedError
-from pilotid.disk import require_file, strict_json, write_file
 from pilotid.estimates.method import Method
 from pilotid.methods import label_of, method_named, methods
 from pilotid.naming.settings import split_list
 from pilotid.pilot.catalogue import AUTO, model_named
 from pilotid.pilot.model import PilotModel
-from pilotid.ranges import ARGUMENTS, ranged
 from pilotid.recordings.files import Reading, read_with
 from pilotid.recordings.recording import Recording
-from pilotid.types import FloatArray, InputError
+from pilotid.support import disk
+from pilotid.support.disk import require_file, strict_json, write_file
+from pilotid.support.ranges import ARGUMENTS, ranged
+from pilotid.support.types import FloatArray, InputError
 
 #: Metavar and help of arguments and options by name, or by command and name where a command means
 #: something of its own.
@@ -219,7 +219,7 @@ def read_truth(path: Path, model: PilotModel) -> FloatArray:
 def require_free(inputs: Sequence[Path], *targets: str | Path | None, force: bool) -> None:
     """Refuse, before any work is done, files to write that must stay as they are."""
     named = [Path(t) for t in targets if t is not None and t != "-"]
-    outputs.require_free(named, read_with(inputs), force=force)
+    disk.require_free(named, read_with(inputs), force=force)
 
 
 def raise_refused(refused: Sequence[str]) -> None:

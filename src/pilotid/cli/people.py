@@ -8,9 +8,9 @@ from pathlib import Path
 
 from pilotid.cli import options
 from pilotid.datasets.people import PEOPLE, fetch, recordings_in
-from pilotid.document import Bullets, Text, print_blocks
 from pilotid.recordings.files import Reading
-from pilotid.terminal import make_console
+from pilotid.support.document import Bullets, Text, print_blocks
+from pilotid.support.terminal import make_console
 
 #: Methods that are compared on people where none is named.
 USUAL = ("mle", "mle-white", "mle-reference", "fourier", "arx", "mmle3")

@@ -8,17 +8,16 @@ from dataclasses import replace
 from pathlib import Path
 
 from pilotid.cli import options
-from pilotid.disk import path_shown
-from pilotid.outputs import require_folder
 from pilotid.pilot.catalogue import AUTO, model_named
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.files import Reading, read_with
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.selection import stem_of
-from pilotid.seeds import DEFAULT_SEED, fit_rng
-from pilotid.terminal import make_console
-from pilotid.types import InputError
+from pilotid.support.disk import path_shown, require_folder
+from pilotid.support.numbers import DEFAULT_SEED, fit_rng
+from pilotid.support.terminal import make_console
+from pilotid.support.types import InputError
 
 #: What is written into a folder, beside figures.
 FILES = ("report.html", "draws.npy", "summary.csv", "estimate.json")
@@ -101,7 +100,7 @@ def infer(
     )
     from pilotid.recordings.checks import remarks
     from pilotid.report.posterior import print_posterior, write_posterior
-    from pilotid.terminal import share_bar
+    from pilotid.support.terminal import share_bar
 
     method = Bayes(sampler="emcee")
     if white:

@@ -12,7 +12,7 @@ from threading import current_thread, main_thread
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from pilotid.terminal import make_console
+from pilotid.support.terminal import make_console
 
 if TYPE_CHECKING:
     from pilotid.recordings.recording import Recording

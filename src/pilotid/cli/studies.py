@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from pilotid import outputs
 from pilotid.cli import options
 from pilotid.pilot.catalogue import AUTO
 from pilotid.pilot.element import element_named
 from pilotid.recordings.files import Reading, load_recording, read_with
-from pilotid.seeds import DEFAULT_SEED
-from pilotid.terminal import make_console, show_page
-from pilotid.types import InputError
+from pilotid.support import disk
+from pilotid.support.numbers import DEFAULT_SEED
+from pilotid.support.terminal import make_console, show_page
+from pilotid.support.types import InputError
 
 if TYPE_CHECKING:
     from pilotid.datasets import Scenario
@@ -70,7 +70,7 @@ def compare(
     tried = options.names_of(method, list(methods()), list(methods()))
     count = replications or count
     study = Study([*like_it, *names], tried, count, seed)
-    outputs.require_folder(out, TABLES, read_with([like] if like else []), force=force)
+    disk.require_folder(out, TABLES, read_with([like] if like else []), force=force)
     with Store(out, create=True) as store, options.resumable(store.path):
         pending = study.enter(store, mix=mix, retry=retry_failed)
         held = study.size - pending.total
@@ -92,14 +92,14 @@ def report(folder: Path, *, out: Path | None = None, force: bool = False) -> Non
 
     with Store(folder) as store:
         if out is not None:
-            outputs.require_folder(out, TABLES, force=force)
+            disk.require_folder(out, TABLES, force=force)
         _finish(out or folder, store)
 
 
 def _finish(folder: Path, store: Store, *, plot: bool = False) -> None:
-    from pilotid.document import Bullets, print_blocks
     from pilotid.report.study import compared, overview, write_report
     from pilotid.study.comparison import comparison_of
+    from pilotid.support.document import Bullets, print_blocks
 
     study = comparison_of(store)
     study.write_tables(folder)
@@ -112,8 +112,8 @@ def _finish(folder: Path, store: Store, *, plot: bool = False) -> None:
 
 def compare_studies(first: Path, second: Path) -> None:
     """Ratios of losses on the recordings of two studies, the second over the first."""
-    from pilotid.document import Bullets, Column, Table, print_blocks
     from pilotid.study.changes import Change, find_changes, read_study
+    from pilotid.support.document import Bullets, Column, Table, print_blocks
 
     found, left_out = find_changes(read_study(first), read_study(second))
     columns: list[Column[Change]] = [
@@ -159,13 +159,13 @@ def trust(
     """
     from pilotid.cli.running import with_progress
     from pilotid.datasets.named import model_place
-    from pilotid.document import Bullets, print_blocks
     from pilotid.methods import methods
     from pilotid.report.study import overview, write_report
     from pilotid.report.trust import advice, trust_table
     from pilotid.study.trust import TRUST, UNKNOWN, trial_of
+    from pilotid.support.document import Bullets, print_blocks
 
-    outputs.require_folder(out, TABLES, read_with(files), force=force)
+    disk.require_folder(out, TABLES, read_with(files), force=force)
     recordings, _ = reading.all(files, joint=len(files) > 1)
     recording = recordings[0]
     if element is not None:

@@ -24,14 +24,14 @@ from pilotid.datasets.remnant import UNIT_LEVEL, Remnant, TabulatedRemnant
 from pilotid.datasets.scenarios import NOMINAL, Scenario
 from pilotid.datasets.simulation import closed_loop, white_level
 from pilotid.designing.optimum import least
-from pilotid.disk import require_file, strict_json, table_bytes, write_file
 from pilotid.naming.settings import name_of
 from pilotid.pilot.catalogue import model_named
 from pilotid.pilot.element import element_named
-from pilotid.seeds import DEFAULT_SEED, draw_rng
+from pilotid.support.disk import require_file, strict_json, table_bytes, write_file
+from pilotid.support.numbers import DEFAULT_SEED, draw_rng
+from pilotid.support.types import ComplexArray, FloatArray, InputError
 from pilotid.theory.bounds import GRID, LineInformation, line_information
 from pilotid.time_domain.settings import PROFILE
-from pilotid.types import ComplexArray, FloatArray, InputError
 
 #: Largest share of a signal's power at a line, or the reference's share where that is more, and
 #: the least, of the reference's share: without them few lines have all the power, whose crest

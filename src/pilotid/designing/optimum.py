@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from pilotid.types import FloatArray, InputError
+from pilotid.support.types import FloatArray, InputError
 
 TOLERANCE = 1e-10  # of the solver: lines of little power lie near their limits
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pilotid.designing.design import Design, sines_of
-from pilotid.document import Bullets, Command, Figure, Section, Table, table_of, write_page
-from pilotid.numbers import number
 from pilotid.show.style import draw_grid, journal_figure, log_ticks, with_unit
+from pilotid.support.document import Bullets, Command, Figure, Section, Table, table_of, write_page
+from pilotid.support.numbers import number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing

@@ -15,16 +15,16 @@ from itertools import groupby
 
 import numpy as np
 
-from pilotid.chance import Z95
 from pilotid.element.forms import FORMS, Form
 from pilotid.element.search import UNNOTICED, FormFit, Spectra, fitted_form, spectra_of
 from pilotid.estimates.loops import LoopElement
 from pilotid.estimates.quantities import Quantity
-from pilotid.limits import ELEMENT
 from pilotid.pilot.element import ControlledElement, parsed_element
 from pilotid.recordings.recording import Recording, remembered
-from pilotid.remarks import Remark
-from pilotid.types import FloatArray
+from pilotid.support.limits import ELEMENT
+from pilotid.support.numbers import Z95
+from pilotid.support.remarks import Remark
+from pilotid.support.types import FloatArray
 
 LARGEST = 1e100  # of a gain, whose square must not overflow
 #: Where loops cross over [rad/s].

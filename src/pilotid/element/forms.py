@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pilotid.pilot.element import ControlledElement
-from pilotid.types import ComplexArray, FloatArray
+from pilotid.support.types import ComplexArray, FloatArray
 
 LONG = 9  # decimals, or zeros, that are written out
 DIFFERENCE = 1e-7  # relative step of the differences

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from pilotid.element.forms import Form, differences
-from pilotid.types import ComplexArray, FloatArray, IntArray
+from pilotid.support.types import ComplexArray, FloatArray, IntArray
 
 #: Relative error below which two responses count as one: nobody misses it, and few recordings
 #: are better than that, as signals are held, integrated and stored.

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from pilotid.limits import SIGNAL
 from pilotid.pilot.element import parsed_element
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
 from pilotid.recordings.contents import listed
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import NotMultisineError, at_lines, forcing_lines, told_apart
-from pilotid.types import FloatArray, InputError
+from pilotid.support.limits import SIGNAL
+from pilotid.support.types import FloatArray, InputError
 
 CLEAR = 4.0  # times its noise that an extra signal's power at lines must be
 #: What to do where channels cannot be told apart.

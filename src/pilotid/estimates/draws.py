@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pilotid.types import BoolArray, FloatArray
+from pilotid.support.types import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     from arviz_base import DataTree

@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pilotid.chance import Z95
-from pilotid.document import Text, blocks_html, blocks_text
 from pilotid.estimates.draws import Draws
 from pilotid.estimates.loops import Loops, loops_of
 from pilotid.estimates.parts import AnalysedBand, FrequencyResponse, RemnantEstimate
@@ -26,8 +24,10 @@ from pilotid.estimates.quantities import (
 from pilotid.estimates.specification import Specification
 from pilotid.pilot.element import ControlledElement, as_element
 from pilotid.pilot.model import PilotModel
-from pilotid.remarks import remarks_json
-from pilotid.types import BoolArray, FloatArray, InputError
+from pilotid.support.document import Text, blocks_html, blocks_text
+from pilotid.support.numbers import Z95
+from pilotid.support.remarks import remarks_json
+from pilotid.support.types import BoolArray, FloatArray, InputError
 
 if TYPE_CHECKING:
     from control import TransferFunction

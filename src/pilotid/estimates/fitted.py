@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pilotid.document import Bullets, Table, Text, print_blocks
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.loops import LoopElement, Loops, loops_of
 from pilotid.estimates.method import Method, identify
@@ -24,10 +23,11 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import NotMultisineError, forcing_sines
-from pilotid.remarks import Remark, gravest_first, remark_of, remarks_json, without
-from pilotid.seeds import fit_rng
-from pilotid.terminal import show_warning
-from pilotid.types import one_line
+from pilotid.support.document import Bullets, Table, Text, print_blocks
+from pilotid.support.numbers import fit_rng
+from pilotid.support.remarks import Remark, gravest_first, remark_of, remarks_json, without
+from pilotid.support.terminal import show_warning
+from pilotid.support.types import one_line
 
 if TYPE_CHECKING:
     from rich.console import Console

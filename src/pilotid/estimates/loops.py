@@ -12,10 +12,8 @@ from typing import Protocol
 
 import numpy as np
 
-from pilotid.chance import Z95
 from pilotid.estimates.draws import Draws, spread_of
 from pilotid.estimates.quantities import Quantity, quantity_of
-from pilotid.limits import ESTIMATE, SIGNAL
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.loops import (
     GRID,
@@ -29,8 +27,10 @@ from pilotid.pilot.loops import (
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import motionless
 from pilotid.recordings.recording import Recording
-from pilotid.remarks import Remark, remarks_json
-from pilotid.types import ComplexArray, FloatArray
+from pilotid.support.limits import ESTIMATE, SIGNAL
+from pilotid.support.numbers import Z95
+from pilotid.support.remarks import Remark, remarks_json
+from pilotid.support.types import ComplexArray, FloatArray
 
 NAMES = ("target", "disturbance")
 COARSE = GRID[:: len(GRID) // 1000]  # for many sets of parameters

@@ -21,9 +21,9 @@ from pilotid.estimates.parts import AnalysedBand, FrequencyResponse, RemnantEsti
 from pilotid.estimates.warnings import all_remarks
 from pilotid.naming.code import reason
 from pilotid.pilot.model import PilotModel
-from pilotid.ranges import require_settings
 from pilotid.recordings.recording import Recording, unit_sized
-from pilotid.types import FloatArray, InputError, one_line
+from pilotid.support.ranges import require_settings
+from pilotid.support.types import FloatArray, InputError, one_line
 
 #: The environment variable that asks for tracebacks of methods that raise.
 TRACEBACK = "PILOTID_TRACEBACK"

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pilotid.types import ComplexArray, FloatArray
+from pilotid.support.types import ComplexArray, FloatArray
 
 NOTHING = np.zeros(0)
 

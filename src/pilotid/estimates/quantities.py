@@ -8,13 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pilotid.chance import Z95
-from pilotid.document import Column, Table
 from pilotid.estimates.draws import Draws, Spread, spread_of
-from pilotid.limits import ESTIMATE
 from pilotid.naming.symbols import symbol
-from pilotid.numbers import decimals
-from pilotid.types import BoolArray, FloatArray
+from pilotid.support.document import Column, Table
+from pilotid.support.limits import ESTIMATE
+from pilotid.support.numbers import Z95, decimals
+from pilotid.support.types import BoolArray, FloatArray
 
 LARGEST = 100.0  # standard error of a logarithm; exp of twice as much is a number still
 

@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from pilotid.limits import ESTIMATE
-from pilotid.remarks import Grade, Remark
-from pilotid.types import FloatArray
+from pilotid.support.limits import ESTIMATE
+from pilotid.support.remarks import Grade, Remark
+from pilotid.support.types import FloatArray
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Warnings about an estimate, whatever its method; see `pilotid.remarks.CODES`."""
+"""Warnings about an estimate, whatever its method; see `pilotid.support.remarks.CODES`."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pilotid.chance import Z95
 from pilotid.estimates.applicability import one_signal, shared_signals
 from pilotid.estimates.estimate import Estimate, Outcome, at_bounds
-from pilotid.limits import ESTIMATE
 from pilotid.pilot.factors import Factor, Lag, Lead, Neuromuscular, Parameter
 from pilotid.pilot.timevarying import STEEP
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import known_lines
-from pilotid.remarks import Remark, remark_of
-from pilotid.types import ComplexArray, FloatArray
+from pilotid.support.limits import ESTIMATE
+from pilotid.support.numbers import Z95
+from pilotid.support.remarks import Remark, remark_of
+from pilotid.support.types import ComplexArray, FloatArray
 
 #: Codes of what a recording leaves open, which is no fault of recording, model or fit.
 OPEN = (

@@ -17,8 +17,8 @@ import numpy as np
 
 from pilotid.estimates.parts import FrequencyResponse, real_parts
 from pilotid.pilot.model import PilotModel
+from pilotid.support.types import ComplexArray, FloatArray, IntArray
 from pilotid.time_domain.prediction import Prediction
-from pilotid.types import ComplexArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)

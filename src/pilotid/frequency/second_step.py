@@ -19,7 +19,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from pilotid.chance import Z95, chi_squared_limit
 from pilotid.estimates.estimate import Estimate, Outcome, failed, outcome_of
 from pilotid.estimates.parts import FrequencyResponse, real_parts
 from pilotid.pilot.model import PilotModel
@@ -28,9 +27,10 @@ from pilotid.solve.covariance import covariance_of
 from pilotid.solve.intervals import profile_intervals
 from pilotid.solve.least_squares import Problem, minimise
 from pilotid.solve.search import search
+from pilotid.support.numbers import Z95, chi_squared_limit
+from pilotid.support.types import FloatArray
 from pilotid.time_domain.output_error import OutputErrors, make_estimate, record
 from pilotid.time_domain.prediction import Prediction
-from pilotid.types import FloatArray
 
 #: Combinations of responses whose variance is this far below the largest one are taken for
 #: known by construction only, and left out.

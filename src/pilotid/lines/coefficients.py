@@ -10,7 +10,7 @@ from pilotid.estimates.parts import FrequencyResponse, circular
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import coefficients_at, forcing_lines
-from pilotid.types import BoolArray, ComplexArray, FloatArray, IntArray
+from pilotid.support.types import BoolArray, ComplexArray, FloatArray, IntArray
 
 #: Least power of the remnant at a line as a share of the control's there: far below what
 #: any recording resolves, it keeps weights finite without a remnant.

@@ -27,7 +27,7 @@ from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import floors_of
 from pilotid.solve.least_squares import Minima, Problem, minimise, solve_linear
 from pilotid.solve.search import search
-from pilotid.types import BoolArray, ComplexArray, FloatArray
+from pilotid.support.types import BoolArray, ComplexArray, FloatArray
 
 #: Share of the inputs' power at a line that must be no noise of the recorder.
 CLEAR = 0.95

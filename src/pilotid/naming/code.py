@@ -26,7 +26,7 @@ from typing import Any, ClassVar
 from zlib import crc32
 
 from pilotid.naming.settings import configured, split_call
-from pilotid.types import InputError
+from pilotid.support.types import InputError
 
 #: ``file.py:NAME`` or ``package.module:NAME``; a drive letter is no such thing.
 PLACE = re.compile(r"(?P<module>.{2,}):(?P<name>[^\W\d]\w*(\.[^\W\d]\w*)*)", re.DOTALL)

@@ -23,8 +23,8 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 import numpy as np
 
-from pilotid.ranges import require_settings
-from pilotid.types import InputError
+from pilotid.support.ranges import require_settings
+from pilotid.support.types import InputError
 
 T = TypeVar("T")
 NOTHING = dataclasses.MISSING

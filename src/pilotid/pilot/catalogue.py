@@ -30,7 +30,7 @@ from pilotid.pilot.factors import (
 )
 from pilotid.pilot.model import Channel, PilotModel
 from pilotid.pilot.timevarying import Changing
-from pilotid.types import FloatArray, InputError
+from pilotid.support.types import FloatArray, InputError
 
 
 def _visual(*factors: Factor | Changing) -> Channel:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pilotid.types import ComplexArray, FloatArray, InputError
+from pilotid.support.types import ComplexArray, FloatArray, InputError
 
 if TYPE_CHECKING:
     import control

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from pilotid.pilot.element import ControlledElement, Rational, pade
-from pilotid.types import ComplexArray, FloatArray, InputError
+from pilotid.support.types import ComplexArray, FloatArray, InputError
 
 #: Parameters of a factor: one array each, which broadcasts against s, so that many
 #: parameter sets are evaluated at once with arrays of shape (sets, 1).

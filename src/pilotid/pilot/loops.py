@@ -17,7 +17,7 @@ import numpy as np
 
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import INPUTS, PilotModel
-from pilotid.types import BoolArray, ComplexArray, FloatArray
+from pilotid.support.types import BoolArray, ComplexArray, FloatArray
 
 #: Where crossings are looked for [rad/s]: a pilot's loops have none beyond.
 GRID = np.geomspace(0.05, 60.0, 4000)

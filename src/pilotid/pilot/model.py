@@ -20,7 +20,7 @@ from pilotid.pilot.factors import (
     Response,
 )
 from pilotid.pilot.timevarying import RATE, SHIFTS, STEEP, TIME, Changing
-from pilotid.types import (
+from pilotid.support.types import (
     SIGNAL_NAME,
     BoolArray,
     ComplexArray,

@@ -15,7 +15,7 @@ from functools import reduce
 import numpy as np
 
 from pilotid.pilot.factors import Parameter, Polynomial
-from pilotid.types import FloatArray
+from pilotid.support.types import FloatArray
 
 #: Rate [1/s] from which on a change is a step: it takes less than half a second.
 STEEP = 10.0

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pilotid.posterior.importance import LogDensity, StudentT
-from pilotid.types import FloatArray
+from pilotid.support.types import FloatArray
 
 OVERDISPERSED = 1.5  # start of the walkers: standard deviations over those expected
 JUMPS = 0.1  # share of the differential moves that go from one summit to another

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pilotid.types import FloatArray
+from pilotid.support.types import FloatArray
 
 FREEDOM = 6.0  # of the Student-t distributions: tails heavier than a likelihood's
 PARTS = 6  # distributions in a mixture

@@ -26,12 +26,12 @@ import numpy as np
 
 from pilotid.posterior.priors import Prior
 from pilotid.solve.least_squares import LogTransform
+from pilotid.support.types import BoolArray, FloatArray
 from pilotid.time_domain.band_likelihood import BandTerms, most_likely_regression
 from pilotid.time_domain.likelihood import PredictionErrors
 from pilotid.time_domain.optimum import Optimum
 from pilotid.time_domain.output_error import residual_spectra
 from pilotid.time_domain.prepare import shifted_products
-from pilotid.types import BoolArray, FloatArray
 
 BLOCK = 16  # parameter sets evaluated at once: about what the processor's cache holds
 

@@ -14,9 +14,9 @@ from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
 from pilotid.posterior.likelihood import Likelihood
 from pilotid.recordings.recording import Recording
+from pilotid.support.types import FloatArray
 from pilotid.time_domain.output_error import residual_spectra
 from pilotid.time_domain.prediction import predict
-from pilotid.types import FloatArray
 
 SIMULATED = 400  # recordings
 SETTLE = 400  # samples in which the simulated remnant forgets where it started

@@ -18,8 +18,8 @@ import numpy as np
 
 from pilotid.pilot.factors import Parameter
 from pilotid.pilot.model import PilotModel
+from pilotid.support.types import FloatArray, InputError
 from pilotid.time_domain.remnant_models import NoiseModel
-from pilotid.types import FloatArray, InputError
 
 #: Standard deviations from the middle of a normal distribution that hold four fifths of it.
 FOUR_FIFTHS = 1.2815515655446004

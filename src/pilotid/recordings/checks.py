@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from pilotid.limits import ELEMENT, SIGNAL
 from pilotid.recordings.detectors import findings
 from pilotid.recordings.plant import (
     element_changes,
@@ -31,8 +30,9 @@ from pilotid.recordings.spectra import (
     same_lines,
     target_lines,
 )
-from pilotid.remarks import Remark, gravest_first
-from pilotid.types import BoolArray, FloatArray
+from pilotid.support.limits import ELEMENT, SIGNAL
+from pilotid.support.remarks import Remark, gravest_first
+from pilotid.support.types import BoolArray, FloatArray
 
 BLOCK = 5.0  # seconds whose mean is one observation of an offset
 LATE = ("late-signal", "late-forcing")

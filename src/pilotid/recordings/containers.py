@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from pilotid.disk import require_file
 from pilotid.recordings import matlab
 from pilotid.recordings.contents import Contents, Parts, Place, shown
 from pilotid.recordings.text import read_table
 from pilotid.recordings.variables import Variables, contents_of
-from pilotid.types import InputError
+from pilotid.support.disk import require_file
+from pilotid.support.types import InputError
 
 LARGEST_FILE = 2**32  # bytes
 #: How a good file is made.

@@ -25,7 +25,7 @@ from pilotid.recordings.recording import (
     require_extra_name,
     times,
 )
-from pilotid.types import SIGNAL_NAME, FloatArray, InputError
+from pilotid.support.types import SIGNAL_NAME, FloatArray, InputError
 
 NAMES = {"t": "time", **SIGNALS}
 UNEVENNESS = 0.1  # of a sampling interval: time stamps rounded to milliseconds pass at 100 Hz

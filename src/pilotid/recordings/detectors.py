@@ -2,7 +2,7 @@
 
 Nothing here knows a model of the pilot.  Each detector rests on what a sound recording has
 whoever flies: spectra fall smoothly, x is the smooth answer of an element to u + fd, and
-e = ft - x.  Limits stand in `pilotid.limits`.
+e = ft - x.  Limits stand in `pilotid.support.limits`.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from itertools import pairwise, permutations
 
 import numpy as np
 
-from pilotid.limits import RECORDER
 from pilotid.pilot.element import parsed_element
 from pilotid.recordings.recording import Recording, remembered
 from pilotid.recordings.spectra import floors_of
 from pilotid.recordings.timing import Relation, derivatives, regression
-from pilotid.remarks import GRADES, Grade, Remark
-from pilotid.types import ComplexArray, FloatArray
+from pilotid.support.limits import RECORDER
+from pilotid.support.remarks import GRADES, Grade, Remark
+from pilotid.support.types import ComplexArray, FloatArray
 
 LOWEST, PER_OCTAVE = 0.3, 6  # Hz, and bands in an octave
 FEWEST = 10  # bins of all runs in a band, of which its level is told
@@ -35,7 +35,7 @@ class Finding:
     Attributes
     ----------
     code, signal
-        What it is, see `pilotid.remarks.CODES`, and of which signal.
+        What it is, see `pilotid.support.remarks.CODES`, and of which signal.
     grade
         ``wrong`` if a fit is wrong for it, ``doubt`` if it may be, ``note`` if fits allow for it.
     size, unit

@@ -7,7 +7,6 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pilotid.disk import path_shown, write_file
 from pilotid.recordings.contents import (
     Notes,
     Parts,
@@ -19,7 +18,8 @@ from pilotid.recordings.recording import LEAD_IN, Recording, joined
 from pilotid.recordings.selection import chosen_runs, file_and_parts, file_of, span_of
 from pilotid.recordings.text import csv_bytes, read_sidecar, read_text, sidecar_path
 from pilotid.recordings.windows import spanned, whole_periods
-from pilotid.types import InputError
+from pilotid.support.disk import path_shown, write_file
+from pilotid.support.types import InputError
 
 TEXTS = (".csv", ".txt", ".tsv", ".dat")
 READ = (*TEXTS, ".mat", ".h5", ".hdf5", ".hdf", ".npz", ".npy", ".parquet")

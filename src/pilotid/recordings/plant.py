@@ -14,11 +14,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pilotid.limits import ELEMENT
 from pilotid.recordings.recording import Recording, remembered, unit_sized
 from pilotid.recordings.spectra import at_lines, target_lines
-from pilotid.remarks import Remark
-from pilotid.types import ComplexArray, FloatArray, IntArray
+from pilotid.support.limits import ELEMENT
+from pilotid.support.remarks import Remark
+from pilotid.support.types import ComplexArray, FloatArray, IntArray
 
 BANDS = 12  # equally wide on a logarithmic scale
 LOWEST, HIGHEST = 0.5, 15.0  # rad/s

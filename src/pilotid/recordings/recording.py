@@ -15,9 +15,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pilotid.ranges import Range, in_range
 from pilotid.recordings.resampling import resampled
-from pilotid.types import SIGNAL_NAME, FloatArray, InputError, is_signal_name, printable
+from pilotid.support.ranges import Range, in_range
+from pilotid.support.types import SIGNAL_NAME, FloatArray, InputError, is_signal_name, printable
 
 P = ParamSpec("P")
 T = TypeVar("T")

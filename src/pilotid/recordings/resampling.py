@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pilotid.types import FloatArray
+from pilotid.support.types import FloatArray
 
 #: Half the length of the low-pass filter, in samples of the slower rate; its pass band ends at .84
 #: of half that rate, its stop band (80 dB) begins there.

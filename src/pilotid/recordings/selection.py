@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pilotid.recordings.recording import Recording
-from pilotid.types import InputError
+from pilotid.support.types import InputError
 
 #: What stands between a file and the part of it that is meant.
 INSIDE = "::"

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pilotid.recordings.recording import Recording, remembered
-from pilotid.types import ComplexArray, FloatArray, IntArray
+from pilotid.support.types import ComplexArray, FloatArray, IntArray
 
 #: A bin is a line if its amplitude is at least this share of the largest one.
 SMALLEST = 1e-3

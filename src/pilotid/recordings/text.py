@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 
-from pilotid.disk import path_shown, require_file
 from pilotid.recordings.contents import (
     MOST_VALUES,
     READERS,
@@ -39,7 +38,8 @@ from pilotid.recordings.contents import (
     shown,
 )
 from pilotid.recordings.recording import Recording, is_unit
-from pilotid.types import FloatArray, InputError
+from pilotid.support.disk import path_shown, require_file
+from pilotid.support.types import FloatArray, InputError
 
 LARGEST_FILE = 2**30  # bytes
 LARGEST_SIDECAR = 2**22

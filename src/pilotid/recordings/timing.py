@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pilotid.types import FloatArray
+from pilotid.support.types import FloatArray
 
 #: Standard deviation of the Gaussian that all signals pass before times are compared [s].
 SMOOTH = 0.06

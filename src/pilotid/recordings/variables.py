@@ -26,7 +26,7 @@ from pilotid.recordings.contents import (
     required,
     shown,
 )
-from pilotid.types import FloatArray, InputError
+from pilotid.support.types import FloatArray, InputError
 
 NOTES = "pilotid"  # the struct variable that holds what a CSV's sidecar holds
 #: How to make variables that are read of objects that only MATLAB reads.

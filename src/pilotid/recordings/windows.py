@@ -13,8 +13,8 @@ import numpy as np
 
 from pilotid.recordings.recording import SHORTEST, Recording
 from pilotid.recordings.spectra import FEWEST, NotMultisineError, forcing_lines
-from pilotid.remarks import Remark
-from pilotid.types import FloatArray, InputError
+from pilotid.support.remarks import Remark
+from pilotid.support.types import FloatArray, InputError
 
 SHORTEST_PERIOD = 4.0  # seconds
 REPEATED = 2.0  # seconds that must come again

@@ -9,10 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from pilotid.document import Bullets, Column, Table, Text, blocks_html, blocks_text
 from pilotid.element.fit import ElementChoice, chosen_element
 from pilotid.estimates.applicability import lines_objection, motionless_input
-from pilotid.limits import ESTIMATE
 from pilotid.methods import methods as every_method
 from pilotid.model_choice import default_candidates, select
 from pilotid.pilot.element import ControlledElement
@@ -21,10 +19,12 @@ from pilotid.recordings.checks import remarks
 from pilotid.recordings.detectors import Finding, copies_among, findings, fingerprints
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.understood import REST, Forcing, Signal, Understood, understood
-from pilotid.remarks import GRADES, Remark, codes_of, gravest_first, remarks_json, without
-from pilotid.seeds import DEFAULT_SEED, fit_rng
+from pilotid.support.document import Bullets, Column, Table, Text, blocks_html, blocks_text
+from pilotid.support.limits import ESTIMATE
+from pilotid.support.numbers import DEFAULT_SEED, fit_rng
+from pilotid.support.remarks import GRADES, Remark, codes_of, gravest_first, remarks_json, without
+from pilotid.support.types import InputError
 from pilotid.time_domain.constancy import constancy_of
-from pilotid.types import InputError
 
 YES = "yes"
 MUCH_REST = 0.2  # share of the time from which a control rests is worth a line

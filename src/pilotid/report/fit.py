@@ -9,18 +9,18 @@ from operator import itemgetter
 
 import numpy as np
 
-from pilotid.document import Block, Bullets, Figure, Section, Text, to_html
 from pilotid.estimates.estimate import Estimate, Outcome, is_at_bound
 from pilotid.estimates.fitted import Fitted
 from pilotid.estimates.parts import FrequencyResponse
 from pilotid.estimates.quantities import Quantity
 from pilotid.pilot.element import ControlledElement, parsed_element
-from pilotid.remarks import counted_grades
 from pilotid.show import panels
 from pilotid.show.responses import BANDS
 from pilotid.show.spectra import RESIDUALS
 from pilotid.show.style import leading
-from pilotid.types import FloatArray
+from pilotid.support.document import Block, Bullets, Figure, Section, Text, to_html
+from pilotid.support.remarks import counted_grades
+from pilotid.support.types import FloatArray
 
 TITLE = "Identified pilot models"
 #: Estimates side by side in a table, as many as a page of paper holds.

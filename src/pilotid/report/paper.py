@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from pilotid.document import Block, Figure, Section, Text
 from pilotid.report.study_figures import PAPER, errors, sweep
 from pilotid.report.study_tables import all_numbers, bias_table
 from pilotid.study.comparison import Comparison
 from pilotid.study.entries import ScenarioEntry
+from pilotid.support.document import Block, Figure, Section, Text
 
 #: Order of the paper's numbers.
 KEYS = ("Kvis", "tlead", "tdvis", "Kvest", "tdvest", "fnm", "dnm")

@@ -8,8 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from pilotid.disk import strict_json, table_bytes, write_file
-from pilotid.document import (
+from pilotid.estimates.draws import Draws, Spread
+from pilotid.estimates.fitted import Fitted
+from pilotid.naming.symbols import symbol
+from pilotid.pilot.element import ControlledElement
+from pilotid.posterior.predictive import PredictiveBand
+from pilotid.report.fit import figures_of, summary, warnings_of
+from pilotid.show.posterior_figures import autocorrelation, band, corner, trace
+from pilotid.support.disk import strict_json, table_bytes, write_file
+from pilotid.support.document import (
     Block,
     Bullets,
     Column,
@@ -21,15 +28,8 @@ from pilotid.document import (
     save_figures,
     to_html,
 )
-from pilotid.estimates.draws import Draws, Spread
-from pilotid.estimates.fitted import Fitted
-from pilotid.naming.symbols import symbol
-from pilotid.numbers import to_error
-from pilotid.pilot.element import ControlledElement
-from pilotid.posterior.predictive import PredictiveBand
-from pilotid.report.fit import figures_of, summary, warnings_of
-from pilotid.show.posterior_figures import autocorrelation, band, corner, trace
-from pilotid.terminal import make_console
+from pilotid.support.numbers import to_error
+from pilotid.support.terminal import make_console
 
 TITLE = "Posterior of a pilot model"
 CSV_COLUMNS = (

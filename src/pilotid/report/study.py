@@ -8,21 +8,7 @@ from pathlib import Path
 from shlex import quote
 from typing import Any
 
-from pilotid.disk import write_file
-from pilotid.document import (
-    Block,
-    Bullets,
-    Command,
-    Figure,
-    Section,
-    Table,
-    Text,
-    table_of,
-    to_markdown,
-    write_page,
-)
 from pilotid.naming.settings import shown
-from pilotid.numbers import number, share
 from pilotid.report import study_figures as figures
 from pilotid.report.paper import paper_of, paper_sections
 from pilotid.report.study_tables import (
@@ -43,6 +29,20 @@ from pilotid.report.trust import read_trust, trust_section
 from pilotid.study.comparison import ALL, Comparison, MethodResults, loss_ratios
 from pilotid.study.judge import RULES, USABLE, judge, sentence
 from pilotid.study.scores import EFFICIENT, loss_text
+from pilotid.support.disk import write_file
+from pilotid.support.document import (
+    Block,
+    Bullets,
+    Command,
+    Figure,
+    Section,
+    Table,
+    Text,
+    table_of,
+    to_markdown,
+    write_page,
+)
+from pilotid.support.numbers import number, share
 
 TITLE = "Pilot-model identification: methods compared"
 REFERENCE = "nominal"

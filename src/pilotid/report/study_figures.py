@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pilotid.chance import Z95
 from pilotid.show.style import (
     GRID,
     INK,
@@ -22,7 +21,8 @@ from pilotid.show.style import (
 )
 from pilotid.study.comparison import Comparison, MethodResults, Score
 from pilotid.study.scores import Mean
-from pilotid.types import FloatArray
+from pilotid.support.numbers import Z95
+from pilotid.support.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,14 +10,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pilotid.document import Column, LogAxis, Table, table_of
 from pilotid.estimates.estimate import Outcome
 from pilotid.naming.symbols import symbol
-from pilotid.numbers import number, percent, plus_minus, share, signed, unsigned
 from pilotid.study.comparison import ALL, Comparison, MethodResults, Score, loss_ratios
 from pilotid.study.entries import Result
 from pilotid.study.judge import EFFICIENT, FEWEST, USABLE, judge
 from pilotid.study.scores import Interval, loss_text
+from pilotid.support.document import Column, LogAxis, Table, table_of
+from pilotid.support.numbers import number, percent, plus_minus, share, signed, unsigned
 
 VIOLATION = "violation"  # family of the scenarios that violate an assumption
 RECORDER = "recorder"  # family of the scenarios whose recorder is faulty

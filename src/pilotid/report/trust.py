@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pilotid.document import Block, Bullets, Section, Table, Text, table_of
-from pilotid.numbers import NONE, number, plus_minus, share
 from pilotid.study.trust import TRUST
+from pilotid.support.document import Block, Bullets, Section, Table, Text, table_of
+from pilotid.support.numbers import NONE, number, plus_minus, share
 
 
 def read_trust(folder: Path) -> dict[str, Any] | None:

@@ -17,7 +17,7 @@ from pilotid.show.responses import NO_UNITS, describing_function, open_loop
 from pilotid.show.signals import residual, signals
 from pilotid.show.spectra import band, remnant
 from pilotid.show.style import SMALLEST, journal_figure, with_unit
-from pilotid.types import FloatArray
+from pilotid.support.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -19,7 +19,7 @@ from pilotid.show.style import (
     legend,
     with_unit,
 )
-from pilotid.types import FloatArray
+from pilotid.support.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

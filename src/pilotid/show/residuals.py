@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pilotid.chance import Z95
 from pilotid.estimates.estimate import Estimate
 from pilotid.recordings.recording import Recording
 from pilotid.show.style import INK, SMALLEST, Named, draw_grid, legend, named, new_axes
+from pilotid.support.numbers import Z95
+from pilotid.support.types import FloatArray, InputError
 from pilotid.time_domain.diagnostics import Whitened, correlations, prediction_errors
-from pilotid.types import FloatArray, InputError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

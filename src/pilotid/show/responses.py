@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pilotid.chance import Z95
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.parts import FrequencyResponse
 from pilotid.pilot.element import ControlledElement, as_element
@@ -27,7 +26,8 @@ from pilotid.show.style import (
     ratio_unit,
     with_unit,
 )
-from pilotid.types import ComplexArray, FloatArray, InputError, IntArray
+from pilotid.support.numbers import Z95
+from pilotid.support.types import ComplexArray, FloatArray, InputError, IntArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

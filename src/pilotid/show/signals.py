@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pilotid.chance import Z95
 from pilotid.estimates.estimate import Estimate
 from pilotid.recordings.recording import Recording
 from pilotid.show.style import INK, Named, legend, named, new_axes, with_unit
+from pilotid.support.numbers import Z95
+from pilotid.support.types import BoolArray, FloatArray
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prepare import prepare
-from pilotid.types import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

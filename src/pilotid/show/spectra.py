@@ -22,7 +22,7 @@ from pilotid.show.style import (
     new_pair,
     square_unit,
 )
-from pilotid.types import FloatArray, InputError
+from pilotid.support.types import FloatArray, InputError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from pilotid.chance import Z95
 from pilotid.solve.least_squares import Gram
-from pilotid.types import BoolArray, FloatArray
+from pilotid.support.numbers import Z95
+from pilotid.support.types import BoolArray, FloatArray
 
 #: Ratio of the smallest to the largest eigenvalue below which rounding decides.
 SINGULAR = 1e-13

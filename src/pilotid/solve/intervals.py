@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pilotid.chance import CHI_SQUARED_95
 from pilotid.solve.least_squares import Bounds, Box, Gram, LogTransform, Minima, minimise
-from pilotid.types import BoolArray, FloatArray, IntArray
+from pilotid.support.numbers import CHI_SQUARED_95
+from pilotid.support.types import BoolArray, FloatArray, IntArray
 
 #: How often the others are searched, at the most, and how close to the end is close enough, as
 #: a share of the distance.

@@ -13,8 +13,8 @@ from typing import Protocol
 
 import numpy as np
 
-from pilotid.chance import Z95
-from pilotid.types import BoolArray, FloatArray, IntArray
+from pilotid.support.numbers import Z95
+from pilotid.support.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)

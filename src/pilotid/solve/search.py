@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from pilotid.solve.least_squares import Bounds, Gram, LogTransform, Minima, minimise, solve_linear
-from pilotid.types import FloatArray
+from pilotid.support.types import FloatArray
 
 
 class SearchSpace(Bounds, Protocol):

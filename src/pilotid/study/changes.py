@@ -8,7 +8,7 @@ from typing import NamedTuple
 from pilotid.study.comparison import Comparison, MethodResults, comparison_of, loss_ratios
 from pilotid.study.scores import Interval
 from pilotid.study.store import Store
-from pilotid.types import InputError
+from pilotid.support.types import InputError
 
 
 class Change(NamedTuple):

@@ -16,8 +16,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from pilotid.chance import Z95
-from pilotid.disk import table_bytes, write_file
 from pilotid.estimates.estimate import Outcome
 from pilotid.study import scores
 from pilotid.study.entries import (
@@ -31,7 +29,9 @@ from pilotid.study.entries import (
 )
 from pilotid.study.scores import Interval, Mean
 from pilotid.study.store import Store
-from pilotid.types import BoolArray, FloatArray
+from pilotid.support.disk import table_bytes, write_file
+from pilotid.support.numbers import Z95
+from pilotid.support.types import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -21,11 +21,11 @@ from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import Recording
-from pilotid.remarks import codes_of
-from pilotid.seeds import draw_rng, fit_rng, recording_rng, start_rng
 from pilotid.study.entries import Draw, ParameterTruth, Result, Unit, number
+from pilotid.support.numbers import draw_rng, fit_rng, recording_rng, start_rng
+from pilotid.support.remarks import codes_of
+from pilotid.support.types import one_line
 from pilotid.theory.bounds import bounds
-from pilotid.types import one_line
 
 #: Outcomes that another try may mend; an error that the code makes comes again.
 OUTSIDE = (Outcome.CRASHED, Outcome.OUT_OF_MEMORY, Outcome.TIMED_OUT, Outcome.DIED)

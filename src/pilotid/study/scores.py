@@ -31,9 +31,8 @@ from zlib import crc32
 
 import numpy as np
 
-from pilotid.chance import Z95
-from pilotid.numbers import number
-from pilotid.types import BoolArray, FloatArray, IntArray
+from pilotid.support.numbers import Z95, number
+from pilotid.support.types import BoolArray, FloatArray, IntArray
 
 MISSED = 40.0  # what a missed distance costs: 2 over the chance that a 95 % interval misses
 #: E[(|z| - 1.96)+] of a standard normal variable: twice phi(c) - c (1 - Phi(c)).

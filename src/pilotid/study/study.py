@@ -17,14 +17,12 @@ import numpy as np
 from pilotid.datasets import CATALOGUE, AnyScenario, Population, Scenario, scenarios_named, simulate
 from pilotid.datasets.named import sound
 from pilotid.datasets.simulation import remnant_ratio
-from pilotid.disk import make_folder
 from pilotid.estimates.estimate import Outcome
 from pilotid.estimates.method import Method
 from pilotid.jobs import TIME_LIMIT, run_tasks
 from pilotid.methods import label_of, method_named, methods
 from pilotid.naming.code import code_digest, own_digest, packed, place_of, reason
 from pilotid.naming.settings import labelled, plain
-from pilotid.seeds import DEFAULT_SEED
 from pilotid.study.comparison import Comparison, comparison_of
 from pilotid.study.entries import (
     MethodEntry,
@@ -35,7 +33,9 @@ from pilotid.study.entries import (
 )
 from pilotid.study.fits import OUTSIDE, Task, given_up, run_task, scenario_of, truths_of
 from pilotid.study.store import Store
-from pilotid.types import InputError
+from pilotid.support.disk import make_folder
+from pilotid.support.numbers import DEFAULT_SEED
+from pilotid.support.types import InputError
 
 if TYPE_CHECKING:
     from pandas import DataFrame

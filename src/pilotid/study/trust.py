@@ -16,19 +16,19 @@ import numpy as np
 
 from pilotid.datasets import AnyScenario, Scenario
 from pilotid.datasets.named import designed_scenario, scenario_json
-from pilotid.disk import make_folder, strict_json, write_file
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.method import Method, identify
 from pilotid.methods import label_of, method_named, methods
 from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.seeds import DEFAULT_SEED, fit_rng
 from pilotid.study.comparison import Comparison, MethodResults
 from pilotid.study.judge import judge
 from pilotid.study.scores import Mean
 from pilotid.study.study import Bar, Study
-from pilotid.types import FloatArray, InputError
+from pilotid.support.disk import make_folder, strict_json, write_file
+from pilotid.support.numbers import DEFAULT_SEED, fit_rng
+from pilotid.support.types import FloatArray, InputError
 
 USUAL = "mle"  # fits the recording where nothing else is named, and makes the simulated pilot
 COVERED = 0.95

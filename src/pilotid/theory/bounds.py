@@ -21,7 +21,7 @@ import numpy as np
 from pilotid.pilot.model import PilotModel
 from pilotid.solve.covariance import covariance_of, hessian, sandwich_of
 from pilotid.solve.least_squares import minimise
-from pilotid.types import ComplexArray, FloatArray, InputError
+from pilotid.support.types import ComplexArray, FloatArray, InputError
 
 GRID = 8192  # steps of the frequency grid on which densities are integrated
 

@@ -31,9 +31,9 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.detectors import band_end
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import floors_of, periodogram, running_median
+from pilotid.support.types import BoolArray, ComplexArray, FloatArray
 from pilotid.time_domain.prepare import FAR
 from pilotid.time_domain.settings import BAND
-from pilotid.types import BoolArray, ComplexArray, FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,16 +24,16 @@ from itertools import pairwise
 
 import numpy as np
 
-from pilotid.chance import chi_squared_tail
-from pilotid.limits import ESTIMATE
 from pilotid.pilot.factors import Polynomial
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import SINGULAR, covariance_of
+from pilotid.support.limits import ESTIMATE
+from pilotid.support.numbers import chi_squared_tail
+from pilotid.support.types import FloatArray
 from pilotid.time_domain.optimum import Optimum
 from pilotid.time_domain.search import lines_pilot, maxima_from, maximise_likelihood
 from pilotid.time_domain.settings import LikelihoodSettings
-from pilotid.types import FloatArray
 
 #: Shares of the scored time at which a change may be.
 PLACES = np.linspace(0.1, 0.9, 21)

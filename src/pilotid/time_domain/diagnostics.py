@@ -13,17 +13,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pilotid.chance import chi_squared_limit
 from pilotid.estimates.estimate import Estimate, is_at_bound
 from pilotid.estimates.parts import RemnantEstimate
 from pilotid.estimates.specification import Specification
-from pilotid.limits import ESTIMATE
 from pilotid.lines.fit import specification_of
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.plant import element_changes, is_gain
 from pilotid.recordings.recording import Recording
-from pilotid.remarks import Remark
 from pilotid.solve.covariance import covariance_of
+from pilotid.support.limits import ESTIMATE
+from pilotid.support.numbers import chi_squared_limit
+from pilotid.support.remarks import Remark
+from pilotid.support.types import FloatArray
 from pilotid.time_domain.band_likelihood import BandTerms
 from pilotid.time_domain.constancy import (
     PLACES,
@@ -46,7 +47,6 @@ from pilotid.time_domain.prepare import (
     prepare,
 )
 from pilotid.time_domain.remnant_models import best_noise_model
-from pilotid.types import FloatArray
 
 USUAL_BAND = 50.0  # rad/s, the analysis band where the method has no model of the remnant
 

@@ -19,15 +19,15 @@ import numpy as np
 from pilotid.estimates.estimate import bounds_reached
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.seeds import fit_rng
 from pilotid.solve.least_squares import minimise
+from pilotid.support.numbers import fit_rng
+from pilotid.support.types import FloatArray
 from pilotid.time_domain.constancy import Constancy, constancy
 from pilotid.time_domain.likelihood import PredictionErrors
 from pilotid.time_domain.optimum import Optimum
 from pilotid.time_domain.output_error import OutputErrors, simulated_vaf
 from pilotid.time_domain.search import maxima_from, maximise_likelihood
 from pilotid.time_domain.settings import LikelihoodSettings
-from pilotid.types import FloatArray
 
 #: One band for all models.
 SETTINGS = LikelihoodSettings(wide=())

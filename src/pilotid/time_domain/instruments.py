@@ -17,10 +17,10 @@ from pilotid.pilot.loops import pilot_on, unstable_poles
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Problem
+from pilotid.support.types import FloatArray
 from pilotid.time_domain.optimum import Optimum
 from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prepare import fast_length
-from pilotid.types import FloatArray
 
 #: Seconds of zeros behind a recording, in which the loop comes to rest.
 REST = 30.0

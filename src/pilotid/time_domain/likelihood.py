@@ -16,12 +16,12 @@ from functools import cached_property, reduce
 import numpy as np
 
 from pilotid.solve.least_squares import Problem
+from pilotid.support.types import BoolArray, ComplexArray, FloatArray
 from pilotid.time_domain.band_likelihood import group_begins
 from pilotid.time_domain.prediction import Prediction
 from pilotid.time_domain.prepare import Band
 from pilotid.time_domain.remnant_models import NoiseModel
 from pilotid.time_domain.settings import SEARCH
-from pilotid.types import BoolArray, ComplexArray, FloatArray
 
 
 @dataclass(frozen=True)

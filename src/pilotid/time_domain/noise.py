@@ -14,6 +14,7 @@ from typing import Self
 import numpy as np
 
 from pilotid.solve.least_squares import Minima, minimise, resume
+from pilotid.support.types import FloatArray
 from pilotid.time_domain.likelihood import PredictionErrors, binned, for_search, is_large
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction
@@ -28,7 +29,6 @@ from pilotid.time_domain.remnant_models import (
     neighbours,
 )
 from pilotid.time_domain.settings import SEARCH
-from pilotid.types import FloatArray
 
 
 def contenders(products: FloatArray, samples: int, band: Band) -> list[Guess]:

@@ -10,22 +10,22 @@ from typing import Self
 
 import numpy as np
 
-from pilotid.chance import chi_squared_limit
 from pilotid.estimates.estimate import Starts
 from pilotid.estimates.parts import AnalysedBand, RemnantEstimate
-from pilotid.limits import ESTIMATE
 from pilotid.pilot.loops import are_stable
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import floors_of
 from pilotid.solve.covariance import covariance_of, score_dispersion
 from pilotid.solve.least_squares import Minima
+from pilotid.support.limits import ESTIMATE
+from pilotid.support.numbers import chi_squared_limit
+from pilotid.support.types import BoolArray, FloatArray, IntArray
 from pilotid.time_domain.likelihood import PredictionErrors, for_search
 from pilotid.time_domain.noise import JointFit, descended
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import Prediction
 from pilotid.time_domain.remnant_models import remnant_estimate
 from pilotid.time_domain.settings import PROFILE, SEARCH
-from pilotid.types import BoolArray, FloatArray, IntArray
 
 
 class Candidates:

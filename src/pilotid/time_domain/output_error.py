@@ -8,7 +8,6 @@ from typing import Literal
 
 import numpy as np
 
-from pilotid.chance import chi_squared_limit
 from pilotid.estimates.estimate import (
     Estimate,
     Outcome,
@@ -17,13 +16,14 @@ from pilotid.estimates.estimate import (
     outcome_of,
     symmetric_intervals,
 )
-from pilotid.limits import ESTIMATE
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_of, sandwich
 from pilotid.solve.least_squares import Minima, Problem, minimise
+from pilotid.support.limits import ESTIMATE
+from pilotid.support.numbers import chi_squared_limit
+from pilotid.support.types import ComplexArray, FloatArray
 from pilotid.time_domain.prediction import Prediction, predict
-from pilotid.types import ComplexArray, FloatArray
 
 
 class OutputErrors(Problem):

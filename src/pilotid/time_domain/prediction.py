@@ -20,6 +20,7 @@ from pilotid.pilot.model import Channel, PilotModel
 from pilotid.pilot.timevarying import Changing
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import BLOCK
+from pilotid.support.types import ComplexArray, FloatArray, IntArray
 from pilotid.time_domain.band_likelihood import BandTerms, Weighting, weighting_of
 from pilotid.time_domain.prepare import (
     FAR,
@@ -32,7 +33,6 @@ from pilotid.time_domain.prepare import (
     pad,
     prepare,
 )
-from pilotid.types import ComplexArray, FloatArray, IntArray
 
 #: Longest interval between samples of the inputs that are modulated [s].  A change at the highest
 #: rate, 100 1/s, is sampled so finely that its middle is known between samples.

@@ -19,7 +19,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.types import FloatArray, InputError
+from pilotid.support.types import FloatArray, InputError
 
 
 def pad(signal: FloatArray, edges: FloatArray, extension: int, dt: float) -> FloatArray:

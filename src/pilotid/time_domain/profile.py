@@ -14,14 +14,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from pilotid.chance import CHI_SQUARED_95, CHI_SQUARED_95_OF_TWO
 from pilotid.estimates.estimate import Estimate, is_at_bound
 from pilotid.solve.covariance import covariance_at_bounds, covariance_of
 from pilotid.solve.intervals import Profile, profile_intervals
 from pilotid.solve.least_squares import Box, minimise
+from pilotid.support.numbers import CHI_SQUARED_95, CHI_SQUARED_95_OF_TWO
+from pilotid.support.types import FloatArray
 from pilotid.time_domain.optimum import Optimum
 from pilotid.time_domain.settings import PROFILE
-from pilotid.types import FloatArray
 
 
 def profile_likelihood(found: Optimum) -> tuple[Optimum, Profile | None]:

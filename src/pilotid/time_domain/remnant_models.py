@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pilotid.estimates.parts import RemnantEstimate
+from pilotid.support.types import BoolArray, FloatArray
 from pilotid.time_domain.prepare import (
     FAR,
     REACH,
@@ -25,7 +26,6 @@ from pilotid.time_domain.prepare import (
     prediction_error_filters,
     shifted_products,
 )
-from pilotid.types import BoolArray, FloatArray
 
 SPECTRA = 64  # spectra evaluated at once: about what the processor's cache holds
 

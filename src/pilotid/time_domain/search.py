@@ -30,6 +30,7 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Minima, minimise, minimise_each, solve_linear
 from pilotid.solve.search import draw_starts, search
+from pilotid.support.types import FloatArray
 from pilotid.time_domain.likelihood import PredictionErrors, binned
 from pilotid.time_domain.noise import RemnantChoice
 from pilotid.time_domain.optimum import Candidates, Optimum
@@ -38,7 +39,6 @@ from pilotid.time_domain.prediction import Prediction, predict, weighted
 from pilotid.time_domain.prepare import Band, analysis_band, decimation
 from pilotid.time_domain.remnant_models import FIRST_NOISE_MODEL, guess_parameters
 from pilotid.time_domain.settings import SEARCH, LikelihoodSettings
-from pilotid.types import FloatArray
 
 
 def maximise_likelihood(

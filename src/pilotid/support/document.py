@@ -2,7 +2,7 @@
 
 Texts hold `code`, **strong** words and links to a [section](#key), a [file](folder/name.html)
 beside the page or [one](../name.html) above it; nothing else is marked up.  Tables hold values,
-which columns format as plain text; each writer escapes them as `pilotid.escaping` does and
+which columns format as plain text; each writer escapes them as `pilotid.support.escaping` does and
 sets signs in its own way.
 """
 
@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, TypeVar
 from weakref import WeakSet
 from xml.etree import ElementTree
 
-from pilotid.disk import write_file
-from pilotid.escaping import (
+from pilotid.support.disk import write_file
+from pilotid.support.escaping import (
     clean,
     clean_drawing,
     for_html,
@@ -33,9 +33,9 @@ from pilotid.escaping import (
     for_terminal,
     math_html,
 )
-from pilotid.numbers import NONE
-from pilotid.terminal import PLAIN_WIDTH, print_table
-from pilotid.types import InputError
+from pilotid.support.numbers import NONE
+from pilotid.support.terminal import PLAIN_WIDTH, print_table
+from pilotid.support.types import InputError
 
 if TYPE_CHECKING:
     from jinja2 import Environment

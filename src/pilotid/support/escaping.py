@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from pilotid.types import printable
+from pilotid.support.types import printable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,7 +9,7 @@ from functools import wraps
 from numbers import Number, Real
 from typing import NamedTuple, ParamSpec, TypeVar
 
-from pilotid.types import InputError
+from pilotid.support.types import InputError
 
 P = ParamSpec("P")
 T = TypeVar("T")

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable
 from difflib import get_close_matches
 from typing import Literal, Self
 
-from pilotid.types import InputError, one_line
+from pilotid.support.types import InputError, one_line
 
 Grade = Literal["wrong", "doubt", "note"]
 GRADES: tuple[Grade, ...] = ("wrong", "doubt", "note")

@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from pilotid.types import one_line
+from pilotid.support.types import one_line
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType

@@ -1,0 +1,1 @@
+"""Tools: files, numbers, texts, remarks and the terminal."""
