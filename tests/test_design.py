@@ -68,9 +68,9 @@ def test_costs_are_those_of_simulations() -> None:
     seen = [
         [np.mean(own.window(own.e) ** 2), np.mean(own.window(own.u) ** 2)]
         for scenario in (found.scenario, found.reference)
-        for own in [pilotid.simulate(replace(scenario, runs=40), 3)]
+        for own in [pilotid.simulate(replace(scenario, runs=200), 3)]
     ]
-    np.testing.assert_allclose(np.array(seen[0]) / seen[1], list(found.costs.values()), rtol=0.03)
+    np.testing.assert_allclose(np.array(seen[0]) / seen[1], list(found.costs.values()), rtol=0.05)
 
 
 @pytest.mark.parametrize("kind", ["A", "D"])

@@ -64,7 +64,7 @@ class Rows:
         self.path = folder / STORE
         if not (create or self.path.exists()):
             raise InputError(
-                f"{self.path}: there is no such file; name a folder that pilotid wrote results to"
+                f"{self.path}: there is no such file; name a folder that `pilotid compare` wrote"
             )
         with self._in_words():
             opened = _opened_to_write if create else _opened_to_read
