@@ -41,7 +41,9 @@ ALWAYS = (
     # fault, signal, code, size, tolerance
     ("u late 20 ms", "u", "late-signal", 0.02, 0.001),
     ("u early 100 ms", "u", "late-signal", -0.1, 0.002),
-    ("x late a sample", "x", "late-signal", -0.02, 0.0005),
+    ("x late a sample", "x", "late-signal", 0.02, 0.0005),
+    ("ft late a sample", "ft", "late-forcing", 0.02, 0.0005),
+    ("e late a sample", "e", "late-signal", 0.02, 0.0005),
     ("e, x, ft late a sample", "x", "late-signal", 0.02, 0.001),
     ("e = ft - filtered x", "x", "late-signal", 0.045, 0.003),
     ("fd late a sample", "fd", "late-forcing", 0.02, 0.002),

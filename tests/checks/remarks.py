@@ -1,153 +1,198 @@
-"""How often sound recordings and their estimates are remarked on, and whether what is said holds.
+"""How often right fits are warned of, and how often faults are named, by code.
 
-    nox -s check -- remarks --recordings 500 [--first 1000] [--only population-inner,stepped]
+    nox -s check -- remarks --recordings 100 [--first 1000] [--only population-usual,zero]
 
-Populations, whose truth is known; `stepped`, a generator that shares no code with them; and the
-recordings of human pilots that PILOTID_MEASURED names.  What is graded wrong or doubt of a
-simulated recording is a false alarm.
+A fit is right if no value is off by more than four claimed errors; what is graded wrong or doubt
+of it, or of its recording, is a false alarm.  `zero` has elements with a zero; `stepped` is a
+generator that shares no code with this one; scenarios named ``NAME*`` are all that begin so.
+Then faults on sound recordings: how often each is named by one of the codes that it may have.
+Last, what is said of the recordings of people that PILOTID_MEASURED names.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
-import re
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from recorder import FAULTS
 from stepping import TRUTH, stepped
 
-from pilotid.datasets import POPULATIONS, simulate
-from pilotid.estimates.estimate import Estimate, Outcome
+from pilotid.datasets import POPULATIONS, SCENARIOS, Scenario, simulate
+from pilotid.datasets.population import drawn_forcing, drawn_pilot, drawn_remnant, reachable
+from pilotid.element.fit import chosen_element
 from pilotid.estimates.method import identify
 from pilotid.methods import method_named
 from pilotid.pilot.catalogue import MODELS
+from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.files import load_recording
 from pilotid.recordings.recording import Recording
-from pilotid.support.numbers import draw_rng, fit_rng, recording_rng
-from pilotid.support.remarks import Remark, remark_of
 
-SEED = 1
-STEPPED = "stepped"
-NAMES = ("usual", "single", "exotic", "aperiodic", "rates", "recorded", "inner", "short")
-BATCH = 50
-FAR = 3.0  # claimed errors
+SEED, FAR = 1, 4.0  # claimed errors
+STRATA = (
+    *(f"population-{n}" for n in ("usual", "exotic", "aperiodic", "short", "recorded", "timing")),
+    *("population-preview", "zero", "decimals", "bare", "stepped", "violation-*", "recorder-*"),
+)
+LATE = ("late-signal", "late-forcing", "late-control")
+#: Faults, and the codes of which any names them.
+NAMED = {
+    **dict.fromkeys(("u late 20 ms", "u late 40 ms", "u late 100 ms", "u early 20 ms"), LATE),
+    **dict.fromkeys(("x late a sample", "e late a sample", "ft late a sample"), LATE),
+    **dict.fromkeys(("e, x, ft late a sample", "u causal 5 Hz", "fd late a sample"), LATE),
+    "e and x exchanged": ("exchanged",),
+    "a run copied": ("copied-run",),
+    "gap of 1 s, last": ("held-samples", "lost-samples"),
+    "gap of 4 s, last": ("held-samples", "lost-samples"),
+    "u late 1000 ms": (*LATE, "output-unrelated", "little-explained"),
+}
 
 
-def holds(estimate: Estimate, remark: str, truth: dict[str, float]) -> bool | None:
-    """Whether what a remark claims to know holds of the truth; None if it claims nothing."""
-    for pair in estimate.inseparable:
-        if pair.words == remark and pair.combination:
-            power = -1.0 if "/" in pair.combination.key else 1.0
-            value = truth[pair.first] * truth[pair.second] ** power
-            return pair.combination.lower <= value <= pair.combination.upper
-    if side := re.match(r"(\w+) is at (least|most) ([\d.e+-]+)", remark):
-        key, which, end = side.groups()
-        return truth[key] >= float(end) if which == "least" else truth[key] <= float(end)
-    if "95 % interval" in remark:
-        keys = [key for key in re.findall(r"(\w+) \(", remark) if key in truth]
-        ends = [estimate[key].interval for key in keys]
-        return all(low <= truth[key] <= high for key, (low, high) in zip(keys, ends, strict=True))
-    return None
+def zero(rng: np.random.Generator) -> Scenario:
+    """A pilot in front of an element with a zero."""
+    while True:
+        z, a, b = (round(float(v), 2) for v in rng.uniform((0.5, 1.5, 4.0), (3.0, 4.0, 15.0)))
+        gain = float(f"{10.0 ** rng.uniform(-0.5, 1.5):.3g}")
+        name = f"{gain}(s+{z})/(s(s^2+{a}s+{b}))"
+        plant = ControlledElement((gain, gain * z), (1.0, a, b, 0.0), name=name)
+        model = MODELS[str(rng.choice(["single", "lead-lag", "multi"]))]
+        if (truth := drawn_pilot(model, plant, rng)) is None:
+            continue
+        target, disturbance = drawn_forcing(plant, 82.0, rng, aperiodic=False)
+        scenario = replace(
+            SCENARIOS["nominal"], name="zero", model=model, truth=tuple(truth.tolist()),
+            element=plant, target=target, disturbance=disturbance, duration=82.0,
+            dt=float(rng.choice([0.01, 0.02])), run_in=8.0,
+            remnant=drawn_remnant(rng, exotic=False),
+        )  # fmt: skip
+        if reachable(scenario):
+            return scenario
+
+
+def bare(recording: Recording, *kept: str) -> Recording:
+    """A recording with the forcing functions kept, and without the name of the element."""
+    gone = {name: None for name in ("ft", "fd") if name not in kept}
+    return replace(recording, **gone, lines={}, controlled_element="")
 
 
 def drawn(
     name: str, first: int, count: int
 ) -> Iterator[tuple[Recording, PilotModel, dict[str, float]]]:
-    """Recordings of a population, or of `stepped`, each with its model and truth."""
-    if name == STEPPED:
-        for batch in range(0, count, BATCH):
-            rng = np.random.default_rng([SEED, first + batch])
-            for truth, recording in stepped(rng, min(BATCH, count - batch)):
-                yield recording, MODELS["single"], dict(zip(TRUTH, truth, strict=True))
+    """Recordings of a stratum, each with its model and truth."""
+    if name == "stepped":
+        for truth, recording in stepped(np.random.default_rng([SEED, first]), count):
+            yield recording, MODELS["single"], dict(zip(TRUTH, truth, strict=True))
         return
-    population = POPULATIONS[name]
+    named = [s for s in SCENARIOS if s.startswith(name.rstrip("*"))] if "*" in name else []
     for i in range(first, first + count):
-        scenario = population.drawn(draw_rng(SEED, name, i))
-        recording = simulate(scenario, recording_rng(SEED, name, i))
+        rng = np.random.default_rng([SEED, i, *name.encode()])
+        source = "usual" if name in ("bare", "decimals") else name.removeprefix("population-")
+        if named:
+            scenario = SCENARIOS[named[i % len(named)]]
+        else:
+            scenario = zero(rng) if name == "zero" else POPULATIONS[f"population-{source}"].drawn(rng)
+        recording = simulate(scenario, rng)
+        if name == "bare":
+            recording = bare(recording, *(("ft",), ("fd",), ())[i % 3])
+        if name == "decimals":
+            recording = FAULTS["all 3 decimals"](recording, rng)
         yield recording, scenario.model, dict(zip(scenario.model.keys, scenario.truth, strict=True))
 
 
-def all_remarks(recording: Recording, estimate: Estimate) -> dict[str, Remark]:
-    """What is said of a recording and of its fit, by code."""
-    said = [*remarks(recording), *(remark_of(text) for text in estimate.remarks)]
-    return {remark.code: remark for remark in said}
+def said_of(recording: Recording) -> dict[str, str]:
+    """Codes and grades of what is said of a recording."""
+    told = (*remarks(recording), *chosen_element(recording).remarks)
+    return {r.code: r.grade for r in told}
 
 
-def of_simulations(name: str, first: int, count: int) -> None:
-    """Print how often each code comes, and how often what it claims holds of the truth."""
-    method = method_named("mle")
-    found: Counter[tuple[str, str]] = Counter()
-    held: dict[str, list[bool]] = defaultdict(list)
-    outcomes: Counter[str] = Counter()
-    alarmed = rightly = covered = known = 0
+def false_alarms(name: str, first: int, count: int) -> None:
+    """Print how often right fits of a stratum are warned of."""
+    right = wrong = alarmed = silent = 0
+    codes: Counter[str] = Counter()
     for i, (recording, model, truth) in enumerate(drawn(name, first, count), first):
-        estimate = identify(method, recording, model, fit_rng(SEED, "mle", name, i))
-        outcomes[estimate.outcome.slug] += 1
-        said = all_remarks(recording, estimate)
-        for remark in estimate.remarks:
-            if (claim := holds(estimate, remark, truth)) is not None:
-                held[remark_of(remark).code].append(claim)
-        found.update((remark.grade, code) for code, remark in said.items())
-        alarm = [code for code, remark in said.items() if remark.grade != "note"]
-        alarmed += bool(alarm)
-        if alarm:
-            off = np.abs(estimate.values - [truth[key] for key in model.keys])
-            rightly += not bool(np.all(off <= FAR * estimate.std_error))
-            print(f"    {name} {i}: {', '.join(sorted(alarm))}", flush=True)
-        elif estimate.outcome is Outcome.CONVERGED:
-            inside = [
-                low <= truth[q.key] <= high
-                for q in estimate.parameters
-                for low, high in [q.interval]
-            ]
-            covered, known = covered + sum(inside), known + len(inside)
-    share = alarmed / count
-    error = np.sqrt(share * (1.0 - share) / count)
+        estimate = identify(method_named("mle"), recording, model, np.random.default_rng(i))
+        if not estimate.outcome.usable:
+            continue
+        said = said_of(recording) | {r.code: r.grade for r in estimate.remarks}
+        loud = {code: grade for code, grade in said.items() if grade != "note"}
+        off = np.abs(estimate.values - [truth[k] for k in model.keys]) / estimate.std_error
+        if np.any(off > FAR):
+            silent += not loud
+            wrong += 1
+            continue
+        right += 1
+        codes.update(f"{code} ({grade})" for code, grade in loud.items())
+        alarmed += bool(loud)
+        if "wrong" in loud.values():
+            codes["any wrong"] += 1
+            print(f"    {name} {i}: {', '.join(c for c, g in loud.items() if g == 'wrong')}")
+    shares = ", ".join(f"{code} {n}" for code, n in codes.most_common())
     print(
-        f"{name}: {count} recordings, {dict(outcomes)}; wrong or doubt is said of {alarmed} "
-        f"({100 * share:.1f} +- {100 * error:.1f} %), where {rightly} fits are off by more "
-        f"than {FAR:g} claimed errors; of the others {covered / max(known, 1):.3f} "
-        f"of {known} intervals hold the truth",
+        f"{name}: {right} right fits, wrong said of {100 * codes['any wrong'] / max(right, 1):.1f}"
+        f" %, doubt or wrong of {100 * alarmed / max(right, 1):.1f} % ({shares or 'none'}); "
+        f"{wrong} fits off, {silent} of them in silence",
         flush=True,
     )
-    for (grade, code), number in sorted(found.items(), key=lambda item: -item[1]):
-        claims = held[code]
-        told = f"; holds of the truth in {sum(claims)} of {len(claims)}" if claims else ""
-        print(f"    {grade} {code}: on {number}{told}", flush=True)
 
 
-def of_human_pilots(folder: Path) -> None:
-    """Print what is said of every measured recording and of its estimate."""
-    yaw: dict[str, PilotModel] = {"C1": MODELS["lead-lag"], "C2": MODELS["single"]}
-    yaw |= {"C3": MODELS["single"], "C4": MODELS["rate"], "C5": MODELS["rate"]}
-    yaw["C6"] = MODELS["rate"]
-    files = [(f, yaw[f.stem[-2:]]) for f in sorted(folder.glob("yaw/*.mat"))]
-    files += [(f, MODELS["single"]) for f in sorted(folder.glob("adaptation/*_C[12]_*.mat"))]
-    files += [(f, MODELS["single"]) for f in sorted(folder.glob("rollpitch/pilot*.csv"))]
-    method = method_named("mle")
-    for file, model in files:
-        recording = load_recording(file)
-        estimate = identify(method, recording, model, np.random.default_rng(SEED))
-        for remark in all_remarks(recording, estimate).values():
-            print(f"    {file.stem} ({model.name}), {remark.grade} {remark.code}: {remark}")
-    print(f"{len(files)} recordings of human pilots")
+def power(first: int, count: int) -> None:
+    """Print how often faults are named, on signals as recorded and without forcing functions."""
+    forms = {"all": ("ft", "fd"), "ft": ("ft",), "none": ()}
+    for fault, codes in NAMED.items():
+        found: dict[str, list[bool]] = {}
+        for i in range(first, first + count):
+            for stratum in ("population-usual", "zero"):
+                rng = np.random.default_rng([SEED, i])
+                scenario = zero(rng) if stratum == "zero" else POPULATIONS[stratum].drawn(rng)
+                whole = FAULTS[fault](simulate(scenario, rng), rng)
+                for form, kept in forms.items():
+                    for known in (False, True):
+                        given = bare(whole, *kept) if form != "all" else whole
+                        text = scenario.element.name if known else ""
+                        given = replace(given, controlled_element=text)
+                        key = f"{stratum.removeprefix('population-')}/{form}/{'named' * known}"
+                        found.setdefault(key, []).append(bool(set(codes) & said_of(given).keys()))
+        print(f"{fault}: " + ", ".join(f"{k} {sum(v)}/{len(v)}" for k, v in found.items()), flush=True)
+
+
+def of_people(folder: Path) -> None:
+    """Print what is said of every measured recording."""
+    preview = {"t": "time", "u": "inp", "ft": "ref", "fd": "dis", "x": "state"}
+    files = [(f, None) for f in sorted(folder.glob("*/*.mat")) + sorted(folder.glob("rollpitch/*.csv"))]
+    files += [(f, preview) for f in sorted(folder.glob("preview*/*.csv"))]
+    count, total = Counter[str](), Counter[str]()
+    for file, mapping in files:
+        try:
+            recording = load_recording(file, mapping=mapping)
+        except Exception as error:
+            print(f"    {file.parent.name}/{file.stem}: {error}")
+            continue
+        total[file.parent.name] += 1
+        for code, grade in said_of(recording).items():
+            if grade != "note":
+                count[f"{file.parent.name} {grade} {code}"] += 1
+                print(f"    {file.parent.name}/{file.stem}: {grade} {code}")
+    print(f"people: {dict(total)}; {dict(count)}")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--recordings", type=int, default=200)
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--recordings", type=int, default=100)
     parser.add_argument("--first", type=int, default=1000)
-    parser.add_argument("--only", default=",".join([f"population-{n}" for n in NAMES] + [STEPPED]))
-    options = parser.parse_args()
-    for name in options.only.split(","):
-        of_simulations(name, options.first, options.recordings)
-    if folder := os.environ.get("PILOTID_MEASURED"):
-        of_human_pilots(Path(folder))
+    parser.add_argument("--only", default=",".join((*STRATA, "power", "people")))
+    given = parser.parse_args()
+    for name in given.only.split(","):
+        if name == "people":
+            of_people(Path(os.environ["PILOTID_MEASURED"]))
+        elif name == "power":
+            power(given.first, max(1, given.recordings // 5))
+        else:
+            false_alarms(name, given.first, given.recordings)
 
 
 if __name__ == "__main__":

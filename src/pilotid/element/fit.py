@@ -9,14 +9,12 @@ notice, or else the one of the smallest Bayesian information criterion.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
-from itertools import groupby
 
 import numpy as np
 
-from pilotid.element.forms import FORMS, Form
-from pilotid.element.search import UNNOTICED, FormFit, Spectra, fitted_form, spectra_of
+from pilotid.element.search import FormFit, fits_of, forms_fitted, simplest, spectra_of
 from pilotid.estimates.loops import LoopElement
 from pilotid.estimates.quantities import Quantity
 from pilotid.pilot.element import ControlledElement, parsed_element
@@ -37,7 +35,6 @@ ADVICE = (
 )
 #: Delays from which a search starts where one from none ends badly [s].
 LATER = (0.15, 0.3, 0.45)
-LATE = 0.05  # s, of a delay that a search from none may miss with a simpler form
 #: Origins of an element.
 GIVEN, FILE, SIGNALS = "given", "recording", "identified"
 
@@ -136,7 +133,8 @@ def _identified(
     spectra = spectra_of(recording.dt, given, output)
     if not 1.0 / LARGEST < spectra.gain < LARGEST:
         return IdentifiedElement(None, remark="no unit explains the sizes of u and x")
-    fits = _fitted(spectra, recording.dt, later)
+    whole = not later and part.stop is None and part.start == recording.run_in
+    fits = fits_of(recording) if whole else forms_fitted(spectra, recording.dt, later)
     if not fits:
         return IdentifiedElement(None, remark="no form of element suits control and output")
     chosen = simplest(fits)
@@ -160,44 +158,6 @@ def _quantities(fit: FormFit) -> Iterator[Quantity]:
     units = fit.form.units.items()
     for (key, unit), v, e in zip(units, fit.values.tolist(), errors, strict=True):
         yield Quantity(key, unit, v, e, v - Z95 * e, v + Z95 * e)
-
-
-def _fitted(spectra: Spectra, dt: float, later: tuple[float, ...]) -> list[FormFit]:
-    """Forms from the simplest on, up to where one describes the recording."""
-    fits = _pass(spectra, dt, FORMS)
-    if not fits:
-        return []
-    best = simplest(fits)
-    plain = [form for form in FORMS if not form.zero and _size(form) <= 3]
-    for delay in later:
-        fits += _pass(spectra, dt, plain, delay)
-    if best.values[-1] > LATE:
-        simpler = [form for form in FORMS if _size(form) < _size(best.form)]
-        fits += _pass(spectra, dt, simpler, float(best.values[-1]))
-    # Of each form the best.
-    fits.sort(key=lambda fit: fit.criterion)
-    return list({fit.form: fit for fit in reversed(fits)}.values())
-
-
-def _pass(spectra: Spectra, dt: float, forms: Sequence[Form], delay: float = 0.0) -> list[FormFit]:
-    fits: list[FormFit] = []
-    for _, alike in groupby(sorted(forms, key=_size), key=_size):
-        found = (fitted_form(spectra, form, dt, delay) for form in alike)
-        fits += [fit for fit in found if fit is not None]
-        if any(fit.unexplained.max() <= UNNOTICED**2 for fit in fits):
-            break
-    return fits
-
-
-def _size(form: Form) -> int:
-    return len(form.units)
-
-
-def simplest(fits: Sequence[FormFit]) -> FormFit:
-    """Of the fits that nobody would tell from the best, the one with the fewest parameters."""
-    best = min(fits, key=lambda f: f.criterion)
-    alike = [f for f in fits if np.all(f.unexplained <= best.unexplained + UNNOTICED**2)]
-    return min(alike, key=lambda f: (len(f.values), f.criterion))
 
 
 def rounded(values: FloatArray, covariance: FloatArray) -> tuple[FloatArray, tuple[int, ...]]:

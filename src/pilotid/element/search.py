@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import groupby
 
 import numpy as np
 
-from pilotid.element.forms import Form, differences
+from pilotid.element.forms import FORMS, Form, differences
+from pilotid.recordings.recording import Recording, remembered
 from pilotid.support.types import ComplexArray, FloatArray, IntArray
 
 #: Relative error below which two responses count as one: nobody misses it, and few recordings
@@ -19,7 +22,8 @@ FEWEST = 10.0  # independent observations from which a level of noise is told
 ITERATIONS = 25
 ENOUGH = 0.03  # of -2 log-likelihood that the last step gains
 LONGEST = 0.6  # s, of a delay
-EARLIEST = -1.5  # samples: x may be stored that much ahead of u
+EARLIEST = -0.15  # s: x may be stored that much ahead of u
+LATE = 0.05  # s, of a delay that a search from none may miss with a simpler form
 #: The window sin^4(pi t/T) as a sum of cosines cos(2 pi k t/T): its derivatives up to the third
 #: vanish at the ends, enough for equations of order 4.
 COSINES = (3.0 / 8.0, -1.0 / 2.0, 1.0 / 8.0)
@@ -228,7 +232,7 @@ def _searched(spectra: Spectra, form: Form, dt: float, delay: float) -> FormFit 
         while damping < 1e4:
             step = np.linalg.solve(matrix + damping * np.eye(len(values)), gradient)
             trial = values - step / scale
-            trial[-1] = np.clip(trial[-1], EARLIEST * dt, LONGEST)
+            trial[-1] = np.clip(trial[-1], EARLIEST, LONGEST)
             there = spectra.residual(form, trial)
             own = spectra.level(there)
             gain = spectra.cost(level) - spectra.cost(own)
@@ -317,3 +321,50 @@ def spectra_of(
     return Spectra(
         answer / size, omega, _derivatives(bare, omega), np.array(parts).swapaxes(0, 1).copy()
     )
+
+
+def forms_fitted(spectra: Spectra, dt: float, later: tuple[float, ...] = ()) -> list[FormFit]:
+    """Forms from the simplest on, up to where one describes the recording."""
+    fits = _pass(spectra, dt, FORMS)
+    if not fits:
+        return []
+    best = simplest(fits)
+    plain = [form for form in FORMS if not form.zero and _size(form) <= 3]
+    for delay in later:
+        fits += _pass(spectra, dt, plain, delay)
+    if best.values[-1] > LATE:
+        simpler = [form for form in FORMS if _size(form) < _size(best.form)]
+        fits += _pass(spectra, dt, simpler, float(best.values[-1]))
+    # Of each form the best.
+    fits.sort(key=lambda fit: fit.criterion)
+    return list({fit.form: fit for fit in reversed(fits)}.values())
+
+
+def _pass(spectra: Spectra, dt: float, forms: Sequence[Form], delay: float = 0.0) -> list[FormFit]:
+    fits: list[FormFit] = []
+    for _, alike in groupby(sorted(forms, key=_size), key=_size):
+        found = (fitted_form(spectra, form, dt, delay) for form in alike)
+        fits += [fit for fit in found if fit is not None]
+        if any(fit.unexplained.max() <= UNNOTICED**2 for fit in fits):
+            break
+    return fits
+
+
+def _size(form: Form) -> int:
+    return len(form.units)
+
+
+def simplest(fits: Sequence[FormFit]) -> FormFit:
+    """Of the fits that nobody would tell from the best, the one with the fewest parameters."""
+    best = min(fits, key=lambda f: f.criterion)
+    alike = [f for f in fits if np.all(f.unexplained <= best.unexplained + UNNOTICED**2)]
+    return min(alike, key=lambda f: (len(f.values), f.criterion))
+
+
+@remembered
+def fits_of(recording: Recording) -> tuple[FormFit, ...]:
+    """The forms fitted to the measurement window of a recording."""
+    signals = {"u": recording.u, "x": recording.x, "fd": recording.fd}
+    parts = {n: recording.window(s) for n, s in signals.items() if s is not None}
+    spectra = spectra_of(recording.dt, parts["u"] + parts.get("fd", 0.0), parts["x"])
+    return tuple(forms_fitted(spectra, recording.dt))

@@ -16,16 +16,26 @@ from itertools import pairwise, permutations
 
 import numpy as np
 
+from pilotid.element.search import fits_of, forms_fitted, simplest, spectra_of
 from pilotid.pilot.element import parsed_element
 from pilotid.recordings.recording import Recording, remembered
 from pilotid.recordings.spectra import floors_of
-from pilotid.recordings.timing import Relation, derivatives, regression
-from pilotid.support.limits import RECORDER
+from pilotid.recordings.timing import (
+    Answered,
+    Relation,
+    answered,
+    derivatives,
+    regression,
+    shifted,
+)
+from pilotid.support.limits import ELEMENT, RECORDER
 from pilotid.support.remarks import GRADES, Grade, Remark
 from pilotid.support.types import ComplexArray, FloatArray
 
 LOWEST, PER_OCTAVE = 0.3, 6  # Hz, and bands in an octave
 FEWEST = 10  # bins of all runs in a band, of which its level is told
+OTHERWISE = "e = ft - x does not hold otherwise"
+MOVES = "x would not be their answer otherwise"
 
 
 @dataclass(frozen=True)
@@ -275,35 +285,41 @@ class _Look:
         )
         if not left < 0.01 or min(abs(values[0]), abs(values[1])) < 0.5:
             return
-        for name, late, error_of in (
-            ("ft", values[2] / values[0], errors[2]),
-            ("x", values[3] / values[1], errors[3]),
-        ):
-            if abs(late) > max(RECORDER.errors * error_of, RECORDER.identity * self.dt):
-                yield _late(name, "e", late, self.dt, "e = ft - x does not hold otherwise")
+        least = np.maximum(RECORDER.errors * errors[2:4], RECORDER.identity * self.dt)
+        late = -values[2:4] / values[:2]
+        if np.all(np.abs(late) > least) and abs(late[0] - late[1]) <= least.max():
+            yield _late("e", "ft - x", -float(late.mean()), self.dt, OTHERWISE)
+            return
+        for name, own, limit in zip(("ft", "x"), late.tolist(), least.tolist(), strict=True):
+            if abs(own) > limit:
+                yield _late(name, "e", own, self.dt, OTHERWISE)
 
     def times(self, found: Sequence[Finding]) -> Iterator[Finding]:
         """Times of u, fd and x against one another, and what the drive holds of fd."""
         if "x" not in self.signals:
             return
-        late = [*self._against_forcing(found), *self._against_output()]
+        late = [*self._against_forcing(found)]
         yield from late
-        known = {f.code for f in (*late, *found)}
-        if not known & {"late-signal", "late-forcing"}:
-            yield from self._against_named()
+        if not {f.code for f in (*late, *found)} & {"late-signal", "late-forcing"}:
+            yield from self._against_element()
 
     def _against_forcing(self, found: Sequence[Finding]) -> Iterator[Finding]:
         """Times and gains of u and fd against one another, whatever the element is."""
         if "fd" not in self.signals or _is_stepped(self.signals["fd"]):
             return
-        best = Relation(self.signals, self.dt).best(order=4)
-        if not best.left < RECORDER.left[0]:
+        best = Relation(self.signals, self.dt).best()
+        if not best.left < RECORDER.left:
             return
         # Noise on x, which stands on the right-hand side, moves times and shares.
         noisy = any(f.signal == "x" and f.code in ("noise", "resampled") for f in found)
         least = max(RECORDER.errors * best.error, RECORDER.apart[0] * self.dt, RECORDER.apart[1])
         if best.error < RECORDER.told and abs(best.late) > (2.0 if noisy else 1.0) * least:
-            yield _late("u", "fd", best.late, self.dt, "x would not be their answer otherwise")
+            # Where x answers to the two before fd moves, fd is late and u is not.
+            answer = self._answer(best.late) if best.late < 0.0 else None
+            if answer and abs(answer.late - best.late) < abs(answer.late):
+                yield _late("fd", "u", -best.late, self.dt, MOVES)
+            else:
+                yield _late("u", "fd", best.late, self.dt, MOVES)
         off = abs(best.share - 1.0)
         if (
             not noisy
@@ -326,55 +342,42 @@ class _Look:
                 words,
             )
 
-    def _against_named(self) -> Iterator[Finding]:
-        """X against the answer of the element that the recording names."""
+    def _answer(self, moved: float = 0.0) -> Answered | None:
+        """How much later x answers than its element says, to u taken so much earlier, and fd."""
         element = parsed_element(self.recording.controlled_element)
-        if element is None or len(element.denominator) > 5:
+        drive = self.drive
+        if moved:
+            drive = drive - self.signals["u"] + shifted(self.signals["u"], self.dt, moved)
+        spectra = spectra_of(self.dt, drive, self.signals["x"])
+        if element is not None:
+            return answered(spectra, element)
+        fits = forms_fitted(spectra, self.dt) if moved else fits_of(self.recording)
+        best = simplest(fits) if fits else None
+        if best is None or best.explained < ELEMENT.sound:
+            return None
+        return Answered(float(best.values[-1]), math.sqrt(best.covariance[-1, -1]))
+
+    def _against_element(self) -> Iterator[Finding]:
+        """X against the answer of the element that the recording names, or else shows.
+
+        What it shows tells nothing of an x that is late: the element may have that delay.
+        """
+        answer, named = self._answer(), parsed_element(self.recording.controlled_element)
+        if answer is None or not answer.error < RECORDER.told:
             return
-        every = max(1, round(0.045 / self.dt))
-
-        def applied(signal: FloatArray, polynomial: Sequence[float], delay: float) -> FloatArray:
-            """A polynomial of derivatives of a delayed signal, and its derivative."""
-            order = len(polynomial)
-            found = derivatives(signal, self.dt, order, delay)
-            rows = [found[i : i + order] for i in range(2)]
-            ascending = np.array(polynomial[::-1], dtype=float)
-            return np.array([np.tensordot(ascending, r, axes=1)[:, ::every] for r in rows])
-
-        output, _ = applied(self.signals["x"], element.denominator, 0.0)
-        late = 0.0
-        for _ in range(3):  # the derivative is right for small shifts alone
-            drive, rate = applied(self.drive, element.numerator, element.delay + late)
-            columns = [drive, -rate, np.ones_like(drive)]
-            values, errors, left = regression(output, columns, every * self.dt)
-            late += float(values[1] / values[0])
-        error = float(errors[1] / abs(values[0]))
-        least = max(RECORDER.errors * error, RECORDER.named * self.dt, RECORDER.acausal[1])
-        if left < RECORDER.left[0] and error < RECORDER.told and abs(late) > least:
+        late = answer.late
+        least = max(
+            RECORDER.errors * answer.error, RECORDER.answer[0] * self.dt, RECORDER.answer[1]
+        )
+        if named is None and late < -least:
+            yield _late("u", "x", -late, self.dt, "x would answer before it moves otherwise")
+        if named is not None and abs(late) > least:
             words = (
                 f"x answers {1e3 * abs(late):.3g} ms {'later' if late > 0 else 'earlier'} than the "
-                f"controlled element {element.name} says: signals passed a filter or are shifted "
+                f"controlled element {named.name} says: signals passed a filter or are shifted "
                 "in time, and delays are wrong by as much; or name the element with that delay"
             )
             yield Finding("late-signal", "x", "wrong", late, "s", words)
-
-    def _against_output(self) -> Iterator[Finding]:
-        """U or fd recorded later than x has answered to it."""
-        relation = Relation(self.signals, self.dt)
-        for scanned, order in ((s, o) for s in (False, True) for o in range(3)):
-            best = relation.best(order, against_output=True, scanned=scanned)
-            if best.left < RECORDER.left[1]:
-                break
-        else:
-            return
-        for name, late, error in (
-            ("u", best.late, best.error),
-            ("fd", best.other, best.other_error),
-        ):
-            least = max(RECORDER.errors * error, RECORDER.acausal[0] * self.dt, RECORDER.acausal[1])
-            if error < RECORDER.told and late > least:
-                yield _late(name, "x", late, self.dt, "x would answer before it moves otherwise")
-                return
 
     def copies(self) -> Iterator[Finding]:
         """Runs whose control is the same to the last bit."""

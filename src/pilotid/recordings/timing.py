@@ -8,12 +8,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pilotid.element.search import INDEPENDENT, Spectra
+from pilotid.pilot.element import ControlledElement
+from pilotid.support.limits import RECORDER
 from pilotid.support.types import FloatArray
 
 #: Standard deviation of the Gaussian that all signals pass before times are compared [s].
 SMOOTH = 0.06
 #: Share of the control left unexplained from which shifts are sought.
 MUCH = 1e-3
+LATEST = 1.2  # s, by which an output may be late
 
 
 def derivatives(signal: FloatArray, dt: float, order: int, delay: float = 0.0) -> list[FloatArray]:
@@ -48,20 +52,72 @@ def regression(
     return values / size, np.sqrt(np.diag(covariance)) / size, share
 
 
+class Answered(NamedTuple):
+    """How much later x answers than an element says [s], and its standard error."""
+
+    late: float
+    error: float
+
+
+def shifted(signal: FloatArray, dt: float, earlier: float) -> FloatArray:
+    """A signal so much earlier, by straight lines between samples; its ends stay."""
+    time = dt * np.arange(signal.shape[1])
+    return np.array([np.interp(time + earlier, time, row) for row in signal])
+
+
+def answered(spectra: Spectra, element: ControlledElement) -> Answered | None:
+    """The time by which an output lags the answer of an element to its input.
+
+    A disturbance that was not recorded spoils the bins near its lines, so that a median over bins
+    is taken.
+
+    Parameters
+    ----------
+    spectra
+        Of input and output.
+    element
+        The element, with two derivatives of the input and `HIGHEST` of the output at most.
+    """
+    top, bottom = (np.trim_zeros(p, "f")[::-1] for p in (element.numerator, element.denominator))
+    if len(top) > 2 or len(bottom) > len(spectra.output):
+        return None
+    output = np.asarray(bottom) @ spectra.output[: len(bottom)]
+    answer = np.asarray(top) @ spectra.delayed(len(top), element.delay)
+    ratio, omega = output / answer, spectra.omega
+    unit = ratio / np.abs(ratio)
+    times = np.arange(-LATEST, LATEST, 0.01)
+    late = float(times[np.argmax(np.real(np.exp(1j * np.outer(times, omega)) @ (omega * unit)))])
+    for _ in range(3):
+        off = -np.angle(unit * np.exp(1j * omega * late))
+        late += _weighted_median(off / omega, omega)
+    turned = ratio * np.exp(1j * omega * late)
+    gain = float(np.median(turned.real))
+    left = float(np.median(np.abs(turned / gain - 1.0)))
+    if not left**2 < RECORDER.left:
+        return None
+    # A median has 1.25 times the error of a mean; independent bins of the window are fewer.
+    scatter = 1.25 * 1.48 * float(np.median(np.abs(np.angle(turned))))
+    return Answered(late, scatter / math.sqrt(INDEPENDENT * float(omega @ omega)))
+
+
+def _weighted_median(values: FloatArray, weights: FloatArray) -> float:
+    order = np.argsort(values)
+    share = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(share, 0.5 * share[-1])])
+
+
 class Best(NamedTuple):
-    """How much later u is [s], the share of fd, and what is left of u unexplained."""
+    """How much later u is than fd [s], the share of fd, and what is left of u unexplained."""
 
     late: float
     error: float
     share: float
     share_error: float
     left: float
-    other: float  # how much later fd is
-    other_error: float
 
 
 class Relation:
-    """u(t + a) + b fd(t + f) = sum of c_j times the j-th derivative of x(t + c)."""
+    """(1 + z d/dt)(u(t + a) + b fd) = sum of c_j times the j-th derivative of x(t + c)."""
 
     REACH, OUTPUT = 1.2, 0.45  # s, by which u and x are shifted at most
     STEP = 0.05
@@ -72,56 +128,45 @@ class Relation:
         self.every = max(1, int(0.045 / dt))
         self.control = derivatives(signals["u"], dt, 1)
         self.output = derivatives(signals["x"], dt, 4)
-        self.forcing = derivatives(signals["fd"], dt, 1) if "fd" in signals else []
+        self.forcing = derivatives(signals["fd"], dt, 1)
 
     def _cut(self, signal: FloatArray, shift: int) -> FloatArray:
         end = signal.shape[1] - self.reach + shift
         return signal[:, self.reach + shift : end : self.every]
 
     def _at(
-        self, order: int, shifts: tuple[int, int], against_output: bool, runs: int | None = None
+        self, shifts: tuple[int, int], runs: int | None = None
     ) -> tuple[FloatArray, FloatArray, float]:
         control, rate = (self._cut(s[:runs], shifts[0]) for s in self.control)
-        columns = [-rate, *(self._cut(s[:runs], shifts[1]) for s in self.output[: order + 1])]
-        columns.append(np.ones_like(control))
-        columns += [-self._cut(s[:runs], 0) for s in self.forcing[: 2 if against_output else 1]]
+        forcing, forced = (self._cut(s[:runs], 0) for s in self.forcing)
+        columns = [-rate, -forcing, -(rate + forced), np.ones_like(control)]
+        columns += [self._cut(s[:runs], shifts[1]) for s in self.output]
         return regression(control, columns, self.every * self.dt)
 
-    def best(self, order: int, *, against_output: bool = False, scanned: bool = True) -> Best:
+    def best(self) -> Best:
         """The relation with the least left, of all shifts if without them much is."""
         shifts = (0, 0)
-        found = self._at(order, shifts, against_output)
+        found = self._at(shifts)
         step = max(1, round(self.STEP / self.dt))
         grid = range(-(self.reach // step) * step, self.reach, step)
-        scanned = scanned and found[2] > MUCH
-        left = self._at(order, shifts, against_output, 1)[2] if scanned else 0.0
+        scanned = found[2] > MUCH
+        left = self._at(shifts, 1)[2] if scanned else 0.0
         for moves in (0, 1, 0, 1) if scanned else ():  # by the first run
             for shift in grid:
-                if (moves == 0 and not self.forcing) or (
-                    moves == 1 and abs(shift * self.dt) > self.OUTPUT
-                ):
+                if moves == 1 and abs(shift * self.dt) > self.OUTPUT:
                     continue
                 tried = (shift, shifts[1]) if moves == 0 else (shifts[0], shift)
-                other = self._at(order, tried, against_output, 1)[2]
+                other = self._at(tried, 1)[2]
                 if other < 0.7 * left:
                     left, shifts = other, tried
         if shifts != (0, 0):
-            found = self._at(order, shifts, against_output)
-        (values, errors, share_left), (of_control, of_output) = found, shifts
-        against = of_output * self.dt if against_output else 0.0
-        place = order + 3
-        share, share_error, other, other_error = 1.0, math.inf, 0.0, math.inf
-        if self.forcing:
-            share, share_error = float(values[place]), float(errors[place])
-            if against_output:
-                other = float(values[place + 1]) / share - against
-                other_error = float(errors[place + 1]) / abs(share)
-        return Best(
-            float(values[0]) + of_control * self.dt - against,
-            float(errors[0]),
-            share,
-            share_error,
-            share_left,
-            other,
-            other_error,
-        )
+            found = self._at(shifts)
+        for _ in range(2):  # the derivative is right for small shifts alone
+            values, errors, share_left = found
+            share = float(values[1]) or 1.0
+            late = float(values[0] + values[2] * (1.0 - 1.0 / share)) + shifts[0] * self.dt
+            near = int(np.clip(round(late / self.dt), -self.reach, self.reach)), shifts[1]
+            if near == shifts or not share_left < RECORDER.left:
+                break
+            shifts, found = near, self._at(near)
+        return Best(late, float(errors[0]), share, float(errors[1]), share_left)

@@ -28,12 +28,11 @@ class RecorderLimits(NamedTuple):
     converter_steps: float = 10.0  # of a converter, that are no jump
     identity: float = 0.02  # of a sample, by which e and ft or x are apart (0)
     apart: tuple[float, float] = (0.2, 0.005)  # of a sample, and s, of u against fd (.003 s)
-    acausal: tuple[float, float] = (0.7, 0.003)  # the same of x: half a sample is a way to simulate
-    named: float = 0.55  # of a sample, of x against the element that is named, for the same reason
+    answer: tuple[float, float] = (0.7, 0.003)  # the same of x: half a sample is a way to simulate
     errors: float = 5.0  # standard errors beyond which a time differs from none
     told: float = 0.01  # s, standard error up to which a time is told
     gain: float = 0.05  # by which the share of fd in the drive differs from 1 (.014)
-    left: tuple[float, float] = (0.03, 1e-3)  # share of u that may be unexplained beside fd, and x
+    left: float = 0.03  # share of u, or of the answer to it, that may be unexplained
     #: Hz up to which signals must be usable for a fit to lose next to nothing: pilots have no
     #: power above 30 rad/s, and a band of 26 rad/s tells as much as a wider one.
     enough: float = 5.0
