@@ -9,13 +9,13 @@ below half of most of them.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from pilotid.recordings.detectors import findings
+from pilotid.recordings.detectors import findings, step_of
 from pilotid.recordings.plant import (
     element_changes,
-    is_gain,
     late,
     opposed,
     plant_of,
@@ -140,9 +140,13 @@ def _held(recording: Recording) -> Remark | None:
     for name, longest in (("e", SIGNAL.hold_e), ("x", SIGNAL.hold_x), ("u", SIGNAL.hold_u)):
         if motionless(recording, name):
             continue
-        for run, row in enumerate(recording.window(recording.input(name))):
+        window = recording.window(recording.input(name))
+        least = SIGNAL.jump * step_of(window)
+        for run, row in enumerate(window):
             first, count = _longest_run(np.diff(row) == 0.0)
-            if count * recording.dt > longest:
+            # What rounding holds goes on by a step.
+            around = row[[max(first - 1, 0), min(first + count + 1, row.size - 1)]]
+            if count * recording.dt > longest and np.max(np.abs(around - row[first])) > least:
                 return Remark(
                     "held-samples",
                     f"{name} keeps one value for {count * recording.dt:.3g} s from "
@@ -336,14 +340,29 @@ def exchanged(recording: Recording) -> Remark | None:
     target = np.fft.rfft(recording.window(recording.ft))[:, fast]
     weight = np.abs(target) ** 2 / noise
     shown = float(np.sum(weight * np.real(error / target)) / np.sum(weight))
-    if shown >= SIGNAL.shown or is_gain(recording):  # which a loop may follow the fast lines with
+    other = replace(recording, e=recording.x, x=recording.e)
+    answer, turned = plant_of(recording), plant_of(other)
+    # People who see the target ahead follow its fast lines, but the element still answers to u.
+    if shown >= SIGNAL.shown or (
+        answer and turned and answer.mean_coherence >= turned.mean_coherence
+    ):
         return None
     return Remark(
         "exchanged",
-        f"e shows {100.0 * shown:.0f} % of the fast lines of the target, which no loop follows: e "
-        "and x seem to be exchanged; correct the names with --map "
-        f"e={recording.origin.get('x', 'x')},x={recording.origin.get('e', 'e')}",
+        f"e shows {100.0 * shown:.0f} % of the fast lines of the target, which no loop follows, "
+        f"and answers to u as x should: e and x seem to be exchanged; {_exchange(recording)}",
     )
+
+
+def _exchange(recording: Recording) -> str:
+    """How to exchange the names of e and x, of which one may follow from the other."""
+    places = {name: recording.origin.get(name, name) for name in ("e", "x")}
+    for name, other in (("e", "x"), ("x", "e")):
+        if places[name] == f"ft - {other}":
+            if places[other] == other:
+                return f"name the column {other} {name} in the file"
+            return f"map that column to {name} alone: --map {name}={places[other]}"
+    return f"correct the names with --map e={places['x']},x={places['e']}"
 
 
 def _flip(recording: Recording, name: str) -> str:

@@ -182,7 +182,7 @@ class _Look:
         for name in ("e", "u", "x", *self.recording.extra):
             if name not in self.signals:
                 continue
-            step, rms = _step(self.signals[name]), float(np.std(self.signals[name]))
+            step, rms = step_of(self.signals[name]), float(np.std(self.signals[name]))
             if step > RECORDER.lattice * rms:
                 words = f"{name} has steps of {step:.3g}, {100.0 * step / rms:.2g} % of its rms"
                 yield Finding("rounded", name, "note", step, self.units[name], words)
@@ -259,7 +259,9 @@ class _Look:
         ratio, share, count, run, sample = _outliers(self.signals["x"], self.drive)
         # What stands still between steps of a converter is told without error.
         rms = float(np.std(self.signals["x"]))
-        least = max(RECORDER.outlier[1], RECORDER.converter_steps * _step(self.signals["x"]) / rms)
+        least = max(
+            RECORDER.outlier[1], RECORDER.converter_steps * step_of(self.signals["x"]) / rms
+        )
         if ratio > RECORDER.outlier[0] and share > least:
             words = (
                 f"x jumps at {count} samples, first at t = {sample * self.dt:.4g} s of run "
@@ -442,7 +444,7 @@ def _grid(signal: FloatArray, largest: int = 25) -> tuple[float, int, int]:
     return (score, -step, -order) if share else (0.0, 0, 0)
 
 
-def _step(signal: FloatArray) -> float:
+def step_of(signal: FloatArray) -> float:
     """The step of which all differences of values are multiples; 0 if there is none."""
     values = np.unique(signal)
     apart = np.sort(np.diff(values))

@@ -43,6 +43,7 @@ class SignalLimits(NamedTuple):
 
     still: float = 1e-9  # standard deviation over the size of the signal: it does not move
     hold_e: float = 0.3  # s at one value
+    jump: float = 2.5  # steps of a signal by which a held value must be left
     hold_x: float = 8.0
     hold_u: float = 10.0  # (6.5, on a breakout)
     spike: float = 100.0  # times the usual size (8; a control after steps 27)
