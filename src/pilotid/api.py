@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import UnionType
 from typing import TYPE_CHECKING, TypeVar
@@ -13,6 +14,7 @@ from pilotid.datasets.named import AnyScenario, scenario_named
 from pilotid.datasets.population import Population
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.simulation import simulate as simulated
+from pilotid.element.fit import recording_remarks
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.method import Method
 from pilotid.estimates.method import identify as run_method
@@ -60,7 +62,8 @@ def identify(
     Returns
     -------
     Estimate
-        Whatever happens; one that failed says so in its outcome.
+        Whatever happens; one that failed says so in its outcome.  Its remarks begin with what
+        `check` says of the recording.
     """
     if recording is None or model is None:
         wanted = "identify('mle', recording, 'multi')"
@@ -69,7 +72,9 @@ def identify(
     if not isinstance(rng, np.random.Generator):
         rng = fit_rng(rng, label_of(chosen))
     _require(recording, Recording, "recording")
-    return run_method(chosen, recording, _model(model), rng)
+    estimate = run_method(chosen, recording, _model(model), rng)
+    told = (*recording_remarks(recording), *estimate.remarks)
+    return replace(estimate, remarks=told)
 
 
 def _model(given: PilotModel | str) -> PilotModel:

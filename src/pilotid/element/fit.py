@@ -18,6 +18,7 @@ from pilotid.element.search import FormFit, fits_of, forms_fitted, simplest, spe
 from pilotid.estimates.loops import LoopElement
 from pilotid.estimates.quantities import Quantity
 from pilotid.pilot.element import ControlledElement, parsed_element
+from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import Recording, remembered
 from pilotid.support.limits import ELEMENT
 from pilotid.support.numbers import Z95
@@ -255,20 +256,26 @@ def chosen_element(recording: Recording, given: ControlledElement | None = None)
     found = identified_element(recording)
     named = parsed_element(recording.controlled_element)
     shown = found.element if found.sound else None
-    remarks = []
+    told = []
     for element, what in ((given, "given"), (named, "that the file names")):
         sentence = differs(element, shown, OMEGA, what) if element and shown else None
         if sentence:
-            remarks.append(sentence)
+            told.append(sentence)
     if given and named and not shown:
         sentence = differs(given, named, OMEGA, by="the file names")
-        remarks += [sentence] if sentence else []
+        told += [sentence] if sentence else []
     for element, origin in ((given, GIVEN), (named, FILE), (shown, SIGNALS)):
         if element is not None:
-            return ElementChoice(element, origin, identified=found, remarks=tuple(remarks))
+            return ElementChoice(element, origin, identified=found, remarks=tuple(told))
     cure = "fit the parts with --span" if CHANGES in found.remark else NAME_IT
     why = f"no loops: {found.remark}; {cure}"
-    return ElementChoice(why=why, identified=found, remarks=tuple(remarks))
+    return ElementChoice(why=why, identified=found, remarks=tuple(told))
+
+
+@remembered
+def recording_remarks(recording: Recording) -> tuple[Remark, ...]:
+    """What is wrong with a recording, and with the element that it names."""
+    return (*remarks(recording), *chosen_element(recording).remarks)
 
 
 def differs(

@@ -120,7 +120,7 @@ class Relation:
     """(1 + z d/dt)(u(t + a) + b fd) = sum of c_j times the j-th derivative of x(t + c)."""
 
     REACH, OUTPUT = 1.2, 0.45  # s, by which u and x are shifted at most
-    STEP = 0.05
+    STEP, SMALL = 0.05, 0.12
 
     def __init__(self, signals: dict[str, FloatArray], dt: float) -> None:
         self.dt = dt
@@ -145,13 +145,19 @@ class Relation:
 
     def best(self) -> Best:
         """The relation with the least left, of all shifts if without them much is."""
-        shifts = (0, 0)
-        found = self._at(shifts)
+        found = self._near((0, 0))
+        if found.left <= MUCH:
+            return found
+        samples = round(self.SMALL / self.dt)
+        small = range(-samples, samples + 1, max(1, samples // 10))
+        shift = min(small, key=lambda own: self._at((own, 0), 1)[2])
+        found = min(found, self._near((shift, 0)), key=lambda best: best.left)
+        if found.left <= MUCH:
+            return found
+        shifts, left = (0, 0), self._at((0, 0), 1)[2]
         step = max(1, round(self.STEP / self.dt))
         grid = range(-(self.reach // step) * step, self.reach, step)
-        scanned = found[2] > MUCH
-        left = self._at(shifts, 1)[2] if scanned else 0.0
-        for moves in (0, 1, 0, 1) if scanned else ():  # by the first run
+        for moves in (0, 1, 0, 1):  # by the first run
             for shift in grid:
                 if moves == 1 and abs(shift * self.dt) > self.OUTPUT:
                     continue
@@ -159,14 +165,16 @@ class Relation:
                 other = self._at(tried, 1)[2]
                 if other < 0.7 * left:
                     left, shifts = other, tried
-        if shifts != (0, 0):
-            found = self._at(shifts)
-        for _ in range(2):  # the derivative is right for small shifts alone
-            values, errors, share_left = found
+        return min(found, self._near(shifts), key=lambda best: best.left)
+
+    def _near(self, shifts: tuple[int, int]) -> Best:
+        """The relation about shifts of u and x, as the derivative is right for small ones alone."""
+        for _ in range(5):
+            values, errors, left = self._at(shifts)
             share = float(values[1]) or 1.0
             late = float(values[0] + values[2] * (1.0 - 1.0 / share)) + shifts[0] * self.dt
             near = int(np.clip(round(late / self.dt), -self.reach, self.reach)), shifts[1]
-            if near == shifts or not share_left < RECORDER.left:
+            if near == shifts:
                 break
-            shifts, found = near, self._at(near)
-        return Best(late, float(errors[0]), share, float(errors[1]), share_left)
+            shifts = near
+        return Best(late, float(errors[0]), share, float(errors[1]), left)
