@@ -95,7 +95,9 @@ def drawn(
         if named:
             scenario = SCENARIOS[named[i % len(named)]]
         else:
-            scenario = zero(rng) if name == "zero" else POPULATIONS[f"population-{source}"].drawn(rng)
+            scenario = (
+                zero(rng) if name == "zero" else POPULATIONS[f"population-{source}"].drawn(rng)
+            )
         recording = simulate(scenario, rng)
         if name == "bare":
             recording = bare(recording, *(("ft",), ("fd",), ())[i % 3])
@@ -157,13 +159,17 @@ def power(first: int, count: int) -> None:
                         given = replace(given, controlled_element=text)
                         key = f"{stratum.removeprefix('population-')}/{form}/{'named' * known}"
                         found.setdefault(key, []).append(bool(set(codes) & said_of(given).keys()))
-        print(f"{fault}: " + ", ".join(f"{k} {sum(v)}/{len(v)}" for k, v in found.items()), flush=True)
+        print(
+            f"{fault}: " + ", ".join(f"{k} {sum(v)}/{len(v)}" for k, v in found.items()), flush=True
+        )
 
 
 def of_people(folder: Path) -> None:
     """Print what is said of every measured recording."""
     preview = {"t": "time", "u": "inp", "ft": "ref", "fd": "dis", "x": "state"}
-    files = [(f, None) for f in sorted(folder.glob("*/*.mat")) + sorted(folder.glob("rollpitch/*.csv"))]
+    files = [
+        (f, None) for f in sorted(folder.glob("*/*.mat")) + sorted(folder.glob("rollpitch/*.csv"))
+    ]
     files += [(f, preview) for f in sorted(folder.glob("preview*/*.csv"))]
     count, total = Counter[str](), Counter[str]()
     for file, mapping in files:
