@@ -44,7 +44,7 @@ from pilotid.posterior.likelihood import Likelihood, Posterior
 from pilotid.posterior.priors import Prior, priors_of
 from pilotid.recordings.recording import Recording
 from pilotid.support.types import FloatArray
-from pilotid.time_domain.output_error import make_estimate
+from pilotid.time_domain.output_error import OutputErrors, make_estimate, too_short
 from pilotid.time_domain.remnant_models import LowPass
 from pilotid.time_domain.search import maximise_likelihood
 from pilotid.time_domain.settings import LikelihoodSettings
@@ -190,6 +190,7 @@ class Bayes(LikelihoodSettings):
             band=found.band_of(recording),
             remnant=found.remnant,
             draws=draws,
+            remarks=too_short(OutputErrors(joint.prediction), values) if white else (),
         )
         if estimate.outcome.usable and is_vague(estimate) and one_signal(recording, model):
             # Several summits, far apart: draws about one of them look as good as any others.

@@ -32,7 +32,8 @@ from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_of
 from pilotid.support.remarks import Remark
 from pilotid.support.types import ComplexArray, FloatArray
-from pilotid.time_domain.output_error import make_estimate
+from pilotid.time_domain.output_error import OutputErrors, make_estimate, too_short
+from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prepare import prepare
 
 Hold = Literal["zoh", "foh"]
@@ -124,13 +125,14 @@ class MMLE3:
         if covariance is None:
             return failed(self.name, model, Outcome.SINGULAR)
         estimate = make_estimate(self.name, recording, model, values, covariance, converged=True)
+        whole = OutputErrors(predict(recording, model))
         # There are no bounds here, so that none was reached.
         return replace(
             estimate,
             outcome=Outcome.CONVERGED,
             message="",
             iterations=iteration,
-            remarks=tuple(_far_off(model, values)),
+            remarks=(*_far_off(model, values), *too_short(whole, values)),
         )
 
 

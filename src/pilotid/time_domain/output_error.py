@@ -18,10 +18,11 @@ from pilotid.estimates.estimate import (
 )
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.solve.covariance import covariance_of, sandwich
+from pilotid.solve.covariance import covariance_of, sandwich, score_products
 from pilotid.solve.least_squares import Minima, Problem, minimise
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import chi_squared_limit
+from pilotid.support.remarks import Remark
 from pilotid.support.types import ComplexArray, FloatArray
 from pilotid.time_domain.prediction import Prediction, predict
 
@@ -253,4 +254,37 @@ class WhiteLikelihood:
             converged=bool(end.converged[0]),
             prediction=prediction if self.band is None else None,
         )
-        return replace(estimate, iterations=found.iterations + end.iterations)
+        remarks = () if self.covariance == "sandwich" else too_short(problem, values)
+        return replace(estimate, iterations=found.iterations + end.iterations, remarks=remarks)
+
+
+#: Standard errors that are too short by this factor are worth a word.
+TOO_SHORT = 1.5
+#: Longest time over which scores are taken to be correlated [s].
+REACH = 5.0
+
+
+def too_short(problem: OutputErrors, values: FloatArray) -> tuple[Remark, ...]:
+    """A remark where the residual is coloured, with what that does to errors claimed as if white.
+
+    The scores' variance over what it would be of a white residual is that of the errors, as in
+    `pilotid.solve.covariance.sandwich`.
+
+    Parameters
+    ----------
+    problem, values
+        The problem, and its optimum, shape (parameters,).
+    """
+    rows = problem.rows(values[None])[0]
+    claimed = np.sum(rows[:-1] ** 2, axis=(1, 2)) * np.mean(rows[-1] ** 2)
+    found = np.diag(score_products(rows, max(1, round(REACH / problem.prediction.dt))))
+    factor = float(np.sqrt(np.median(found / np.maximum(claimed, 1e-300))))
+    if not factor > TOO_SHORT:
+        return ()
+    return (
+        Remark(
+            "residual-not-white",
+            f"the residual is coloured: standard errors and intervals are about {factor:.1f} times "
+            "too short, and the estimate is biased in a closed loop; use mle or bayes",
+        ),
+    )
