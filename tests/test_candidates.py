@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from checks.published import LED, preview_runs
 from golden.golden import POSITION
-from helpers import PILOTS, fit_of
+from helpers import PILOTS, SINGLE_LOOP, fit_of
 
-from pilotid import identify
+from pilotid import MODELS, identify
 from pilotid.datasets import Scenario
 from pilotid.methods import method_named
 from pilotid.pilot.loops import are_stable, unstable_poles
@@ -55,3 +55,13 @@ def test_the_decay_of_a_lag_that_outlasts_the_run_in_is_no_bias(method: str) -> 
     assert np.abs(np.median(errors, axis=0)).max() < 1.5
     if method == "mle":
         assert all("slow-lag" in codes_of(fit.remarks) for fit in fits)
+
+
+def test_a_band_that_is_asked_for_is_not_widened() -> None:
+    bands = {fit_of(method_named(f"mle(band={band})"), SINGLE_LOOP).band for band in (15, 26)}
+    highest = sorted(band.highest for band in bands if band is not None)
+    assert highest[0] < 15.0 < highest[1] < 26.0
+
+
+def test_a_lag_may_be_next_to_none() -> None:
+    assert MODELS["lead-lag"].lower[MODELS["lead-lag"].keys.index("tlag")] <= 1e-3

@@ -350,7 +350,7 @@ class Lag(Factor):
 
     key: str = "tlag"
     start: float = 0.5
-    bounds: tuple[float, float] = (0.01, 30.0)
+    bounds: tuple[float, float] = (1e-4, 30.0)
     usual: tuple[float, float] = (0.2, 5.0)
 
     @property

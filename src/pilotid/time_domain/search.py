@@ -243,7 +243,7 @@ def _own_remnants(joint: PredictionErrors, prediction: Prediction, pilots: Float
 def _rates(recording: Recording, settings: LikelihoodSettings) -> Iterator[float | None]:
     """The analysis bands to choose from [rad/s], each with less decimation than the one before."""
     yield settings.band
-    if settings.band is None:
+    if settings.band is None or settings.band != LikelihoodSettings.band:
         return
     factor = decimation(recording.dt, settings.band)
     for rate in settings.wide:

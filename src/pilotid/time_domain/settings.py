@@ -41,7 +41,7 @@ class LikelihoodSettings(StartSettings):
         Analysis band [rad/s]; None uses the full sampling rate.
     wide
         Wider bands, of which the first takes its place that is not informative near its edge;
-        empty for none.
+        empty for none.  They widen the default band alone: one that is asked for stays.
     rounds
         How often the remnant's model is chosen anew at most.
     noise
