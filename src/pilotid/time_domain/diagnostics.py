@@ -228,8 +228,15 @@ def tested_specification(
     """
     enough = recording.runs * recording.duration >= ESTIMATE.tested_from
     model, values, covariance = estimate.model, estimate.values, estimate.covariance
-    if not enough or is_at_bound(model, values).any():  # no score is zero there
+    free = np.flatnonzero(~is_at_bound(model, values))
+    if not enough or not free.size:
         return None
+    if free.size < len(values):
+        # At a bound no score is zero: the others are tested, with what is there held.
+        information = np.linalg.inv(covariance)[np.ix_(free, free)]
+        covariance = np.zeros_like(covariance)
+        covariance[np.ix_(free, free)] = np.linalg.inv(information)
+        return specification_of(recording, model, values, covariance, found.remnant)
     return specification_of(
         recording, model, values, covariance, found.remnant
     ) or specification_by_instruments(found, recording, values, covariance, against)
