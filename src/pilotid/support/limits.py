@@ -98,6 +98,7 @@ class EstimateLimits(NamedTuple):
     #: 14,000 recordings.
     seldom: float = 7e-5
     misspecified: float = 1e-3  # p-value: doubt (none of 360 sound fits)
+    other_optimum: float = 3.0  # standard errors by which another optimum differs
     surely_misspecified: float = 1e-5  # p-value: wrong
     #: s of all runs together from which it is tested; covariances are not good enough of less
     #: (30 s: 12 % of 120 sound fits disagreed; populations of 60 s and more: 2 of 480).

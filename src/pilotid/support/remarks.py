@@ -76,6 +76,7 @@ CODES: dict[str, tuple[Grade, str]] = {
     "residual-not-white": ("doubt", "the prediction errors are not white"),
     "gain-element": ("note", "the controlled element is a gain: all rests on the remnant"),
     "slow-lag": ("note", "a lag is long beside the pre-history: its free decay is fitted too"),
+    "competing-optimum": ("note", "another optimum is as likely, with other values"),
     "outside-range": ("doubt", "a value lies outside the range of pilots"),
     OTHER: ("note", "what a method says in words of its own"),
 }

@@ -265,6 +265,7 @@ def fit_remarks(
         coloured(rows[-1], found.joint.prediction.band_terms),
         _answered_at_once(recording, found.joint.prediction.model),
         _slow_lag(found),
+        _competing(found),
     ]
     return tuple(remark for remark in remarks if remark)
 
@@ -318,6 +319,23 @@ def _answered_at_once(recording: Recording, model: PilotModel) -> Remark | None:
         "the controlled element is a gain, so that the values rest on the model of the remnant, "
         "and intervals may be too short; compare with fourier, which uses the forcing frequencies "
         "alone",
+    )
+
+
+def _competing(found: Optimum) -> Remark | None:
+    covariance = found.covariance
+    if covariance is None or not len(found.competing):
+        return None
+    model = found.joint.prediction.model
+    apart = np.abs(np.array(found.competing) - found.pilot) / np.sqrt(np.diag(covariance))
+    if apart.max() < ESTIMATE.other_optimum:
+        return None
+    other = found.competing[int(np.argmax(apart.max(axis=1)))]
+    told = ", ".join(f"{key} {value:.3g}" for key, value in zip(model.keys, other, strict=True))
+    return Remark(
+        "competing-optimum",
+        f"another optimum is as likely: {told}; the intervals hold both; fix a parameter, or choose "
+        "a simpler model",
     )
 
 
