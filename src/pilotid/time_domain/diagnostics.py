@@ -334,8 +334,8 @@ def _competing(found: Optimum) -> Remark | None:
     told = ", ".join(f"{key} {value:.3g}" for key, value in zip(model.keys, other, strict=True))
     return Remark(
         "competing-optimum",
-        f"another optimum is as likely: {told}; the intervals hold both; fix a parameter, or choose "
-        "a simpler model",
+        f"another optimum is as likely: {told}; the intervals hold both; fix a parameter (--fix), "
+        "or choose a simpler model",
     )
 
 
