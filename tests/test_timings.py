@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import math
-import re
 from pathlib import Path
 
 import pytest
 from timings import RATIOS, SLOWER, compared, exponents, summary_of
-
-from pilotid.support.numbers import number
 
 ROOT = Path(__file__).parents[1]
 
@@ -52,14 +48,3 @@ def test_exponents_are_those_of_the_large_end(power: float) -> None:
 
     times = {str(n): row(n) for n in (4096, 40_960, 409_600)} | {"other": {"ms": 1.0}}
     assert exponents(times) == {"mle, runs": power}
-
-
-def test_times_in_the_docs_are_those_stored() -> None:
-    times = json.loads((ROOT / "results" / "timings.json").read_text("utf-8"))["times"]
-    text = (ROOT / "docs" / "machines.md").read_text("utf-8")
-    section = text.partition("## How long it takes")[2].partition("\n## ")[0]
-    rows = re.findall(r"^\| `([\w-]+)` \| (.*) \|$", section, re.MULTILINE)
-    assert len(rows) >= 9
-    for method, cells in rows:
-        own = [times[f"fit[{method}-{m}-{r}]"]["ms"] for m in ("multi", "single") for r in (1, 5)]
-        assert cells.split(" | ") == [number(ms, 2) for ms in own]
