@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import os
-import re
 import signal
 import sqlite3
 import subprocess
@@ -18,14 +16,12 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import Run
-from stores import finish
 
 import pilotid
 from pilotid.datasets import scenario_named, simulate
 from pilotid.pilot.model import Channel
 from pilotid.recordings.files import save_recording
 from pilotid.study.study import Study
-from pilotid.support.terminal import with_bar
 from pilotid.support.types import InputError
 
 RECORDING = simulate(scenario_named("single"), np.random.default_rng(1))
@@ -153,18 +149,6 @@ def test_a_fit_that_nobody_answered_is_a_row(
     assert run("compare", *given, "--out", "p").status == 1
 
 
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no full device")
-def test_full_and_closed_outputs_are_a_sentence(place: Path) -> None:
-    with open("/dev/full", "w") as full:
-        process = started("list", stdout=full)
-        _, told = process.communicate(timeout=60)
-    assert (process.returncode, len(told.splitlines())) == (2, 1)
-    # Nothing can be said where standard error is closed.
-    words = "import os, sys; os.close(2); sys.stderr = None; from pilotid.cli import start; start()"
-    done = subprocess.run([sys.executable, "-c", words, "fit", "nowhere.csv"], timeout=60)
-    assert done.returncode == 2
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("after", [0.15, 0.3, 0.6, 1.2])
 def test_an_interruption_is_a_sentence_at_any_moment(place: Path, after: float) -> None:
@@ -174,48 +158,3 @@ def test_an_interruption_is_a_sentence_at_any_moment(place: Path, after: float) 
     _, told = process.communicate(timeout=60)
     early = process.returncode == -signal.SIGINT  # Python itself was not there yet
     assert early or (process.returncode in (0, 130) and "Traceback" not in told)
-
-
-def test_a_forecast_comes_before_long_fits(capsys: pytest.CaptureFixture[str]) -> None:
-    from pilotid.cli.running import announce
-
-    class Day:
-        source, u = "day.csv", np.zeros((1, 864000))
-
-    announce([Day()], 1)  # type: ignore[list-item]
-    announce([RECORDING], 1)
-    assert len(capsys.readouterr().err.splitlines()) == 1
-
-
-def test_a_long_job_says_so_once(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    ticks = iter(range(0, 10**6, 30))
-    monkeypatch.setattr("pilotid.support.terminal.time.monotonic", lambda: float(next(ticks)))
-    assert list(with_bar(range(100), "fitting", 100)) == list(range(100))
-    assert "about 50 min more" in capsys.readouterr().err
-
-
-@pytest.mark.long
-def test_text_of_a_strangers_store_is_text(run: Run, place: Path) -> None:
-    (place / "A").mkdir()
-    finish(place / "A", 1).close()
-    evil = "<script>alert(1)</script>\x1b[31m$\\frac{$[x](javascript:x)"
-    with closing(sqlite3.connect(place / "A" / "study.sqlite")) as base:
-        query = "SELECT rowid, content FROM rows WHERE (scenario = '') != (method = '')"
-        for number, content in base.execute(query).fetchall():
-            row = {
-                key: evil if part in ("words", "") else part
-                for key, part in json.loads(content).items()
-            }
-            base.execute("UPDATE rows SET content=? WHERE rowid=?", (json.dumps(row), number))
-        base.commit()
-    answer = run("report", "A")
-    assert answer.status == 0
-    page = (place / "A" / "report.html").read_text("utf-8")
-    assert page.count("<script") == 1
-    assert "Content-Security-Policy" in page
-    markdown = (place / "A" / "report.md").read_text("utf-8")
-    markdown = re.sub("^    .*", "", markdown, flags=re.M)  # what is to type is code
-    assert "\x1b" not in answer.out + page + markdown
-    assert not re.search(r"(?<!\\)\]\(javascript", markdown)
