@@ -15,11 +15,10 @@ from pilotid.datasets import SCENARIOS, simulate
 from pilotid.methods import methods
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.files import detrended, load_recording, save_recording
-from pilotid.recordings.recording import Recording, joined
+from pilotid.recordings.recording import Recording
 from pilotid.recordings.understood import understood
 from pilotid.support.disk import strict_json
 from pilotid.support.remarks import codes_of
-from pilotid.support.types import InputError
 
 pytestmark = [pytest.mark.numerical, pytest.mark.long]
 
@@ -120,13 +119,6 @@ def test_a_straight_line_is_taken_out_and_said(run: Run, tmp_path: Path) -> None
     assert abs(np.polyfit(np.arange(window.size), window, 1)[0]) < 1e-12
 
 
-def test_runs_with_other_units_are_not_of_one_condition() -> None:
-    again = simulate(SCENARIOS["nominal"], np.random.default_rng(5))
-    one, other = (replace(r, units={"x": unit}) for r, unit in ((NOMINAL, "deg"), (again, "rad")))
-    with pytest.raises(InputError, match=r"unit of x \(rad\) differs"):
-        joined([one, other])
-
-
 def test_units_of_a_file_must_agree() -> None:
     told = remarks(replace(NOMINAL, units={"e": "deg", "x": "rad", "u": "V"}))
     (remark,) = told
@@ -140,26 +132,6 @@ def test_a_control_that_rests_is_mentioned_and_no_fault() -> None:
     u[:, NOMINAL.run_in : NOMINAL.run_in + 1024] = 0.0
     assert understood(replace(NOMINAL, u=u)).rest == pytest.approx(0.25, abs=0.01)
     assert understood(NOMINAL).rest == 0.0
-
-
-def test_posteriors_of_several_files_go_to_folders_of_their_own(
-    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    seen = []
-    monkeypatch.setattr(
-        "pilotid.cli.posterior.infer", lambda recording, *_, **k: seen.append(k["folder"])
-    )
-    files = [written(NOMINAL, tmp_path / f"{name}.csv") for name in ("F", "G")]
-    (tmp_path / "bad.csv").write_text("")
-    out = tmp_path / "out"
-    printed = run("posterior", files[0], tmp_path / "bad.csv", files[1], "--out", out)
-    assert printed.status == 2
-    assert "bad.csv: line 1 must be a header row" in printed.err
-    assert seen == [out / "F", out / "G"]
-    assert all(folder.is_dir() for folder in seen)
-    (tmp_path / "other").mkdir()
-    same = written(NOMINAL, tmp_path / "other" / "F.csv")
-    assert "rename one of the files" in run("posterior", files[0], same, "--out", out).err
 
 
 def element_changed(file: Path) -> bool:

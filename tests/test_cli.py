@@ -16,10 +16,8 @@ from helpers import Answer, Run, leading_recording, strict
 
 import pilotid
 from pilotid.cli.main import main
-from pilotid.methods import methods
 from pilotid.pilot.catalogue import MODELS
 from pilotid.recordings.files import load_recording, save_recording
-from pilotid.recordings.recording import Recording
 from pilotid.support.remarks import CODES
 
 # The columns that others script against.
@@ -89,15 +87,6 @@ def test_version_is_that_of_what_is_installed(run: Run) -> None:
     assert pilotid.__version__ == version("pilotid")
 
 
-def test_list_names_everything(run: Run) -> None:
-    from pilotid.datasets import CATALOGUE
-
-    answer = run("list")
-    assert answer.status == 0
-    lines = [line.split()[0] for line in answer.out.splitlines()]
-    assert lines == ["models", *MODELS, "methods", *methods(), "scenarios", *CATALOGUE]
-
-
 def test_the_installed_command_runs() -> None:
     command = Path(sys.executable).with_name("pilotid")
     done = subprocess.run([command, "list"], capture_output=True, text=True, check=True, timeout=60)
@@ -130,14 +119,6 @@ def test_simulate_depends_on_the_seed_alone(run: Run, simulated: Path, tmp_path:
         assert run("simulate", "nominal", "--out", out, "--seed", seed).status == 0
     assert (tmp_path / "3.csv").read_bytes() == simulated.read_bytes()
     assert (tmp_path / "4.csv").read_bytes() != simulated.read_bytes()
-
-
-def test_simulate_runs(run: Run, tmp_path: Path) -> None:
-    out = tmp_path / "three.mat"
-    assert run("simulate", "single", "--out", out, "--runs", 3).status == 0
-    recording = load_recording(out)
-    assert recording.runs == 3
-    assert not np.array_equal(recording.u[0], recording.u[1])
 
 
 def test_simulate_draws_a_pilot_of_a_population(run: Run, tmp_path: Path) -> None:
@@ -272,15 +253,6 @@ def test_several_files_give_a_list_and_joint_gives_one(
     assert gains[2]["std_error"] < min(gains[0]["std_error"], gains[1]["std_error"])
 
 
-def test_fit_does_not_depend_on_name_or_company(run: Run, simulated: Path, tmp_path: Path) -> None:
-    copy = tmp_path / "copy.csv"
-    save_recording(load_recording(simulated), copy)
-    fit = ("--method", "mle-white", "--json", "-")
-    alone = strict(run("fit", simulated, *fit).out)["estimates"][0]["parameters"]
-    both = strict(run("fit", copy, simulated, *fit).out)
-    assert [entry["estimates"][0]["parameters"] for entry in both] == [alone, alone]
-
-
 # ------------------------------------------------------------------------------- bad input
 
 
@@ -330,15 +302,6 @@ def test_other_commands_refuse_too(run: Run, tmp_path: Path) -> None:
     file = tmp_path / "file"
     file.touch()
     refused(run("compare", "--method", "mle-white", "--out", file), "file", "--out")
-
-
-def test_failing_recording_is_no_bad_input(run: Run, tmp_path: Path) -> None:
-    rng = np.random.default_rng(1)
-    e, u, x = rng.standard_normal((3, 1, 1500))
-    save_recording(Recording(dt=0.02, e=e, u=u, x=x), tmp_path / "noise.csv")
-    answer = run("fit", tmp_path / "noise.csv", "--method", "mle-white", "--json", "-")
-    assert answer.status == 0
-    assert len(strict(answer.out)["estimates"]) == 1
 
 
 # --------------------------------------------------------------------------------- compare

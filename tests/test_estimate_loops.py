@@ -28,7 +28,7 @@ from pilotid.pilot.element import (
 from pilotid.pilot.loops import margin, margins, open_loops
 from pilotid.recordings.files import save_recording
 from pilotid.show.responses import open_loop
-from pilotid.support.types import FloatArray, InputError
+from pilotid.support.types import FloatArray
 from pilotid.time_domain.remnant_models import LowPass
 
 pytestmark = pytest.mark.numerical
@@ -110,13 +110,6 @@ def test_an_estimate_makes_loops_and_transfer_functions_and_draws_them() -> None
     omega = np.array([0.5, 2.0, 6.0])
     wanted = SINGLE.responses(1j * omega, RESONANT)[0]
     np.testing.assert_allclose(function(1j * omega), wanted, rtol=1e-6)
-
-
-def test_what_has_no_values_has_no_transfer_functions() -> None:
-    with pytest.raises(InputError, match="no values"):
-        failed("by hand", SINGLE, Outcome.SINGULAR).to_control()
-    with pytest.raises(InputError, match="cannot be read"):
-        estimate_of(RESONANT, ERRORS).loops("fifteen")
 
 
 @pytest.mark.long
@@ -282,14 +275,6 @@ def test_fit_writes_loops(
         assert loops[which]["others"] == []
         assert loops[which]["remark"] == ""
     assert result["recording"]["remarks"] == []
-
-
-def test_an_element_that_cannot_be_read_is_refused_before_anything_is_fitted(
-    run: Run, files: dict[str, Path]
-) -> None:
-    answer = run("fit", files["named"], "--element", "K/s^2")
-    assert answer.status == 2
-    assert "the controlled element 'K/s^2' cannot be read: 'k/s^2' is nothing" in answer.err
 
 
 # ------------------------------------------------------------------ human pilots

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import linecache
-import subprocess
 import sys
 import types
 from dataclasses import dataclass, field
@@ -296,26 +295,6 @@ def test_code_that_cannot_be_used_is_a_sentence(mine: Path, place: str, words: s
     with pytest.raises(InputError) as refusal:
         taken(place.format(folder))
     assert words in str(refusal.value)
-
-
-def test_a_file_s_code_goes_along_to_other_processes(mine: Path) -> None:
-    content = packed(taken(f"{mine}:Mine(size=8)"))
-    mine.unlink()
-    program = (
-        "import sys; from pilotid.naming.code import unpacked\n"
-        "from pilotid.naming.settings import labelled\n"
-        "thing = unpacked(sys.stdin.buffer.read())\n"
-        "print(thing.twice, labelled('mine', thing))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        input=content,
-        capture_output=True,
-        check=True,
-        env={"PYTHONPATH": str(mine.parent)},
-    )
-    assert done.stdout.decode().strip() == "16 mine(size=8)"
-    assert unpacked(packed((1, "a"))) == (1, "a")
 
 
 def test_the_digest_covers_the_code_that_a_thing_is_from(mine: Path) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from dataclasses import replace
 from functools import cache
 from xml.etree import ElementTree
@@ -185,12 +183,6 @@ def test_truth_is_drawn_beside_and_an_unknown_channel_is_refused() -> None:
         plots.describing_function()
 
 
-def test_a_failed_fit_without_a_first_step_leaves_empty_axes() -> None:
-    above, below = plots.describing_function(failed("a", MULTI, Outcome.SINGULAR), axes=pair())
-    assert not [*above.get_lines(), *below.get_lines()]
-    assert above.get_legend() is None
-
-
 # ----------------------------------------------------------------------------- the remnant
 
 
@@ -225,17 +217,7 @@ def test_the_model_s_density_is_drawn_as_far_as_its_filter_leaves_it() -> None:
     assert set(density) == {3.0}
 
 
-def test_a_remnant_that_nobody_modelled_is_refused() -> None:
-    with pytest.raises(InputError, match="name the recording"):
-        plots.remnant(estimate(), axes=new_axes())
-
-
 # ------------------------------------------------------------------- notebooks and pages
-
-
-def test_importing_the_plots_does_not_import_matplotlib() -> None:
-    check = "import sys, pilotid.show.plots; assert 'matplotlib' not in sys.modules"
-    subprocess.run([sys.executable, "-c", check], check=True, timeout=60)
 
 
 def drawn(name: str, alt: str = 'a < "b" & c') -> str:

@@ -117,26 +117,6 @@ def test_an_error_outside_the_method_is_a_row() -> None:
 # ------------------------------------------------------------------------ objects, not names
 
 
-def test_a_study_of_objects_tells_their_settings(tmp_path: Path) -> None:
-    short = replace(scenario_named("single"), name="short", duration=41.0, family="", varied="")
-    methods = (MLEWhite(), MLEWhite(candidates=3), MLEWhite(covariance="sandwich"))
-    study = Study([short], methods, 2)
-    assert study.labels == (
-        "mle-white",
-        "mle-white(candidates=3)",
-        "mle-white(covariance=sandwich)",
-    )
-    text = run(tmp_path, study).decode()
-    assert "short,mle-white(covariance=sandwich),Kvis,2," in text
-    with Store(tmp_path) as store:
-        assert list(store.methods()) == list(study.labels)
-        assert store.methods()["mle-white(candidates=3)"].settings["candidates"] == 3
-        (entry,) = store.scenarios()
-        assert (entry.name, entry.number("duration")) == ("short", 41.0)
-        errors = {r.unit.method: r.estimates[0][2] for r in store.results()}
-    assert errors["mle-white"] != errors["mle-white(covariance=sandwich)"]
-
-
 @pytest.mark.parametrize(
     ("scenarios", "methods", "words"),
     [

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import signal
-import sqlite3
 import subprocess
 import sys
 import time
-from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -42,71 +39,12 @@ def started(*arguments: str, **options: Any) -> subprocess.Popen[str]:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("damage", ["bytes", "content", "table"])
-def test_a_damaged_store_of_an_analysis_is_refused(run: Run, place: Path, damage: str) -> None:
-    given = ("analyse", "s.csv", *FIT, "--out", "o", "--workers", "1")
-    assert run(*given).status == 0
-    path = place / "o" / "study.sqlite"
-    if damage == "bytes":
-        path.write_bytes(path.read_bytes()[:4096] + b"\xff" * 8192)
-    else:
-        with closing(sqlite3.connect(path)) as base:
-            if damage == "table":
-                base.execute("DROP TABLE rows")
-                base.execute("CREATE TABLE rows (a)")
-            else:
-                base.execute("UPDATE rows SET content = '{'")
-            base.commit()
-    answer = run(*given)
-    assert (answer.status, len(answer.err.splitlines())) == (2, 1)
-
-
-@pytest.mark.long
-def test_a_name_that_is_not_utf8_costs_nothing(run: Run, place: Path) -> None:
-    name = os.fsdecode(b"x\xffy.csv")
-    (place / "s.csv").rename(name)
-    assert run("analyse", name, *FIT, "--out", "o", "--workers", "1").status == 0
-    assert b"mle-white" in (place / "o" / "estimates.csv").read_bytes()
-
-
-@pytest.mark.long
 def test_fits_are_kept_where_pages_cannot_be_written(run: Run, place: Path) -> None:
     (place / "o").mkdir()
     (place / "o" / "recordings").touch()  # where the pages go
     answer = run("analyse", "s.csv", *FIT, "--out", "o", "--workers", "1")
     assert answer.status == 2
     assert b"converged" in (place / "o" / "estimates.csv").read_bytes()
-
-
-def test_a_file_without_rights_costs_no_other(
-    run: Run, place: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (place / "closed.csv").write_bytes((place / "s.csv").read_bytes())
-    (place / "closed.csv").chmod(0)
-    usual = os.access
-    monkeypatch.setattr(  # root may read all
-        os, "access", lambda path, mode, **_: "closed" not in str(path) and usual(path, mode)
-    )
-    answer = run("fit", "closed.csv", "s.csv", *FIT)
-    assert "mle-white: converged" in answer.out
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
-        *(f"fit s.csv --lead-in {s}" for s in ("1e308", "-1", "nan", "86")),
-        "fit s.csv --method mle(band=0)",
-        "fit s.csv --method arx(memory=-1)",
-        "fit s.csv --method arx(memory=1e9)",
-        "design nominal --out d --limit e=-3%",
-        "compare --out c --replications 1000000000",
-        "compare --out c --workers 100000",
-        "simulate single --out x.csv --runs 1000000000",
-    ],
-)
-def test_numbers_out_of_range_are_refused_at_once(run: Run, place: Path, command: str) -> None:
-    answer = run(*command.split())
-    assert (answer.status, len(answer.err.splitlines())) == (2, 1)
 
 
 @pytest.mark.parametrize(
