@@ -65,35 +65,22 @@ def compare(session: nox.Session) -> None:
 
 @nox.session
 def bench(session: nox.Session) -> None:
-    """Time the methods and their peers; `-- --compare` says what became slower than stored."""
+    """Time the methods; `-- --compare` says what became slower than stored."""
     session.install("-e", ".", *groups("tests", "bench"))
     session.run("pytest", "tests/benchmarks", *session.posargs, env={"OMP_NUM_THREADS": "1"})
 
 
 @nox.session
 def check(session: nox.Session) -> None:
-    """Long comparisons: `-- mle`, `-- theory`, `-- bayes`, ...; CONTRIBUTING.md lists them."""
+    """Long comparisons: `-- mle`, `-- theory`, `-- sbc`, ...; without a name it lists them."""
     scripts = {
         "mle": "mle_against_bound.py",
-        "optima": "optima.py",
-        "search-seeds": "search_seeds.py",
         "theory": "theory_against_monte_carlo.py",
         "remnant": "remnant_figure.py",
         "responses": "responses_figure.py",
-        "bayes": "bayes_coverage.py",
         "sbc": "sbc.py",
-        "samplers": "samplers.py",
-        "nonsense": "nonsense.py",
         "remarks": "remarks.py",
-        "machines": "machines.py",
         "population": "population.py",
-        "constants": "constants.py",
-        "elements": "elements.py",
-        "exchanged": "exchanged.py",
-        "findings": "findings.py",
-        "adapting": "adapting.py",
-        "constancy": "constancy.py",
-        "models": "models.py",
         "published": "published.py",
         "recorder": "recorder.py",
     }

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import re
 import shutil
 import sqlite3
 from contextlib import redirect_stdout
@@ -17,16 +16,13 @@ import pytest
 from helpers import PILOTS, Run
 
 import pilotid
-from pilotid.analysis.analyse import Analysis, Fit, Settings, compared
-from pilotid.analysis.recordings import Part, Pattern, parts_of
-from pilotid.analysis.report_tables import alarms
-from pilotid.analysis.rows import in_order
+from pilotid.analysis.analyse import compared
+from pilotid.analysis.recordings import Pattern, parts_of
 from pilotid.analysis.tables import ESTIMATES, MODEL_COLUMNS
 from pilotid.datasets import simulate
 from pilotid.pilot.loops import margins
 from pilotid.recordings.files import save_recording
 from pilotid.support.numbers import recording_rng
-from pilotid.support.remarks import CODES
 from pilotid.support.types import InputError
 
 PATTERN = "s{subject}_{condition}"
@@ -226,33 +222,6 @@ def test_files_with_the_same_fields_are_refused() -> None:
     assert "does not fit" in refused[1]
 
 
-def test_remarks_are_counted_and_the_worst_named() -> None:
-    kinds = [("halves-differ", 3), ("misspecified", 1), ("wide-interval", 9), ("at-bound", 2)]
-    kinds += [("drift", 1), ("held-control", 5)]
-    told = [[[code, f"about {code}", CODES[code][0]]] * count for code, count in kinds]
-    estimates = [{"method": "mle", "remarks": remarks} for remarks in told]
-    part = Part((Path("a.csv"),), (("subject", "1"),))
-    fits = [Fit(part, None, {"estimates": estimates}), Fit(part, 1, {"estimates": estimates})]
-    settings = Settings({}, auto=True, methods={})
-    analysis = Analysis(settings, {part: {"remarks": []}}, {}, fits, [])
-    count, *worst, stick = alarms(analysis)
-    assert count == "Warnings: 1 wrong, 6 doubts, 9 notes; the gravest, then the commonest:"
-    assert [line.partition("]")[0] for line in worst] == [
-        "wrong [misspecified",
-        "doubt [halves-differ",
-        "doubt [at-bound",
-    ]
-    assert "and 2 more" in worst[1]
-    assert stick.startswith("held-control, of the stick")
-    count, *_, ignored = alarms(analysis.without(frozenset({"misspecified", "held-control"})))
-    assert count == "Warnings: 6 doubts, 9 notes; the gravest, then the commonest:"
-    assert ignored == "Left out by --ignore: held-control, misspecified."
-
-
-def test_names_are_ordered_as_people_do() -> None:
-    assert in_order(["C10", "C2", "C1", "C2"]) == ["C1", "C2", "C10"]
-
-
 @pytest.mark.parametrize(
     ("pairs", "sets"),
     [
@@ -306,22 +275,6 @@ def test_conditions_are_compared_over_subjects(analysed: Path) -> None:
     assert float(row["std_error"]) == pytest.approx(np.std(differences, ddof=1) / np.sqrt(2.0))
 
 
-def test_the_report_says_what_was_found(small: Path) -> None:
-    page = (small / "out" / "report.html").read_text(encoding="utf-8")
-    for words in (
-        "4 recordings of 2 subjects, 8 runs",
-        "Conditions compared",
-        "has the same control as run 1 of",
-    ):
-        assert words in page
-    ids = re.findall(r'\bid="([^"]+)"', page)
-    assert len(ids) == len(set(ids))
-    assert "http://" not in re.sub(r"http://www\.w3\.org/\S+", "", page)
-    links = set(re.findall(r'href="(recordings/[^"]+)"', page))
-    assert len(links) == 4
-    assert all("<svg" in (small / "out" / link).read_text(encoding="utf-8") for link in links)
-
-
 @pytest.mark.long
 def test_the_same_analysis_gives_the_same_bytes(
     analysed: Path, folder: Path, run: Run, tmp_path: Path
@@ -359,54 +312,6 @@ def test_without_a_pattern_every_file_is_on_its_own(folder: Path, run: Run, tmp_
     assert {r["model"] for r in table(tmp_path / "estimates.csv")} == {"", "single", "gain"}
     assert table(tmp_path / "contrasts.csv") == []
     assert "needs a pattern with {subject} and {condition}" in answer.out
-
-
-@pytest.mark.long
-def test_the_report_of_a_choice_has_every_figure(analysed: Path) -> None:
-    page = (analysed / "report.html").read_text(encoding="utf-8")
-    assert "single was chosen among" in page
-    assert "s3_A.csv" in page  # the bad file is named
-    assert "pilotid analyse" in page
-    assert "From run to run" in page
-    assert {path.name for path in (analysed / "figures").iterdir()} == {
-        f"{name}.{kind}"
-        for name in ("estimates-1", "runs-1", "variances-1", "responses-1", "responses-2")
-        for kind in ("svg", "pdf")
-    }
-
-
-@pytest.mark.long
-def test_a_page_that_is_missing_is_made_again(
-    analysed: Path, folder: Path, run: Run, tmp_path: Path
-) -> None:
-    again = shutil.copytree(analysed, tmp_path / "again")
-    kept = {path.name: path.read_bytes() for path in (analysed / "recordings").iterdir()}
-    (again / "recordings" / min(kept)).unlink()
-    files = sorted(folder.glob("s[12]_*.csv"))
-    options = ("--per-run", "--model-per-condition", *ALONE, "--out", again)
-    answer = run("analyse", *files, "--pattern", PATTERN, *options)
-    assert answer.status == 0, answer.err
-    assert {path.name for path in (again / "recordings").iterdir()} == kept.keys()
-
-
-@pytest.mark.long
-def test_own_models_and_methods_go_along(folder: Path, run: Run, tmp_path: Path) -> None:
-    """What comes from a file is known in the other processes."""
-    code = tmp_path / "mine.py"
-    code.write_text(
-        "from pilotid import Channel, PilotModel\n"
-        "from pilotid.pilot.factors import Delay, Gain, Lag, Neuromuscular\n"
-        "LAGGED = PilotModel('lagged', (Channel('visual', 'error', 1, "
-        "(Gain('Kvis'), Lag('tlag'), Delay('tdvis'), Neuromuscular())),))\n"
-    )
-    out = tmp_path / "out"
-    answer = run(
-        "analyse", folder / "s1_A.csv", "--model", f"{code}:LAGGED,auto", *ALONE, "--out", out
-    )  # fmt: skip
-    assert answer.status == 0, answer.err
-    compared = {row["model"] for row in table(out / "models.csv")}
-    assert {"lagged", "single"} <= compared
-    assert {row["model"] for row in table(out / "estimates.csv")} == {"", "single"}
 
 
 def test_one_recording_as_two_subjects_is_named(small: Path, run: Run) -> None:

@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers import NOMINAL
 
-from pilotid.analysis.figures import parts_figure, responses_figure
-from pilotid.analysis.performance import performance_content, performance_rows
-from pilotid.analysis.recordings import Part
+from pilotid.analysis.figures import responses_figure
 from pilotid.analysis.responses import (
-    COLUMNS,
     LINES,
     OMEGA,
     Response,
     over_subjects,
-    response_cells,
     responses_of,
 )
-from pilotid.analysis.rows import layouts
 from pilotid.datasets import simulate
 from pilotid.datasets.scenarios import SCENARIOS
 from pilotid.estimates.estimate import Outcome, failed
@@ -107,14 +101,6 @@ def test_what_is_not_excited_or_fails_has_none() -> None:
     assert responses_of(failing, None) == []
 
 
-def test_lines_of_the_table() -> None:
-    found = responses_of(fitted(), None)
-    lines = list(response_cells({"model": "multi", "responses": found}))
-    assert len(lines) == 4 * OMEGA.size
-    assert {len(line) for line in lines} == {len(COLUMNS)}
-    assert lines[0][:4] == ["multi", "mle", "visual", OMEGA[0]]
-
-
 def test_the_mean_over_subjects_is_of_logarithms_on_one_turn() -> None:
     made = [
         Response("visual", "mle", [1.0, 2.0], [size, size], [phase, phase], [None] * 2, [None] * 2)
@@ -125,27 +111,6 @@ def test_the_mean_over_subjects_is_of_logarithms_on_one_turn() -> None:
     np.testing.assert_allclose(mean[1], 20.0)
     np.testing.assert_allclose(deviation[0], np.log(4.0) / np.sqrt(2.0))
     assert over_subjects(made[:1])[1].tolist() == [[0.0, 0.0], [0.0, 0.0]]
-
-
-def test_figures_have_a_column_for_each_response_and_a_bar_for_each_part() -> None:
-    subjects = [responses_of(fitted(), first_step_of(RECORDING, NOMINAL.model))] * 2
-    figure = responses_figure(subjects)
-    titles = [axes.get_title(loc="left") for axes in figure.axes]
-    assert titles[:3] == ["visual", "vestibular", "open loops"]
-    assert all("log" in axes.get_xscale() for axes in figure.axes)
-    look = {"performance": performance_content(RECORDING)}
-    part = Part((Path("a"),), (("subject", "1"), ("condition", "C1")))
-    rows = performance_rows(part, look, per_run=False)
-    found = layouts(list(rows))
-    bars = parts_figure(found)
-    assert bars is not None
-    heights = [sum(patch.get_height() for patch in axes.patches) for axes in bars.axes[:3]]
-    totals = [
-        next(lay for lay in found if lay.parameter == f"var_{name}").cells["C1"]["1"].value
-        for name in "eux"
-    ]
-    assert heights == pytest.approx(totals)
-    assert parts_figure([lay for lay in found if "_remnant" not in lay.parameter]) is None
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import NOMINAL
 
 import pilotid
 from pilotid import ARX, MLE, MODELS, MLEWhite, Outcome, Study, identify, simulate
@@ -36,27 +35,6 @@ def test_the_default_seed_gives_what_the_command_line_prints() -> None:
     assert own.outcome is Outcome.CONVERGED
 
 
-def test_what_is_missing_is_told() -> None:
-    with pytest.raises(TypeError, match="a recording and a model are needed"):
-        identify("mle")
-    with pytest.raises(pilotid.InputError, match="unknown method 'mel'"):
-        identify("mel", RECORDING, "multi")
-    with pytest.raises(pilotid.InputError, match="unknown model 'mutli'"):
-        identify("mle", RECORDING, "mutli")
-
-
-def test_one_line_says_what_a_recording_is() -> None:
-    assert repr(RECORDING) == (
-        "<Recording simulation nominal: 1 run of 81.92 s at 50 Hz after 8 s of run-in, "
-        "signals e u x ft fd>"
-    )
-
-
-def test_simulations_depend_on_the_seed_alone() -> None:
-    np.testing.assert_array_equal(simulate(NOMINAL, 3).u, RECORDING.u)
-    assert not np.array_equal(simulate("nominal", 4).u, RECORDING.u)
-
-
 @pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
 @pytest.mark.parametrize(("name", "channel"), [("e", "visual"), ("x", "vestibular")])
 def test_a_channel_without_input_is_not_identified(
@@ -81,12 +59,6 @@ def test_a_study_is_compared_and_becomes_a_data_frame(tmp_path: Path) -> None:
     assert scores["bias"][0] == pytest.approx(gain.mean() - 0.32)
     again = pilotid.compare("single", "mle-white", 2, out=tmp_path, workers=1)
     assert again.to_dataframe().equals(frame)
-
-
-def test_help_says_something() -> None:
-    for method in METHODS:
-        assert (type(method).fit.__doc__ or "").count("\n") > 5, method.name
-        assert type(method).objection.__doc__, method.name
 
 
 class Raising(MLEWhite):

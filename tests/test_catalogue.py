@@ -305,12 +305,6 @@ def test_the_command_line_fits_a_model_of_one_s_own(own: Path, run: Run) -> None
         assert "is no PilotModel" in refused.err
 
 
-def test_a_catalogue_s_model_with_settings_has_a_name_of_its_own() -> None:
-    assert model_named("rate(name=mine)") == replace(RATE, name="mine")
-    assert model_named("rate(description=short)").name == "rate-description-short"
-    assert model_named("rate()") is RATE
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -329,21 +323,6 @@ def test_what_is_no_model_is_refused_in_a_sentence(own: Path, text: str, words: 
         model_named(f"{own}:{text}")
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_a_file_that_is_not_there_and_one_that_does_not_run(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="there is no such file"):
-        model_named(f"{tmp_path}/none.py:MODEL")
-    (tmp_path / "bad.py").write_text(
-        "from pilotid import Channel\nChannel('v', 'u', 1, ())\n", encoding="utf-8"
-    )
-    with pytest.raises(InputError, match="cannot act on 'u'"):
-        model_named(f"{tmp_path}/bad.py:MODEL")
-
-
-def test_an_unknown_name_lists_the_models_and_the_way_to_one_s_own() -> None:
-    with pytest.raises(InputError, match=r"adapting, or name file\.py:NAME"):
-        model_named("lagged")
 
 
 @pytest.mark.parametrize("name", MODELS)

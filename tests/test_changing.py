@@ -15,8 +15,6 @@ from pilotid.datasets.named import scenario_named, truth
 from pilotid.datasets.simulation import linear_rms, remnant_ratio
 from pilotid.datasets.stepping import stepped
 from pilotid.estimates.estimate import Estimate, Outcome
-from pilotid.estimates.fitted import Fitted
-from pilotid.estimates.loops import loops_of
 from pilotid.estimates.method import identify
 from pilotid.estimates.warnings import remarks_on
 from pilotid.methods import methods
@@ -25,14 +23,12 @@ from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.model_choice import default_candidates
 from pilotid.pilot.catalogue import ADAPTING, SINGLE, fault_of
-from pilotid.pilot.element import double_integrator
 from pilotid.pilot.factors import Delay, Differentiator, Gain, Lag, Lead, Neuromuscular
 from pilotid.pilot.model import (
     Channel,
     PilotModel,
 )
 from pilotid.pilot.timevarying import Changing
-from pilotid.report.fit import html_report
 from pilotid.solve.least_squares import Box, minimise
 from pilotid.study.fits import truths_of
 from pilotid.support.numbers import fit_rng, recording_rng
@@ -333,14 +329,6 @@ def test_a_step_is_called_one(fit: Estimate) -> None:
     values = fit.values.copy()
     values[ADAPTING.keys.index("rate")] = 40.0
     assert any("changes in a step at" in r for r in remarks_on(replace(fit, values=values)))
-
-
-def test_loops_and_pages_of_a_pilot_who_changes(fit: Estimate) -> None:
-    loops = loops_of(fit, double_integrator(4.0))
-    assert all(np.isnan(q.value) for q in loops.quantities)
-    assert any("the pilot changes during the recording" in note for note in loops.notes)
-    page = html_report([Fitted(recording_of(SLOW), ADAPTING, (fit,))], SLOW.values)
-    assert "after the change" in page
 
 
 def test_intervals_of_when_go_to_the_joint_level_of_two_parameters() -> None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from checks.nonsense import LATE, PLANTED, SOUND, delayed, named, named_by_a_fit
+from nonsense import LATE, PLANTED, SOUND, delayed, named, named_by_a_fit
 
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.recordings.checks import remarks
@@ -17,7 +17,7 @@ from pilotid.recordings.recording import Recording, remembered
 pytestmark = pytest.mark.numerical
 
 NOMINAL = SCENARIOS["nominal"]
-RECORDINGS = 3  # `nox -s check -- nonsense` plants in 200
+RECORDINGS = 3
 
 
 def recording_of(name: str, seed: int) -> Recording:

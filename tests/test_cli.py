@@ -7,7 +7,6 @@ import json
 import re
 import subprocess
 import sys
-from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
 
@@ -17,10 +16,8 @@ from helpers import Answer, Run, leading_recording, strict
 
 import pilotid
 from pilotid.cli.main import main
-from pilotid.methods import METHODS, methods
 from pilotid.pilot.catalogue import MODELS
 from pilotid.recordings.files import load_recording, save_recording
-from pilotid.recordings.recording import Recording
 from pilotid.support.remarks import CODES
 
 # The columns that others script against.
@@ -90,21 +87,6 @@ def test_version_is_that_of_what_is_installed(run: Run) -> None:
     assert pilotid.__version__ == version("pilotid")
 
 
-def test_list_names_everything(run: Run) -> None:
-    from pilotid.datasets import CATALOGUE
-
-    answer = run("list")
-    assert answer.status == 0
-    lines = [line.split()[0] for line in answer.out.splitlines()]
-    assert lines == ["models", *MODELS, "methods", *methods(), "scenarios", *CATALOGUE]
-
-
-def test_no_arguments_show_the_help(run: Run) -> None:
-    answer = run()
-    assert answer.status == 0
-    assert all(name in answer.out for name in ("list", "simulate", "fit", "compare", "report"))
-
-
 def test_the_installed_command_runs() -> None:
     command = Path(sys.executable).with_name("pilotid")
     done = subprocess.run([command, "list"], capture_output=True, text=True, check=True, timeout=60)
@@ -137,14 +119,6 @@ def test_simulate_depends_on_the_seed_alone(run: Run, simulated: Path, tmp_path:
         assert run("simulate", "nominal", "--out", out, "--seed", seed).status == 0
     assert (tmp_path / "3.csv").read_bytes() == simulated.read_bytes()
     assert (tmp_path / "4.csv").read_bytes() != simulated.read_bytes()
-
-
-def test_simulate_runs(run: Run, tmp_path: Path) -> None:
-    out = tmp_path / "three.mat"
-    assert run("simulate", "single", "--out", out, "--runs", 3).status == 0
-    recording = load_recording(out)
-    assert recording.runs == 3
-    assert not np.array_equal(recording.u[0], recording.u[1])
 
 
 def test_simulate_draws_a_pilot_of_a_population(run: Run, tmp_path: Path) -> None:
@@ -224,18 +198,6 @@ def test_fit_tells_a_failure_and_stays_at_status_0(run: Run, tmp_path: Path) -> 
     assert "mmle3: failed: a time delay was driven negative" in table.out
 
 
-def test_fit_prints_a_table(run: Run, simulated: Path) -> None:
-    answer = run("fit", simulated, "--model", "single", "--method", "mle-white,mle-white")
-    lines = answer.out.splitlines()
-    assert lines[0].endswith("1 run of 81.92 s at 50 Hz after 8 s of run-in; model single")
-    first = [line.split()[0] for line in lines if line]
-    keys = MODELS["single"].keys
-    assert [word for word in first if word in keys or "*" in word] == [*keys, "Kvis*tlead"]
-    assert lines[-1].startswith("mle-white: converged; VAF ")
-    assert "\x1b" not in answer.out
-    assert all(line == line.rstrip() for line in lines)
-
-
 def test_without_a_model_the_recording_chooses(run: Run, simulated: Path) -> None:
     result = strict(run("fit", simulated, "--json", "-").out)
     assert result["model"] == "multi"
@@ -275,14 +237,6 @@ def test_a_changing_model_is_compared_by_the_same_likelihood(run: Run, tmp_path:
     assert abs(constant - changing) < 40.0
 
 
-def test_all_methods(run: Run, simulated: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    few = {m.name: m for m in METHODS if m.name in ("mmle3", "mle-white")}
-    for module in ("pilotid.methods", "pilotid.cli.options"):
-        monkeypatch.setattr(f"{module}.methods", lambda: few)
-    result = strict(run("fit", simulated, "--method", "all", "--json", "-").out)
-    assert [e["method"] for e in result["estimates"]] == list(few)
-
-
 def test_several_files_give_a_list_and_joint_gives_one(
     run: Run, simulated: Path, tmp_path: Path
 ) -> None:
@@ -299,96 +253,7 @@ def test_several_files_give_a_list_and_joint_gives_one(
     assert gains[2]["std_error"] < min(gains[0]["std_error"], gains[1]["std_error"])
 
 
-def test_fit_does_not_depend_on_name_or_company(run: Run, simulated: Path, tmp_path: Path) -> None:
-    copy = tmp_path / "copy.csv"
-    save_recording(load_recording(simulated), copy)
-    fit = ("--method", "mle-white", "--json", "-")
-    alone = strict(run("fit", simulated, *fit).out)["estimates"][0]["parameters"]
-    both = strict(run("fit", copy, simulated, *fit).out)
-    assert [entry["estimates"][0]["parameters"] for entry in both] == [alone, alone]
-
-
-def test_mapping(run: Run, simulated: Path, tmp_path: Path) -> None:
-    renamed = tmp_path / "renamed.csv"
-    head, _, body = simulated.read_text().partition("\n")
-    renamed.write_text(head.replace(",u,", ",stick,").replace(",e,", ",err,") + "\n" + body)
-    fit = ("--method", "mle-white", "--json", "-")
-    plain = strict(run("fit", simulated, *fit).out)["estimates"][0]["parameters"]
-    mapped = strict(run("fit", renamed, "--map", "u=stick,e=err", *fit).out)
-    assert mapped["estimates"][0]["parameters"]["fnm"]["value"] == pytest.approx(
-        plain["fnm"]["value"], rel=1e-6
-    )
-
-
-@pytest.mark.long
-def test_report_is_one_file_and_the_same_bytes_each_time(
-    run: Run, simulated: Path, tmp_path: Path
-) -> None:
-    texts = []
-    for name in ("a.html", "b.html"):
-        report = tmp_path / name
-        assert run("fit", simulated, "--method", "mle-white", "--report", report).status == 0
-        texts.append(report.read_text(encoding="utf-8"))
-    assert texts[0] == texts[1]
-    assert "<svg" in texts[0]
-    assert "Kvis*tlead" in texts[0]
-    assert all(word not in texts[0] for word in ("<script src", "<link", 'src="', "url(http"))
-
-
-def test_truth_is_drawn_beside_the_frequency_responses(
-    run: Run, simulated: Path, tmp_path: Path
-) -> None:
-    report = tmp_path / "r.html"
-    fit = ("fit", simulated, "--method", "fourier", "--report", report, "--truth")
-    truth = simulated.with_suffix(".truth.json")
-    assert run(*fit, truth).status == 0
-    assert "truth" in report.read_text(encoding="utf-8").partition("visual channel")[2]
-    refused(run(*fit, truth, "--model", "lead-lag"), "truth.json", "tlag")
-    refused(run(*fit, simulated), simulated.name, "cannot be read as the truth")
-
-
 # ------------------------------------------------------------------------------- bad input
-
-
-def good_lines() -> list[str]:
-    t = np.arange(300) * 0.05
-    body = [f"{s:.2f},{np.cos(s):.4f},{np.sin(s):.4f},{np.sin(2 * s):.4f}" for s in t]
-    return ["t,e,u,x", *body]
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda lines: [lines[0].replace("u", "stick"), *lines[1:]], ("'u'", "--map u=")),
-        (lambda lines: [*lines[:9], lines[9].replace(".", "x", 1), *lines[10:]], ("line 10",)),
-        (lambda lines: [*lines[:9], "0.4,nan,1,1", *lines[10:]], ("line 10", "column e")),
-        (lambda lines: [*lines[:9], *lines[20:]], ("line 10", "steps by")),
-        (lambda lines: lines[:50], ("10 s",)),
-        (lambda lines: lines[:1], ("0 samples",)),
-        (lambda lines: [], ("header",)),
-        (lambda lines: [*lines[:9], "1,2", *lines[10:]], ("line 10", "cells")),
-        (lambda lines: [lines[0], *(f"{i * 0.05},1,1,1" for i in range(300))], ("constant",)),
-    ],
-    ids=["column", "text", "nan", "gap", "short", "no-rows", "empty", "ragged", "constant"],
-)
-def test_bad_csv(
-    run: Run, tmp_path: Path, change: Callable[[list[str]], list[str]], words: tuple[str, ...]
-) -> None:
-    path = tmp_path / "bad.csv"
-    path.write_text("\n".join(change(good_lines())) + "\n")
-    refused(run("fit", path), "bad.csv", *words)
-
-
-def test_bad_files(run: Run, tmp_path: Path) -> None:
-    refused(run("fit", tmp_path / "none.csv"), "none.csv", "no such file")
-    refused(run("fit", tmp_path), "must be a .csv or a .mat")
-    text = tmp_path / "text.mat"
-    text.write_text("not a MATLAB file")
-    refused(run("fit", text), "text.mat", "is no MATLAB file")
-    good = tmp_path / "good.csv"
-    good.write_text("\n".join(good_lines()) + "\n")
-    good.with_suffix(".json").write_text('{"runs": 2}')
-    refused(run("fit", good), "good.json", "2 runs")
 
 
 @pytest.mark.parametrize(
@@ -437,15 +302,6 @@ def test_other_commands_refuse_too(run: Run, tmp_path: Path) -> None:
     file = tmp_path / "file"
     file.touch()
     refused(run("compare", "--method", "mle-white", "--out", file), "file", "--out")
-
-
-def test_failing_recording_is_no_bad_input(run: Run, tmp_path: Path) -> None:
-    rng = np.random.default_rng(1)
-    e, u, x = rng.standard_normal((3, 1, 1500))
-    save_recording(Recording(dt=0.02, e=e, u=u, x=x), tmp_path / "noise.csv")
-    answer = run("fit", tmp_path / "noise.csv", "--method", "mle-white", "--json", "-")
-    assert answer.status == 0
-    assert len(strict(answer.out)["estimates"]) == 1
 
 
 # --------------------------------------------------------------------------------- compare
@@ -552,11 +408,6 @@ def test_fit_and_simulate_take_code_and_settings_too(run: Run, own: Path, tmp_pa
     refused(run("compare", "--scenario", "single(run=2)", "--out", tmp_path), "'run'", "runs=1")
 
 
-def test_limits_of_fits_are_checked(run: Run, tmp_path: Path) -> None:
-    for option, value in (("--time-limit", -1), ("--time-limit", "nan")):
-        refused(run("compare", option, value, "--out", tmp_path), option, "from 0")
-
-
 def test_a_bad_file_does_not_cost_the_others(run: Run, simulated: Path, tmp_path: Path) -> None:
     missing, out = tmp_path / "missing.csv", tmp_path / "f.json"
     options = ("--method", "mle-white", "--json", out)
@@ -587,21 +438,3 @@ def test_remarks_are_printed_and_written(run: Run, simulated: Path) -> None:
     assert line.endswith(": " + ", ".join(dict.fromkeys(notes)))
     sound = strict(run("fit", simulated, "--method", "mle-white", "--json", "-").out)
     assert sound["recording"]["remarks"] == sound["estimates"][0]["remarks"] == []
-
-
-def test_a_warning_is_one_line(run: Run, simulated: Path, tmp_path: Path) -> None:
-    file = tmp_path / "warns.py"
-    file.write_text(
-        "import warnings\n"
-        "from pilotid import MLEWhite\n"
-        "class Warns(MLEWhite):\n"
-        "    name = 'warns'\n"
-        "    def fit(self, *given):\n"
-        "        warnings.warn('mind\\nthe gap', RuntimeWarning)\n"
-        "        return super().fit(*given)\n"
-    )
-    program = "from pilotid.cli.main import main; main()"
-    command = [sys.executable, "-c", program, "fit", str(simulated), "--method", f"{file}:Warns"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
-    assert done.returncode == 0
-    assert done.stderr == "pilotid: RuntimeWarning: mind the gap\n"

@@ -23,16 +23,12 @@ from pilotid.support.document import (
     pdf,
     print_blocks,
     save_figures,
-    table_html,
-    table_latex,
     to_html,
     to_markdown,
-    typeset,
 )
-from pilotid.support.numbers import number, plus_minus, share
+from pilotid.support.numbers import plus_minus, share
 
 Item = tuple[str, float, float]
-NASTY = "a|b <i>&\x1b[1m_%"
 
 
 def table(*items: Item) -> Table[Item]:
@@ -46,19 +42,6 @@ def table(*items: Item) -> Table[Item]:
     return Table("A **caption**", columns, items, heads=1)
 
 
-def test_values_are_written_once_and_signs_are_those_of_the_form() -> None:
-    made = table(("x", -1.234, 0.034), ("y", math.nan, 0.1))
-    html = table_html(made)
-    assert '<td class="good">\N{MINUS SIGN}1.234 ± 0.034</td>' in html
-    assert ">\N{EN DASH}</td>" in html
-    assert "95 (90\N{EN DASH}98)" in html
-    assert html.count('class="dot"') == 2
-    lines = to_markdown("T", [Section("s", "S", [made])]).splitlines()
-    assert "| x | \N{MINUS SIGN}1.234 ± 0.034 | 95 (90\N{EN DASH}98) |" in lines
-    assert r"x & $-1.234$ $\pm$ $0.034$ & $95$ ($90$-$98$) \\" in table_latex(made)
-    assert r"y & -- & $95$ ($90$-$98$) \\" in table_latex(made)
-
-
 def test_a_table_is_a_frame_of_values() -> None:
     frame = table(("x", -1.2, 0.1)).to_dataframe()
     assert frame["bias"][0] == (-1.2, 0.1)
@@ -67,32 +50,6 @@ def test_a_table_is_a_frame_of_values() -> None:
 
 def test_columns_that_say_nothing_are_left_out() -> None:
     assert [c.title for c in table(("x", 1.0, 0.1)).titles] == ["name", "bias", "", "coverage %"]
-
-
-@pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
-def test_a_terminal_gets_signs_that_it_has_and_empty_lines_about_a_table(encoding: str) -> None:
-    stream = io.TextIOWrapper(io.BytesIO(), encoding=encoding, newline="\n")
-    print_blocks(
-        Console(file=stream, width=100), Text("`before`", "heading"), table(("x", -1.2, 0.1)),
-        Bullets(["[after](#s)"]),
-    )  # fmt: skip
-    stream.seek(0)
-    lines = stream.read().splitlines()
-    assert lines[:3] == ["before", "", "A caption"]
-    sign = "±" if encoding == "utf-8" else "+-"
-    assert f"-1.20 {sign} 0.10" in lines[5]
-    assert lines[-2:] == ["", "after"]
-
-
-def test_names_from_files_are_text_everywhere() -> None:
-    made = table((NASTY, 1.0, 0.1))
-    page = to_html(NASTY, [Section("s", NASTY, [Text(NASTY), made, Command(NASTY, NASTY)])])
-    assert "<i>" not in page
-    assert "a\\|b &lt;i>" in to_markdown("T", [Section("s", "S", [made])])
-    assert r"a\textbar{}b \textless{}i\textgreater{}\&" in table_latex(made)
-    stream = io.StringIO()
-    print_blocks(Console(file=stream, width=100), made)
-    assert "\x1b[1m" not in stream.getvalue()
 
 
 EVIL = (
@@ -143,12 +100,6 @@ def test_what_strangers_write_does_nothing_anywhere(evil: str) -> None:
     assert not re.search(r"[\x00\x1b\x07]", stream.getvalue())
 
 
-def test_signs_of_print() -> None:
-    assert [typeset(t) for t in ("-", "-1.5", "1-2", "1.0e-05")] == [
-        "\N{EN DASH}", "\N{MINUS SIGN}1.5", "1\N{EN DASH}2", "1.0e\N{MINUS SIGN}05",
-    ]  # fmt: skip
-
-
 def test_an_axis_shows_one_and_all_values() -> None:
     axis = LogAxis.of([(1.2, 0.9, 1.6), (8.0, 6.0, 400.0), (math.nan, 1.0, 1.0)])
     assert axis.place(24.0) == pytest.approx(97.0, abs=3.5)  # one wild end is cut
@@ -173,21 +124,6 @@ def test_a_figure_that_is_there_is_not_written_again(
     assert [saved("a"), saved("a"), saved("b")] == [1, 1, 2]
     (tmp_path / "one.pdf").unlink()
     assert saved("b") == 3
-
-
-def test_labels_of_ticks_are_made_harmless() -> None:
-    from matplotlib.figure import Figure as Drawing
-
-    drawing = Drawing()
-    drawing.subplots().set_yticks([0.0, 1.0], ["\x00\x01a", "$\\frac{$"])
-    shown = Figure("one", drawing, "A figure.").svg
-    assert "\x00" not in shown
-    assert "frac" in shown
-
-
-def test_differences_beyond_all_numbers_are_told() -> None:
-    assert plus_minus(1.2, 0.3) == "+1.20 ± 0.30"
-    assert plus_minus(math.inf, 1.0) == number(math.inf)
 
 
 def test_a_narrow_terminal_has_a_table_in_parts_and_cuts_no_number() -> None:

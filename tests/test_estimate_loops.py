@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +12,6 @@ from helpers import NOMINAL, SINGLE_LOOP, Run, fit_of, monte_carlo, recording_of
 from pilotid.datasets import Scenario
 from pilotid.estimates.estimate import Estimate, Outcome, failed, symmetric_intervals
 from pilotid.estimates.loops import (
-    LoopElement,
     loops_of,
     margin_slopes,
     sampled_loops,
@@ -32,7 +28,7 @@ from pilotid.pilot.element import (
 from pilotid.pilot.loops import margin, margins, open_loops
 from pilotid.recordings.files import save_recording
 from pilotid.show.responses import open_loop
-from pilotid.support.types import FloatArray, InputError
+from pilotid.support.types import FloatArray
 from pilotid.time_domain.remnant_models import LowPass
 
 pytestmark = pytest.mark.numerical
@@ -114,31 +110,6 @@ def test_an_estimate_makes_loops_and_transfer_functions_and_draws_them() -> None
     omega = np.array([0.5, 2.0, 6.0])
     wanted = SINGLE.responses(1j * omega, RESONANT)[0]
     np.testing.assert_allclose(function(1j * omega), wanted, rtol=1e-6)
-
-
-def test_what_has_no_values_has_no_transfer_functions() -> None:
-    with pytest.raises(InputError, match="no values"):
-        failed("by hand", SINGLE, Outcome.SINGULAR).to_control()
-    with pytest.raises(InputError, match="cannot be read"):
-        estimate_of(RESONANT, ERRORS).loops("fifteen")
-
-
-def test_to_xarray_needs_xarray_and_hands_it_the_parameters(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    own = estimate_of(RESONANT, ERRORS)
-    monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(InputError, match="pip install xarray"):
-        own.to_xarray()
-    given: list[Any] = []
-    stand_in = SimpleNamespace(Dataset=lambda *parts: given.extend(parts))
-    monkeypatch.setitem(sys.modules, "xarray", stand_in)
-    own.to_xarray()
-    variables, coordinates, _ = given
-    assert coordinates["parameter"] == list(SINGLE.keys)
-    assert variables["value"][0] == "parameter"
-    np.testing.assert_array_equal(variables["value"][1], RESONANT)
-    np.testing.assert_array_equal(variables["covariance"][1], own.covariance)
 
 
 @pytest.mark.long
@@ -253,16 +224,6 @@ def test_an_unstable_fitted_loop_is_said_to_be() -> None:
     assert "the fitted loop with 6/s^2 is unstable" in remark
 
 
-def test_words_for_the_element() -> None:
-    element = double_integrator(4.0)
-    assert (
-        LoopElement(element, "given").words == "loops with the controlled element 4/s^2, as given"
-    )
-    assert LoopElement(element, "recording").words.endswith("4/s^2, named by the recording")
-    assert LoopElement(element, "identified").words.endswith("4/s^2, identified from the signals")
-    assert LoopElement(why="no loops: none").words == "no loops: none"
-
-
 # ------------------------------------------------------------------ pilotid fit
 
 
@@ -314,33 +275,6 @@ def test_fit_writes_loops(
         assert loops[which]["others"] == []
         assert loops[which]["remark"] == ""
     assert result["recording"]["remarks"] == []
-
-
-def test_fit_says_why_there_are_no_loops(run: Run, files: dict[str, Path]) -> None:
-    (estimate,) = fitted(run, files["poor"])["estimates"]
-    assert estimate["loops"]["element"] is None
-    assert "control and output follow no one controlled element" in estimate["loops"]["remarks"][0]
-    printed = run("fit", files["poor"], "--method", "mle-white").out
-    assert "no loops: control and output follow no one controlled element" in printed
-    assert "fit the parts with --span" in printed
-
-
-def test_fit_says_that_the_element_given_is_not_the_recording_s(
-    run: Run, files: dict[str, Path]
-) -> None:
-    printed = run("fit", files["named"], "--method", "mle-white", "--element", "1/s^2").out
-    assert "loops with the controlled element 1/s^2, as given" in printed
-    assert "target_crossover" in printed
-    sentence = "recording: the controlled element given is 1/s^2, but control and output of the"
-    assert f"{sentence} recording follow 4/s^2" in " ".join(printed.split())
-
-
-def test_an_element_that_cannot_be_read_is_refused_before_anything_is_fitted(
-    run: Run, files: dict[str, Path]
-) -> None:
-    answer = run("fit", files["named"], "--element", "K/s^2")
-    assert answer.status == 2
-    assert "the controlled element 'K/s^2' cannot be read: 'k/s^2' is nothing" in answer.err
 
 
 # ------------------------------------------------------------------ human pilots

@@ -10,8 +10,6 @@ from helpers import (
     NOMINAL,
     PILOTS,
     fit_of,
-    population_fits,
-    population_scores,
     without_remnant,
 )
 
@@ -33,10 +31,8 @@ from pilotid.time_domain.prediction import Prediction, predict
 from pilotid.time_domain.prepare import analysis_band
 from pilotid.time_domain.remnant_models import (
     NOISE_MODELS,
-    Autoregressive,
     LowPass,
     criterion,
-    neighbours,
 )
 from pilotid.time_domain.search import (
     Swept,
@@ -158,14 +154,6 @@ def test_one_optimum_that_many_starts_end_in_does_not_crowd_out_the_others(seed:
     assert off.min() < 0.1
 
 
-def test_autoregressions_have_neighbours_and_low_passes_none() -> None:
-    assert neighbours(LowPass(2)) == []
-    assert neighbours(Autoregressive(2)) == [Autoregressive(3)]
-    assert neighbours(Autoregressive(20)) == [Autoregressive(16)]
-    assert neighbours(Autoregressive(8)) == [Autoregressive(6), Autoregressive(10)]
-    assert neighbours(Autoregressive(5)) == []  # asked for by the user, not in the list
-
-
 def test_the_criterion_is_akaikes_with_its_correction() -> None:
     for model in NOISE_MODELS:
         count = len(model.keys) + 7 + 1
@@ -259,15 +247,6 @@ def test_a_profile_that_comes_upon_a_better_optimum_says_where() -> None:
     there = np.array([[2.0, 0.0]])
     lower = Minima(there, gram(there)[:, -1, -1], np.ones(1, dtype=bool), gram(there), 1)
     assert profile_intervals(gram, Line(), lower, 1.0, 2).better is None
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", ["population-usual", "population-exotic"])
-def test_pilots_drawn_at_random_are_found(name: str) -> None:
-    """Far below what 200 recordings show (.95 and .93), so that chance does not fail it."""
-    covered, errors = population_scores(population_fits(MLE(), name, 20))
-    assert covered > 0.87
-    assert np.sqrt(np.mean(np.sort(errors**2)[: int(0.98 * errors.size)])) < 1.3
 
 
 def test_criteria_from_the_optimum_and_from_the_truth_agree() -> None:

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from helpers import Run
 
-from pilotid import Channel, PilotModel, Recording, Scenario, identify
+from pilotid import Channel, PilotModel, Recording, identify
 from pilotid.datasets.forcing import PERIOD, paper_disturbance, paper_target
-from pilotid.datasets.scenarios import checked
 from pilotid.estimates.applicability import refusal
 from pilotid.pilot.factors import Delay, Gain, Lead, Neuromuscular
 from pilotid.recordings.checks import remarks
@@ -163,31 +162,3 @@ def test_a_model_of_a_signal_that_is_not_recorded_is_refused() -> None:
     assert "x2 is not recorded" in identify("mle", bare, MODEL).message
     with pytest.raises(ValueError, match="cannot act on 'u'"):
         Channel("own", "u", 1, (Gain("K"),))
-
-
-def test_reports_have_no_loops_and_say_why(run: Run, tmp_path: Path) -> None:
-    save_recording(simulated("state", 0.02), tmp_path / "R.csv")
-    (tmp_path / "own.py").write_text("from test_extra_signals import MODEL\n", encoding="utf-8")
-    told = [tmp_path / "R.csv", "--model", f"{tmp_path}/own.py:MODEL", "--element", "4/s^2"]
-    page = tmp_path / "R.html"
-    for command in (
-        ("fit", *told, "--method", "mle", "--report", page),
-        ("posterior", *told, "--out", tmp_path / "posterior"),
-        ("analyse", *told, "--method", "fourier", "--out", tmp_path / "analysis"),
-    ):
-        printed = run(*command)
-        assert printed.status == 0, printed.err
-    assert "how the loop moves that is not known" in page.read_text(encoding="utf-8")
-
-
-def test_what_needs_the_loop_says_that_it_is_not_known() -> None:
-    recording = simulated("state", 0.02)
-    reference = identify("mle-reference", recording, MODEL)
-    assert "acts on x2" in reference.message
-    estimate = identify("mle", recording, MODEL)
-    assert any("how the loop moves that is not known" in remark for remark in estimate.remarks)
-    with pytest.raises(InputError, match="cannot be simulated, since how the loop moves that"):
-        Scenario.from_fit(estimate, recording)
-    truth = tuple(TRUTH["state"])
-    with pytest.raises(InputError, match="acts on x2, which no simulation makes"):
-        checked(Scenario("two", "two signals", MODEL, truth))

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import struct
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +15,7 @@ import h5py
 import numpy as np
 import pytest
 from matlab_files import USERBLOCK, save_v73
-from scipy.io import loadmat, savemat
+from scipy.io import savemat
 
 from pilotid.recordings import matlab
 from pilotid.recordings.contents import refuse_codes
@@ -370,19 +368,11 @@ REFUSED: list[tuple[str, Writer, list[str]]] = [
 REFUSED_LINES: list[tuple[list[str], list[str]]] = [
     (replaced(5, "0.15,abc,0,0"), ["line 5, column e: 'abc' is not a finite number"]),
     (replaced(5, "0.15,1_0,0,0"), ["line 5, column e: '1_0' is not a finite number"]),
-    (replaced(5, "0.15,0,,0"), ["line 5, column u: the cell is empty"]),
     (replaced(5, "0.15,0,0,nan"), ["line 5, column x: 'nan' is not a finite number"]),
-    (replaced(5, "0.15,0,0,-inf"), ["line 5, column x: '-inf'"]),
-    (replaced(5, "0.15,0,0,1e999"), ["line 5, column x: '1e999'"]),
-    (replaced(5, "x" * 900 + ",0,0,0"), ["line 5, column t: 'xxx"]),
     (replaced(5, '"a\nb",0,0,0'), ["line 5, column t: 'a b'"]),
-    (replaced(5, "0.15,0,0"), ["line 5 has 3 cells but the header has 4"]),
-    (replaced(5, "0.15,0,0,0,"), ["line 5 has 5 cells but the header has 4"]),
     (replaced(5, ""), ["line 5 has 0 cells"]),
     (replaced(5, '0.15,"0,0,0'), ["line 5 cannot be read as comma-separated values"]),
-    (replaced(5, "0.10,0,0,0"), ["time does not increase at line 5"]),
     (replaced(5, "0.05,0,0,0"), ["time does not increase at line 5"]),
-    (replaced(5, "0.16,0,0,0"), ["time steps by 0.06 s at line 5 but by 0.05 s elsewhere"]),
     (rows()[:9] + rows()[10:], ["time steps by 0.1 s at line 10"]),
     (replaced(1, "t,e,v,x"), ["no column 'u' for u (control)", "t, e, v, x", "--map u="]),
     (replaced(1, "z,e,u,x"), ["no column 't' for t (time)", "z, e, u, x", "--map t=", "--dt"]),
@@ -392,28 +382,21 @@ REFUSED_LINES: list[tuple[list[str], list[str]]] = [
     ),
     (replaced(1, "t,e,u,u"), ["more than one column 'u'"]),
     (rows()[1:], ["line 1 holds numbers but must be a header row"]),
-    (replaced(1, "t,e,u,x,v"), ["line 2 has 4 cells but the header has 5"]),
-    (replaced(1, "t,e,u,x,x"), ["line 1 has more than one column 'x'"]),
     (["x," + rows()[0], *("1," + r for r in rows()[1:])], ["more than one column 'x'"]),
-    ([""], ["line 1 must be a header row"]),
     (replaced(1, 't,e,u,""x'), ["line 1 cannot be read as comma-separated values"]),
     (rows(0), ["holds 0 samples"]),
-    (rows(1), ["holds 1 samples"]),
     (rows(199), ["lasts 9.95 s"]),
     ([HEADER, *(f"{n * 10},{n},{n},{n}" for n in range(99))], ["time in seconds"]),
     ([HEADER, *(f"{n * DT:.2f},{n},0.5,{n}" for n in range(240))], ["u is constant in run 1"]),
     ([r.replace(",", ";") for r in replaced(5, "0.15,1 5,0,0")], ["line 5, column e: '1 5'"]),
     ([r.replace(",", ";") for r in rows()[:4]] + ["0,15;0;0;0"], ["decimal point"]),
-    (renamed("t,e,u,x,u_1", 5), ["line 1 has the column 'u' and also u_1 for u"]),
     (renamed("t,e,u_1,x,u_3", 5), ["line 1 has the columns u_1, u_3 for u", "without a gap"]),
     (renamed("t,e,u_0,x,u_1", 5), ["number the runs from 1"]),
     (renamed("t,e,u_1,x,u_2", 5), ["signal e has 1 runs of 240 samples but u has 2"]),
     (renamed("t,e,u_1,x,u_2,run", 6), ["line 1 has a run column and also columns u_1, u_2"]),
     ([*long_format(["1", "2"])[:-1]], ["run '2' from line 242 on has 239 samples", "240"]),
     ([*long_format(["1"]), *(f"2,{r}" for r in rows(start=1.0)[1:])], ["run '2' from line 242 on"]),
-    ([*long_format(["1", " "])], ["line 242, column run: the cell is empty"]),
     ([*long_format(["1", "1"])], ["time does not increase at line 242"]),
-    ([*long_format([])], ["holds 0 samples"]),
     (["run,t,e,u,x", "a,0,0,0,0"], ["holds 1 samples"]),
     ([HEADER, *(f"{t},1,1,1" for t in (0, 1e200))], ["the time is 1e+200 s at line 3"]),
     ([HEADER, *(f"{t},1,1,1" for t in (0, 1e-9))], ["the sampling interval is 1e-09 s"]),
@@ -426,9 +409,6 @@ REFUSED_BYTES: list[tuple[bytes, list[str]]] = [
     (b"t,e,u,x\n0,1,2,\xe9\x02\n", ["line 2 is not UTF-8"]),
     ("t,e,u,x\n0,1,2,3\n".encode("utf-16"), ["holds 1 samples"]),
     ("t,e,u,x\n0,1,2,3\n".encode("utf-16")[:-1], ["line 2 is not UTF-16 text"]),
-    (b"t,e,u,x\n0,1,2,\x00\n1,1,1,1\n", ["line 2, column x"]),
-    (b"t,e,u,x\n0,1,2," + b"9" * 200_000 + b"\n", ["line 2 cannot be read"]),
-    (bytes(range(256)), ["not UTF-8"]),
     (b"," * 2_000_000, ["line 1 must be a header row"]),
 ]
 
@@ -440,69 +420,39 @@ REFUSED_NOTES: list[tuple[str, list[str]]] = [
     ('{"run-in": 8}', ["unknown key 'run-in'; the known ones are runs, run_in, dt, units"]),
     ('{"runs": 2}', ["says 2 runs but"]),
     ('{"runs": 0}', ["'runs' must be"]),
-    ('{"runs": 1.5}', ["'runs' must be"]),
-    ('{"runs": true}', ["'runs' must be"]),
-    ('{"runs": null}', ["'runs' must be"]),
     ('{"run_in": 2.0}', ["says run_in = 2 s but 1 s of"]),
-    ('{"run_in": 0}', ["says run_in = 0 s but 1 s of"]),
     ('{"run_in": -1}', ["'run_in' must be"]),
-    ('{"run_in": NaN}', ["'run_in' must be"]),
-    ('{"run_in": Infinity}', ["'run_in' must be"]),
-    ('{"run_in": 1' + "0" * 400 + "}", ["'run_in' must be"]),
     ('{"run_in": 1' + "0" * 9000 + "}", ["cannot be read as JSON"]),
-    ("[" * 100_000, ["cannot be read as JSON"]),
     ('{"dt": 0}', ["'dt' must be"]),
     ('{"dt": 0.06}', ["says dt = 0.06 s but the time"]),
     ('{"units": "deg"}', ["'units' must be"]),
     ('{"units": {"y": "deg"}}', ["'units' must be"]),
-    ('{"units": {"x": 1}}', ["'units' must be"]),
-    ('{"lines": [1, 2]}', ["'lines' must be"]),
     ('{"lines": {"u": [1]}}', ["'lines' must be"]),
-    ('{"lines": {"ft": 3}}', ["'lines' must be"]),
-    ('{"lines": {"ft": [1, 0]}}', ["'lines' must be"]),
     ('{"lines": {"ft": [1, "2"]}}', ["'lines' must be"]),
-    ('{"controlled_element": 4}', ["'controlled_element' must be"]),
-    ('{"units": {"u": "$$"}}', ["'units' must be"]),
     ('{"units": {"u": "\\u001b[31m"}}', ["'units' must be"]),
-    ('{"units": {"u": "\\ud800"}}', ["'units' must be"]),
     ('{"units": {"u": "' + "m" * 41 + '"}}', ["'units' must be"]),
-    ('{"controlled_element": "a\\nb"}', ["'controlled_element' must be"]),
     ('{"controlled_element": "\\udfff"}', ["'controlled_element' must be"]),
-    ('{"controlled_element": "' + "s" * 201 + '"}', ["'controlled_element' must be"]),
-    ('{"runs": 1, "runs": 1}', ["gives 'runs' twice"]),
     ('{"units": {"u": "m", "u": "deg"}}', ["gives 'u' twice"]),
-    ('{"\\u001b[2J": 1}', [r"unknown key '\x1b[2J'"]),
     ('{"dt": 1e-310}', ["says dt = 1e-310 s"]),
-    ('{"dt": 1e400}', ["'dt' must be"]),
-    ('{"units": ' + "[" * 100_000 + "]" * 100_000 + "}", ["cannot be read as JSON"]),
     ('{"a":' * 50_000, ["cannot be read as JSON"]),
-    (" " * (2**22 + 1), ["MB large but at most 4.194 MB"]),
 ]
 
 #: The variables of a MATLAB file.
 REFUSED_VARIABLES: list[tuple[dict[str, object], list[str]]] = [
     (spoilt(u=None), ["has no variable 'u' for u (control), only t, e, x", "--map u="]),
-    (spoilt(u=None, s={"v": 1.0}), ["has no variable 'u'", "s.v"]),
     ({}, ["has no variables 't', 'e', 'u', 'x', only none"]),
     (spoilt(u=variables()["u"][1:].T), ["variable u is 2 x 239 but the time has 240 samples"]),
-    (spoilt(u=np.ones((100, 2))), ["variable u is 100 x 2"]),
-    (spoilt(u=np.ones(100)), ["variable u is 100 samples long"]),
     (spoilt(u=np.ones((240, 2, 2))), ["variable u is 240 x 2 x 2"]),
     (spoilt(u=3.0), ["variable u is 1 samples long"]),
     (spoilt(u="text"), ["variable u does not hold real numbers"]),
     (spoilt(u=variables()["u"] * 1j), ["variable u does not hold real numbers"]),
     (spoilt(u=np.array([1, "a"], dtype=object)), ["variable u{2} does not hold real numbers"]),
-    (spoilt(u=np.zeros((0, 0))), ["variable u is"]),
     (spoilt(u=NOT_A_NUMBER), ["variable u is not a finite number at row 11, column 2"]),
     (spoilt(t=np.full(SAMPLES, np.inf)), ["variable t is not a finite number at row 1;"]),
     (spoilt(t=variables()["u"]), ["variable t (time) is 240 x 2"]),
     (spoilt(t=np.zeros(SAMPLES)), ["time does not increase at sample 2 of t"]),
-    (spoilt(t=GAP), ["time steps by 0.1 s at sample 8 of t"]),
-    (spoilt(x=variables()["x"][:, :1]), ["signal x"]),
-    (spoilt(u=np.ones((SAMPLES, 2))), ["u is constant in run 1"]),
     (spoilt(pilotid={"runs": 3}), ["variable pilotid: says 3 runs"]),
     (spoilt(pilotid={"speed": 3}), ["variable pilotid: unknown key 'speed'"]),
-    (spoilt(pilotid=3.0), ["variable pilotid: must be one object"]),
     (spoilt(pilotid={"lines": {"ft": "abc"}}), ["variable pilotid: 'lines' must be"]),
 ]
 
@@ -662,14 +612,6 @@ def test_harmless_variants_of_csv(
     assert_equal(load_recording(path), plain)
 
 
-def test_lines_are_counted_across_blocks_and_quoted_breaks(tmp_path: Path) -> None:
-    body = [f'"{n / 100}\n",1,{n % 7},1' for n in range(100_000)]
-    body[90_000] = "900,1,x,1"
-    path = written("t,e,u,x\n" + "\n".join(body))(tmp_path)
-    with pytest.raises(InputError, match="line 180002, column u: 'x'"):
-        load_recording(path)
-
-
 def test_rows_of_runs_may_alternate(tmp_path: Path) -> None:
     header, *body = long_format(["1", " 2"])
     mixed = [line for pair in zip(body[:SAMPLES], body[SAMPLES:], strict=True) for line in pair]
@@ -687,11 +629,6 @@ def test_forcing_function_common_to_runs_or_one_each(tmp_path: Path) -> None:
     np.testing.assert_array_equal(recording.u, columns[[1, 0]])
     np.testing.assert_array_equal(recording.ft, columns[[6, 6]])
     np.testing.assert_array_equal(recording.fd, columns[[7, 8]])
-
-
-def test_times_in_rounded_text(tmp_path: Path) -> None:
-    body = [f"{n / 60:.3f},{n % 7},{n % 5},{n % 3}" for n in range(800)]
-    assert load_recording(written("\n".join([HEADER, *body]))(tmp_path)).dt == 1 / 60
 
 
 @pytest.mark.parametrize("notes", ['{"run_in": 1, "dt": 0.05}', "{}"])
@@ -766,27 +703,6 @@ def test_one_process_reads_all_files_and_is_started_anew_when_it_dies(tmp_path: 
     assert matlab._reader(os.getpid()) is not process
 
 
-def test_changed_bytes_end_no_more_than_that_process(tmp_path: Path) -> None:
-    """One of them ends the process in scipy; what is read holds the numbers of the file."""
-    whole = saved(ONE)(tmp_path).read_bytes()
-    original = load_recording(tmp_path / "F.mat")
-    rng = np.random.default_rng(4)
-    path, read, refused = tmp_path / "G.mat", 0, 0
-    for place, value in [
-        (176, 0),
-        *zip(rng.integers(128, 400, 150), rng.integers(0, 256, 150), strict=False),
-    ]:
-        content = bytearray(whole)
-        content[place] = value
-        path.write_bytes(content)
-        try:
-            np.testing.assert_array_equal(load_recording(path).u, original.u)
-            read += 1
-        except InputError:
-            refused += 1
-    assert min(read, refused) > 20
-
-
 def test_a_damaged_file_does_not_cost_the_others(tmp_path: Path) -> None:
     files = []
     for number in range(4):
@@ -799,14 +715,6 @@ def test_a_damaged_file_does_not_cost_the_others(tmp_path: Path) -> None:
     assert [r.source for r in recordings] == [str(files[i]) for i in (0, 2, 3)]
     assert len(refused) == 1
     assert str(files[1]) in refused[0]
-
-
-def test_a_script_needs_no_main_guard(tmp_path: Path) -> None:
-    path = saved(ONE)(tmp_path)
-    script = tmp_path / "script.py"
-    script.write_text(f"import pilotid\nprint(pilotid.load_recording({str(path)!r}).runs)\n")
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=60)
-    assert (done.stdout, done.stderr) == ("1\n", "")
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
@@ -865,92 +773,7 @@ def test_sampling_interval_is_restored_exactly(tmp_path: Path, suffix: str, dt: 
     assert_equal(load_recording(tmp_path / f"F{suffix}"), recording)
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".mat"])
-def test_extreme_numbers_are_restored(tmp_path: Path, suffix: str) -> None:
-    u = np.resize([0.1 + 0.2, -0.0, 5e-324, 1.7e30, np.nextafter(1.0, 2.0)], (1, SAMPLES))
-    recording = Recording(dt=DT, e=-u, u=u, x=u / 3)
-    save_recording(recording, tmp_path / f"F{suffix}")
-    assert_equal(load_recording(tmp_path / f"F{suffix}"), recording)
-
-
-def test_csv_columns_and_sidecar(tmp_path: Path) -> None:
-    ft = np.sin(np.arange(SAMPLES + 20))[np.newaxis]
-    recording = replace(make_recording(2, 20), ft=ft, lines={"ft": (2, 3)})
-    save_recording(recording, tmp_path / "F.csv")
-    lines = (tmp_path / "F.csv").read_text().splitlines()
-    assert lines[0] == "t,e_1,e_2,u_1,u_2,x_1,x_2,ft"
-    assert lines[1].startswith("-1,")
-    assert lines[4].startswith("-0.85,")
-    assert json.loads((tmp_path / "F.json").read_text()) == {
-        "runs": 2,
-        "run_in": 1.0,
-        "lines": {"ft": [2, 3]},
-    }
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["F.csv", "F.json"]
-    assert_equal(load_recording(tmp_path / "F.csv"), recording)
-
-
-def test_mat_holds_one_column_a_run(tmp_path: Path) -> None:
-    save_recording(make_recording(2, 20, units={"e": "deg"}), tmp_path / "F.mat")
-    content = loadmat(tmp_path / "F.mat", simplify_cells=True)
-    assert content["u"].shape == (SAMPLES + 20, 2)
-    assert content["t"][0] == -20 * DT
-    assert content["pilotid"]["units"] == {"e": "deg"}
-    assert content["pilotid"]["run_in"] == 1.0
-    assert [p.name for p in tmp_path.iterdir()] == ["F.mat"]
-
-
-@pytest.mark.parametrize(
-    "name", ["F.txt", "F", "missing/F.csv", "missing/F.mat", "a" * 999 + ".mat"]
-)
-def test_saving_where_it_cannot_be(tmp_path: Path, name: str) -> None:
-    with pytest.raises(InputError):
-        save_recording(make_recording(), tmp_path / name)
-    with pytest.raises(InputError, match="'units' must be"):  # what could not be read again
-        save_recording(make_recording(units={"speed": "m/s"}), tmp_path / "F.csv")
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    "name", ["\x1b[31mF.csv", "F\n2.csv", "F\u202e2.csv", "\x9bF.csv", os.fsdecode(b"F\xe9.csv")]
-)
-def test_names_of_files_are_made_printable(tmp_path: Path, name: str) -> None:
-    path = tmp_path / name
-    path.write_text(text())
-    escaped = name.encode("unicode_escape").decode()
-    assert load_recording(path).source == f"{tmp_path}/{escaped}"
-    path.with_suffix(".json").write_text("{")
-    with pytest.raises(InputError) as caught:
-        load_recording(path)
-    assert escaped.removesuffix("csv") + "json" in str(caught.value)
-
-
-def test_message_names_the_path_as_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    for name, write in (("F.csv", written("t")), ("F.mat", saved({"a": 1.0}))):
-        write(tmp_path)
-        with pytest.raises(InputError, match=rf"^\./{name}: "):
-            load_recording(f"./{name}")
-
-
 # ------------------------------------------------------------------ names, rates, measured files
-
-
-@pytest.mark.parametrize(
-    ("mapping", "words"),
-    [
-        ("v_1=stick", "an extra signal cannot be named 'v_1'"),
-        ("", "SIGNAL=NAME"),
-        ("u", "'u' where SIGNAL=NAME"),
-        ("u=a,", "SIGNAL=NAME"),
-        ("u=", "u= names nothing"),
-        ("u=-", "u=- names nothing"),
-        ("u=a,u=b", "gives u twice"),
-    ],
-)
-def test_bad_mapping(mapping: str, words: str) -> None:
-    with pytest.raises(InputError, match=re.escape(words)):
-        parse_mapping(mapping)
 
 
 def test_mapping(tmp_path: Path) -> None:
@@ -978,14 +801,6 @@ def test_advice_of_a_refusal_can_be_followed(tmp_path: Path) -> None:
     np.testing.assert_array_equal(load_recording(advised[:-1] + "b").u, U[::-1])
 
 
-def test_a_recording_without_x_suits_models_that_act_on_e(tmp_path: Path) -> None:
-    path = written(text("t,e,u", columns={k: ONE[k] for k in "teu"}))(tmp_path)
-    recording = load_recording(path)
-    assert recording.signals == ["e", "u"]
-    save_recording(recording, tmp_path / "G.csv")
-    assert load_recording(tmp_path / "G.csv").signals == ["e", "u"]
-
-
 def test_the_sampling_interval_must_agree_with_the_time(tmp_path: Path) -> None:
     path = written(text())(tmp_path)
     assert load_recording(path, dt=DT).dt == DT
@@ -1007,13 +822,6 @@ def test_a_code_is_told_from_a_large_signal() -> None:
         InputError, match="is 9999 at 1 sample, the first of them sample 2 of run 1"
     ):
         refuse_codes(np.array([[0.0, 9999.0, 100.0]]), "u", "F")
-
-
-def test_origins_are_kept(tmp_path: Path) -> None:
-    path = written(text("T [s],err,Stick (-),x"))(tmp_path)
-    recording: Recording = load_recording(path, {"e": "err", "u": "-stick"})
-    assert recording.origin == {"t": "T [s]", "e": "err", "u": "-Stick (-)", "x": "x"}
-    np.testing.assert_allclose(recording.u, -U[:1])
 
 
 def test_measured_yaw(measured: Path) -> None:

@@ -87,23 +87,6 @@ def test_only_the_user_interrupts() -> None:
         answer("interrupt")
 
 
-def test_a_method_that_fails_costs_no_other_file_or_method(tmp_path: Path) -> None:
-    from pilotid.recordings.files import save_recording
-
-    save_recording(RECORDING, tmp_path / "a.csv")
-    save_recording(RECORDING, tmp_path / "b.csv")
-    methods = f"{hostile('leave')},mle-white,{hostile('reversed')}"
-    files = [tmp_path / "a.csv", tmp_path / "b.csv"]
-    done = run("fit", *files, "--method", methods)
-    assert done.returncode == 0, done.stderr
-    for text in (
-        "(SystemExit: 3)",
-        "(an interval does not hold its value)",
-        "mle-white: converged",
-    ):
-        assert done.stdout.count(text) == 2
-
-
 def run(*arguments: object) -> subprocess.CompletedProcess[str]:
     program = "from pilotid.cli.main import main; main()"
     return subprocess.run(

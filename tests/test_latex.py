@@ -18,7 +18,7 @@ from pilotid.analysis.rows import Row
 from pilotid.naming.symbols import SYMBOLS
 from pilotid.support.document import Column, Table, table_latex
 from pilotid.support.escaping import for_latex
-from pilotid.support.numbers import p_value, to_error
+from pilotid.support.numbers import to_error
 
 A = (1.12, 1.43, 0.91, 2.02, 1.31)
 B = (1.61, 1.52, 1.73, 2.14, 2.25)
@@ -68,37 +68,6 @@ def test_means_over_subjects_and_contrasts() -> None:
     assert re.fullmatch(r"\$2\.\d\d\$ \(\$4\$\)", differences[1][6])
 
 
-def test_fewer_values_than_subjects_are_said() -> None:
-    rows = table({"C1": A, "C2": B})
-    rows[0] = row("1", "C1", 1.0, outcome="died")
-    means, differences = made(rows)
-    assert means[1][2].endswith(", n = $4$)")
-    assert differences[1][3] == "$4$"
-
-
-def test_files_where_there_are_no_subjects_to_average() -> None:
-    rows = [row("1", "C1", 1.2341, 0.0567), row("1", "C2", 1.0, outcome="died")]
-    rows += [row("1", c, 12.3, parameter="fnm", unit="rad/s") for c in ("C1", "C2")]
-    values = checked(tables_tex(rows))[0]
-    assert values == [
-        ["parameter", "unit", "C1", "C2"],
-        ["$T_L$", "s", r"$1.234$ $\pm$ $0.057$", "--"],
-        [r"$\omega_{nm}$", "rad/s", r"$12.30$ $\pm$ $0.10$", r"$12.30$ $\pm$ $0.10$"],
-    ]
-
-
-def test_each_condition_with_its_own_model_is_one_table() -> None:
-    rows = [row(s, "C3", float(s), model="single") for s in "12"]
-    rows += [row(s, "C6", float(s), model="multi") for s in "12"]
-    rows += [row(s, "C6", float(s), model="multi", parameter="Kvest", unit="") for s in "12"]
-    chosen = {((), "C3"): "single", ((), "C6"): "multi"}
-    text = tables_tex(rows, chosen=chosen)
-    (means,) = checked(text)
-    assert [line[0] for line in means] == ["parameter", "$T_L$", "$K_{vs}$"]
-    assert means[2][2] == "--"
-    assert "models: C3 `single`, C6 `multi`" in text
-
-
 def test_names_cannot_break_the_tables() -> None:
     nasty = r"50%_$x$ {\bad} #1 ^2 ~ <&>|"
     rows = [
@@ -111,11 +80,6 @@ def test_names_cannot_break_the_tables() -> None:
     assert differences[1][1] == for_latex(nasty)
 
 
-def test_the_head_is_a_comment() -> None:
-    text = tables_tex([], made_by="pilotid analyse a.mat\n\\input{b}")
-    assert all(line.startswith("%") for line in text.splitlines())
-
-
 @pytest.mark.parametrize(
     ("value", "error", "shown"),
     [(1.2341, 0.0567, "$1.234$"), (-0.001, 0.3, "$0.00$"), (float("nan"), 1.0, "--"),
@@ -125,10 +89,6 @@ def test_numbers_have_the_digits_of_their_errors(value: float, error: float, sho
     column = Column[float]("x", lambda v: (v, error), to_error)
     (head, cells) = checked(table_latex(Table("", [column], [value])))[0]
     assert (head, cells) == (["x"], [shown])
-
-
-def test_p_values() -> None:
-    assert [p_value(p) for p in (0.0004, 0.0312, float("nan"))] == ["< .001", ".031", "-"]
 
 
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="there is no pdflatex")

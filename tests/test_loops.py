@@ -214,29 +214,6 @@ def test_delay_of_a_controlled_element_is_exact_in_its_response_and_pade_in_its_
     assert np.max(np.abs(of_control(element.rational(1), OMEGA[low]) / exact[low] - 1.0)) > 0.01
 
 
-@pytest.mark.parametrize(
-    "system",
-    [
-        control.TransferFunction([4.0], [1.0, 2.0], 0.1),
-        control.TransferFunction([[[4.0], [1.0]]], [[[1.0, 2.0], [1.0, 1.0]]]),
-    ],
-    ids=["discrete", "two inputs"],
-)
-def test_discrete_or_multivariable_controlled_element_is_refused(
-    system: control.TransferFunction,
-) -> None:
-    with pytest.raises(ValueError, match="continuous, with one input and one output"):
-        from_control(system)
-
-
-@pytest.mark.parametrize(("numerator", "denominator"), [((1.0, 0.0), (1.0,)), ((1.0,), (0.0, 1.0))])
-def test_improper_controlled_element_is_refused(
-    numerator: tuple[float, ...], denominator: tuple[float, ...]
-) -> None:
-    with pytest.raises(ValueError, match="odd: must be a proper transfer function"):
-        ControlledElement(numerator, denominator, name="odd")
-
-
 # ------------------------------------------------------------------ stability
 
 

@@ -14,7 +14,7 @@ from helpers import NOMINAL, SINGLE_LOOP
 
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.estimates.applicability import made_for, motionless_input
-from pilotid.pilot.catalogue import GAIN_ONLY, LEAD_LAG, MODELS, MULTI, RATE, SINGLE, model_named
+from pilotid.pilot.catalogue import GAIN_ONLY, LEAD_LAG, MODELS, MULTI, RATE, SINGLE
 from pilotid.pilot.element import Rational, element_named, pade
 from pilotid.pilot.factors import (
     Canals,
@@ -32,7 +32,7 @@ from pilotid.pilot.factors import (
     Values,
 )
 from pilotid.pilot.model import Channel, PilotModel
-from pilotid.support.types import ComplexArray, FloatArray, InputError
+from pilotid.support.types import ComplexArray, FloatArray
 from pilotid.time_domain.output_error import residual_spectra
 from pilotid.time_domain.prediction import predict
 
@@ -269,23 +269,6 @@ def test_shared_neuromuscular_parameters_move_both_channels() -> None:
     assert np.all(np.abs(jacobian[1, own]) > 0.0)
 
 
-def test_conflicting_shared_parameters_are_refused() -> None:
-    channels = (
-        Channel("visual", "error", 1, (Gain("Kvis"), Neuromuscular())),
-        Channel("motion", "output", -1, (Gain("Km"), Neuromuscular(frequency_start=9.0))),
-    )
-    with pytest.raises(ValueError, match=r"^model torn: .*share parameter fnm must.*$") as caught:
-        PilotModel("torn", channels)
-    assert len(str(caught.value).splitlines()) == 1
-
-
-def test_user_composition_has_the_response_of_its_formula() -> None:
-    values = LAGGED.vector({"Kvis": 0.4, "tlag": 0.7, "tdvis": 0.2, "fnm": 10.0, "dnm": 0.5})
-    s = 1j * OMEGA
-    expected = 0.4 / (1.0 + 0.7 * s) * np.exp(-0.2 * s) * 100.0 / (100.0 + 10.0 * s + s**2)
-    np.testing.assert_allclose(LAGGED.response(OMEGA, values), [expected], rtol=1e-12)
-
-
 def test_user_factor_has_the_response_of_its_formula_and_its_fixed_pole() -> None:
     values = WASHED.start
     by_key = dict(zip(WASHED.keys, values, strict=True))
@@ -400,12 +383,6 @@ def test_with_start_changes_the_guesses_named_and_nothing_else() -> None:
     assert (again.start[2], again.start[5]) == (0.35, 8.0)
 
 
-def test_with_start_refuses_an_unknown_parameter() -> None:
-    with pytest.raises(InputError, match=r"^model single has no parameter Kvest, tw: .*Kvis") as e:
-        SINGLE.with_start({"Kvest": 1.0, "tw": 2.0})
-    assert len(str(e.value).splitlines()) == 1
-
-
 def test_overrides_replace_bounds_in_place() -> None:
     tight = Parameter("tdvis", "s", 0.2, 0.3, 0.25, (0.2, 0.3), positive=False)
     model = replace(MULTI, overrides=(tight,))
@@ -419,43 +396,6 @@ def test_vector_puts_values_in_model_order() -> None:
     mapping = {key: float(i) for i, key in enumerate(reversed(MULTI.keys))}
     np.testing.assert_array_equal(MULTI.vector(mapping), [6.0, 5.0, 4.0, 3.0, 2.0, 1.0, 0.0])
     assert MULTI.vector(mapping | {"extra": 9.0}).shape == (7,)
-
-
-def test_vector_names_the_parameters_without_value() -> None:
-    with pytest.raises(InputError, match=r"^model single: no value for tdvis, dnm$"):
-        SINGLE.vector({"Kvis": 1.0, "tlead": 1.0, "fnm": 1.0})
-
-
-@pytest.mark.parametrize(
-    ("start", "usual", "words"),
-    [
-        (0.0, (0.1, 0.9), "parameter p: the start 0 must"),
-        (1.0, (0.1, 0.9), "parameter p: the start 1 must"),
-        (0.5, (-0.1, 0.9), "parameter p: the usual range"),
-        (0.5, (0.9, 0.1), "parameter p: the usual range"),
-        (0.5, (0.1, 1.1), "parameter p: the usual range"),
-    ],
-)
-def test_parameter_refuses_start_or_usual_range_outside_its_bounds(
-    start: float, usual: tuple[float, float], words: str
-) -> None:
-    with pytest.raises(ValueError, match=words):
-        Parameter("p", "", 0.0, 1.0, start, usual, positive=False)
-
-
-@pytest.mark.parametrize("name", ["single", "multi", "gain", "lead-lag", "rate"])
-def test_model_named_returns_the_catalogue_entry(name: str) -> None:
-    assert model_named(name) is MODELS[name]
-    assert model_named(name).name == name
-
-
-def test_unknown_model_is_refused_in_one_line_with_the_names_there_are() -> None:
-    with pytest.raises(InputError) as caught:
-        model_named("mutli")
-    message = str(caught.value)
-    assert len(message.splitlines()) == 1
-    assert "'mutli'" in message
-    assert all(name in message for name in MODELS)
 
 
 @pytest.mark.parametrize("model", MODELS.values(), ids=name_of)
@@ -507,32 +447,6 @@ def test_a_delay_of_one_s_own_is_a_delay(factor: Factor) -> None:
     sets = np.stack([model.start, 1.1 * model.start])
     fast = residual_spectra(prediction, sets)
     np.testing.assert_allclose(fast, prediction.row_spectra(sets)[:, -1], rtol=1e-9, atol=1e-9)
-
-
-@pytest.mark.parametrize(("sign", "name"), [(2, "error"), (0, "error"), (1, "in sight")])
-def test_a_channel_that_makes_no_sense_is_refused_when_it_is_made(sign: int, name: str) -> None:
-    word = "the sign must be 1 or -1" if name == "error" else "cannot act on"
-    with pytest.raises(ValueError, match=word):
-        Channel("visual", name, sign, (Gain("K"),))
-
-
-def test_a_model_without_channels_is_refused() -> None:
-    with pytest.raises(ValueError, match="has no channel"):
-        PilotModel("empty", ())
-
-
-@pytest.mark.parametrize(
-    ("key", "unit"),
-    [("$K$", ""), ("", ""), ("1K", ""), ("K x", ""), ("K", "$$"), ("K", "\x1b[31m")],
-)
-def test_a_key_or_a_unit_that_no_figure_can_show_is_refused(key: str, unit: str) -> None:
-    with pytest.raises(ValueError, match=r"must be (a letter|at most 40 printable)"):
-        Parameter(key, unit, 0.1, 10.0, 1.0, (0.5, 5.0))
-
-
-def test_a_channel_s_name_that_no_figure_can_show_is_refused() -> None:
-    with pytest.raises(ValueError, match="the name must be letters"):
-        Channel("$x$", "error", 1, (Gain("K"),))
 
 
 # ------------------------------------------------------- controlled elements and looks ahead

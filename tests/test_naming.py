@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import linecache
-import subprocess
 import sys
 import types
 from dataclasses import dataclass, field
@@ -137,11 +136,6 @@ def test_wrong_settings_are_a_sentence(text: str, words: str) -> None:
     assert "\n" not in str(refusal.value)
 
 
-def test_what_has_no_settings_says_so() -> None:
-    with pytest.raises(InputError, match="it has no settings"):
-        configured(object(), "x=1", "thing(x=1)")
-
-
 def test_a_class_is_made_and_what_it_refuses_is_a_sentence() -> None:
     assert configured(Inner, "depth=3", "Inner(depth=3)") == Inner(3)
     with pytest.raises(InputError, match="of order 0 to 3"):
@@ -182,17 +176,6 @@ def test_no_text_breaks_the_reader(text: str) -> None:
             continue
 
 
-def test_commas_in_brackets_do_not_split() -> None:
-    text = "a(x=1, y=(2, 3)), my (old) things/o'b.py:C , d(z='),')"
-    assert split_list(text, names=True) == [
-        "a(x=1, y=(2, 3))",
-        "my (old) things/o'b.py:C",
-        "d(z='),')",
-    ]
-    assert split_call("my (old) things/b.py:C") == ("my (old) things/b.py:C", None)
-    assert split_call("my (old)/b.py:C(d=(1,))") == ("my (old)/b.py:C", "d=(1,)")
-
-
 # ----------------------------------------------------------------------------------- methods
 
 
@@ -231,14 +214,6 @@ def test_settings_become_plain_objects_without_loss() -> None:
     assert again["inner"] == {"class": "Inner", "depth": 1, "wide": False}
     assert plain({"a": np.arange(2)}) == {"a": {"class": "array", "values": [0, 1]}}
     assert shown(again["inner"]) == "Inner(depth=1, wide=false)"
-
-
-def test_what_has_no_words_of_its_own_is_told_apart() -> None:
-    from scipy import stats
-
-    one, same, other = (shown(stats.norm(0.0, s)) for s in (1.0, 1.0, 2.0))
-    assert one == same
-    assert one != other
 
 
 # -------------------------------------------------------------------------------------- code
@@ -322,26 +297,6 @@ def test_code_that_cannot_be_used_is_a_sentence(mine: Path, place: str, words: s
     assert words in str(refusal.value)
 
 
-def test_a_file_s_code_goes_along_to_other_processes(mine: Path) -> None:
-    content = packed(taken(f"{mine}:Mine(size=8)"))
-    mine.unlink()
-    program = (
-        "import sys; from pilotid.naming.code import unpacked\n"
-        "from pilotid.naming.settings import labelled\n"
-        "thing = unpacked(sys.stdin.buffer.read())\n"
-        "print(thing.twice, labelled('mine', thing))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        input=content,
-        capture_output=True,
-        check=True,
-        env={"PYTHONPATH": str(mine.parent)},
-    )
-    assert done.stdout.decode().strip() == "16 mine(size=8)"
-    assert unpacked(packed((1, "a"))) == (1, "a")
-
-
 def test_the_digest_covers_the_code_that_a_thing_is_from(mine: Path) -> None:
     assert code_digest(ARX()) == code_digest(np.float64(1.0)) == ""
     digests = [code_digest(taken(f"{mine}:Mine"))]
@@ -352,19 +307,6 @@ def test_the_digest_covers_the_code_that_a_thing_is_from(mine: Path) -> None:
     assert len(set(digests)) == 4
     (mine.parent / "stranger.py").write_text("")
     assert code_digest((1, [taken(f"{mine}:Mine")])) == digests[-1]
-
-
-def test_the_digest_covers_a_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    package = tmp_path / "some_package_of_others"
-    (package / "inner").mkdir(parents=True)
-    (package / "__init__.py").write_text("")
-    (package / "a.py").write_text("class Thing: pass")
-    monkeypatch.syspath_prepend(str(tmp_path))
-    thing = taken("some_package_of_others.a:Thing")
-    before = code_digest(thing)
-    (package / "inner" / "b.py").write_text("")
-    assert before
-    assert code_digest(thing) != before
 
 
 def test_code_that_was_typed_in_is_told_by_its_source(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import io
 import json
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from rich.console import Console
 
-from pilotid.estimates.estimate import Estimate, Outcome, Starts, failed, symmetric_intervals
+from pilotid.estimates.estimate import Estimate, Outcome, failed, symmetric_intervals
 from pilotid.estimates.parts import FrequencyResponse
-from pilotid.estimates.quantities import Quantity, abreast, quantity_tables
+from pilotid.estimates.quantities import Quantity
 from pilotid.pilot.catalogue import MODELS, SINGLE
 from pilotid.support.disk import strict_json
-from pilotid.support.document import print_blocks
 
 
 def estimate(method: str = "mine", **fields: object) -> Estimate:
@@ -69,17 +66,6 @@ def test_figures_have_the_digits_that_the_error_allows(
     assert quantity.shown() == (text, interval)
 
 
-def test_verdict_tells_outcome_fit_starts_and_time() -> None:
-    starts = Starts(np.array([1.0, 1.0, 1.3]), agreeing=2)
-    full = estimate(message="barely", starts=starts, seconds=0.0123)
-    words = "mine: converged (barely); VAF 80.0 %; 2 of 3 starts agree"
-    assert full.verdict() == f"{words}; 0.012 s"
-    assert full.verdict(timed=False) == words
-    assert failed("x", SINGLE, Outcome.SINGULAR).verdict() == (
-        "x: failed: the information matrix is singular"
-    )
-
-
 def test_json_of_a_failure_is_null_where_there_is_no_number() -> None:
     text = strict_json(failed("x", SINGLE, Outcome.NEGATIVE_DELAY).to_dict())
     entry = json.loads(text)
@@ -124,20 +110,6 @@ def test_json_of_a_two_step_method_holds_its_frequency_response() -> None:
     assert "some words" in found.verdict()
 
 
-@pytest.mark.parametrize(("width", "tables"), [(80, 3), (140, 1)])
-def test_tables_stay_within_the_width(width: int, tables: int) -> None:
-    several = [estimate(name) for name in ("one", "two", "three")]
-    found = quantity_tables([(e.method, e.quantities) for e in several], abreast(width))
-    assert len(found) == tables
-    for table in found:
-        stream = io.StringIO()
-        print_blocks(Console(file=stream, width=width), table)
-        lines = stream.getvalue().splitlines()
-        assert len(lines) == 2 + len(SINGLE.keys) + 1
-        assert max(map(len, lines)) <= width
-        assert "…" not in stream.getvalue()
-
-
 # ------------------------------------------------------------------- results that speak
 
 
@@ -149,32 +121,6 @@ def test_an_estimate_gives_its_quantities_by_key() -> None:
     assert str(own["tlead"]).startswith("tlead = 2.00 ± 0.30 s, 95 % ")
     with pytest.raises(KeyError, match="Kvest: the estimate has Kvis, tlead"):
         own["Kvest"]
-
-
-def test_repr_is_one_line_and_summary_what_fit_prints() -> None:
-    own = estimate("mine", remarks=("mind the gap",))
-    assert repr(own).startswith("<Estimate of model single by mine: Kvis 0.50 ± 0.10, tlead ")
-    assert "\n" not in repr(own)
-    printed = str(own.summary()).splitlines()
-    assert own.summary()._repr_html_() == own._repr_html_()
-    assert printed[0].split() == ["parameter", "unit", "mine", "95", "%", "interval"]
-    assert [line.split()[0] for line in printed[2:8]] == [*SINGLE.keys, "Kvis*tlead"]
-    assert printed[-2] == "mine: converged; VAF 80.0 %"
-    assert printed[-1] == "mind the gap"
-    broken = failed("x", SINGLE, Outcome.SINGULAR)
-    assert repr(broken) == (
-        "<Estimate of model single by x: failed: the information matrix is singular>"
-    )
-    assert str(broken) == "x: failed: the information matrix is singular"
-
-
-def test_a_notebook_shows_a_table_and_nothing_unescaped() -> None:
-    own = estimate("<b>", remarks=("<script>",))
-    page = own._repr_html_()
-    assert page.count("<tr>") == 1 + len(SINGLE.keys) + 1
-    assert "&lt;b&gt;" in page
-    assert "<script>" not in page
-    assert "<table" not in failed("x", SINGLE, Outcome.SINGULAR)._repr_html_()
 
 
 def test_a_data_frame_has_a_row_for_each_quantity() -> None:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import subprocess
-import sys
 from dataclasses import replace
 from functools import cache
 from xml.etree import ElementTree
@@ -17,15 +14,11 @@ from matplotlib.figure import Figure
 
 from pilotid.datasets import scenario_named, simulate
 from pilotid.estimates.estimate import Estimate, Outcome, failed, symmetric_intervals
-from pilotid.estimates.fitted import Fitted
 from pilotid.estimates.parts import FrequencyResponse, RemnantEstimate
-from pilotid.methods import methods
 from pilotid.pilot.catalogue import MODELS, MULTI, SINGLE
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.report.fit import html_report
 from pilotid.show import plots
-from pilotid.show.style import OTHERS, STYLES
 from pilotid.support.document import svg
 from pilotid.support.types import FloatArray, InputError
 
@@ -102,13 +95,6 @@ def test_model_output_and_residual_make_up_the_recorded_control() -> None:
     recorded = np.interp(scored, time, control)
     np.testing.assert_allclose(output + left, recorded, atol=1e-9 * np.ptp(control))
     assert np.std(left) < np.std(control)
-
-
-def test_axes_are_named_with_units() -> None:
-    axes = plots.signals(recording(), estimate(), axes=new_axes())
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("time [s]", "control u [deg]")
-    without = replace(recording(), units={})
-    assert plots.residual(without, axes=new_axes()).get_ylabel() == "residual"
 
 
 def test_a_run_is_chosen_by_its_number() -> None:
@@ -197,21 +183,6 @@ def test_truth_is_drawn_beside_and_an_unknown_channel_is_refused() -> None:
         plots.describing_function()
 
 
-def test_a_failed_fit_without_a_first_step_leaves_empty_axes() -> None:
-    above, below = plots.describing_function(failed("a", MULTI, Outcome.SINGULAR), axes=pair())
-    assert not [*above.get_lines(), *below.get_lines()]
-    assert above.get_legend() is None
-
-
-def test_estimates_by_one_method_have_different_names_and_colours() -> None:
-    above, _ = plots.describing_function(
-        estimate(), estimate(), estimate(SINGLE), channel="visual", axes=pair()
-    )
-    drawn = {str(own.get_label()): own.get_color() for own in above.get_lines()}
-    assert list(drawn) == ["mle, multi 1", "mle, multi 2", "mle, single"]
-    assert len(set(drawn.values())) == 3
-
-
 # ----------------------------------------------------------------------------- the remnant
 
 
@@ -246,36 +217,7 @@ def test_the_model_s_density_is_drawn_as_far_as_its_filter_leaves_it() -> None:
     assert set(density) == {3.0}
 
 
-def test_a_remnant_that_nobody_modelled_is_refused() -> None:
-    with pytest.raises(InputError, match="name the recording"):
-        plots.remnant(estimate(), axes=new_axes())
-
-
 # ------------------------------------------------------------------- notebooks and pages
-
-
-def test_without_axes_pyplot_makes_a_figure(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("MPLBACKEND", "Agg")
-    from matplotlib import pyplot
-
-    before = pyplot.get_fignums()
-    axes = plots.residual(recording(), estimate())
-    above, below = plots.describing_function(estimate())
-    assert axes.figure is not above.figure
-    assert above.figure is below.figure
-    assert len(pyplot.get_fignums()) == len(before) + 2
-    pyplot.close("all")
-
-
-def test_importing_the_plots_does_not_import_matplotlib() -> None:
-    check = "import sys, pilotid.show.plots; assert 'matplotlib' not in sys.modules"
-    subprocess.run([sys.executable, "-c", check], check=True, timeout=60)
-
-
-def test_every_method_has_a_colour_and_a_marker_of_its_own() -> None:
-    assert set(methods()) <= set(STYLES)
-    colours, markers, _ = zip(*STYLES.values(), strict=True)
-    assert len(set(colours)) == len(set(markers)) == len(STYLES)
 
 
 def drawn(name: str, alt: str = 'a < "b" & c') -> str:
@@ -291,58 +233,3 @@ def test_figures_are_the_same_bytes_each_time_and_tell_what_they_show() -> None:
     assert (root.get("role"), root.get("aria-label")) == ("img", 'a < "b" & c')
     assert "metadata" not in text
     assert "frequency [rad/s]" in text  # as text, which can be searched and read aloud
-
-
-def test_figures_of_one_page_share_no_id_and_refer_to_their_own() -> None:
-    ids = [re.findall(r' id="([^"]+)"', drawn(name)) for name in ("one", "two")]
-    assert ids[0]
-    assert not set(ids[0]) & set(ids[1])
-    text = drawn("one")
-    referred = set(re.findall(r'url\(#([^)]+)\)|href="#([^"]+)"', text))
-    assert {a or b for a, b in referred} == set(ids[0])
-    assert len(ids[0]) == len(set(ids[0]))
-
-
-@pytest.mark.parametrize(
-    ("fields", "words"),
-    [
-        ({}, "of what the model of the pilot leaves"),
-        ({"frequency_response": first_step()}, "the first step of mle"),
-        (
-            {"remnant": RemnantEstimate("white", {}, 0.2, np.array([1.0, 9.0]), np.ones(2))},
-            "of the remnant as modelled (lines)",
-        ),
-    ],
-    ids=["plain", "two-step", "remnant"],
-)
-def test_the_page_of_a_fit_shows_what_its_method_gives(
-    fields: dict[str, object], words: str
-) -> None:
-    page = html_report([Fitted(recording(), MULTI, (estimate(**fields),))])
-    assert page.count("<svg ") == page.count("<figcaption>") == 6
-    assert page.count("vestibular channel<") == 1
-    assert words in page
-    assert ("the first step of mle" in page) == ("frequency_response" in fields)
-
-
-def test_the_page_of_a_failed_fit_has_words_and_no_figure() -> None:
-    lost = failed("mmle3", MULTI, Outcome.NEGATIVE_DELAY)
-    page = html_report([Fitted(recording(), MULTI, (lost,))])
-    assert "<svg" not in page
-    assert "a time delay was driven negative" in page
-
-
-def test_every_method_is_seen_on_white_and_has_a_look_of_its_own() -> None:
-    """A contrast of 3 to 1 and more, by the formula of WCAG 2.2."""
-
-    def luminance(colour: str) -> float:
-        shares = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
-        linear = np.where(shares <= 0.04045, shares / 12.92, ((shares + 0.055) / 1.055) ** 2.4)
-        return float(linear @ [0.2126, 0.7152, 0.0722])
-
-    looks = [*STYLES.values(), *OTHERS]
-    assert (
-        len({look.colour for look in looks}) == len({look.marker for look in looks}) == len(looks)
-    )
-    for colour, *_ in looks:
-        assert 1.05 / (luminance(colour) + 0.05) >= 3.0, colour

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -17,7 +16,6 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from helpers import Run
 
 from pilotid.methods import METHODS, label_of, method_named, methods
 from pilotid.methods.mle_white import MLEWhite
@@ -125,15 +123,6 @@ def test_a_package_s_method_goes_through_a_study_to_its_report(
     assert refused.returncode == 2
     assert "other code or settings (different: line-fit)" in refused.stderr
     assert pilotid(python, *more, "mmle3", cwd=tmp_path).returncode == 0
-
-
-def test_the_commands_of_its_readme_exist(run: Run) -> None:
-    text = (PACKAGE / "README.md").read_text(encoding="utf-8")
-    commands = re.findall(r"^    pilotid ([\w-]+) (.*?)(?:#.*)?$", text, flags=re.MULTILINE)
-    assert {name for name, _ in commands} >= {"compare", "compare-studies"}
-    for name, options in commands:
-        told = run(name, "--help").out
-        assert all(option in told for option in re.findall(r"--[\w-]+", options)), name
 
 
 @pytest.mark.long

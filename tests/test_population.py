@@ -21,10 +21,7 @@ from pilotid.datasets.population import (
 from pilotid.datasets.remnant import Remnant
 from pilotid.datasets.scenarios import SCENARIOS, Scenario
 from pilotid.datasets.simulation import closed_loop, lines_in, remnant_ratio, remnant_shaping
-from pilotid.pilot.factors import Delay, Gain
 from pilotid.pilot.loops import margins, open_loops
-from pilotid.pilot.model import Channel, PilotModel
-from pilotid.support.types import InputError
 from pilotid.theory.bounds import bounds
 
 EXOTIC = ("band-pass", "notch", "two processes", "fractional")
@@ -121,16 +118,3 @@ def test_heavy_tails_have_the_power_that_they_say() -> None:
         replace(remnant, freedom=2.0)
     with pytest.raises(ValueError, match="shape must be"):
         replace(remnant, shape="round")  # type: ignore[arg-type]
-
-
-def test_a_remnant_cannot_enter_before_what_the_model_lacks() -> None:
-    model = PilotModel("bare", (Channel("visual", "error", 1, (Gain("Kvis"), Delay("tdvis"))),))
-    scenario = replace(
-        SCENARIOS["single"],
-        name="own",
-        model=model,
-        truth=(0.2, 0.2),
-        remnant=Remnant(enters="neuromuscular"),
-    )
-    with pytest.raises(InputError, match="has none"):
-        remnant_shaping(scenario, np.array([1.0]))

@@ -6,11 +6,10 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from test_study_report import Made, check_page, report, scenarios
+from test_study_report import Made, report
 
 from pilotid.study.comparison import comparison_of
 from pilotid.study.entries import Draw, ParameterTruth, Result, ScenarioEntry, Unit
@@ -99,45 +98,8 @@ def test_the_verdicts_tell_methods_apart(made: Made) -> None:
     assert found["fourier"].grade == "not applicable"
 
 
-def test_a_population_has_its_section_and_figures(made: Made) -> None:
-    text = made.markdown
-    assert re.search(r"\| arx \| .* \| 12 of 60 \(\d\.\d+\) \|", text)
-    assert re.search(r"\| fourier \| not applicable \|", text)
-    assert re.search(r"`mle` loses most in .*: \d\.\d+ in \d\d fits", text)
-    assert re.search(r"\| Kvis \| mle \| 60 \| .*\| 3 of 60 \|", text)  # wrong optima
-    assert f"--scenario {POPULATION} --method" in text
-    page = check_page(made.html)
-    assert {"summary", POPULATION, "failures", "provenance"} <= set(page.ids)
-    for name in ("coverage", "errors"):
-        file = made.folder / "figures" / f"{name}-{POPULATION}.svg"
-        ElementTree.fromstring(file.read_text(encoding="utf-8"))
-        assert f"(figures/{file.name})" in text
-
-
-def test_its_failures_and_settings_stand_in_the_appendix(made: Made) -> None:
-    text = made.markdown
-    assert f"| {POPULATION} | arx | 12 | 60 | failure | failed: its process died | signal" in text
-    assert "no try | not applicable to this recording | needs two forcing functions |" in text
-    assert f"| {POPULATION} | pilots at random | single, rate |" in text
-    assert "**inferred**" not in text  # that is of the paper's scenarios
-
-
-def test_a_study_of_both_has_both(tmp_path: Path) -> None:
-    both = scenarios("nominal", "single", methods=("mle", "bayes"))
-
-    def fill_both(store: Store) -> None:
-        both(store)
-        fill(store, [fitted("mle", r, size=0.8) for r in range(12)])
-
-    made = report(tmp_path, fill_both, ("mle", "bayes"))
-    assert f"--scenario nominal,single,{POPULATION} " in made.markdown
-    check_page(made.html)
-    assert made.terminal.count(POPULATION) >= 2  # a column and a table
-
-
 def test_a_population_of_which_nothing_succeeded_makes_a_report(tmp_path: Path) -> None:
     lost = [replace(ended("mle", r, "crashed", "why"), draw=None) for r in range(2)]
     made = report(tmp_path, lambda store: fill(store, lost), ("mle",))
-    check_page(made.html)
     assert "2 of 2" in made.markdown
     assert not re.search(r"\b(nan|inf)\b", made.html.partition("<script>")[0], re.I)

@@ -26,7 +26,7 @@ from pilotid.study.fits import Task, element_kind, facts_of, scenario_of
 from pilotid.study.store import Store
 from pilotid.study.study import Study
 from pilotid.support.numbers import draw_rng, fit_rng, recording_rng
-from pilotid.support.types import FloatArray, InputError
+from pilotid.support.types import FloatArray
 from pilotid.theory.bounds import bounds
 
 #: Short recordings of one run, so that a study of them takes seconds.
@@ -311,29 +311,6 @@ def test_what_is_drawn_depends_on_seed_name_and_replication_alone() -> None:
         assert element_kind(scenario.element) in (
             "K", "K/s", "K/s^2", "K/(s(s+a))", "second order"
         )  # fmt: skip
-
-
-def test_settings_and_code_make_populations_of_one_s_own(tmp_path: Path) -> None:
-    study = Study(["population-usual(intervals=(0.04,), runs=(1,))", "population-usual"], "mle")
-    assert [s.name for s in study.scenarios] == [
-        "population-usual-intervals-0.04-runs-1", "population-usual"
-    ]  # fmt: skip
-    file = tmp_path / "own.py"
-    file.write_text(
-        "from dataclasses import replace\n"
-        "from pilotid import POPULATIONS\n"
-        "OWN = replace(POPULATIONS['population-short'], name='own')\n"
-        "SAME = replace(OWN, name='population-short', runs=(9,))\n"
-    )
-    assert [s.name for s in Study(f"{file}:OWN", "mle").scenarios] == ["own"]
-    for text, words in (
-        (f"{file}:SAME", "the name 'population-short' of another one"),
-        ("population-usual(models=(multi, other))", "models must be of multi"),
-        ("population-usual(runs=())", "runs must not be empty"),
-        ("population-usual(intervals=(0,))", "must be above 0"),
-    ):
-        with pytest.raises(InputError, match=words):
-            Study(text, "mle")
 
 
 def test_a_pilot_of_a_population_can_be_simulated() -> None:

@@ -109,20 +109,6 @@ def test_a_pilot_s_ill_conditioned_rows_keep_their_precision() -> None:
     )
 
 
-def test_a_structure_outside_the_regression_is_refused() -> None:
-    signals = true_arx(np.random.default_rng(1), 40)
-    regression = Regression(signals[0], signals[1:], 2, [(2, 6), (1, 6)], 6)
-    for structure in (
-        Structure(3, (2, 2), (2, 2)),
-        Structure(2, (2, 2), (1, 2)),
-        Structure(2, (2, 2), (2, 6)),
-    ):
-        with pytest.raises(ValueError, match="does not hold"):
-            regression.fit(structure)
-        with pytest.raises(ValueError, match="does not hold"):
-            regression.costs([Structure(1, (1, 1), (2, 1)), structure])
-
-
 def test_more_columns_than_rows_leave_no_residual() -> None:
     signals = true_arx(np.random.default_rng(1), 14)
     regression = Regression(signals[0], signals[1:], 4, [(1, 6), (1, 6)], 6)

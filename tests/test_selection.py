@@ -34,15 +34,6 @@ def test_runs(text: str, runs: list[int]) -> None:
     assert found.runs == len(runs)
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [("", "no runs"), ("0", "no runs"), ("3-2", "no runs"), ("a", "no runs"), ("2-5", "no run 5")],
-)
-def test_runs_that_are_not_there_are_refused(text: str, words: str) -> None:
-    with pytest.raises(InputError, match=words):
-        chosen_runs(RECORDING, text)
-
-
 def test_a_span_keeps_what_was_before_as_run_in() -> None:
     found = RECORDING.cut(20.0, 61.0)
     assert found.duration == pytest.approx(41.0)
@@ -62,15 +53,6 @@ def test_lines_stay_where_the_span_holds_whole_periods() -> None:
 def test_spans_that_are_none_are_refused(text: str) -> None:
     with pytest.raises(InputError, match="--span"):
         span_of(text)
-
-
-@pytest.mark.parametrize(
-    ("start", "end", "words"),
-    [(50.0, 90.0, "ends at"), (3.0, 5.0, "lasts"), (9.0, 3.0, "START:END")],
-)
-def test_spans_outside_or_too_short_are_refused(start: float, end: float, words: str) -> None:
-    with pytest.raises(InputError, match=words):
-        RECORDING.cut(start, end)
 
 
 def test_runs_are_counted_over_files_that_are_one_recording(tmp_path: Path) -> None:

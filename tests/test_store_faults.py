@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import os
-import resource
 import shutil
 import sqlite3
 import subprocess
@@ -134,19 +133,6 @@ def test_a_full_disk_is_a_sentence_and_costs_nothing(
         store.add(Result(Unit("second", "mle", 10**6), "crashed"))  # it goes on
 
 
-def test_reports_on_a_full_disk_are_a_sentence(finished: Path, tmp_path: Path) -> None:
-    folder = copied(finished, tmp_path / "study")
-    done = subprocess.run(
-        [sys.executable, "-c", "from pilotid.cli.main import main; main()", "report", folder],
-        capture_output=True,
-        text=True,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000)),
-    )
-    assert done.returncode == 2
-    assert len(done.stderr.splitlines()) == 1, done.stderr
-    assert "cannot be" in done.stderr
-
-
 #: Makes a store and fills it, and dies in the n-th statement that SQLite traces.
 DYING = """
 import os, sqlite3, sys
@@ -243,22 +229,6 @@ def test_what_cannot_be_written_can_be_reported_on(
     assert all((out / name).exists() for name in REPORT)
     refused(here, "cannot be written", "its rights")
     assert [path.name for path in read_only.iterdir()] == [STORE]
-
-
-def test_a_log_that_cannot_be_merged_is_read(read_only: Path, whole: Content) -> None:
-    read_only.chmod(0o755)
-    (read_only / STORE).unlink()
-    program = f"import os, sys; sys.path.insert(0, {HERE!r})\n"
-    program += "from pathlib import Path; from stores import finish\n"
-    program += "finish(Path(sys.argv[1])); os._exit(0)"
-    subprocess.run([sys.executable, "-c", program, read_only], check=True)
-    (read_only / f"{STORE}-shm").unlink()
-    assert (read_only / f"{STORE}-wal").stat().st_size > 0
-    before = {path.name: path.read_bytes() for path in read_only.iterdir()}
-    read_only.chmod(0o555)
-    with without_rights(), Store(read_only) as store:
-        assert content_of(store) == whole
-    assert {path.name: path.read_bytes() for path in read_only.iterdir()} == before
 
 
 #: Opens stores as they are named on standard input, as soon as they are.

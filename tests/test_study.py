@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pilotid.cli.running import with_progress
 from pilotid.datasets import scenario_named
 from pilotid.estimates.estimate import Outcome
 from pilotid.methods.arx import ARX
@@ -66,16 +65,6 @@ def test_a_finished_study_has_nothing_left_to_do(finished: Path) -> None:
     with Store(finished, create=True) as store:
         pending = STUDY.enter(store)
         assert (list(pending), pending.total) == ([], 0)
-
-
-def test_one_fit_by_each_method_tells_how_long_all_will_take(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    found = [Result(Unit("single", name, 0), "converged", seconds=60.0) for name in "abc"]
-    assert list(with_progress(found, {"a": 6, "b": 4, "c": 2}, 4)) == found
-    assert capsys.readouterr().err == "12 fits, about 3 min on 4 processes\n"
-    assert list(with_progress(found[:1], {"a": 1}, 1)) == found[:1]
-    assert capsys.readouterr().err == ""
 
 
 FOURIER = method_entry(Fourier())
@@ -128,33 +117,6 @@ def test_an_error_outside_the_method_is_a_row() -> None:
 # ------------------------------------------------------------------------ objects, not names
 
 
-def test_objects_and_names_make_the_same_study(finished: Path, tmp_path: Path) -> None:
-    scenarios = [scenario_named("single"), "starts"]
-    study = Study(scenarios, [MLEWhite(), Fourier()], 3, 5)
-    assert study == STUDY
-    assert run(tmp_path, study) == (finished / "summary.csv").read_bytes()
-
-
-def test_a_study_of_objects_tells_their_settings(tmp_path: Path) -> None:
-    short = replace(scenario_named("single"), name="short", duration=41.0, family="", varied="")
-    methods = (MLEWhite(), MLEWhite(candidates=3), MLEWhite(covariance="sandwich"))
-    study = Study([short], methods, 2)
-    assert study.labels == (
-        "mle-white",
-        "mle-white(candidates=3)",
-        "mle-white(covariance=sandwich)",
-    )
-    text = run(tmp_path, study).decode()
-    assert "short,mle-white(covariance=sandwich),Kvis,2," in text
-    with Store(tmp_path) as store:
-        assert list(store.methods()) == list(study.labels)
-        assert store.methods()["mle-white(candidates=3)"].settings["candidates"] == 3
-        (entry,) = store.scenarios()
-        assert (entry.name, entry.number("duration")) == ("short", 41.0)
-        errors = {r.unit.method: r.estimates[0][2] for r in store.results()}
-    assert errors["mle-white"] != errors["mle-white(covariance=sandwich)"]
-
-
 @pytest.mark.parametrize(
     ("scenarios", "methods", "words"),
     [
@@ -173,12 +135,6 @@ def test_what_cannot_be_compared_is_a_sentence(scenarios: Any, methods: Any, wor
     with pytest.raises(InputError) as refusal:
         Study(scenarios, methods)
     assert words in str(refusal.value)
-
-
-def test_a_scenario_without_bounds_is_a_sentence(tmp_path: Path) -> None:
-    wild = replace(scenario_named("single"), name="wild", truth=(50.0, 2.0, 0.4, 12.0, 0.3))
-    with Store(tmp_path, create=True) as store, pytest.raises(InputError, match="wild"):
-        Study(wild, "mle").enter(store)
 
 
 def test_a_class_of_one_s_own_crosses_and_what_cannot_is_a_sentence() -> None:
@@ -218,17 +174,6 @@ def test_a_script_without_a_main_guard_runs_once(tmp_path: Path) -> None:
     )
     assert done.stdout.split() == ["once", "mine(candidates=3)"]
     assert done.stderr == ""
-
-
-def test_a_study_may_be_larger_than_any_list(tmp_path: Path) -> None:
-    study = Study(["single", "starts"], ["mle", "arx"], 10**30)
-    with Store(tmp_path, create=True) as store:
-        study.enter(store)
-        store.add(Result(Unit("starts", "arx", 10**9), "converged"))
-        pending = study.enter(store)
-    assert study.size == 4 * 10**30
-    assert pending.counts == {"mle": 2 * 10**30, "arx": 2 * 10**30 - 1}
-    assert next(iter(pending)) == Unit("single", "mle", 0)
 
 
 def test_what_failed_for_outside_reasons_is_tried_again_if_asked(tmp_path: Path) -> None:

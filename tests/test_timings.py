@@ -2,28 +2,16 @@
 
 from __future__ import annotations
 
-import json
-import math
-import re
-from pathlib import Path
-
-import pytest
-from timings import RATIOS, SLOWER, compared, exponents, summary_of
-
-from pilotid.support.numbers import number
-
-ROOT = Path(__file__).parents[1]
+from timings import SLOWER, compared, summary_of
 
 
 def test_times_are_stored_in_units_and_without_names_of_hosts() -> None:
-    slow, fast = RATIOS["a loop over lstsq / ARX search"]
     notes = {"necessary": 10.0, "megabytes": 3}
-    report = summary_of({slow: ("search", 0.5, {}), fast: ("search", 0.01, notes)}, 1e-4)
-    assert report["ratios"] == {"a loop over lstsq / ARX search": 50.0}
-    row = report["times"][fast]
+    report = summary_of({"arx_search": ("search", 0.01, notes)}, 1e-4)
+    row = report["times"]["arx_search"]
     assert row == {"group": "search", "ms": 10.0, "units": 100.0, "floors": 10.0, "megabytes": 3}
     assert report["unit_us"] == 100.0
-    assert set(report) == {"unit_us", "versions", "platform", "ratios", "exponents", "times"}
+    assert set(report) == {"unit_us", "versions", "platform", "times"}
 
 
 def test_what_became_slower_is_said_in_units() -> None:
@@ -36,30 +24,3 @@ def test_what_became_slower_is_said_in_units() -> None:
         "a: 2.00 times faster (100 units before, 50 now)"
     ]
     assert "nothing became slower" in compared(before, before)[0]
-
-
-@pytest.mark.parametrize("power", [0.5, 1.0, 2.0])
-def test_exponents_are_those_of_the_large_end(power: float) -> None:
-    def row(samples: int) -> dict[str, object]:
-        work = samples * math.log(samples)
-        return {
-            "axis": "runs",
-            "method": "mle",
-            "value": samples / 4096,
-            "samples": samples,
-            "ms": 7.0 + 0.0 * work if samples < 10_000 else 1e-3 * work**power,
-        }
-
-    times = {str(n): row(n) for n in (4096, 40_960, 409_600)} | {"other": {"ms": 1.0}}
-    assert exponents(times) == {"mle, runs": power}
-
-
-def test_times_in_the_docs_are_those_stored() -> None:
-    times = json.loads((ROOT / "results" / "timings.json").read_text("utf-8"))["times"]
-    text = (ROOT / "docs" / "machines.md").read_text("utf-8")
-    section = text.partition("## How long it takes")[2].partition("\n## ")[0]
-    rows = re.findall(r"^\| `([\w-]+)` \| (.*) \|$", section, re.MULTILINE)
-    assert len(rows) >= 9
-    for method, cells in rows:
-        own = [times[f"fit[{method}-{m}-{r}]"]["ms"] for m in ("multi", "single") for r in (1, 5)]
-        assert cells.split(" | ") == [number(ms, 2) for ms in own]

@@ -63,13 +63,6 @@ def test_std_is_the_root_mean_square_of_the_complex_error() -> None:
     )
 
 
-def test_shapes_are_checked() -> None:
-    with pytest.raises(ValueError, match="covariance"):
-        FrequencyResponse(OMEGA, np.ones((1, 20), dtype=complex), np.eye(20))
-    with pytest.raises(ValueError, match="response"):
-        FrequencyResponse(OMEGA, np.ones((1, 19), dtype=complex), np.eye(38))
-
-
 def test_rows_are_the_derivatives_of_the_whitened_residual() -> None:
     size = np.abs(MULTI.response(OMEGA, TRUTH)).ravel()
     problem = ResponseFit(with_errors(MULTI, some_covariance(size, 0.6), np.zeros(40)), MULTI)

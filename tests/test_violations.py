@@ -146,21 +146,6 @@ def test_who_changes_is_one_pilot_in_the_first_half_and_another_in_the_second() 
     assert off(last.u[:, after], first.u[:, after]) > 0.05
 
 
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [
-        ({"kind": "lazy"}, "the kind must be one of threshold"),
-        ({"kind": "drift"}, "the size of kind drift must be above 0"),
-        ({"kind": "lost", "size": 1.0}, "the share of lost samples must be below 1"),
-        ({"kind": "change"}, "needs parameters that do"),
-        ({"kind": "drift", "size": 1.0, "change": (("Kvis", 0.1),)}, "no other has any"),
-    ],
-)
-def test_impossible_violations_are_refused(settings: dict[str, object], words: str) -> None:
-    with pytest.raises(ValueError, match=words):
-        Violation(**settings)  # type: ignore[arg-type]
-
-
 def test_a_parameter_that_is_not_there_cannot_change() -> None:
     own = replace(NOMINAL, violation=Violation("change", change=(("tlag", 0.1),)))
     with pytest.raises(InputError, match="tlag cannot change, since model multi has Kvis"):

@@ -7,12 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from drawing import draw
 from floor import unit
 from timings import compared, summary_of
 
-RESULTS = Path(__file__).parents[2] / "results"
-STORED = RESULTS / "timings.json"
+STORED = Path(__file__).parents[2] / "results" / "timings.json"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -47,24 +45,19 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_terminal_summary(
     terminalreporter: pytest.TerminalReporter, config: pytest.Config
 ) -> None:
-    """Show the ratios, what became slower, and store all if that was asked."""
+    """Show what became slower, and store all if that was asked."""
     session: Any = getattr(config, "_benchmarksession", None)
     timed = [b for b in session.benchmarks if b.stats] if session else []
     if not timed:
         return
     report = summary_of({name(b): (b.group, b.stats.min, b.extra_info) for b in timed}, unit())
     write = terminalreporter.write_line
-    for what, ratio in report["ratios"].items():
-        write(f"{what}: {ratio:.3g}")
-    for what, power in report["exponents"].items():
-        write(f"{what}: time grows as (N log N)^{power:g} at the large end")
     if given := config.getoption("--compare"):
         for line in compared(report["times"], json.loads(Path(given).read_text())["times"]):
             write(line)
     if config.getoption("--store"):
         STORED.write_text(json.dumps(report, indent=1) + "\n")
-        draw(report["times"], RESULTS / "scaling.svg")
-        write(f"stored in results/{STORED.name}, drawn in results/scaling.svg")
+        write(f"stored in results/{STORED.name}")
 
 
 def name(benchmark: Any) -> str:

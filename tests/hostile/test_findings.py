@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import json
-import os
-import re
 import signal
-import sqlite3
 import subprocess
 import sys
 import time
-from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,14 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import Run
-from stores import finish
 
 import pilotid
 from pilotid.datasets import scenario_named, simulate
 from pilotid.pilot.model import Channel
 from pilotid.recordings.files import save_recording
 from pilotid.study.study import Study
-from pilotid.support.terminal import with_bar
 from pilotid.support.types import InputError
 
 RECORDING = simulate(scenario_named("single"), np.random.default_rng(1))
@@ -46,71 +39,12 @@ def started(*arguments: str, **options: Any) -> subprocess.Popen[str]:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("damage", ["bytes", "content", "table"])
-def test_a_damaged_store_of_an_analysis_is_refused(run: Run, place: Path, damage: str) -> None:
-    given = ("analyse", "s.csv", *FIT, "--out", "o", "--workers", "1")
-    assert run(*given).status == 0
-    path = place / "o" / "study.sqlite"
-    if damage == "bytes":
-        path.write_bytes(path.read_bytes()[:4096] + b"\xff" * 8192)
-    else:
-        with closing(sqlite3.connect(path)) as base:
-            if damage == "table":
-                base.execute("DROP TABLE rows")
-                base.execute("CREATE TABLE rows (a)")
-            else:
-                base.execute("UPDATE rows SET content = '{'")
-            base.commit()
-    answer = run(*given)
-    assert (answer.status, len(answer.err.splitlines())) == (2, 1)
-
-
-@pytest.mark.long
-def test_a_name_that_is_not_utf8_costs_nothing(run: Run, place: Path) -> None:
-    name = os.fsdecode(b"x\xffy.csv")
-    (place / "s.csv").rename(name)
-    assert run("analyse", name, *FIT, "--out", "o", "--workers", "1").status == 0
-    assert b"mle-white" in (place / "o" / "estimates.csv").read_bytes()
-
-
-@pytest.mark.long
 def test_fits_are_kept_where_pages_cannot_be_written(run: Run, place: Path) -> None:
     (place / "o").mkdir()
     (place / "o" / "recordings").touch()  # where the pages go
     answer = run("analyse", "s.csv", *FIT, "--out", "o", "--workers", "1")
     assert answer.status == 2
     assert b"converged" in (place / "o" / "estimates.csv").read_bytes()
-
-
-def test_a_file_without_rights_costs_no_other(
-    run: Run, place: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (place / "closed.csv").write_bytes((place / "s.csv").read_bytes())
-    (place / "closed.csv").chmod(0)
-    usual = os.access
-    monkeypatch.setattr(  # root may read all
-        os, "access", lambda path, mode, **_: "closed" not in str(path) and usual(path, mode)
-    )
-    answer = run("fit", "closed.csv", "s.csv", *FIT)
-    assert "mle-white: converged" in answer.out
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
-        *(f"fit s.csv --lead-in {s}" for s in ("1e308", "-1", "nan", "86")),
-        "fit s.csv --method mle(band=0)",
-        "fit s.csv --method arx(memory=-1)",
-        "fit s.csv --method arx(memory=1e9)",
-        "design nominal --out d --limit e=-3%",
-        "compare --out c --replications 1000000000",
-        "compare --out c --workers 100000",
-        "simulate single --out x.csv --runs 1000000000",
-    ],
-)
-def test_numbers_out_of_range_are_refused_at_once(run: Run, place: Path, command: str) -> None:
-    answer = run(*command.split())
-    assert (answer.status, len(answer.err.splitlines())) == (2, 1)
 
 
 @pytest.mark.parametrize(
@@ -153,18 +87,6 @@ def test_a_fit_that_nobody_answered_is_a_row(
     assert run("compare", *given, "--out", "p").status == 1
 
 
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no full device")
-def test_full_and_closed_outputs_are_a_sentence(place: Path) -> None:
-    with open("/dev/full", "w") as full:
-        process = started("list", stdout=full)
-        _, told = process.communicate(timeout=60)
-    assert (process.returncode, len(told.splitlines())) == (2, 1)
-    # Nothing can be said where standard error is closed.
-    words = "import os, sys; os.close(2); sys.stderr = None; from pilotid.cli import start; start()"
-    done = subprocess.run([sys.executable, "-c", words, "fit", "nowhere.csv"], timeout=60)
-    assert done.returncode == 2
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("after", [0.15, 0.3, 0.6, 1.2])
 def test_an_interruption_is_a_sentence_at_any_moment(place: Path, after: float) -> None:
@@ -174,48 +96,3 @@ def test_an_interruption_is_a_sentence_at_any_moment(place: Path, after: float) 
     _, told = process.communicate(timeout=60)
     early = process.returncode == -signal.SIGINT  # Python itself was not there yet
     assert early or (process.returncode in (0, 130) and "Traceback" not in told)
-
-
-def test_a_forecast_comes_before_long_fits(capsys: pytest.CaptureFixture[str]) -> None:
-    from pilotid.cli.running import announce
-
-    class Day:
-        source, u = "day.csv", np.zeros((1, 864000))
-
-    announce([Day()], 1)  # type: ignore[list-item]
-    announce([RECORDING], 1)
-    assert len(capsys.readouterr().err.splitlines()) == 1
-
-
-def test_a_long_job_says_so_once(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    ticks = iter(range(0, 10**6, 30))
-    monkeypatch.setattr("pilotid.support.terminal.time.monotonic", lambda: float(next(ticks)))
-    assert list(with_bar(range(100), "fitting", 100)) == list(range(100))
-    assert "about 50 min more" in capsys.readouterr().err
-
-
-@pytest.mark.long
-def test_text_of_a_strangers_store_is_text(run: Run, place: Path) -> None:
-    (place / "A").mkdir()
-    finish(place / "A", 1).close()
-    evil = "<script>alert(1)</script>\x1b[31m$\\frac{$[x](javascript:x)"
-    with closing(sqlite3.connect(place / "A" / "study.sqlite")) as base:
-        query = "SELECT rowid, content FROM rows WHERE (scenario = '') != (method = '')"
-        for number, content in base.execute(query).fetchall():
-            row = {
-                key: evil if part in ("words", "") else part
-                for key, part in json.loads(content).items()
-            }
-            base.execute("UPDATE rows SET content=? WHERE rowid=?", (json.dumps(row), number))
-        base.commit()
-    answer = run("report", "A")
-    assert answer.status == 0
-    page = (place / "A" / "report.html").read_text("utf-8")
-    assert page.count("<script") == 1
-    assert "Content-Security-Policy" in page
-    markdown = (place / "A" / "report.md").read_text("utf-8")
-    markdown = re.sub("^    .*", "", markdown, flags=re.M)  # what is to type is code
-    assert "\x1b" not in answer.out + page + markdown
-    assert not re.search(r"(?<!\\)\]\(javascript", markdown)

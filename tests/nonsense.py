@@ -1,30 +1,17 @@
-"""Nonsense planted in simulated recordings is named, and sound recordings are left in peace.
-
-    nox -s check -- nonsense [--recordings 200]
-
-Every kind of nonsense is planted in as many recordings of `nominal`; false alarms are counted
-on as many of every scenario without a violation, and on the recordings of human pilots that
-PILOTID_MEASURED names.
-"""
+"""Nonsense planted in simulated recordings, and the scenarios that are sound."""
 
 from __future__ import annotations
 
-import argparse
-import os
 import re
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from pilotid.datasets import POPULATIONS, SCENARIOS, simulate
+from pilotid.datasets import SCENARIOS, simulate
 from pilotid.estimates.method import identify
 from pilotid.methods import method_named
 from pilotid.recordings.checks import remarks
-from pilotid.recordings.files import load_recording
 from pilotid.recordings.recording import Recording
 from pilotid.support.remarks import codes_of
 
@@ -33,9 +20,6 @@ SOUND = {
     for name, scenario in SCENARIOS.items()
     if scenario.violation is None and scenario.change is None and scenario.recorder is None
 }
-#: Target alone, where the sign of u follows from the slope of the element.
-TARGET_ALONE = {"sign of u, no disturbance": ("wrong-sign", "u")}
-DRAWN = 100  # pilots of each population
 ALL = ("e", "u", "x", "ft", "fd")
 
 
@@ -155,12 +139,6 @@ PLANTED: dict[str, tuple[Callable[[Recording], Recording], str, str]] = {
 LATE = {"u late by 10 s": 10.0}
 
 
-def drawn(population: Any, number: int) -> Recording:
-    """The recording of one pilot of a population."""
-    rng = np.random.default_rng(number)
-    return simulate(population.drawn(rng), rng)
-
-
 def named(recording: Recording, code: str, where: str) -> bool:
     """Whether a remark on the recording has the code, and names the signal or run."""
     return any(r.code == code and re.search(rf"\b{where}\b", r) for r in remarks(recording))
@@ -172,50 +150,3 @@ def named_by_a_fit(recording: Recording) -> bool:
     estimate = identify(method_named("mle"), recording, model, np.random.default_rng(1))
     told = "little-explained" in codes_of(estimate.remarks)
     return told or not estimate.outcome.usable
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--recordings", type=int, default=200)
-    count = parser.parse_args().recordings
-    nominal = SCENARIOS["nominal"]
-    for what, (plant, code, where) in PLANTED.items():
-        hits = sum(
-            named(plant(simulate(nominal, np.random.default_rng(i))), code, where)
-            for i in range(count)
-        )
-        print(f"{what:30} named in {hits} of {count}")
-    for what, (code, where) in TARGET_ALONE.items():
-        alone = SCENARIOS["target-only"]
-        recordings = (simulate(alone, np.random.default_rng(i)) for i in range(count))
-        hits = sum(named(replace(without(r, "fd"), u=-r.u), code, where) for r in recordings)
-        print(f"{what:30} named in {hits} of {count}")
-    for what, seconds in LATE.items():
-        hits = sum(
-            named_by_a_fit(delayed(simulate(nominal, np.random.default_rng(i)), seconds))
-            for i in range(count)
-        )
-        print(f"{what:30} named in {hits} of {count}")
-    false = {
-        name: sum(bool(remarks(simulate(scenario, np.random.default_rng(i)))) for i in range(count))
-        for name, scenario in SOUND.items()
-    }
-    worst = {name: alarms for name, alarms in false.items() if alarms} or "none"
-    print(f"false alarms on {count} recordings of each of {len(false)} scenarios: {worst}")
-    for name, population in POPULATIONS.items():
-        for how in ((), ("ft",), ("fd",)):
-            alarms = Counter(
-                sentence
-                for i in range(DRAWN)
-                for sentence in remarks(without(drawn(population, i), *how))
-            )
-            words = f" without {' and '.join(how)}" if how else ""
-            print(f"false alarms on {DRAWN} of {name}{words}: {dict(alarms) or 'none'}")
-    if folder := os.environ.get("PILOTID_MEASURED"):
-        files = [*Path(folder).glob("*/*.mat"), *Path(folder).glob("rollpitch/pilot*.csv")]
-        alarms = {f.name: found for f in sorted(files) if (found := remarks(load_recording(f)))}
-        print(f"false alarms on {len(files)} recordings of human pilots: {alarms or 'none'}")
-
-
-if __name__ == "__main__":
-    main()
