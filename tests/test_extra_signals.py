@@ -17,7 +17,7 @@ from pilotid.pilot.factors import Delay, Gain, Lead, Neuromuscular
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.files import load_recording, save_recording
 from pilotid.recordings.recording import joined
-from pilotid.recordings.selection import of_runs
+from pilotid.recordings.windows import of_runs
 from pilotid.support.types import InputError
 
 Kind = Literal["state", "cue"]

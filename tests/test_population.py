@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pilotid.bounds import bounds
 from pilotid.datasets import POPULATIONS, simulate
 from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.population import (
@@ -25,7 +26,6 @@ from pilotid.pilot.factors import Delay, Gain
 from pilotid.pilot.loops import margins, open_loops
 from pilotid.pilot.model import Channel, PilotModel
 from pilotid.support.types import InputError
-from pilotid.theory.bounds import bounds
 
 EXOTIC = ("band-pass", "notch", "two processes", "fractional")
 

@@ -19,8 +19,7 @@ from pilotid.report.study import overview
 from pilotid.study.comparison import MethodResults, comparison_of
 from pilotid.study.entries import MethodEntry, ParameterTruth, Result, ScenarioEntry, Unit
 from pilotid.study.store import Store
-from pilotid.support.document import table_rich
-from pilotid.support.escaping import for_html
+from pilotid.support.document import for_html, table_rich
 from pilotid.support.numbers import decimals, number, plus_minus, share, signed
 from pilotid.support.terminal import make_console
 

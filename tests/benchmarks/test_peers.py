@@ -17,12 +17,12 @@ from scipy.optimize import least_squares
 from scipy.signal import cont2discrete, dlsim, tf2ss
 
 from pilotid.estimates.method import identify
-from pilotid.frequency.regression import Regression, Structure, lagged_rows, signals
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.pilot.catalogue import MULTI
 from pilotid.posterior.likelihood import Likelihood
 from pilotid.recordings.recording import Recording
+from pilotid.regression import Regression, Structure, lagged_rows, signals
 from pilotid.solve.least_squares import minimise
 from pilotid.support.types import FloatArray
 from pilotid.time_domain.output_error import OutputErrors

@@ -27,14 +27,14 @@ from multiprocessing import get_context
 
 import numpy as np
 
+from pilotid.bounds import bounds
 from pilotid.datasets import SCENARIOS, Scenario, simulate
 from pilotid.datasets.experiments import experiment_of
 from pilotid.estimates.method import identify
 from pilotid.methods import methods
-from pilotid.posterior.priors import default_prior
+from pilotid.posterior.likelihood import default_prior
 from pilotid.support.numbers import fit_rng, recording_rng
 from pilotid.support.types import FloatArray
-from pilotid.theory.bounds import bounds
 
 METHODS = ("bayes", "bayes-white")
 SKEWED = ("Kvis", "tlead")

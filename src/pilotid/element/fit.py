@@ -15,8 +15,7 @@ from itertools import groupby
 
 import numpy as np
 
-from pilotid.element.forms import FORMS, Form
-from pilotid.element.search import UNNOTICED, FormFit, Spectra, fitted_form, spectra_of
+from pilotid.element.search import FORMS, UNNOTICED, Form, FormFit, Spectra, fitted_form, spectra_of
 from pilotid.estimates.loops import LoopElement
 from pilotid.estimates.quantities import Quantity
 from pilotid.pilot.element import ControlledElement, parsed_element

@@ -11,7 +11,7 @@ import numpy as np
 
 from pilotid.estimates.draws import Draws
 from pilotid.estimates.loops import Loops, loops_of
-from pilotid.estimates.parts import AnalysedBand, FrequencyResponse, RemnantEstimate
+from pilotid.estimates.parts import AnalysedBand, FrequencyResponse, RemnantEstimate, Specification
 from pilotid.estimates.quantities import (
     Pair,
     Quantity,
@@ -21,7 +21,6 @@ from pilotid.estimates.quantities import (
     quantity_of,
     quantity_tables,
 )
-from pilotid.estimates.specification import Specification
 from pilotid.pilot.element import ControlledElement, as_element
 from pilotid.pilot.model import PilotModel
 from pilotid.support.document import Text, blocks_html, blocks_text

@@ -15,9 +15,15 @@ from pilotid.recordings.contents import (
     signal_places,
 )
 from pilotid.recordings.recording import LEAD_IN, Recording, joined
-from pilotid.recordings.selection import chosen_runs, file_and_parts, file_of, span_of
 from pilotid.recordings.text import csv_bytes, read_sidecar, read_text, sidecar_path
-from pilotid.recordings.windows import spanned, whole_periods
+from pilotid.recordings.windows import (
+    chosen_runs,
+    file_and_parts,
+    file_of,
+    span_of,
+    spanned,
+    whole_periods,
+)
 from pilotid.support.disk import path_shown, write_file
 from pilotid.support.types import InputError
 
