@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -121,24 +118,6 @@ def test_what_has_no_values_has_no_transfer_functions() -> None:
         failed("by hand", SINGLE, Outcome.SINGULAR).to_control()
     with pytest.raises(InputError, match="cannot be read"):
         estimate_of(RESONANT, ERRORS).loops("fifteen")
-
-
-def test_to_xarray_needs_xarray_and_hands_it_the_parameters(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    own = estimate_of(RESONANT, ERRORS)
-    monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(InputError, match="pip install xarray"):
-        own.to_xarray()
-    given: list[Any] = []
-    stand_in = SimpleNamespace(Dataset=lambda *parts: given.extend(parts))
-    monkeypatch.setitem(sys.modules, "xarray", stand_in)
-    own.to_xarray()
-    variables, coordinates, _ = given
-    assert coordinates["parameter"] == list(SINGLE.keys)
-    assert variables["value"][0] == "parameter"
-    np.testing.assert_array_equal(variables["value"][1], RESONANT)
-    np.testing.assert_array_equal(variables["covariance"][1], own.covariance)
 
 
 @pytest.mark.long

@@ -255,11 +255,3 @@ def test_the_centre_of_a_parameter_that_may_be_zero_is_its_mean() -> None:
     draws = draws_of(values)
     assert draws.centre[0] == pytest.approx(stats.gmean(values[:, 0]))
     assert draws.centre[1] == pytest.approx(values[:, 1].mean())
-
-
-def test_draws_go_to_arviz() -> None:
-    pytest.importorskip("arviz_base", reason="needs the extra pilotid[posterior]")
-    values = np.random.default_rng(9).uniform(1.0, 2.0, (60, 2))
-    tree = draws_of(values).to_arviz()
-    assert tree["posterior"]["a"].shape == (1, 60)
-    np.testing.assert_array_equal(tree["posterior"]["b"].values[0], values[:, 1])

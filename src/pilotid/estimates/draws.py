@@ -10,7 +10,7 @@ import numpy as np
 from pilotid.support.types import BoolArray, FloatArray
 
 if TYPE_CHECKING:
-    from arviz_base import DataTree
+    pass
 
 SHARE = 0.95  # of the intervals
 
@@ -101,24 +101,6 @@ class Draws:
         places = (np.arange(count) + 0.5) / count
         index = np.minimum(np.searchsorted(edges, places), len(edges) - 1)
         return np.asarray(self.values[index])
-
-    def to_arviz(self) -> DataTree:
-        """The draws for ArviZ: walkers are its chains; weighted draws are resampled.
-
-        Raises
-        ------
-        ImportError
-            Without the package arviz-base, which ``pip install 'pilotid[posterior]'`` brings.
-        """
-        from arviz_base import from_dict
-
-        ensembles, steps, walkers = self.chains
-        values = self.values
-        if np.ptp(self.weights) > 0.0:
-            values = self.equally_weighted(len(values))
-        shaped = values.reshape(ensembles, steps, walkers, -1).transpose(0, 2, 1, 3)
-        chains = shaped.reshape(ensembles * walkers, steps, -1)
-        return from_dict({"posterior": {key: chains[..., i] for i, key in enumerate(self.keys)}})
 
 
 def quantiles(values: FloatArray, weights: FloatArray, shares: tuple[float, ...]) -> FloatArray:

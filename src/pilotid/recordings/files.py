@@ -28,7 +28,7 @@ from pilotid.support.disk import path_shown, write_file
 from pilotid.support.types import InputError
 
 TEXTS = (".csv", ".txt", ".tsv", ".dat")
-READ = (*TEXTS, ".mat", ".h5", ".hdf5", ".hdf", ".npz", ".npy", ".parquet")
+READ = (*TEXTS, ".mat", ".h5", ".hdf5", ".hdf", ".npz")
 WRITTEN = (".csv", ".mat")
 
 
@@ -68,7 +68,7 @@ def load_recording(
     *,
     periods: bool = True,
 ) -> Recording:
-    """Read a recording from a file: text, MATLAB, HDF5, numpy or parquet.
+    """Read a recording from a file: text, MATLAB, HDF5 or numpy.
 
     Parameters
     ----------

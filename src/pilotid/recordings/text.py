@@ -9,18 +9,15 @@ import os
 import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from itertools import chain, compress, islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from pilotid.recordings.contents import (
     MOST_VALUES,
-    READERS,
     Contents,
     Notes,
     Parts,
@@ -108,7 +105,6 @@ def read_table(
     places = notes.with_extra(places)
     columns = {signal: _columns(table, signal, place) for signal, place in places.items()}
     found = {signal: names for signal, names in columns.items() if names}
-    notes = _with_comments(notes, table.comments, timed="t" in found)
     _require(table, places, found, timed=timed or notes.dt is not None)
     needed = list(dict.fromkeys(chain.from_iterable(found.values())))
     values = dict(zip(needed, table.read(needed, levels).T, strict=True))
@@ -138,10 +134,6 @@ def _encoding(path: Path, source: str) -> str:
     encoding = "utf-8-sig"
     if data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
         encoding = "utf-16"
-    elif len(data) > 3 and data[0] and data[2] and not (data[1] or data[3]):
-        encoding = "utf-16-le"
-    elif len(data) > 3 and data[1] and data[3] and not (data[0] or data[2]):
-        encoding = "utf-16-be"
     try:
         data.decode(encoding)
     except UnicodeDecodeError as error:
@@ -160,7 +152,7 @@ class _Table:
 
     def __init__(self, stream: Iterable[str], source: str) -> None:
         self.source = source
-        separator, self.line, lines, self.comments = _layout(iter(stream))
+        separator, self.line, lines = _layout(iter(stream))
         if separator == " ":  # any number of them, but none at the ends
             lines = (f"{line.strip()}\n" for line in lines)
         self._rows = csv.reader(lines, delimiter=separator, skipinitialspace=True, strict=True)
@@ -332,33 +324,28 @@ class _Table:
         return InputError(f"{self.source}: line {line}, column {listed([name])}: {what}; {remedy}")
 
 
-def _layout(lines: Iterator[str]) -> tuple[str, int, Iterator[str], list[str]]:
-    """The separator, the number of the header's line, the lines from there on, and comments.
+def _layout(lines: Iterator[str]) -> tuple[str, int, Iterator[str]]:
+    """The separator, the number of the header's line, and the lines from there on.
 
-    Before the header there may be a line ``sep=;`` and lines that begin with # or %.  One of these
-    is the header itself if numbers follow at once: the last with a name for each, or the one above
-    it if that holds units.  Names that end in ``...`` stand for as many as there are columns.
+    Before the header there may be lines that begin with # or %.  One of these is the header itself
+    if numbers follow at once: the last with a name for each, or the one above it if that holds
+    units.  Names that end in ``...`` stand for as many as there are columns.
     """
-    separator, number, comments = "", 1, list[str]()
-    first = next(lines, "")
-    if match := re.fullmatch(r'"?sep=([,;\t ])"?\s*', first, re.IGNORECASE):
-        separator, first, number = match[1], next(lines, ""), 2
+    comments, number, first = list[str](), 1, next(lines, "")
     while first and (first.lstrip()[:1] in COMMENT or (comments and not first.strip())):
         comments.append(first.strip("#% \t\r\n"))
         first, number = next(lines, ""), number + 1
     begin = [first]
-    headers = _headers(comments, first, separator) if re.match(NUMBER, first) else []
+    headers = _headers(comments, first) if re.match(NUMBER, first) else []
     if headers:
         header = comments[headers[0]]
-        separator = separator or _separator(header)
+        separator = _separator(header)
         if header.endswith(MORE):
             name = _cells(header, separator)[-1]
             missing = len(_cells(first, separator)) - len(_cells(header, separator))
             header = header.removesuffix(MORE) + (separator + name.removesuffix(MORE)) * missing
         begin = [f"{line}\n" for line in (header, *(comments[n] for n in headers[1:]))] + [first]
-        number -= len(begin) - 1
-        comments = [comment for n, comment in enumerate(comments) if n not in headers]
-    return separator or _separator(begin[0]), number, chain(begin, lines), comments
+    return _separator(begin[0]), number - len(begin) + 1, chain(begin, lines)
 
 
 def _separator(line: str) -> str:
@@ -373,39 +360,19 @@ def _cells(line: str, separator: str) -> list[str]:
     return line.split() if separator == " " else line.strip("\r\n").split(separator)
 
 
-def _headers(comments: Sequence[str], first: str, separator: str) -> list[int]:
+def _headers(comments: Sequence[str], first: str) -> list[int]:
     """Which comments above a row of numbers name its columns, and hold the units below."""
 
     def fits(comment: str) -> bool:
-        own = separator or _separator(comment)
+        own = _separator(comment)
         return comment.endswith(MORE) or len(_cells(first, own)) == len(_cells(comment, own))
 
     found = [n for n, comment in enumerate(comments) if comment and fits(comment)][-2:]
     if len(found) == 2 and found[1] == found[0] + 1:
-        cells = _cells(comments[found[1]], separator or _separator(comments[found[1]]))
+        cells = _cells(comments[found[1]], _separator(comments[found[1]]))
         if None not in map(_unit_in, cells):
             return found
     return found[-1:]
-
-
-def _with_comments(notes: Notes, comments: Iterable[str], *, timed: bool) -> Notes:
-    """Notes with what comments such as ``dt: 0.01`` say and the sidecar does not.
-
-    Comments are for people: what is not understood is left aside, and times count for more.
-    """
-    for comment in comments:
-        match = re.fullmatch(r"\W*(\w+)\s*[:=]\s*(.*\S)\s*", comment)
-        key = match[1].casefold() if match else ""
-        if match is None or key not in READERS or key in ("runs", "extra"):
-            continue
-        if (key == "dt" and timed) or getattr(notes, key) is not None:
-            continue
-        text: object = match[2]
-        with suppress(ValueError, RecursionError):
-            text = json.loads(re.sub(r"(?<=[0-9])\s*(s|sec|seconds)$", "", match[2]))
-        found: dict[str, Any] = {key: READERS[key][0](text)}
-        notes = replace(notes, where=notes.where or "its comments", **found)
-    return notes
 
 
 def _unit_in(cell: str) -> str | None:
