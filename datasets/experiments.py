@@ -1,4 +1,4 @@
-"""Bounds of scenarios: exact closed-loop spectra for `pilotid.theory.bounds`, or linearisation.
+"""Bounds of scenarios: exact closed-loop spectra for `pilotid.bounds`, or linearisation.
 
 A time-varying loop has no spectra.  But the prediction's derivatives by the parameters, at the
 truth and whitened by the remnant's own spectrum, are the information of each recording; its mean
@@ -13,12 +13,12 @@ from functools import lru_cache
 
 import numpy as np
 
+from pilotid.bounds import Circulation, Experiment, gradient_of
 from pilotid.datasets.forcing import Multisine, Steps
 from pilotid.datasets.remnant import Remnant, TabulatedRemnant
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.simulation import closed_loop, remnant_shaping, simulate, white_level
 from pilotid.support.types import ComplexArray, FloatArray, InputError
-from pilotid.theory.bounds import Circulation, Experiment, gradient_of
 from pilotid.time_domain.prediction import predict
 
 RECORDINGS, SEED = 24, 20160501

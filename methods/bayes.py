@@ -5,7 +5,7 @@ parameters are sampled along with the pilot's.  The variance of the prediction e
 the coefficients of an autoregressive remnant, are integrated out in closed form.  Which
 family of remnants it is (low-pass of some order, band-pass, or autoregressive) is decided
 once, by the criterion that `mle` uses, and named in the result: the posterior is given it.
-Priors are proper and weak, see `pilotid.posterior.priors` and docs/posterior.md.
+Priors are proper and weak, see `pilotid.posterior.likelihood` and docs/posterior.md.
 
 The value of a parameter is its posterior mean on the scale it is sampled on, the logarithm
 for positive parameters; standard errors are posterior standard deviations.
@@ -40,8 +40,7 @@ from pilotid.estimates.warnings import is_vague
 from pilotid.pilot.model import PilotModel
 from pilotid.posterior.ensembles import DEFAULT_RUN, Chains, Run, ensembles
 from pilotid.posterior.importance import Weighted, importance
-from pilotid.posterior.likelihood import Likelihood, Posterior
-from pilotid.posterior.priors import Prior, priors_of
+from pilotid.posterior.likelihood import Likelihood, Posterior, Prior, priors_of
 from pilotid.recordings.recording import Recording
 from pilotid.support.types import FloatArray
 from pilotid.time_domain.output_error import OutputErrors, make_estimate, too_short

@@ -21,8 +21,8 @@ from pilotid.datasets.scenarios import SCENARIOS
 from pilotid.estimates.estimate import Outcome, failed
 from pilotid.estimates.fitted import Fitted
 from pilotid.estimates.loops import LoopElement
+from pilotid.estimates.quantities import symbol
 from pilotid.methods.fourier import first_step_of
-from pilotid.naming.symbols import symbol
 from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.loops import open_loops
 from pilotid.recordings.recording import Recording

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers import PILOTS, predict_circular
 
+from pilotid.bounds import View
 from pilotid.datasets import scenario_named, simulate
 from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.population import POPULATIONS
@@ -24,7 +25,6 @@ from pilotid.solve.covariance import covariance_of
 from pilotid.solve.least_squares import minimise
 from pilotid.support.numbers import recording_rng
 from pilotid.support.types import FloatArray
-from pilotid.theory.bounds import View
 from pilotid.time_domain import band_likelihood
 from pilotid.time_domain.band_likelihood import (
     Weighting,

@@ -19,8 +19,14 @@ from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.pilot.catalogue import MULTI, SINGLE
 from pilotid.posterior.ensembles import Run
-from pilotid.posterior.likelihood import Likelihood
-from pilotid.posterior.priors import HalfCauchy, LogNormal, Normal, default_prior, priors_of
+from pilotid.posterior.likelihood import (
+    HalfCauchy,
+    Likelihood,
+    LogNormal,
+    Normal,
+    default_prior,
+    priors_of,
+)
 from pilotid.support.numbers import fit_rng, recording_rng, start_rng
 from pilotid.support.types import FloatArray, InputError
 from pilotid.time_domain.likelihood import PredictionErrors

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from helpers import NOMINAL, PILOTS, Run, strict, without_remnant
 
+from pilotid.bounds import bounds
 from pilotid.datasets import SCENARIOS, Scenario, simulate
 from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.simulation import remnant_shaping
@@ -25,7 +26,6 @@ from pilotid.recordings.files import save_recording
 from pilotid.recordings.recording import Recording
 from pilotid.support.types import InputError
 from pilotid.testing import check_estimate
-from pilotid.theory.bounds import bounds
 from pilotid.time_domain.output_error import residual_spectra
 from pilotid.time_domain.prediction import predict
 

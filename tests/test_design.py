@@ -16,6 +16,7 @@ from helpers import NOMINAL, SINGLE_LOOP, Run
 from scipy.optimize import minimize
 
 import pilotid
+from pilotid.bounds import bounds
 from pilotid.datasets import scenario_named
 from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.forcing import Multisine, paper_target
@@ -37,7 +38,6 @@ from pilotid.methods import method_named
 from pilotid.pilot.catalogue import MULTI
 from pilotid.pilot.element import element_named
 from pilotid.support.types import FloatArray, InputError
-from pilotid.theory.bounds import bounds
 from pilotid.time_domain.settings import PROFILE
 
 pytestmark = pytest.mark.numerical

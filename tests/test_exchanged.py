@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from helpers import NOMINAL, PILOTS, without_remnant
 
+from pilotid.bounds import bounds
 from pilotid.datasets import Scenario, simulate
 from pilotid.datasets.experiments import experiment_of
 from pilotid.estimates.estimate import Outcome
@@ -21,7 +22,6 @@ from pilotid.pilot.element import single_integrator
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import Recording, joined
 from pilotid.recordings.spectra import forcing_lines, same_lines
-from pilotid.theory.bounds import bounds
 
 pytestmark = pytest.mark.numerical
 

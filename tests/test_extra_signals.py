@@ -16,7 +16,7 @@ from pilotid.pilot.factors import Delay, Gain, Lead, Neuromuscular
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.files import load_recording, save_recording
 from pilotid.recordings.recording import joined
-from pilotid.recordings.selection import of_runs
+from pilotid.recordings.windows import of_runs
 from pilotid.support.types import InputError
 
 Kind = Literal["state", "cue"]
@@ -99,9 +99,6 @@ def test_an_extra_signal_is_treated_like_all_others() -> None:
     recording = simulated("state", 0.02)
     cut = recording.cut(10.0, 60.0)
     assert np.array_equal(cut.window(cut.extra["x2"]), recording.extra["x2"][:, 900:3400])
-    slow = recording.resample(0.04)
-    alike = Recording(dt=DT, e=recording.extra["x2"], u=recording.u, x=recording.x, run_in=RUN_IN)
-    assert np.array_equal(slow.extra["x2"], alike.resample(0.04).e)
     other = simulated("state", 0.02, seed=2)
     both = joined([recording, other])
     assert np.array_equal(of_runs(both, [2], "run 2").extra["x2"], other.extra["x2"])

@@ -15,9 +15,8 @@ from tidy_rows import row, table
 from pilotid.analysis.contrasts import contrasts
 from pilotid.analysis.report_tables import tables_tex
 from pilotid.analysis.rows import Row
-from pilotid.naming.symbols import SYMBOLS
-from pilotid.support.document import Column, Table, table_latex
-from pilotid.support.escaping import for_latex
+from pilotid.estimates.quantities import SYMBOLS
+from pilotid.support.document import Column, Table, for_latex, table_latex
 from pilotid.support.numbers import to_error
 
 A = (1.12, 1.43, 0.91, 2.02, 1.31)

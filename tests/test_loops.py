@@ -13,7 +13,6 @@ from pilotid.pilot.catalogue import GAIN_ONLY, MULTI, PURSUIT, SINGLE
 from pilotid.pilot.element import (
     ControlledElement,
     double_integrator,
-    from_control,
     integrator_with_lag,
     position_control,
     single_integrator,
@@ -178,28 +177,6 @@ def test_controlled_element_has_the_response_of_python_control(
     expected = of_control(system, OMEGA)
     np.testing.assert_allclose(element.response(OMEGA), expected, rtol=1e-12)
     np.testing.assert_allclose(of_control(element.rational(), OMEGA), expected, rtol=1e-12)
-
-
-@pytest.mark.parametrize(
-    "system",
-    [
-        4.0 / S**2,
-        (2.0 * S + 1.0) / (S**3 + 2.0 * S**2 + 5.0 * S + 0.5),
-        (S - 3.0) / (S * (S + 3.0)),
-        control.TransferFunction([1.0, 2.0], [3.0, 4.0]),
-        control.TransferFunction([7.0], [1.0]),
-        control.TransferFunction([1.0], [1.0, -0.5]),
-    ],
-    ids=["double", "third order", "non-minimum phase", "lead", "constant", "unstable"],
-)
-def test_any_transfer_function_of_python_control_becomes_a_controlled_element(
-    system: control.TransferFunction,
-) -> None:
-    expected = of_control(system, OMEGA)
-    np.testing.assert_allclose(from_control(system).response(OMEGA), expected, rtol=1e-12)
-    np.testing.assert_allclose(
-        from_control(system, 0.2).response(OMEGA), expected * np.exp(-0.2j * OMEGA), rtol=1e-12
-    )
 
 
 def test_delay_of_a_controlled_element_is_exact_in_its_response_and_pade_in_its_rational_form() -> (

@@ -39,8 +39,6 @@ def candidate(model: str, pilot: int, left_out: tuple[float, ...], vaf: float = 
         model=model,
         pilot_parameters=pilot,
         parameters=pilot + 3,
-        remnant="AR(2)",
-        samples=1000,
         log_likelihood=-100.0,
         aicc=210.0 + pilot,
         bic=220.0 + pilot,
@@ -51,7 +49,6 @@ def candidate(model: str, pilot: int, left_out: tuple[float, ...], vaf: float = 
         freedom=30,
         left_out_chi_squared=left_out,
         bounds="",
-        overdamped=False,
     )
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pilotid.bounds import bounds
 from pilotid.datasets import POPULATIONS, simulate
 from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.population import (
@@ -22,7 +23,6 @@ from pilotid.datasets.remnant import Remnant
 from pilotid.datasets.scenarios import SCENARIOS, Scenario
 from pilotid.datasets.simulation import closed_loop, lines_in, remnant_ratio, remnant_shaping
 from pilotid.pilot.loops import margins, open_loops
-from pilotid.theory.bounds import bounds
 
 EXOTIC = ("band-pass", "notch", "two processes", "fractional")
 

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import pilotid
+from pilotid.bounds import bounds
 from pilotid.datasets import POPULATIONS, simulate
 from pilotid.datasets.experiments import experiment_of
 from pilotid.estimates.estimate import Estimate, Outcome, symmetric_intervals
@@ -27,7 +28,6 @@ from pilotid.study.store import Store
 from pilotid.study.study import Study
 from pilotid.support.numbers import draw_rng, fit_rng, recording_rng
 from pilotid.support.types import FloatArray
-from pilotid.theory.bounds import bounds
 
 #: Short recordings of one run, so that a study of them takes seconds.
 QUICK = replace(

@@ -16,7 +16,7 @@ import pytest
 
 from pilotid import save_recording, simulate
 from pilotid.cli.main import main
-from pilotid.naming.symbols import with_symbols
+from pilotid.estimates.quantities import with_symbols
 from pilotid.support.remarks import CODES, OTHER, Remark, codes_in, codes_of, remark_of
 from pilotid.support.types import InputError
 

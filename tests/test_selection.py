@@ -17,8 +17,8 @@ from pilotid.analysis.results import excluded_rows
 from pilotid.datasets import simulate
 from pilotid.recordings.files import Reading, save_recording
 from pilotid.recordings.recording import Recording
-from pilotid.recordings.selection import chosen_runs, span_of
 from pilotid.recordings.spectra import NotMultisineError, forcing_lines
+from pilotid.recordings.windows import chosen_runs, span_of
 from pilotid.support.numbers import recording_rng
 from pilotid.support.types import InputError
 

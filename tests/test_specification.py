@@ -11,7 +11,7 @@ import pytest
 from pilotid.datasets import SCENARIOS, scenario_named, simulate
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.method import identify
-from pilotid.estimates.specification import Specification
+from pilotid.estimates.parts import Specification
 from pilotid.methods import method_named
 from pilotid.pilot.catalogue import MODELS
 from pilotid.support.limits import ESTIMATE

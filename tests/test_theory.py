@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pilotid.bounds import View, bounds, monic, white_limit
 from pilotid.datasets import SCENARIOS, Scenario, scenario_named, simulate
 from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.forcing import PERIOD, Steps, paper_disturbance, paper_target
@@ -19,7 +20,6 @@ from pilotid.solve.covariance import hessian, sandwich_of, score_products
 from pilotid.study.study import scenario_entry
 from pilotid.support.numbers import fit_rng, recording_rng
 from pilotid.support.types import FloatArray, InputError
-from pilotid.theory.bounds import View, bounds, monic, white_limit
 from pilotid.time_domain.likelihood import PredictionErrors
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict

@@ -14,10 +14,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import pilotid
+from pilotid.bounds import white_limit
 from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.remnant import Remnant, white
 from pilotid.show.style import colour_of, journal_style, marker_of
-from pilotid.theory.bounds import white_limit
 
 METHODS = ("mle-white", "mle", "fourier", "arx")
 KEYS = ("tdvis", "Kvest", "tdvest", "fnm")

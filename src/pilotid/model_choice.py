@@ -60,10 +60,6 @@ LACKING = (
     "Without a {name} ({key}) no channel beside the one on the error is told apart: with one, the "
     "choice is among models of motion and of a target seen ahead, too."
 )
-#: A neuromuscular system of a higher damping ratio is a lag in disguise.
-OVERDAMPED = 1.0
-#: What JSON does not have of a candidate.
-NOT_SHOWN = ("remnant", "samples", "overdamped", "no_delay")
 
 
 @dataclass(frozen=True)
@@ -76,10 +72,6 @@ class Candidate:
         Name of the model.
     pilot_parameters, parameters
         Number of the pilot's parameters, and of all that were estimated.
-    remnant
-        Name of the remnant's model.
-    samples
-        Number of prediction errors that the log-likelihood is of.
     log_likelihood, aicc, bic
         Of pilot and remnant together.
     vaf, left_out_vaf
@@ -93,8 +85,6 @@ class Candidate:
         Chi-squared of each run's lines under what the others say; empty where there is none.
     bounds
         The bounds that parameters reached, in words.
-    overdamped
-        Whether the neuromuscular system is overdamped.
     no_delay
         Whether a delay ends at zero, which no pilot has.
     change_p, change_size, change_time
@@ -108,8 +98,6 @@ class Candidate:
     model: str
     pilot_parameters: int
     parameters: int = 0
-    remnant: str = ""
-    samples: int = 0
     log_likelihood: float = math.nan
     aicc: float = math.nan
     bic: float = math.nan
@@ -120,7 +108,6 @@ class Candidate:
     freedom: int = 0
     left_out_chi_squared: tuple[float, ...] = ()
     bounds: str = ""
-    overdamped: bool = False
     no_delay: bool = False
     change_p: float = math.nan
     change_size: float = math.nan
@@ -146,8 +133,9 @@ class Candidate:
 
     def to_dict(self) -> dict[str, object]:
         """Plain objects, as JSON has them; NaN where there is none."""
-        found = {k: v for k, v in asdict(self).items() if k not in NOT_SHOWN}
-        return {k: list(v) if isinstance(v, tuple) else v for k, v in found.items()}
+        found = {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
+        del found["no_delay"]
+        return found
 
 
 def default_candidates(recording: Recording) -> list[PilotModel]:
@@ -236,8 +224,6 @@ def _by_likelihood(found: Evidence) -> Candidate:
         model=found.model.name,
         pilot_parameters=len(found.model.parameters),
         parameters=found.parameters,
-        remnant=found.remnant,
-        samples=found.samples,
         log_likelihood=found.log_likelihood,
         aicc=found.aicc,
         bic=found.bic,
@@ -245,7 +231,6 @@ def _by_likelihood(found: Evidence) -> Candidate:
         left_out_vaf=found.left_out_vaf,
         left_out_log_likelihood=tuple(found.left_out.tolist()),
         bounds=bounds_reached(found.model, found.values),
-        overdamped=_overdamped(found.model, found.values),
         no_delay=_no_delay(found.model, found.values),
         change_p=math.nan if found.constancy is None else found.constancy.p,
         change_size=math.nan if found.constancy is None else found.constancy.size,
@@ -262,7 +247,6 @@ def _with_lines(candidate: Candidate, fit: LinesFit) -> Candidate:
         freedom=fit.freedom,
         left_out_chi_squared=_left_out_misfits(fit),
         bounds=bounds_reached(fit.model, fit.values),
-        overdamped=_overdamped(fit.model, fit.values),
         no_delay=_no_delay(fit.model, fit.values),
     )
 
@@ -270,11 +254,6 @@ def _with_lines(candidate: Candidate, fit: LinesFit) -> Candidate:
 def _by_lines(recording: Recording, fit: LinesFit) -> Candidate:
     vaf = simulated_vaf(recording, fit.model, fit.values)
     return _with_lines(Candidate(fit.model.name, len(fit.model.parameters), vaf=vaf), fit)
-
-
-def _overdamped(model: PilotModel, values: FloatArray) -> bool:
-    damping = dict(zip(model.keys, values.tolist(), strict=True)).get("dnm", 0.0)
-    return bool(damping > OVERDAMPED)
 
 
 def _no_delay(model: PilotModel, values: FloatArray) -> bool:
@@ -563,11 +542,6 @@ def _clear(deficits: Sequence[float], *, many: bool) -> bool:
     return float(wilcoxon(deficits, alternative="greater").pvalue) < SELDOM
 
 
-def _standard_error(differences: Sequence[float]) -> float:
-    """Of their sum."""
-    return float(np.std(differences, ddof=1) * math.sqrt(len(differences)))
-
-
 def _reason(
     held: Sequence[Mapping[str, Candidate]],
     taken: str,
@@ -584,24 +558,12 @@ def _reason(
     judge = f"{len(least[taken])} runs, each left out of its fit" if left_out else name
     names = sorted(least, key=lambda name: sum(least[name]))
     told = [f"{taken} was chosen among {listed(names)} {where} ({judge})."]
-    # A criterion has a penalty for parameters; of runs left out the deviance itself is comparable.
-    what = "deviance unexplained" if left_out else "deviance, with its penalty for parameters,"
-    own, pilot, worse = held[0], held[0][taken].pilot_parameters, list[str]()
-    for name in names:
-        differences = [a - b for a, b in zip(least[name], least[taken], strict=True)]
-        size = f"{abs(sum(differences)):.0f}"
-        size += f" +- {_standard_error(differences):.0f}" if left_out else ""
-        if name != taken and sum(differences) < 0.0:
-            told.append(
-                f"{name} leaves {size} less {what}, which is not significant for "
-                f"{own[name].pilot_parameters} parameters instead of {pilot}."
-            )
-        elif sum(differences) > FAR:
-            worse.append(f"{name} over {FAR:.0f}")
-        elif name != taken:
-            worse.append(f"{name} {size}")
-    if worse:
-        told.append(f"The others leave more {what} than {taken}: {', '.join(worse)}.")
+    above = {name: sum(least[name]) - sum(least[taken]) for name in names if name != taken}
+    if above:
+        sizes = [f"{n} {d:.0f}" if d <= FAR else f"{n} over {FAR:.0f}" for n, d in above.items()]
+        # A criterion has a penalty for parameters; of runs left out the deviance is comparable.
+        what = "deviance" if left_out else "deviance with its penalty for parameters"
+        told.append(f"The others' {what}, less that of {taken}: {', '.join(sizes)}.")
     return told
 
 
@@ -611,31 +573,12 @@ def _warnings(
     credible: Sequence[str],
     taken: str,
 ) -> list[str]:
-    told = []
-    for name in names:
-        if name not in credible:
-            vaf = min(own[name].vaf for own in held)
-            told.append(
-                f"{name} explains no more than {vaf:.0f} % of the control of a recording that "
-                "others explain better."
-            )
-    known = all(math.isfinite(own[name].bic) for own in held for name in names)
-    likeliest = min(names, key=lambda name: sum(own[name].bic for own in held)) if known else taken
-    if likeliest != taken:
-        lower = sum(own[taken].bic - own[likeliest].bic for own in held)
-        told.append(f"BIC of the whole control prefers {likeliest}, by {lower:.0f}")
-        lost = max(own[taken].vaf - own[likeliest].vaf for own in held)
-        told[-1] += f", though its VAF is up to {lost:.0f} points lower." if lost > LOST else "."
-    disguised = [
-        name
+    told = [
+        f"{name} explains no more than {min(own[name].vaf for own in held):.0f} % of the control "
+        "of a recording that others explain better."
         for name in names
-        if name != taken and 2 * sum(own[name].overdamped for own in held) > len(held)
+        if name not in credible
     ]
-    if disguised:
-        told.append(
-            f"{listed(disguised)} {'makes' if len(disguised) == 1 else 'make'} do with an "
-            "overdamped neuromuscular system in place of a lag."
-        )
     bounds = [own[taken].bounds for own in held if own[taken].bounds]
     if bounds:
         told.append(

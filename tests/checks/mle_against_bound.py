@@ -18,6 +18,7 @@ from multiprocessing import get_context
 
 import numpy as np
 
+from pilotid.bounds import bounds
 from pilotid.datasets import SCENARIOS, Scenario, simulate
 from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.remnant import Remnant
@@ -26,7 +27,6 @@ from pilotid.estimates.method import identify
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.support.numbers import fit_rng, recording_rng
-from pilotid.theory.bounds import bounds
 
 LOOSE = ("Kvis", "tlead")
 

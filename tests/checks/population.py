@@ -24,6 +24,7 @@ from multiprocessing import get_context
 
 import numpy as np
 
+from pilotid.bounds import bounds
 from pilotid.datasets import Scenario, scenario_named, simulate
 from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.population import POPULATIONS
@@ -35,7 +36,6 @@ from pilotid.study.comparison import WRONG
 from pilotid.study.fits import excess_of
 from pilotid.support.numbers import fit_rng, recording_rng, start_rng
 from pilotid.support.types import BoolArray, FloatArray
-from pilotid.theory.bounds import bounds
 
 TRIMMED = 0.01
 

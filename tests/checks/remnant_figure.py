@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pilotid.bounds import white_limit
 from pilotid.datasets import scenario_named
 from pilotid.datasets.experiments import experiment_of
 from pilotid.study.comparison import Score, comparison_of
 from pilotid.study.store import Store
 from pilotid.study.study import Study
-from pilotid.theory.bounds import white_limit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

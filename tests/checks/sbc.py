@@ -28,7 +28,7 @@ from pilotid.datasets import SCENARIOS, Scenario, simulate
 from pilotid.estimates.method import identify
 from pilotid.methods.bayes import Bayes
 from pilotid.pilot.loops import unstable_poles
-from pilotid.posterior.priors import LogNormal
+from pilotid.posterior.likelihood import LogNormal
 from pilotid.support.numbers import fit_rng, recording_rng
 from pilotid.support.types import FloatArray
 from pilotid.time_domain.remnant_models import LowPass

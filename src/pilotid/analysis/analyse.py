@@ -40,7 +40,7 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.detectors import copies_among, fingerprints
 from pilotid.recordings.files import Reading
-from pilotid.recordings.selection import stem_of
+from pilotid.recordings.windows import stem_of
 from pilotid.store import Key, Rows
 from pilotid.study.entries import number
 from pilotid.support.disk import make_folder, write_file

@@ -21,7 +21,7 @@ from pilotid.pilot.catalogue import AUTO, MODELS, model_named, with_held
 from pilotid.pilot.element import ControlledElement, as_element
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.files import Reading, read_with
-from pilotid.recordings.selection import span_of
+from pilotid.recordings.windows import span_of
 from pilotid.study.study import about_this
 from pilotid.support.disk import require_folder
 from pilotid.support.document import Bullets, Table, blocks_text

@@ -13,7 +13,7 @@ from pilotid.analysis.contrasts import Contrast
 from pilotid.analysis.responses import LINES, Response, over_subjects
 from pilotid.analysis.rows import Cell, Layout, in_order
 from pilotid.analysis.spread import ConditionSpread
-from pilotid.naming.symbols import symbol, unit_words
+from pilotid.estimates.quantities import symbol, unit_words
 from pilotid.show.style import INK, draw_grid, journal_figure, log_ticks, with_unit
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from pathlib import Path
 from pilotid.analysis.rows import in_order
 from pilotid.recordings.files import Reading
 from pilotid.recordings.recording import Recording
-from pilotid.recordings.selection import file_of, of_runs, stem_of
 from pilotid.recordings.text import sidecar_path
+from pilotid.recordings.windows import file_of, of_runs, stem_of
 from pilotid.support.types import InputError
 
 #: The field whose values are runs of one recording, each in a file of its own.

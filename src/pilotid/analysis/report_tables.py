@@ -24,7 +24,7 @@ from pilotid.analysis.rows import (
     layouts,
     mean_and_spread,
 )
-from pilotid.naming.symbols import symbol
+from pilotid.estimates.quantities import symbol
 from pilotid.support.document import Column, Table, table_latex, table_of
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import NONE, number, p_value, percent, plus_minus, to_error, unsigned

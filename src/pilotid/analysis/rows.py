@@ -48,7 +48,7 @@ class Row:
     remarks
         What a user must know of the fit, a sentence each.
     agrees
-        Whether the lines of the forcing functions agree, see `pilotid.estimates.specification`.
+        Whether the lines of the forcing functions agree, see `pilotid.estimates.parts`.
     """
 
     file: str

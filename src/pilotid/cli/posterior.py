@@ -13,7 +13,7 @@ from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.files import Reading, read_with
 from pilotid.recordings.recording import Recording
-from pilotid.recordings.selection import stem_of
+from pilotid.recordings.windows import stem_of
 from pilotid.support.disk import path_shown, require_folder
 from pilotid.support.numbers import DEFAULT_SEED, fit_rng
 from pilotid.support.terminal import make_console

@@ -17,6 +17,7 @@ from zlib import crc32
 
 import numpy as np
 
+from pilotid.bounds import GRID, LineInformation, line_information
 from pilotid.datasets.experiments import experiment_of, inputs_of
 from pilotid.datasets.forcing import Multisine
 from pilotid.datasets.named import scenario_json
@@ -30,7 +31,6 @@ from pilotid.pilot.element import element_named
 from pilotid.support.disk import require_file, strict_json, table_bytes, write_file
 from pilotid.support.numbers import DEFAULT_SEED, draw_rng
 from pilotid.support.types import ComplexArray, FloatArray, InputError
-from pilotid.theory.bounds import GRID, LineInformation, line_information
 from pilotid.time_domain.settings import PROFILE
 
 #: Largest share of a signal's power at a line, or the reference's share where that is more, and

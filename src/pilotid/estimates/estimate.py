@@ -11,7 +11,7 @@ import numpy as np
 
 from pilotid.estimates.draws import Draws
 from pilotid.estimates.loops import Loops, loops_of
-from pilotid.estimates.parts import AnalysedBand, FrequencyResponse, RemnantEstimate
+from pilotid.estimates.parts import AnalysedBand, FrequencyResponse, RemnantEstimate, Specification
 from pilotid.estimates.quantities import (
     Pair,
     Quantity,
@@ -21,7 +21,6 @@ from pilotid.estimates.quantities import (
     quantity_of,
     quantity_tables,
 )
-from pilotid.estimates.specification import Specification
 from pilotid.pilot.element import ControlledElement, as_element
 from pilotid.pilot.model import PilotModel
 from pilotid.support.document import Text, blocks_html, blocks_text
@@ -32,7 +31,6 @@ from pilotid.support.types import BoolArray, FloatArray, InputError
 if TYPE_CHECKING:
     from control import TransferFunction
     from pandas import DataFrame
-    from xarray import Dataset
 
 
 class Outcome(enum.Enum):
@@ -335,32 +333,6 @@ class Estimate:
             raise InputError(f"the estimate by {self.method} has no transfer functions: {why}")
         names = (channel.name for channel in self.model.channels)
         return dict(zip(names, self.model.rational(self.values, pade_order), strict=True))
-
-    def to_xarray(self) -> Dataset:
-        """Values, standard errors, intervals, units and covariance of the parameters.
-
-        Raises
-        ------
-        InputError
-            If xarray is not installed.
-        """
-        try:
-            from xarray import Dataset
-        except ImportError:
-            raise InputError("xarray is not installed; pip install xarray") from None
-        table = {
-            "value": self.values,
-            "std_error": self.std_error,
-            "lower_95": self.intervals[:, 0],
-            "upper_95": self.intervals[:, 1],
-            "unit": [p.unit for p in self.model.parameters],
-        }
-        square = {"covariance": (("parameter", "parameter_2"), self.covariance)}
-        return Dataset(
-            {**{name: ("parameter", own) for name, own in table.items()}, **square},
-            {"parameter": list(self.model.keys), "parameter_2": list(self.model.keys)},
-            {"method": self.method, "model": self.model.name, "outcome": self.outcome.slug},
-        )
 
 
 def failed(method: str, model: PilotModel, outcome: Outcome, message: str = "") -> Estimate:

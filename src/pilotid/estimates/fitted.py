@@ -16,9 +16,8 @@ import numpy as np
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.loops import LoopElement, Loops, loops_of
 from pilotid.estimates.method import Method, identify
-from pilotid.estimates.quantities import abreast, quantity_tables
+from pilotid.estimates.quantities import abreast, quantity_tables, with_symbols
 from pilotid.naming.code import packed, reason, unpacked
-from pilotid.naming.symbols import with_symbols
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import Recording

@@ -17,8 +17,7 @@ import numpy as np
 
 from pilotid.element.fit import closing_element
 from pilotid.estimates.applicability import lines_objection
-from pilotid.estimates.parts import RemnantEstimate
-from pilotid.estimates.specification import Specification, score_test
+from pilotid.estimates.parts import RemnantEstimate, Specification, score_test
 from pilotid.lines.coefficients import NEIGHBOURS, TREND, Coefficients, coefficients_of
 from pilotid.pilot.loops import are_stable
 from pilotid.pilot.model import PilotModel

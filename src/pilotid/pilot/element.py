@@ -311,29 +311,6 @@ def second_order(gain: float, frequency: float, damping: float) -> ControlledEle
     return ControlledElement((gain,), bottom, name=name)
 
 
-def from_control(system: control.TransferFunction, delay: float = 0.0) -> ControlledElement:
-    """Any continuous single-input single-output transfer function of python-control.
-
-    Parameters
-    ----------
-    system
-        A transfer function, or a state space.
-    delay
-        Pure time delay in series with it [s].
-    """
-    if not system.issiso() or (system.dt not in (0, None)):
-        raise ValueError("the controlled element must be continuous, with one input and one output")
-    import control
-
-    system = control.tf(system)  # from a state space too
-    return ControlledElement(
-        tuple(float(c) for c in system.num[0][0]),
-        tuple(float(c) for c in system.den[0][0]),
-        delay,
-        "user-defined",
-    )
-
-
 def _well_known(found: Ratio) -> ControlledElement | None:
     """One of the forms that have a function of their own here, so that its name is theirs."""
     top, bottom = found.top.tolist(), found.bottom.tolist()

@@ -1,4 +1,4 @@
 """The posterior of pilot and remnant: priors, likelihood, samplers, and what follows from draws.
 
-Imports `time_domain` and all beneath it; not `frequency`.  Start at `density`, then `sampling`.
+Imports `time_domain` and all beneath it.  Start at `likelihood`.
 """

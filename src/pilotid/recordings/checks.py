@@ -22,7 +22,6 @@ from pilotid.recordings.plant import (
     unrelated,
 )
 from pilotid.recordings.recording import ABSENT, Recording, remembered, unit_sized
-from pilotid.recordings.selection import of_runs
 from pilotid.recordings.spectra import (
     answers,
     at_lines,
@@ -30,6 +29,7 @@ from pilotid.recordings.spectra import (
     same_lines,
     target_lines,
 )
+from pilotid.recordings.windows import of_runs
 from pilotid.support.limits import ELEMENT, SIGNAL
 from pilotid.support.remarks import Remark, gravest_first
 from pilotid.support.types import BoolArray, FloatArray

@@ -1,8 +1,7 @@
-"""Files that hold named variables: MATLAB, HDF5, numpy and parquet."""
+"""Files that hold named variables: MATLAB, HDF5 and numpy."""
 
 from __future__ import annotations
 
-import io
 import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -14,7 +13,6 @@ import numpy as np
 
 from pilotid.recordings import matlab
 from pilotid.recordings.contents import Contents, Parts, Place, shown
-from pilotid.recordings.text import read_table
 from pilotid.recordings.variables import Variables, contents_of
 from pilotid.support.disk import require_file
 from pilotid.support.types import InputError
@@ -24,10 +22,7 @@ LARGEST_FILE = 2**32  # bytes
 SAVED = {
     ".mat": "save it again with save -v7",
     ".npz": "save it again with numpy.savez",
-    ".npy": "save it again with numpy.save",
 }
-#: The variable in a file of one array.
-ARRAY = "data"
 
 
 def read_container(
@@ -49,9 +44,6 @@ def read_container(
     require_file(path, LARGEST_FILE)
     suffix = path.suffix.lower()
     try:
-        table = _table(path, suffix, source)
-        if table is not None:
-            return read_table(io.StringIO(table), source, places, parts, timed=timed)
         with _opened(path, suffix, source) as variables:
             return contents_of(variables, source, places, parts, timed=timed)
     except InputError:
@@ -74,8 +66,6 @@ def _opened(path: Path, suffix: str, source: str) -> Iterator[Variables]:
     if suffix == ".npz":
         with zipfile.ZipFile(path) as archive:
             yield dict(_in_npz(archive, source))
-    elif suffix == ".npy":
-        yield {ARRAY: np.load(path, allow_pickle=False).squeeze()}
     else:
         with matlab.opened(path) as variables:
             yield variables
@@ -121,31 +111,3 @@ def _refuse_objects(name: str, source: str) -> None:
         f"{source}: variable {shown(name)} holds objects of Python, which are not read because "
         "they can run programs; save it as an array of numbers"
     )
-
-
-def _table(path: Path, suffix: str, source: str) -> str | None:
-    """A table with named columns as text; None for a file of another kind."""
-    if suffix == ".npy":
-        with path.open("rb") as stream:
-            dtype = _dtype_of(stream)
-        if dtype.hasobject:
-            _refuse_objects(ARRAY, source)
-        if not dtype.names:
-            return None
-    elif suffix != ".parquet":
-        return None
-    import pandas as pd
-
-    if suffix == ".npy":
-        frame = pd.DataFrame(np.load(path, allow_pickle=False).ravel())
-    else:
-        try:
-            frame = pd.read_parquet(path)
-        except ImportError:
-            raise InputError(
-                f"{source}: reading parquet needs the package pyarrow; install it with "
-                "`pip install pyarrow`, or save the table as CSV"
-            ) from None
-        if not isinstance(frame.index, pd.RangeIndex):
-            frame = frame.reset_index()
-    return str(frame.to_csv(index=False))

@@ -15,14 +15,20 @@ from pilotid.recordings.contents import (
     signal_places,
 )
 from pilotid.recordings.recording import LEAD_IN, Recording, joined
-from pilotid.recordings.selection import chosen_runs, file_and_parts, file_of, span_of
 from pilotid.recordings.text import csv_bytes, read_sidecar, read_text, sidecar_path
-from pilotid.recordings.windows import spanned, whole_periods
+from pilotid.recordings.windows import (
+    chosen_runs,
+    file_and_parts,
+    file_of,
+    span_of,
+    spanned,
+    whole_periods,
+)
 from pilotid.support.disk import path_shown, write_file
 from pilotid.support.types import InputError
 
 TEXTS = (".csv", ".txt", ".tsv", ".dat")
-READ = (*TEXTS, ".mat", ".h5", ".hdf5", ".hdf", ".npz", ".npy", ".parquet")
+READ = (*TEXTS, ".mat", ".h5", ".hdf5", ".hdf", ".npz")
 WRITTEN = (".csv", ".mat")
 
 
@@ -62,7 +68,7 @@ def load_recording(
     *,
     periods: bool = True,
 ) -> Recording:
-    """Read a recording from a file: text, MATLAB, HDF5, numpy or parquet.
+    """Read a recording from a file: text, MATLAB, HDF5 or numpy.
 
     Parameters
     ----------

@@ -10,7 +10,7 @@ import numpy as np
 
 from pilotid.estimates.draws import Draws, Spread
 from pilotid.estimates.fitted import Fitted
-from pilotid.naming.symbols import symbol
+from pilotid.estimates.quantities import symbol
 from pilotid.pilot.element import ControlledElement
 from pilotid.posterior.predictive import PredictiveBand
 from pilotid.report.fit import figures_of, summary, warnings_of

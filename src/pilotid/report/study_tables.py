@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pilotid.estimates.estimate import Outcome
-from pilotid.naming.symbols import symbol
+from pilotid.estimates.quantities import symbol
 from pilotid.study.comparison import ALL, Comparison, MethodResults, Score, loss_ratios
 from pilotid.study.entries import Result
 from pilotid.study.judge import EFFICIENT, FEWEST, USABLE, judge

@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from pilotid.bounds import bounds
 from pilotid.datasets import Population, Scenario, simulate
 from pilotid.datasets.experiments import bound_of, experiment_of
 from pilotid.datasets.forcing import Multisine
@@ -25,7 +26,6 @@ from pilotid.study.entries import Draw, ParameterTruth, Result, Unit, number
 from pilotid.support.numbers import draw_rng, fit_rng, recording_rng, start_rng
 from pilotid.support.remarks import codes_of
 from pilotid.support.types import one_line
-from pilotid.theory.bounds import bounds
 
 #: Outcomes that another try may mend; an error that the code makes comes again.
 OUTSIDE = (Outcome.CRASHED, Outcome.OUT_OF_MEMORY, Outcome.TIMED_OUT, Outcome.DIED)

@@ -14,8 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate, is_at_bound
-from pilotid.estimates.parts import RemnantEstimate
-from pilotid.estimates.specification import Specification
+from pilotid.estimates.parts import RemnantEstimate, Specification
 from pilotid.lines.fit import specification_of
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.plant import element_changes, is_gain

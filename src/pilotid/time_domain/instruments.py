@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from pilotid.element.fit import closing_element
-from pilotid.estimates.specification import Specification, score_test
+from pilotid.estimates.parts import Specification, score_test
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.loops import pilot_on, unstable_poles
 from pilotid.pilot.model import PilotModel
