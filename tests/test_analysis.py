@@ -317,9 +317,6 @@ def test_the_report_says_what_was_found(small: Path) -> None:
     ids = re.findall(r'\bid="([^"]+)"', page)
     assert len(ids) == len(set(ids))
     assert "http://" not in re.sub(r"http://www\.w3\.org/\S+", "", page)
-    links = set(re.findall(r'href="(recordings/[^"]+)"', page))
-    assert len(links) == 4
-    assert all("<svg" in (small / "out" / link).read_text(encoding="utf-8") for link in links)
 
 
 @pytest.mark.long
@@ -327,7 +324,7 @@ def test_the_same_analysis_gives_the_same_bytes(
     analysed: Path, folder: Path, run: Run, tmp_path: Path
 ) -> None:
     """On one machine; the store alone may differ."""
-    names = ("estimates.csv", "models.csv", "loops.csv", "contrasts.csv", "runs.csv")
+    names = ("estimates.csv", "models.csv", "loops.csv", "contrasts.csv")
     files = sorted(folder.glob("s[12]_*.csv"))
     options = ("--per-run", "--model-per-condition", *ALONE, "--out", tmp_path)
     answer = run("analyse", *files, "--pattern", PATTERN, *options)

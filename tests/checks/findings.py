@@ -20,13 +20,12 @@ from pathlib import Path
 
 from pilotid.analysis.contrasts import Contrast, contrasts
 from pilotid.analysis.rows import Row
-from pilotid.analysis.spread import condition_spreads, run_spreads, spread_sentence
-from pilotid.api import identify, simulate
+from pilotid.api import identify
 from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.element import element_named
 from pilotid.pilot.loops import margins
 from pilotid.recordings.files import load_recording
-from pilotid.recordings.recording import SIGNALS, Recording, joined
+from pilotid.recordings.recording import SIGNALS, Recording
 
 #: t over nine pilots by axis and parameter; beyond 2.306 it is significant at 5 %.
 #: The sign is that of C2 less C1; None where the paper gives the size of t alone.
@@ -40,42 +39,18 @@ YAW = {"tlead": "-0.9", "tdvis": "+0.03", "disturbance_crossover": "+0.5 (2.4 to
 ELEMENT = "15/s^2"
 
 
-#: Simulated pilots who do not vary: the scenario of each model, pilots and runs of each.
-STEADY = {"single": "single", "multi": "nominal"}
-PILOTS, RUNS = 8, 5
-
-
-def rows_of(
-    recording: Recording, fields: dict[str, str], name: str, *, each: bool = False
-) -> Iterator[Row]:
-    """Rows of the fit of a recording's runs together, and of each alone."""
-    fits: list[tuple[int | None, Recording]] = [(None, recording)]
-    if each:
-        fits += [(i + 1, run_of(recording, i)) for i in range(recording.runs)]
-    for run, part in fits:
-        estimate = identify("mle", part, name)
-        found = [
-            (q.key, q.unit, q.value, q.std_error, q.lower, q.upper) for q in estimate.parameters
-        ]
-        if "axis" not in fields and run is None:
-            loop = margins(MODELS[name], estimate.values, element_named(ELEMENT))[1].crossover
-            nan = math.nan
-            found.append(("disturbance_crossover", "rad/s", loop, nan, nan, nan))
-        outcome = estimate.outcome
-        for key, unit, *numbers in found:
-            yield Row(
-                recording.source,
-                tuple(fields.items()),
-                run,
-                name,
-                "mle",
-                key,
-                unit,
-                *numbers,
-                outcome.slug,
-                outcome.usable,
-                estimate.remarks,
-            )
+def rows_of(recording: Recording, fields: dict[str, str], name: str) -> Iterator[Row]:
+    """Rows of the fit of a recording's runs together."""
+    estimate = identify("mle", recording, name)
+    found = [(q.key, q.unit, q.value, q.std_error, q.lower, q.upper) for q in estimate.parameters]
+    if "axis" not in fields:
+        loop = margins(MODELS[name], estimate.values, element_named(ELEMENT))[1].crossover
+        nan = math.nan
+        found.append(("disturbance_crossover", "rad/s", loop, nan, nan, nan))
+    ended = estimate.outcome.slug, estimate.outcome.usable, estimate.remarks
+    place = recording.source, tuple(fields.items()), None, name, "mle"
+    for key, unit, *numbers in found:
+        yield Row(*place, key, unit, *numbers, *ended)
 
 
 def run_of(recording: Recording, run: int) -> Recording:
@@ -129,14 +104,14 @@ def adaptation(folder: Path) -> bool:
 
 
 def yaw(folder: Path) -> None:
-    """Print C6 against C3 beside what is published, and how much runs differ."""
+    """Print C6 against C3 beside what is published."""
     models = {"C3": "single", "C6": "multi"}
     rows = []
     for condition, model in models.items():
         for file in sorted(folder.glob(f"*_subj*_{condition}.mat")):
             subject = re.sub(r".*_subj(\d+)_.*", r"\1", file.stem)
             fields = {"subject": subject, "condition": condition}
-            rows += rows_of(load_recording(file), fields, model, each=True)
+            rows += rows_of(load_recording(file), fields, model)
     chosen = {((), condition): model for condition, model in models.items()}
     print(f"\nyaw, C6 (multi) less C3 (single); loops with {ELEMENT}")
     for contrast in contrasts(rows, [("C3", "C6")], chosen):
@@ -145,30 +120,6 @@ def yaw(folder: Path) -> None:
             print(f"  {'':22s} published over six pilots: {YAW[contrast.parameter]}")
         for note in contrast.notes:
             print(f"  {'':22s} {note}")
-    print("\nyaw, runs fitted one by one")
-    print_spreads(rows)
-
-
-def steady() -> None:
-    """Print how much the runs of simulated pilots differ, who are the same in every run."""
-    print(f"\nsimulated pilots who do not vary, {PILOTS} with {RUNS} runs each, fitted one by one")
-    rows = []
-    for model, scenario in STEADY.items():
-        for pilot in range(PILOTS):
-            parts = [simulate(scenario, 1000 + RUNS * pilot + run) for run in range(RUNS)]
-            together = replace(joined(parts), source=f"{scenario} {pilot + 1}")
-            fields = {"subject": str(pilot + 1), "condition": scenario}
-            rows += rows_of(together, fields, model, each=True)
-    print_spreads(rows)
-
-
-def print_spreads(rows: list[Row]) -> None:
-    """Print how much runs differ, by condition."""
-    spreads = condition_spreads(run_spreads(rows))
-    for spread in spreads:
-        print(f"  {spread.condition} {spread.model:7s}{spread.parameter:8s} {spread.ratio.words}")
-    for condition in dict.fromkeys(spread.condition for spread in spreads):
-        print(f"  {spread_sentence([s for s in spreads if s.condition == condition])}")
 
 
 def main() -> None:
@@ -178,7 +129,6 @@ def main() -> None:
         raise SystemExit("PILOTID_MEASURED must name the folder of the recordings")
     agrees = adaptation(Path(where) / "adaptation")
     yaw(Path(where) / "yaw")
-    steady()
     print(f"\nC1 against C2: {'all as published' if agrees else 'NOT all as published'}")
     raise SystemExit(0 if agrees else 1)
 

@@ -44,7 +44,7 @@ class Experiment:
     results
         Estimates, contrasts and all that follows from the fits.
     folder
-        Where its store and the recordings' pages are.
+        Where its store is.
     """
 
     results: Results
@@ -118,7 +118,6 @@ def analyse(
     per_run: bool = False,
     left_out: bool = False,
     exclude: Sequence[str] = (),
-    because: str = "",
     factors: str | None = None,
     element: ControlledElement | str | None = None,
     fix: str | None = None,
@@ -148,8 +147,8 @@ def analyse(
         Whether each condition has a model of its own, also where conditions are contrasted.
     per_run, left_out
         Whether each run is fitted alone as well, and whether it is predicted by the others' fit.
-    exclude, because
-        Recordings to leave out, such as ``subject=6,condition=C4``, and why.
+    exclude
+        Recordings to leave out, such as ``subject=6,condition=C4``.
     factors
         Factors that conditions are combinations of, as text or CSV file.
     element
@@ -159,7 +158,7 @@ def analyse(
     reading
         How files are read, a `pilotid.recordings.files.Reading`.
     ignore
-        Codes of warnings that tables and report leave out; the pages of recordings keep them.
+        Codes of warnings that tables and report leave out.
     seed
         Seed of all random numbers.
     workers
@@ -190,9 +189,7 @@ def analyse(
         [Path(file) for file in _several(files)],
         Pattern(pattern) if pattern else None,
     )
-    parts, excluded = excluded_of(parts, _several(exclude), because) if parts else (parts, [])
-    if because and not exclude:
-        raise InputError("--because: says why something is excluded; name it with --exclude")
+    parts, excluded = excluded_of(parts, _several(exclude)) if parts else (parts, [])
     conditions = in_order([dict(part.fields).get(CONDITION, "") for part in parts])
     settings = Settings(
         {m.name: m for m in every},

@@ -10,12 +10,9 @@ from pilotid.analysis.analyse import Analysis, group_of
 from pilotid.analysis.cross_validation import COLUMNS as LEFT_OUT_COLUMNS
 from pilotid.analysis.recordings import Part
 from pilotid.analysis.report_tables import tables_tex
-from pilotid.analysis.responses import COLUMNS as RESPONSE_COLUMNS
-from pilotid.analysis.responses import response_cells
 from pilotid.analysis.results import (
     CONTRAST_COLUMNS,
     FACTOR_COLUMNS,
-    SPREAD_COLUMNS,
     Results,
     table_of,
 )
@@ -23,9 +20,8 @@ from pilotid.analysis.rows import Row
 from pilotid.support.disk import table_bytes, write_file
 
 ESTIMATES, MODELS, LOOPS, CONTRASTS = "estimates.csv", "models.csv", "loops.csv", "contrasts.csv"
-RUNS, LEFT_OUT, FACTORS, FRF = "runs.csv", "left_out.csv", "factors.csv", "frf.csv"
-TEX = "tables.tex"
-TABLES = (ESTIMATES, MODELS, LOOPS, CONTRASTS, RUNS, TEX, LEFT_OUT, FACTORS, FRF)
+LEFT_OUT, FACTORS, TEX = "left_out.csv", "factors.csv", "tables.tex"
+TABLES = (ESTIMATES, MODELS, LOOPS, CONTRASTS, TEX, LEFT_OUT, FACTORS)
 
 QUANTITY_COLUMNS = ("unit", "value", "std_error", "lower_95", "upper_95", "outcome", "remarks")
 
@@ -67,16 +63,7 @@ def table_cells(results: Results) -> dict[str, Cells]:
         CONTRASTS: table_of(results.contrasts, CONTRAST_COLUMNS),
     }
     more: dict[str, Cells] = {
-        FRF: (
-            ["file", *names, *RESPONSE_COLUMNS],
-            [
-                [fit.part.name, *dict(fit.part.fields).values(), *cells]
-                for fit in analysis.fits
-                for cells in response_cells(fit.content)
-            ],
-        ),
         FACTORS: table_of(results.effects, FACTOR_COLUMNS),
-        RUNS: table_of(results.spreads, SPREAD_COLUMNS),
         LEFT_OUT: (
             ["file", *names, *LEFT_OUT_COLUMNS],
             [[e.part.name, *dict(e.part.fields).values(), *e.cells] for e in analysis.left_out],

@@ -137,7 +137,6 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "per_run": ("", "Also fit each run separately."),
     "left_out": ("", "Leave-one-run-out cross-validation."),
     "exclude": ("subject=6,condition=C4", "Recordings to leave out; repeat."),
-    "because": ("WHY", "Why these are excluded, for the report."),
     "factors": (
         "'motion=C1,C2:off;C3,C4:on;...'|F.csv",
         "Factors that conditions are combinations of, for an analysis of variance.",
