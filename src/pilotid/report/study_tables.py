@@ -17,7 +17,7 @@ from pilotid.study.entries import Result
 from pilotid.study.judge import EFFICIENT, FEWEST, USABLE, judge
 from pilotid.study.scores import Interval, loss_text
 from pilotid.support.document import Column, LogAxis, Table, table_of
-from pilotid.support.numbers import number, percent, plus_minus, share, signed, unsigned
+from pilotid.support.numbers import number, percent, plus_minus, share, unsigned
 
 VIOLATION = "violation"  # family of the scenarios that violate an assumption
 RECORDER = "recorder"  # family of the scenarios whose recorder is faulty
@@ -292,14 +292,9 @@ def _rows(cells: Sequence[MethodResults]) -> list[Row]:
     ]
 
 
-def all_numbers(
-    cells: Sequence[MethodResults], paper: Sequence[tuple[float, float]] = ()
-) -> Table[Row]:
+def all_numbers(cells: Sequence[MethodResults]) -> Table[Row]:
     """All scores of a scenario: a row for each parameter and method."""
     entry = cells[0].scenario
-
-    def of_paper(which: int) -> Callable[[Row], float | None]:
-        return lambda r: (paper[r.place][which] or None) if paper else None
 
     def shape(title: str, name: str, hint: str, form: Callable[..., str] = unsigned) -> Column[Row]:
         """A score of the distribution of errors, which only a population has."""
@@ -325,32 +320,12 @@ def all_numbers(
         Column("wrong optima", lambda r: (r.score.wrong, r.score.optima), of, "where it is known"),
         Column("common end", common_end, of, "starts within a tenth of the bound of the median"),
         Column("bias %", lambda r: r.score.bias, plus_minus, "of the true value"),
-        Column("paper: bias %", of_paper(0), signed, paper=True),
         Column("std %", lambda r: r.score.std, unsigned, "standard deviation"),
-        Column("paper: std %", of_paper(1), "{:g}".format, paper=True),
         Column("claimed %", lambda r: r.score.claimed, number, "mean standard error"),
         Column("posterior %", lambda r: r.score.posterior, number, "mean spread"),
         Column("bound %", lambda r: r.score.bound, number, "of Cramér and Rao"),
     ]
     return Table(f"`{entry.name}`: all numbers", columns, _rows(cells), heads=2, folded=True)
-
-
-def bias_table(
-    study: Comparison, scenarios: Sequence[str], paper: Mapping[str, Sequence[float]], caption: str
-) -> Table[Any]:
-    """Bias [%] in some scenarios, a column for the paper, by scenario, and one for each method."""
-    rows = []
-    for name in scenarios:
-        cells = [study.at(name, method) for method in study.methods]
-        for i, known in enumerate(study.entry(name).parameters):
-            own = (cell.percent[i].bias if cell else None for cell in cells)
-            rows.append((name, known.parameter, paper[name][i] if name in paper else None, *own))
-    hint = "bias % with its Monte Carlo error"
-    heads = [
-        *(("scenario",), ("parameter",), ("paper: bias %", signed, "", None, True)),
-        *((method, plus_minus, hint) for method in study.methods),
-    ]
-    return table_of(caption, heads, rows, 2)
 
 
 def failure_table(study: Comparison) -> Table[Any]:
