@@ -18,10 +18,10 @@ from helpers import PILOTS, Run
 
 import pilotid
 from pilotid.analysis.analyse import Analysis, Fit, Settings, compared
+from pilotid.analysis.experiment import ESTIMATES, MODEL_COLUMNS
 from pilotid.analysis.recordings import Part, Pattern, parts_of
 from pilotid.analysis.report_tables import alarms
 from pilotid.analysis.rows import in_order
-from pilotid.analysis.tables import ESTIMATES, MODEL_COLUMNS
 from pilotid.datasets import simulate
 from pilotid.pilot.loops import margins
 from pilotid.recordings.files import save_recording

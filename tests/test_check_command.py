@@ -209,7 +209,7 @@ def test_posteriors_of_several_files_go_to_folders_of_their_own(
 ) -> None:
     seen = []
     monkeypatch.setattr(
-        "pilotid.cli.posterior.infer", lambda recording, *_, **k: seen.append(k["folder"])
+        "pilotid.cli.commands.infer", lambda recording, *_, **k: seen.append(k["folder"])
     )
     files = [written(NOMINAL, tmp_path / f"{name}.csv") for name in ("F", "G")]
     (tmp_path / "bad.csv").write_text("")

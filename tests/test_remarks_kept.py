@@ -13,9 +13,8 @@ from test_study_report import KEYS, Made, check_page, entry, fit, report
 
 from pilotid.datasets import SCENARIOS
 from pilotid.recordings.checks import remarks
-from pilotid.study.entries import Result, Unit
 from pilotid.study.fits import LONGEST_TOLD, told
-from pilotid.study.store import Store
+from pilotid.study.store import Result, Store, Unit
 from pilotid.study.study import PROFILES, Study
 
 DRIFT = "recording: u drifts by {:.3g} over run 1, and no other signal does"

@@ -19,8 +19,8 @@ import pytest
 from helpers import Answer, Run
 from stores import Content, changed, content_of, finish
 
-from pilotid.study.entries import Result, Unit
-from pilotid.study.store import STORE, Store
+from pilotid.store import STORE
+from pilotid.study.store import Result, Store, Unit
 from pilotid.support.types import InputError
 
 HERE = str(Path(__file__).parent)
@@ -265,7 +265,7 @@ def test_a_log_that_cannot_be_merged_is_read(read_only: Path, whole: Content) ->
 OPENING = """
 import sys
 from pathlib import Path
-from pilotid.study.entries import Result, Unit
+from pilotid.study.store import Result, Unit
 from pilotid.study.store import Store
 print("ready", flush=True)
 for line in sys.stdin:

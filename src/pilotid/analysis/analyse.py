@@ -38,7 +38,7 @@ from pilotid.recordings.detectors import copies_among, fingerprints
 from pilotid.recordings.files import Reading
 from pilotid.recordings.selection import stem_of
 from pilotid.store import Key, Rows
-from pilotid.study.entries import number
+from pilotid.study.store import number
 from pilotid.support.remarks import Remark, remark_of
 from pilotid.support.terminal import with_bar
 from pilotid.support.types import InputError, one_line

@@ -88,7 +88,6 @@ MEANINGS: dict[str, tuple[str, str]] = {
     ),
     "fix": ("fnm=12,dnm=.1..0.5", "Parameters held at a value, or searched between others."),
     "start": ("Kvis=0.2,tlead=1.5", "Initial guesses."),
-    "white": ("", "Take the residual for white, as AIAA 2008-7109 does."),
     # Work and results.
     "seed": ("", "Seed of all random numbers."),
     "workers": ("", "Processes; default: one for each processor."),

@@ -21,10 +21,11 @@ from pilotid.report.study_tables import (
     mean_loss,
     ranked,
     ranking,
+    read_trust,
     recorder_table,
     remark_table,
+    trust_section,
 )
-from pilotid.report.trust import read_trust, trust_section
 from pilotid.study.comparison import ALL, Comparison, MethodResults, loss_ratios
 from pilotid.study.judge import RULES, USABLE, judge, sentence
 from pilotid.study.scores import EFFICIENT, loss_text

@@ -68,11 +68,6 @@ def marker_of(method: str) -> str:
     return style_of(method).marker
 
 
-def dash_of(method: str) -> Dash:
-    """The stroke of a method's lines."""
-    return style_of(method).dash
-
-
 def journal_style() -> AbstractContextManager[None]:
     """Small type, thin axes: a figure for a column of a journal."""
     from matplotlib import rc_context
