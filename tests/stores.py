@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 
 from pilotid.study.comparison import comparison_of
-from pilotid.study.entries import (
+from pilotid.study.store import (
     Draw,
     MethodEntry,
     ParameterTruth,
     Result,
     ScenarioEntry,
+    Store,
     Unit,
 )
-from pilotid.study.store import Store
 
 KEYS = ("Kvis", "tlead", "tdvis", "fnm", "zetanm")
 

@@ -17,8 +17,8 @@ from helpers import PILOTS, Run
 
 import pilotid
 from pilotid.analysis.analyse import compared
+from pilotid.analysis.experiment import ESTIMATES, MODEL_COLUMNS
 from pilotid.analysis.recordings import Pattern, parts_of
-from pilotid.analysis.tables import ESTIMATES, MODEL_COLUMNS
 from pilotid.datasets import simulate
 from pilotid.pilot.loops import margins
 from pilotid.recordings.files import save_recording
@@ -280,7 +280,7 @@ def test_the_same_analysis_gives_the_same_bytes(
     analysed: Path, folder: Path, run: Run, tmp_path: Path
 ) -> None:
     """On one machine; the store alone may differ."""
-    names = ("estimates.csv", "models.csv", "loops.csv", "contrasts.csv", "runs.csv")
+    names = ("estimates.csv", "models.csv", "loops.csv", "contrasts.csv")
     files = sorted(folder.glob("s[12]_*.csv"))
     options = ("--per-run", "--model-per-condition", *ALONE, "--out", tmp_path)
     answer = run("analyse", *files, "--pattern", PATTERN, *options)

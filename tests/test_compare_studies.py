@@ -11,9 +11,8 @@ import pytest
 from helpers import Run
 from stores import finish
 
-from pilotid.study.changes import find_changes, read_study
-from pilotid.study.entries import Result, ScenarioEntry
-from pilotid.study.store import Store
+from pilotid.study.comparison import find_changes, read_study
+from pilotid.study.store import Result, ScenarioEntry, Store
 from pilotid.support.types import InputError
 
 REPLICATIONS = 25

@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.stats import f as f_test
-from scipy.stats import norm, ttest_rel, wilcoxon
+from scipy.stats import ttest_rel, wilcoxon
 from tidy_rows import row, table
 
 from pilotid.analysis.combine import signed_ranks
 from pilotid.analysis.contrasts import contrasts
 from pilotid.analysis.factors import Effect, effects, factors_of
-from pilotid.analysis.figures import standardised
 from pilotid.analysis.results import FACTOR_COLUMNS, table_of
 from pilotid.support.types import FloatArray, InputError
 
@@ -151,11 +150,3 @@ def test_an_interval_holds_zero_where_holms_p_is_above_5_percent() -> None:
     assert {c.p_holm < 0.05 for c in found} == {True, False}
     single = contrasts(table(columns), [("C0", "C3")])[0]
     assert (single.lower_holm, single.upper_holm) == pytest.approx((single.lower, single.upper))
-
-
-def test_standardised_differences_are_normal_where_subjects_are() -> None:
-    rng = np.random.default_rng(1)
-    columns = {c: tuple(rng.normal(size=200).tolist()) for c in ("C1", "C2")}
-    values = np.sort(standardised(contrasts(table(columns))))
-    quantiles = norm.ppf((np.arange(200) + 0.5) / 200)
-    assert np.corrcoef(values, quantiles)[0, 1] > 0.98

@@ -15,9 +15,8 @@ from stores import KEYS, drawn, finish
 
 from pilotid.study import scores
 from pilotid.study.comparison import ALL, Comparison, MethodResults, comparison_of, loss_ratios
-from pilotid.study.entries import ParameterTruth, Result, ScenarioEntry, Unit
 from pilotid.study.judge import judge
-from pilotid.study.store import Store
+from pilotid.study.store import ParameterTruth, Result, ScenarioEntry, Store, Unit
 from pilotid.support.types import FloatArray
 
 Row = Mapping[str, str]

@@ -12,9 +12,8 @@ import pytest
 from test_study_report import Made, report
 
 from pilotid.study.comparison import comparison_of
-from pilotid.study.entries import Draw, ParameterTruth, Result, ScenarioEntry, Unit
 from pilotid.study.judge import Verdict, judge
-from pilotid.study.store import Store
+from pilotid.study.store import Draw, ParameterTruth, Result, ScenarioEntry, Store, Unit
 
 KEYS = {"single": ("Kvis", "tdvis"), "rate": ("Kvis", "tdvis", "Km")}
 POPULATION = "population-usual"

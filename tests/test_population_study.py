@@ -22,9 +22,8 @@ from pilotid.methods.mle_white import MLEWhite
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.study.comparison import Comparison, MethodResults, Score, comparison_of
-from pilotid.study.entries import Draw, Result, strata_of
 from pilotid.study.fits import Task, element_kind, facts_of, scenario_of
-from pilotid.study.store import Store
+from pilotid.study.store import Draw, Result, Store, strata_of
 from pilotid.study.study import Study
 from pilotid.support.numbers import draw_rng, fit_rng, recording_rng
 from pilotid.support.types import FloatArray

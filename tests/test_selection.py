@@ -8,12 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import NOMINAL, Run
-from tidy_rows import table
 
-from pilotid.analysis.contrasts import contrasts
-from pilotid.analysis.factors import effects
-from pilotid.analysis.recordings import Excluded, Part, Pattern, excluded_of, parts_of
-from pilotid.analysis.results import excluded_rows
+from pilotid.analysis.recordings import Part, Pattern, excluded_of, parts_of
 from pilotid.datasets import simulate
 from pilotid.recordings.files import Reading, save_recording
 from pilotid.recordings.recording import Recording
@@ -80,12 +76,11 @@ def parts() -> list[Part]:
     return parts_of(files, Pattern("s{subject}_{condition}"))[0]
 
 
-def test_a_recording_is_excluded_with_its_reason() -> None:
-    left, out = excluded_of(parts(), ["subject=2,condition=B"], "fell asleep")
+def test_recordings_are_excluded() -> None:
+    left, out = excluded_of(parts(), ["subject=2,condition=B"])
     assert [part.name for part in left] == ["s1_A.csv", "s1_B.csv", "s2_A.csv"]
-    assert [own.part.name for own in out] == ["s2_B.csv"]
-    assert "fell asleep" in out[0].words
-    left, out = excluded_of(parts(), ["subject=2"], "")
+    assert [own.name for own in out] == ["s2_B.csv"]
+    left, out = excluded_of(parts(), ["subject=2"])
     assert (len(left), len(out)) == (2, 2)
 
 
@@ -100,19 +95,6 @@ def test_a_recording_is_excluded_with_its_reason() -> None:
 )
 def test_who_is_not_there_cannot_be_excluded(text: str, words: str) -> None:
     with pytest.raises(InputError, match=words):
-        excluded_of(parts(), [text], "")
+        excluded_of(parts(), [text])
     with pytest.raises(InputError, match="nothing is left"):
-        excluded_of(parts(), ["subject=1", "subject=2"], "")
-
-
-def test_every_table_says_who_is_excluded() -> None:
-    rows = table({"A": (1.0, 2.0, 3.0, 1.5), "B": (2.0, 2.5, 4.5, 2.9)})
-    rows = [r for r in rows if (r.field("subject"), r.field("condition")) != ("3", "B")]
-    part = Part((Path("s3_B.csv"),), (("subject", "3"), ("condition", "B")))
-    every = [*rows, *excluded_rows(rows, [Excluded(part, "fell asleep")])]
-    factors = {"motion": {"A": "off", "B": "on"}}
-    out = "subject 3 (B: excluded (fell asleep))"
-    (contrast,), (effect,) = contrasts(every), effects(every, factors)
-    assert contrast.left_out == (out,)
-    assert effect.notes == (f"left out: {out}",)
-    assert contrast.t == contrasts(rows)[0].t
+        excluded_of(parts(), ["subject=1", "subject=2"])

@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pilotid.store import Rows
-from pilotid.study.entries import (
+from pilotid.store import STORE, Rows
+from pilotid.study.store import (
     Draw,
     MethodEntry,
     ParameterTruth,
     Result,
     ScenarioEntry,
+    Store,
     Unit,
 )
-from pilotid.study.store import STORE, Store
 from pilotid.support.types import InputError
 
 NUMBERS = (("Kvis", 0.2, 0.1, 0.0, 0.4), ("tlead", 3.0, None, None, None))

@@ -18,8 +18,8 @@ import pytest
 from helpers import Answer, Run
 from stores import Content, changed, content_of, finish
 
-from pilotid.study.entries import Result, Unit
-from pilotid.study.store import STORE, Store
+from pilotid.store import STORE
+from pilotid.study.store import Result, Store, Unit
 from pilotid.support.types import InputError
 
 HERE = str(Path(__file__).parent)
@@ -235,7 +235,7 @@ def test_what_cannot_be_written_can_be_reported_on(
 OPENING = """
 import sys
 from pathlib import Path
-from pilotid.study.entries import Result, Unit
+from pilotid.study.store import Result, Unit
 from pilotid.study.store import Store
 print("ready", flush=True)
 for line in sys.stdin:

@@ -13,8 +13,7 @@ from helpers import written
 
 from pilotid.report.study import overview
 from pilotid.study.comparison import MethodResults, comparison_of
-from pilotid.study.entries import MethodEntry, ParameterTruth, Result, ScenarioEntry, Unit
-from pilotid.study.store import Store
+from pilotid.study.store import MethodEntry, ParameterTruth, Result, ScenarioEntry, Store, Unit
 from pilotid.support.document import table_rich
 from pilotid.support.numbers import decimals, number, plus_minus, share, signed
 from pilotid.support.terminal import make_console

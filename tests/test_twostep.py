@@ -17,7 +17,7 @@ from pilotid.pilot.catalogue import MULTI, SINGLE
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.second_step import ResponseFit, second_step
-from pilotid.show.panels import response_figure
+from pilotid.show.plots import response_figure
 from pilotid.support.document import svg
 from pilotid.support.types import ComplexArray, FloatArray
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from pilotid.datasets import scenario_named, simulate
 from pilotid.estimates.method import identify
 from pilotid.methods import methods
-from pilotid.show.panels import response_figure
+from pilotid.show.plots import response_figure
 from pilotid.support.document import svg
 from pilotid.support.numbers import fit_rng, recording_rng
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -13,17 +12,14 @@ from typing import Any, Literal, NamedTuple
 
 from pilotid.analysis.cross_validation import LeftOut, failed_rows, left_out_rows, predict_left_out
 from pilotid.analysis.performance import lines_shared, performance_content, performance_rows
-from pilotid.analysis.recordings import Excluded, Part
-from pilotid.analysis.responses import responses_of
+from pilotid.analysis.recordings import Part
 from pilotid.analysis.rows import CONDITION, SUBJECT, Row, grouped, in_order
 from pilotid.element.fit import chosen_element
 from pilotid.estimates.estimate import Outcome, failed
 from pilotid.estimates.fitted import Fitted, fit_all
 from pilotid.estimates.method import Method
-from pilotid.estimates.parts import FrequencyResponse
 from pilotid.estimates.quantities import Quantity
 from pilotid.jobs import Loss, run_tasks
-from pilotid.methods.fourier import first_step_of
 from pilotid.model_choice import (
     Candidate,
     Choice,
@@ -42,14 +38,10 @@ from pilotid.recordings.detectors import copies_among, fingerprints
 from pilotid.recordings.files import Reading
 from pilotid.recordings.windows import stem_of
 from pilotid.store import Key, Rows
-from pilotid.study.entries import number
-from pilotid.support.disk import make_folder, write_file
+from pilotid.study.store import number
 from pilotid.support.remarks import Remark, remark_of
 from pilotid.support.terminal import with_bar
 from pilotid.support.types import InputError, one_line
-
-#: The folder of the recordings' pages.
-PAGES = "recordings"
 
 #: What a task gives back: plain objects, as JSON has them.
 Content = dict[str, Any]
@@ -99,7 +91,7 @@ class Settings:
     pairs: Sequence[tuple[str, str]] = ()
     alone: bool = False
     factors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    excluded: Sequence[Excluded] = ()
+    excluded: Sequence[Part] = ()
     fix: str | None = None
     reading: Reading = field(default_factory=Reading)
 
@@ -286,8 +278,6 @@ class Task:
         Seed of all random numbers.
     run
         Number of the run to take alone, or to leave out, from 1; None for all.
-    folder
-        Where the recording's page goes; None for none.
     """
 
     key: str
@@ -297,7 +287,6 @@ class Task:
     code: bytes
     seed: int
     run: int | None = None
-    folder: Path | None = None
 
 
 class Answer(NamedTuple):
@@ -358,19 +347,11 @@ def candidates_of(look: Content) -> list[Candidate]:
 
 
 def _fit(task: Task) -> Content:
-    """What is kept of fits, with the recording's page where one is made."""
+    """What is kept of fits."""
     model, methods, element = unpacked(task.code)
     recording = task.part.recording(task.reading, task.run)
     fitted = fit_all(recording, model, methods, task.seed, chosen_element(recording, element))
-    content = content_of(fitted)
-    if task.folder is not None:
-        points = first_step_of(fitted.recording, fitted.model)
-        content["responses"] = responses_of(fitted, points)
-        try:
-            content["page"] = _write_page(task, task.folder, fitted, points)
-        except InputError as error:  # the fit is kept
-            content["unwritten"] = str(error)
-    return content
+    return content_of(fitted)
 
 
 def _leave_out(task: Task) -> Content:
@@ -378,18 +359,6 @@ def _leave_out(task: Task) -> Content:
     assert task.run is not None
     fits = predict_left_out(task.part.recording(task.reading), model, methods, task.run, task.seed)
     return {"model": model.name, "left_out": fits}
-
-
-def _write_page(task: Task, folder: Path, fitted: Fitted, points: FrequencyResponse | None) -> str:
-    """Write a recording's page, with its figures, and give its place beside the report."""
-    from pilotid.report.fit import html_report
-
-    text = html_report([fitted], points=[points])
-    words = re.sub(r"[^\w.+-]+", "_", f"{task.part.words}_{fitted.model.name}")
-    name = f"{PAGES}/{words}_{task.key[:6]}.html"
-    make_folder(folder / PAGES)
-    write_file(folder / name, text.encode("utf-8", "replace"))
-    return name
 
 
 def content_of(fitted: Fitted) -> Content:
@@ -453,31 +422,18 @@ class _Work:
         part: Part,
         content: tuple[object, ...],
         run: int | None = None,
-        folder: Path | None = None,
     ) -> Task:
         """A task with its key."""
         seed = self.settings.seed
-        told = (what, run, plain(content), code_digest(content), seed, folder is not None)
+        told = (what, run, plain(content), code_digest(content), seed)
         text = repr((self.digests[part], *told)).encode("utf-8", "replace")
         key = hashlib.sha256(text).hexdigest()
         reading = self.settings.reading
-        return Task(key, what, part, reading, packed(content), seed, run, folder)
-
-    def held(self, task: Task) -> Content | None:
-        """What is held of a task."""
-        content: Content | None = self.store.get(dict, _key(task))
-        if content is None:
-            return None
-        # A page that was moved away, or could not be written, is made again.
-        page = content.get("page")
-        whole = "unwritten" not in content and (
-            page is None or (self.store.path.parent / page).exists()
-        )
-        return content if whole else None
+        return Task(key, what, part, reading, packed(content), seed, run)
 
     def contents(self, tasks: Sequence[Task], what: str) -> dict[str, Content]:
         """The contents of tasks by their keys; looks at recordings that failed are missing."""
-        found = ((task.key, self.held(task)) for task in tasks)
+        found = ((task.key, self.store.get(dict, _key(task))) for task in tasks)
         held = {key: content for key, content in found if content is not None}
         todo = [task for task in tasks if task.key not in held]
         if not todo:
@@ -488,8 +444,6 @@ class _Work:
             if content is not None:
                 held[task.key] = content
                 self.store.put(_key(task), content, again=True)
-                if "unwritten" in content:
-                    self.refused[content["unwritten"]] = None
             elif task.what == "look":
                 self.refused[why] = None
             else:
@@ -513,7 +467,7 @@ def analyse(
     settings
         What is done to each.
     folder
-        Where the store and the figures are, which exists.
+        Where the store is, which exists.
     workers
         Number of processes; None for one for each processor.
     refused
@@ -554,7 +508,7 @@ def analyse(
             runs = range(1, count + 1) if count > 1 else ()
             for model in models[part]:
                 fitted = (model, methods, element)
-                fits.append(work.task("fit", part, fitted, folder=folder))
+                fits.append(work.task("fit", part, fitted))
                 if settings.per_run:
                     fits += [work.task("fit", part, fitted, run) for run in runs]
                 if settings.left_out:

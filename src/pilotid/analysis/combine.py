@@ -181,34 +181,3 @@ def effect_size(mean: float, deviation: float, count: int) -> float:
     half = 0.5 * (count - 1)
     log_correction = math.lgamma(half) - math.lgamma(half - 0.5) - 0.5 * math.log(half)
     return mean / deviation * math.exp(log_correction)
-
-
-@dataclass(frozen=True)
-class Ratio:
-    """How many times as much as claimed runs differ.
-
-    Attributes
-    ----------
-    value, lower, upper
-        The ratio and its 95 % interval, by chi-squared; NaN where there are not two runs.
-    p
-        Chance of so large a ratio if the runs differ as claimed.
-    """
-
-    value: float
-    lower: float
-    upper: float
-    p: float
-
-
-def ratio_of(chi_squared: float, freedom: int) -> Ratio:
-    """The ratio that a sum of squares over claimed variances tells of."""
-    from scipy.special import chdtrc, chdtri
-
-    if not freedom:
-        return Ratio(NAN, NAN, NAN, NAN)
-    value, lower, upper = (
-        math.sqrt(chi_squared / scale)
-        for scale in (freedom, float(chdtri(freedom, 0.025)), float(chdtri(freedom, 0.975)))
-    )
-    return Ratio(value, lower, upper, float(chdtrc(freedom, chi_squared)))

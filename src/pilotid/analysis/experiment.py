@@ -1,20 +1,27 @@
-"""Recordings of a laboratory analysed: from files to tables and a report."""
+"""Recordings of a laboratory analysed: from files to tables, tidy CSV and LaTeX, and a report."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from pilotid.analysis.analyse import Settings
+from pilotid.analysis.analyse import Analysis, Settings, group_of
 from pilotid.analysis.analyse import analyse as analysed
 from pilotid.analysis.contrasts import Contrast
+from pilotid.analysis.cross_validation import COLUMNS as LEFT_OUT_COLUMNS
 from pilotid.analysis.factors import factors_of
-from pilotid.analysis.recordings import Pattern, excluded_of, parts_of
-from pilotid.analysis.results import Results, results_of
-from pilotid.analysis.rows import CONDITION, in_order
-from pilotid.analysis.tables import ESTIMATES, TABLES, table_cells, write_tables
+from pilotid.analysis.recordings import Part, Pattern, excluded_of, parts_of
+from pilotid.analysis.report_tables import tables_tex
+from pilotid.analysis.results import (
+    CONTRAST_COLUMNS,
+    FACTOR_COLUMNS,
+    Results,
+    results_of,
+    table_of,
+)
+from pilotid.analysis.rows import CONDITION, Row, in_order
 from pilotid.estimates.method import Method
 from pilotid.methods import label_of, method_named
 from pilotid.pilot.catalogue import AUTO, MODELS, model_named, with_held
@@ -23,7 +30,7 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.files import Reading, read_with
 from pilotid.recordings.windows import span_of
 from pilotid.study.study import about_this
-from pilotid.support.disk import require_folder
+from pilotid.support.disk import require_folder, table_bytes, write_file
 from pilotid.support.document import Bullets, Table, blocks_text
 from pilotid.support.numbers import DEFAULT_SEED
 from pilotid.support.remarks import codes_in
@@ -31,6 +38,23 @@ from pilotid.support.types import InputError
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+ESTIMATES, COMPARED, LOOPS, CONTRASTS = "estimates.csv", "models.csv", "loops.csv", "contrasts.csv"
+LEFT_OUT, FACTORS, TEX = "left_out.csv", "factors.csv", "tables.tex"
+TABLES = (ESTIMATES, COMPARED, LOOPS, CONTRASTS, TEX, LEFT_OUT, FACTORS)
+
+QUANTITY_COLUMNS = ("unit", "value", "std_error", "lower_95", "upper_95", "outcome", "remarks")
+
+MODEL_COLUMNS = (
+    "model", "chosen", "pilot_parameters", "parameters", "remnant", "samples", "log_likelihood",
+    "aicc", "bic", "vaf", "left_out_vaf", "left_out_log_likelihood", "chi_squared", "freedom",
+    "chi_squared_per_freedom", "left_out_chi_squared", "change_p", "change_size",
+    "change_time", "remarks",
+)  # fmt: skip
+
+
+#: Heads and rows of a CSV file.
+Cells = tuple[list[str], list[list[object]]]
 
 T = TypeVar("T")
 
@@ -44,7 +68,7 @@ class Experiment:
     results
         Estimates, contrasts and all that follows from the fits.
     folder
-        Where its store and the recordings' pages are.
+        Where its store is.
     """
 
     results: Results
@@ -118,7 +142,6 @@ def analyse(
     per_run: bool = False,
     left_out: bool = False,
     exclude: Sequence[str] = (),
-    because: str = "",
     factors: str | None = None,
     element: ControlledElement | str | None = None,
     fix: str | None = None,
@@ -148,8 +171,8 @@ def analyse(
         Whether each condition has a model of its own, also where conditions are contrasted.
     per_run, left_out
         Whether each run is fitted alone as well, and whether it is predicted by the others' fit.
-    exclude, because
-        Recordings to leave out, such as ``subject=6,condition=C4``, and why.
+    exclude
+        Recordings to leave out, such as ``subject=6,condition=C4``.
     factors
         Factors that conditions are combinations of, as text or CSV file.
     element
@@ -159,7 +182,7 @@ def analyse(
     reading
         How files are read, a `pilotid.recordings.files.Reading`.
     ignore
-        Codes of warnings that tables and report leave out; the pages of recordings keep them.
+        Codes of warnings that tables and report leave out.
     seed
         Seed of all random numbers.
     workers
@@ -190,9 +213,7 @@ def analyse(
         [Path(file) for file in _several(files)],
         Pattern(pattern) if pattern else None,
     )
-    parts, excluded = excluded_of(parts, _several(exclude), because) if parts else (parts, [])
-    if because and not exclude:
-        raise InputError("--because: says why something is excluded; name it with --exclude")
+    parts, excluded = excluded_of(parts, _several(exclude)) if parts else (parts, [])
     conditions = in_order([dict(part.fields).get(CONDITION, "") for part in parts])
     settings = Settings(
         {m.name: m for m in every},
@@ -237,3 +258,84 @@ def pairs_of(texts: Sequence[str]) -> list[tuple[str, str]]:
             )
         pairs.append((first, second))
     return pairs
+
+
+def table_cells(results: Results) -> dict[str, Cells]:
+    """All tables of an analysis that have rows, and those that always are, by their files."""
+    analysis = results.analysis
+    # The fields of the pattern are columns of every table.
+    names = list(dict(analysis.parts[0].fields)) if analysis.parts else []
+    head = ["file", *names, "run", "model", "method"]
+    elements = analysis.elements
+    found: dict[str, Cells] = {
+        ESTIMATES: (
+            [*head, "parameter", *QUANTITY_COLUMNS],
+            [_row_cells(row, names) for row in results.rows],
+        ),
+        LOOPS: (
+            [*head, "element", "quantity", *QUANTITY_COLUMNS],
+            [
+                _row_cells(row, names, elements[row.file, row.run, row.model])
+                for row in results.loops
+            ],
+        ),
+        COMPARED: (
+            ["file", *names, *MODEL_COLUMNS],
+            [cells for part in analysis.parts for cells in _model_cells(analysis, part, names)],
+        ),
+        CONTRASTS: table_of(results.contrasts, CONTRAST_COLUMNS),
+    }
+    more: dict[str, Cells] = {
+        FACTORS: table_of(results.effects, FACTOR_COLUMNS),
+        LEFT_OUT: (
+            ["file", *names, *LEFT_OUT_COLUMNS],
+            [[e.part.name, *dict(e.part.fields).values(), *e.cells] for e in analysis.left_out],
+        ),
+    }
+    return found | {name: cells for name, cells in more.items() if cells[1]}
+
+
+def write_tables(folder: Path, results: Results, command: str) -> None:
+    """Write the tables, numbers with as many digits as restore them.
+
+    Parameters
+    ----------
+    folder
+        Where to write.
+    results
+        What was found.
+    command
+        The command that found it, for the head of tables.tex.
+    """
+    for name, cells in table_cells(results).items():
+        write_file(folder / name, table_bytes(*cells))
+    text = tables_tex(results.shown, results.contrasts, results.chosen, command)
+    write_file(folder / TEX, text.encode("utf-8", "replace"))
+
+
+def _row_cells(row: Row, names: Sequence[str], *element: str) -> list[object]:
+    numbers = (row.value, row.std_error, row.lower, row.upper)
+    return [
+        *(row.file, *map(row.field, names), "" if row.run is None else row.run),
+        *(row.model, row.method, *element, row.parameter, row.unit),
+        *(*numbers, row.outcome, " | ".join(row.remarks)),
+    ]
+
+
+def _model_cells(analysis: Analysis, part: Part, names: Sequence[str]) -> list[list[object]]:
+    fields = dict(part.fields)
+    chosen = analysis.choices[group_of(part)].model
+    rows = []
+    for c in analysis.candidates(part):
+        known = {
+            **asdict(c),
+            "chosen": "yes" if c.model == chosen else "no",
+            "freedom": c.freedom or "",
+            "chi_squared_per_freedom": c.excess,
+            "left_out_log_likelihood": sum(c.left_out_log_likelihood) or "",
+            "left_out_chi_squared": sum(c.left_out_chi_squared) or "",
+            "remarks": c.bounds,
+        }
+        places = (fields[name] for name in names)
+        rows.append([part.name, *places, *(known[column] for column in MODEL_COLUMNS)])
+    return rows

@@ -1,18 +1,14 @@
-"""Figures of an analysis: estimates over conditions, and how runs differ."""
+"""Figures of an analysis: estimates over conditions, and what variances are made of."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import astuple
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pilotid.analysis.contrasts import Contrast
-from pilotid.analysis.responses import LINES, Response, over_subjects
 from pilotid.analysis.rows import Cell, Layout, in_order
-from pilotid.analysis.spread import ConditionSpread
 from pilotid.estimates.quantities import symbol, unit_words
 from pilotid.show.style import INK, draw_grid, journal_figure, log_ticks, with_unit
 
@@ -145,129 +141,4 @@ def parts_figure(layouts: Sequence[Layout]) -> Figure | None:
             draw_grid(axes, "y")
         handles, labels = panels[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
-    return figure
-
-
-def responses_figure(subjects: Sequence[Sequence[Response]]) -> Figure:
-    """Describing functions and open loops of one condition, a column for each.
-
-    Parameters
-    ----------
-    subjects
-        The responses of each subject's fit by one method, and of the coefficients at the lines.
-    """
-    every = [own for some in subjects for own in some]
-    names = list(dict.fromkeys(own.what for own in every))
-    columns: dict[str, list[str]] = {}
-    for name in names:
-        title = "open loops" if name.endswith(" loop") else name.partition(",")[0]
-        columns.setdefault(title, []).append(name)
-    with journal_figure(3.4) as figure:
-        figure.set_layout_engine("none")  # to search for places takes as long as to draw
-        edges = {"left": 0.08, "bottom": 0.21, "right": 0.995, "top": 0.93}
-        grid = {**edges, "wspace": 0.24, "hspace": 0.12}
-        panels = figure.subplots(2, len(columns), squeeze=False, sharex="col", gridspec_kw=grid)
-        for (above, below), (title, own) in zip(panels.T, columns.items(), strict=True):
-            for name, colour in zip(own, COLOURS, strict=False):
-                _response_lines(above, below, [r for r in every if r.what == name], colour)
-            above.set_title(title, loc="left")
-            above.set(xscale="log", yscale="log")
-            below.set_xlabel("ω [rad/s], log. axis")
-            for axes in (above, below):
-                draw_grid(axes)
-            log_ticks(above, "x")
-            log_ticks(above, "y")
-        panels[0, 0].set_ylabel("magnitude, log. axis")
-        panels[1, 0].set_ylabel("phase [deg]")
-        handles = {
-            label: handle
-            for axes in panels[0]
-            for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
-        }
-        figure.legend([*handles.values()], [*handles], loc="lower center", ncols=4, frameon=False)
-    return figure
-
-
-def _response_lines(above: Axes, below: Axes, own: Sequence[Response], colour: str) -> None:
-    """One response: of subjects thin, their mean with a band, and the mean at the lines."""
-    fits = [one for one in own if one.method != LINES]
-    points = [one for one in own if one.method == LINES]
-    for one in fits:
-        above.plot(one.omega, one.magnitude, color=colour, linewidth=0.4, alpha=0.5)
-        below.plot(one.omega, one.phase, color=colour, linewidth=0.4, alpha=0.5)
-    if fits:
-        mean, spread = over_subjects(fits)
-        (low, low_phase), (high, high_phase) = mean - spread, mean + spread
-        omega, label = fits[0].omega, "mean of fits" if points else f"mean, {fits[0].what}"
-        above.plot(omega, np.exp(mean[0]), color=colour, label=label)
-        below.plot(omega, mean[1], color=colour)
-        above.fill_between(omega, np.exp(low), np.exp(high), color=colour, alpha=0.2, lw=0.0)
-        below.fill_between(omega, low_phase, high_phase, color=colour, alpha=0.2, lw=0.0)
-    if points and len({tuple(one.omega) for one in points}) == 1:
-        mean, _ = over_subjects(points)
-        omega = points[0].omega
-        above.plot(
-            omega, np.exp(mean[0]), "o", label="mean at lines", color=INK, ms=3.0, mfc="none"
-        )
-        below.plot(omega, mean[1], "o", color=INK, ms=3.0, mfc="none")
-
-
-def standardised(found: Sequence[Contrast]) -> list[float]:
-    """Paired differences less their means, over their standard deviations, of three or more."""
-    result: list[float] = []
-    for contrast in found:
-        own = np.array([pair.difference for pair in contrast.pairs])
-        if len(own) > 2 and contrast.std_error > 0.0 and not contrast.within:
-            result += ((own - own.mean()) / own.std(ddof=1)).tolist()
-    return result
-
-
-def normal_figure(values: Sequence[float]) -> Figure:
-    """Numbers in order against normal quantiles."""
-    from scipy.special import ndtri
-
-    ordered = np.sort(values)
-    quantiles = ndtri((np.arange(len(ordered)) + 0.5) / len(ordered))
-    with journal_figure(2.8) as figure:
-        axes = figure.subplots()
-        axes.plot(quantiles, quantiles, color=INK, linewidth=0.8)
-        axes.plot(quantiles, ordered, "o", color=COLOURS[0], markersize=2.5)
-        axes.set(xlabel="normal quantile", ylabel="standardised difference")
-        draw_grid(axes)
-    return figure
-
-
-def spread_figure(spreads: Sequence[ConditionSpread]) -> Figure:
-    """How many times as much as claimed runs differ, by parameter and condition.
-
-    Parameters
-    ----------
-    spreads
-        Those of one stratum and method.
-    """
-    keys = list(dict.fromkeys(s.first.parameter for s in spreads))
-    conditions = in_order([s.first.condition for s in spreads])
-    offsets = np.linspace(-0.3, 0.3, len(conditions)) if len(conditions) > 1 else np.zeros(1)
-    with journal_figure(2.5) as figure:
-        axes = figure.subplots()
-        axes.axhline(1.0, color=INK, linewidth=0.8)
-        for number, condition in enumerate(conditions):
-            own = [s for s in spreads if s.first.condition == condition]
-            own = [s for s in own if math.isfinite(s.ratio.value)]
-            x = [keys.index(s.first.parameter) + offsets[number] for s in own]
-            y, low, high = np.array([astuple(s.ratio)[:3] for s in own]).reshape(-1, 3).T
-            axes.errorbar(
-                x, y, [y - low, high - y], fmt="o", color=COLOURS[number % len(COLOURS)],
-                markersize=3.0, elinewidth=0.9, label=condition or "all recordings",
-            )  # fmt: skip
-        axes.set_yscale("log")
-        axes.set_yticks([0.5, 1.0, 2.0, 3.0, 5.0], ["0.5", "1", "2", "3", "5"])
-        axes.minorticks_off()
-        axes.set_xticks(range(len(keys)), [symbol(key) for key in keys])
-        if len(keys) > 8:
-            axes.tick_params("x", rotation=30)
-        axes.set_ylabel("scatter of runs / claimed error (log. axis)")
-        draw_grid(axes, "y")
-        figure.legend(*axes.get_legend_handles_labels(), loc="outside upper right", ncols=6,
-                      frameon=False)  # fmt: skip
     return figure

@@ -205,35 +205,7 @@ def without(recording: Recording, run: int) -> Recording:
     return of_runs(recording, others, f"without run {run}")
 
 
-@dataclass(frozen=True)
-class Excluded:
-    """A recording that the user leaves out.
-
-    Attributes
-    ----------
-    part
-        The recording.
-    why
-        The reason; empty if none was given.
-    """
-
-    part: Part
-    why: str
-
-    @property
-    def fault(self) -> str:
-        """That it is left out, and the reason."""
-        return "excluded" + (f" ({self.why})" if self.why else "")
-
-    @property
-    def words(self) -> str:
-        """The recording, and that it is left out."""
-        return f"{self.part.words}: {self.fault}"
-
-
-def excluded_of(
-    parts: Sequence[Part], texts: Sequence[str], because: str
-) -> tuple[list[Part], list[Excluded]]:
+def excluded_of(parts: Sequence[Part], texts: Sequence[str]) -> tuple[list[Part], list[Part]]:
     """The recordings that stay, and those that texts such as ``subject=6,condition=C4`` exclude.
 
     Raises
@@ -241,7 +213,7 @@ def excluded_of(
     InputError
         If a text is no such thing, or excludes nothing, or all.
     """
-    left, excluded = list(parts), []
+    left, excluded = list(parts), list[Part]()
     for text in texts:
         wanted = {}
         for pair in text.split(","):
@@ -262,7 +234,7 @@ def excluded_of(
         if not out:
             raise InputError(f"--exclude {text}: no recording has all of these; nothing to exclude")
         left = [part for part in left if part not in out]
-        excluded += [Excluded(part, because) for part in out]
+        excluded += out
     if not left:
         raise InputError("--exclude: nothing is left to analyse; exclude less")
     return left, excluded

@@ -1,4 +1,4 @@
-"""The report of an analysis: summary, models, estimates, contrasts, runs, recordings."""
+"""The report of an analysis: summary, models, estimates, contrasts, recordings."""
 
 from __future__ import annotations
 
@@ -6,15 +6,11 @@ import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from pilotid.analysis.analyse import PAGES, Analysis, group_of, group_words
+from pilotid.analysis.analyse import Analysis, group_of, group_words
 from pilotid.analysis.contrasts import LEVEL
 from pilotid.analysis.figures import (
     estimates_figure,
-    normal_figure,
     parts_figure,
-    responses_figure,
-    spread_figure,
-    standardised,
 )
 from pilotid.analysis.report_tables import (
     FEW,
@@ -30,12 +26,9 @@ from pilotid.analysis.report_tables import (
     means_table,
     model_table,
     recording_table,
-    table_title,
 )
-from pilotid.analysis.responses import LINES, Response
 from pilotid.analysis.results import Results
 from pilotid.analysis.rows import MEASURED, SUBJECT, grouped
-from pilotid.analysis.spread import spread_sentence
 from pilotid.estimates.estimate import Outcome
 from pilotid.support.document import Block, Bullets, Command, Figure, Section, Text, write_page
 from pilotid.support.limits import ESTIMATE
@@ -74,13 +67,6 @@ LEFT_OUT = (
     "the VAF shows. After ± stands the standard error over the runs; runs of one subject are "
     "alike, so that it is too small for other subjects."
 )
-RUNS = (
-    "A claimed error says what the same pilot would scatter who did the same again. Runs "
-    "fitted one by one show what people do: where they differ by more than they claim, "
-    "the errors of fits of all runs together are too short for the pilot, and the "
-    "estimates above have errors with the variation from run to run instead "
-    "(`runs.csv` has both)."
-)
 
 
 def write_report(folder: Path, results: Results, command: str, about: Mapping[str, str]) -> Path:
@@ -97,7 +83,6 @@ def write_report(folder: Path, results: Results, command: str, about: Mapping[st
     about
         Versions that the numbers depend on.
     """
-    _clear(folder, results.analysis)
     path = folder / "report.html"
     sections = list(report_sections(results, command, about))
     write_page(path, TITLE, sections, kinds=("svg", "pdf"))
@@ -110,26 +95,14 @@ def report_sections(results: Results, command: str, about: Mapping[str, str]) ->
     yield _models(results.analysis)
     if estimates := _estimates(results):
         yield Section("estimates", "Estimates", [Text(MEANS), *estimates])
-    if responses := list(_responses(results.analysis)):
-        yield Section("responses", "Frequency responses", responses)
     if results.contrasts:
         yield _conditions(results)
-    if results.by_condition:
-        yield Section("runs", "From run to run", [Text(RUNS), *_runs(results)])
     if left_out := results.analysis.left_out:
         yield Section("left-out", "Runs left out", [Text(LEFT_OUT), left_out_table(left_out)])
     yield Section("recordings", "Recordings", [recording_table(results.analysis)])
     versions = ", ".join(f"{name} {version}" for name, version in about.items())
     again: list[Block] = [Command("To make it again:", command)] if command else []
     yield Section("origin", "How this was made", [*again, Text(f"Versions: {versions}.")])
-
-
-def _clear(folder: Path, analysis: Analysis) -> None:
-    """Remove pages of recordings that an earlier call made and this report does not name."""
-    named = {folder / page for fit in analysis.fits if (page := fit.content.get("page"))}
-    for path in (folder / PAGES).glob("*_??????.html"):
-        if path not in named:
-            path.unlink(missing_ok=True)
 
 
 def _summary(results: Results) -> Section:
@@ -147,12 +120,6 @@ def _summary(results: Results) -> Section:
             for model, where in chosen.items()
         ]
     items += _contrasted(results)
-    conditions = grouped(
-        results.by_condition,
-        lambda s: (s.first.stratum, s.first.condition, s.first.model, s.first.method),
-    )
-    told_of = filter(None, map(spread_sentence, conditions.values()))
-    items += [f"{s[0].upper()}{s[1:]}." for s in told_of]
     items += _changing(analysis)
     ends = [
         (e["outcome"], f"{fit.part.words}, {e['method']}")
@@ -171,7 +138,7 @@ def _summary(results: Results) -> Section:
     items += results.notes
     blocks: list[Block] = [Text(" ".join(told)), Bullets(items)]
     if excluded := analysis.settings.excluded:
-        blocks += [Text("**Excluded:**"), Bullets([own.words for own in excluded])]
+        blocks += [Text("**Excluded:**"), Bullets([part.words for part in excluded])]
     if analysis.refused:
         blocks += [Text("**Left out:**"), Bullets(list(analysis.refused))]
     return Section("summary", "Summary", blocks)
@@ -267,7 +234,6 @@ def _models(analysis: Analysis) -> Section:
 def _estimates(results: Results) -> list[Block]:
     """Estimates over conditions, in tables and figures."""
     blocks: list[Block] = []
-    wider = ", with the variation from run to run" if results.wider else ""
     place = measured = 0
     for title, group in estimate_groups(results.shown, results.chosen):
         blocks.append(means_table(group, title))
@@ -280,29 +246,11 @@ def _estimates(results: Results) -> list[Block]:
             continue
         place += 1
         caption = (
-            f"Estimates over conditions, {title}. Bars: 95 % from the claimed errors{wider}; "
+            f"Estimates over conditions, {title}. Bars: 95 % from the claimed errors; "
             "black: means over subjects. Long bars are cut."
         )
         blocks.append(Figure(f"estimates-{place}", estimates_figure(group), caption))
     return blocks
-
-
-def _responses(analysis: Analysis) -> Iterator[Block]:
-    """Describing functions and open loops of each condition, by the first method."""
-    groups: dict[str, list[list[Response]]] = {}
-    for fit in analysis.fits:
-        held = [Response(*own) for own in fit.content.get("responses", ())]
-        if not held:
-            continue
-        where = group_words(group_of(fit.part)) or "all recordings"
-        own = [r for r in held if r.method in (LINES, held[0].method)]
-        groups.setdefault(f"{where}, model `{fit.content['model']}`", []).append(own)
-    for place, (title, subjects) in enumerate(groups.items(), start=1):
-        caption = (
-            f"Describing functions and open loops, {title}. Line and band: mean over subjects and "
-            "standard deviation; thin: subjects; circles: mean of the coefficients at the lines."
-        )
-        yield Figure(f"responses-{place}", responses_figure(subjects), caption)
 
 
 def _conditions(results: Results) -> Section:
@@ -312,24 +260,4 @@ def _conditions(results: Results) -> Section:
         blocks.append(Text(OTHER_MODELS))
     if results.effects:
         blocks.append(factor_table(results.effects))
-    if residuals := standardised(results.contrasts):
-        caption = (
-            "Differences between conditions, each less its mean over the subjects and over their "
-            "standard deviation, all together, against normal quantiles. Points off the line at "
-            "the ends are subjects unlike the others: there, go by the robust mean and the ranks."
-        )
-        blocks.append(Figure("normal", normal_figure(residuals), caption))
     return Section("conditions", "Conditions compared", blocks)
-
-
-def _runs(results: Results) -> Iterator[Block]:
-    """How runs differ that were fitted one by one."""
-    groups = grouped(
-        results.by_condition, lambda s: table_title(s.first.stratum, s.first.method, "")
-    )
-    for place, (title, own) in enumerate(groups.items(), start=1):
-        caption = (
-            f"Scatter of runs over claimed errors, {title}. Bars: 95 % by chi-squared; 1: as "
-            "claimed."
-        )
-        yield Figure(f"runs-{place}", spread_figure(own), caption)

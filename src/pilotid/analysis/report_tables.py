@@ -355,19 +355,17 @@ def recording_table(analysis: Analysis) -> Table[Any]:
     ]
     rows = []
     for fit in (fit for fit in analysis.fits if fit.run is None):
-        look, page, model = analysis.looks[fit.part], fit.content.get("page"), fit.content["model"]
-        name = f"[{fit.part.words}]({page})" if page else fit.part.words
+        look, model = analysis.looks[fit.part], fit.content["model"]
         c = next((c for c in analysis.candidates(fit.part) if c.model == model), None)
         when = c.change_time if c and c.change_p < ESTIMATE.changes else None
         change = (c.change_p, c.change_size, when) if c else (None, None, None)
         for place, e in enumerate(fit.content["estimates"]):
             told = [Remark(*r) for r in (*(look["remarks"] if not place else ()), *e["remarks"])]
             own = gravest_first([remark for remark in told if remark.code not in OF_STICK])
-            front = name, model, e["method"], int(look["recording"]["runs"]), e["vaf"]
+            front = fit.part.words, model, e["method"], int(look["recording"]["runs"]), e["vaf"]
             remarks = "; ".join(f"[{remark.code}] {remark}" for remark in own)
             rows.append((*front, *change, e["outcome"], remarks or NONE))
-    caption = "Every recording, all runs together; the names lead to pages with figures"
-    return table_of(caption, heads, rows)
+    return table_of("Every recording, all runs together", heads, rows)
 
 
 def left_out_table(left: Sequence[LeftOut]) -> Table[Any]:

@@ -1,23 +1,14 @@
-"""What follows from all fits of an analysis: contrasts, spreads of runs, wider errors."""
+"""What follows from all fits of an analysis: contrasts, and the effects of factors."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from operator import attrgetter
+from dataclasses import dataclass
 
 from pilotid.analysis.analyse import Analysis
 from pilotid.analysis.contrasts import Contrast, contrasts, split_pairs, within_fits
 from pilotid.analysis.factors import Effect, effects
-from pilotid.analysis.recordings import Excluded
 from pilotid.analysis.rows import CONDITION, SUBJECT, Chosen, Row
-from pilotid.analysis.spread import (
-    ConditionSpread,
-    RunSpread,
-    condition_spreads,
-    run_spreads,
-    with_variation,
-)
 from pilotid.support.types import InputError
 
 #: Columns of contrasts.csv behind those of the stratum's fields.
@@ -34,24 +25,10 @@ FACTOR_COLUMNS = (
     *("method", "parameter", "unit", "effect", "subjects", "F", "df1", "df2", "p", "epsilon"),
     *("p_corrected", "eta_squared", "notes"),
 )
-#: Columns of the table of spreads from run to run.
-SPREAD_COLUMNS = (
-    *("file", "condition", "model", "method", "parameter", "unit", "runs", "ratio"),
-    *("ratio_lower_95", "ratio_upper_95", "ratio_p", "between_runs", "value", "claimed_error"),
-    *("std_error", "lower_95", "upper_95", "notes"),
-)
-#: Where columns are found that are not called like what they hold.
-PLACES = {
-    "F": "f",
-    "ratio": "ratio.value",
-    "ratio_lower_95": "ratio.lower",
-    "ratio_upper_95": "ratio.upper",
-    "ratio_p": "ratio.p",
-}
 
 
 def table_of(
-    lines: Sequence[Contrast | RunSpread | Effect], columns: Sequence[str]
+    lines: Sequence[Contrast | Effect], columns: Sequence[str]
 ) -> tuple[list[str], list[list[object]]]:
     """A table for a CSV file, behind the fields of the strata; several notes are one text."""
     fields = list(dict.fromkeys(name for line in lines for name, _ in line.stratum))
@@ -66,7 +43,7 @@ def table_of(
 
 
 def _cell(line: object, column: str) -> object:
-    value = attrgetter(PLACES.get(column, column.removesuffix("_95")))(line)
+    value = getattr(line, "f" if column == "F" else column.removesuffix("_95"))
     if column == "notes":
         return " | ".join(value)
     return len(value) if isinstance(value, tuple) else value
@@ -85,15 +62,10 @@ class Results:
         recordings were fitted with the same models.
     rows, loops
         Every quantity of every recording and fit, and of the fit's loops.
-    wider
-        The fits of all runs together, with errors that include the variation from run to run;
-        empty where runs were not fitted one by one.
     contrasts
         Conditions compared in pairs.
     effects
         Effects of the factors that conditions are combinations of.
-    spreads, by_condition
-        Runs compared, of each recording and over subjects.
     notes
         What could not be worked out, a sentence each.
     """
@@ -102,17 +74,14 @@ class Results:
     chosen: Chosen | None
     rows: Sequence[Row]
     loops: Sequence[Row]
-    wider: Sequence[Row]
     contrasts: Sequence[Contrast]
     effects: Sequence[Effect]
-    spreads: Sequence[RunSpread]
-    by_condition: Sequence[ConditionSpread]
     notes: Sequence[str]
 
     @property
     def shown(self) -> Sequence[Row]:
-        """Fits of all runs together, with the wider errors where they are known."""
-        return self.wider or [row for row in (*self.rows, *self.loops) if row.run is None]
+        """Fits of all runs together."""
+        return [row for row in (*self.rows, *self.loops) if row.run is None]
 
 
 def results_of(analysis: Analysis) -> Results:
@@ -125,9 +94,7 @@ def results_of(analysis: Analysis) -> Results:
     """
     seen, rows, loops = analysis.performance, analysis.rows, analysis.loop_rows
     pairs = analysis.settings.pairs
-    spreads = run_spreads([*rows, *loops])
     both = [*seen, *rows, *loops]
-    whole = [row for row in both if row.run is None]
     notes: list[str] = []
     differences: list[Contrast] = []
     crossed: list[Effect] = []
@@ -145,7 +112,6 @@ def results_of(analysis: Analysis) -> Results:
         )
     else:
         between, within = split_pairs(both, pairs)
-        both += excluded_rows(both, analysis.settings.excluded)
         if between or not within:
             differences = contrasts(both, between, chosen, analysis.settings.known)
         differences += within_fits(both, within, chosen)
@@ -155,27 +121,10 @@ def results_of(analysis: Analysis) -> Results:
         chosen=chosen,
         rows=[*seen, *rows],
         loops=loops,
-        wider=with_variation(whole, spreads) if spreads else [],
         contrasts=differences,
         effects=crossed,
-        spreads=spreads,
-        by_condition=condition_spreads(spreads),
         notes=notes,
     )
-
-
-def excluded_rows(rows: Sequence[Row], excluded: Sequence[Excluded]) -> list[Row]:
-    """Rows without values of the recordings that the user left out, which say why."""
-    found: dict[tuple[object, ...], Row] = {}
-    for own in excluded:
-        fields = own.part.fields
-        for row in rows:
-            here = [pair for pair in row.fields if pair[0] != SUBJECT]
-            if row.run is None and here == [pair for pair in fields if pair[0] != SUBJECT]:
-                found[fields, row.model, row.method, row.parameter] = replace(
-                    row, file=own.part.name, fields=fields, outcome=own.fault, usable=False
-                )
-    return list(found.values())
 
 
 def _chosen(analysis: Analysis) -> Chosen:

@@ -18,11 +18,8 @@ from typing import Annotated, NoReturn, TextIO
 
 import typer
 
-from pilotid.cli import options, people, studies
-from pilotid.cli.analyse import analyse
-from pilotid.cli.check import check
-from pilotid.cli.design import design
-from pilotid.cli.posterior import posterior
+from pilotid.cli import options, studies
+from pilotid.cli.commands import analyse, check, design, posterior
 from pilotid.cli.running import STATUS, announce, heeding_interruptions
 from pilotid.estimates.applicability import refusal
 from pilotid.estimates.fitted import Fitted, fit_all
@@ -262,6 +259,6 @@ def _fitted(
 
 for command in (
     *(simulate, fit, check, posterior, analyse, design, studies.compare, studies.trust),
-    *(studies.report, studies.compare_studies, people.fetch_data),
+    *(studies.report, studies.compare_studies, studies.fetch_data),
 ):
     app.command()(options.as_command(command))

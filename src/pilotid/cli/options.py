@@ -88,7 +88,6 @@ MEANINGS: dict[str, tuple[str, str]] = {
     ),
     "fix": ("fnm=12,dnm=.1..0.5", "Parameters held at a value, or searched between others."),
     "start": ("Kvis=0.2,tlead=1.5", "Initial guesses."),
-    "white": ("", "Take the residual for white, as AIAA 2008-7109 does."),
     # Work and results.
     "seed": ("", "Seed of all random numbers."),
     "workers": ("", "Processes; default: one for each processor."),
@@ -137,7 +136,6 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "per_run": ("", "Also fit each run separately."),
     "left_out": ("", "Leave-one-run-out cross-validation."),
     "exclude": ("subject=6,condition=C4", "Recordings to leave out; repeat."),
-    "because": ("WHY", "Why these are excluded, for the report."),
     "factors": (
         "'motion=C1,C2:off;C3,C4:on;...'|F.csv",
         "Factors that conditions are combinations of, for an analysis of variance.",

@@ -16,7 +16,7 @@ from pilotid.support.terminal import make_console
 
 if TYPE_CHECKING:
     from pilotid.recordings.recording import Recording
-    from pilotid.study.entries import Result
+    from pilotid.study.store import Result
 
 
 SECONDS_A_SAMPLE = 2e-4  # of a fit by mle: 160 s for 24 h at 10 Hz

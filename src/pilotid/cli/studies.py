@@ -1,7 +1,9 @@
-"""The commands on studies: `compare`, `trust`, `report` and `compare-studies`."""
+"""The commands on studies: `compare`, `trust`, `report`, `compare-studies` and `fetch-data`."""
 
 from __future__ import annotations
 
+import shlex
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,10 +11,12 @@ from typing import TYPE_CHECKING
 import typer
 
 from pilotid.cli import options
+from pilotid.datasets.people import PEOPLE, fetch, recordings_in
 from pilotid.pilot.catalogue import AUTO
 from pilotid.pilot.element import element_named
 from pilotid.recordings.files import Reading, load_recording, read_with
 from pilotid.support import disk
+from pilotid.support.document import Bullets, Text, print_blocks
 from pilotid.support.numbers import DEFAULT_SEED
 from pilotid.support.terminal import make_console, show_page
 from pilotid.support.types import InputError
@@ -56,8 +60,6 @@ def compare(
                 "--people takes recordings in place of simulations: leave --scenario, --like, "
                 "--replications and --scheduler out"
             )
-        from pilotid.cli.people import compare_people
-
         compare_people(people, method, seed=seed, workers=workers, force=force, out=out)
         return
     if profile not in PROFILES:
@@ -99,7 +101,6 @@ def report(folder: Path, *, out: Path | None = None, force: bool = False) -> Non
 def _finish(folder: Path, store: Store, *, plot: bool = False) -> None:
     from pilotid.report.study import compared, overview, write_report
     from pilotid.study.comparison import comparison_of
-    from pilotid.support.document import Bullets, print_blocks
 
     study = comparison_of(store)
     study.write_tables(folder)
@@ -112,8 +113,8 @@ def _finish(folder: Path, store: Store, *, plot: bool = False) -> None:
 
 def compare_studies(first: Path, second: Path) -> None:
     """Ratios of losses on the recordings of two studies, the second over the first."""
-    from pilotid.study.changes import Change, find_changes, read_study
-    from pilotid.support.document import Bullets, Column, Table, print_blocks
+    from pilotid.study.comparison import Change, find_changes, read_study
+    from pilotid.support.document import Column, Table
 
     found, left_out = find_changes(read_study(first), read_study(second))
     columns: list[Column[Change]] = [
@@ -161,9 +162,8 @@ def trust(
     from pilotid.datasets.named import model_place
     from pilotid.methods import methods
     from pilotid.report.study import overview, write_report
-    from pilotid.report.trust import advice, trust_table
+    from pilotid.report.study_tables import advice, trust_table
     from pilotid.study.trust import TRUST, UNKNOWN, trial_of
-    from pilotid.support.document import Bullets, print_blocks
 
     disk.require_folder(out, TABLES, read_with(files), force=force)
     recordings, _ = reading.all(files, joint=len(files) > 1)
@@ -180,3 +180,65 @@ def trust(
     written = f"scenario and numbers: {out / TRUST}, report: {page}"
     sentences = Bullets([*words, *advice(told), UNKNOWN, written])
     print_blocks(make_console(), *tables, trust_table(told), sentences)
+
+
+#: Methods that are compared on people where none is named.
+USUAL = ("mle", "mle-white", "mle-reference", "fourier", "arx", "mmle3")
+
+
+def fetch_data(name: str | None = None, *, source: Path | None = None) -> None:
+    """Fetch published recordings of people into the user's cache, or list them."""
+    console = make_console()
+    folder = None if name is None else fetch(name, source)
+    for people in PEOPLE.values():
+        if name in (None, people.name):
+            facts = vars(people).items()
+            told = [f"{fact}: {text}" for fact, text in facts if text and fact != "name"]
+            print_blocks(console, Text(people.name, "heading"), Bullets(told))
+    if name is None or folder is None:
+        return
+    people = PEOPLE[name]
+    given = ["--pattern", people.pattern, "--model", people.model]
+    given += ["--map", people.mapping] * bool(people.mapping)
+    given += ["--dt", people.dt] * bool(people.dt)
+    files = f"{shlex.quote(str(folder))}/{people.files}"  # which the shell expands
+    command = f"pilotid analyse {files} {shlex.join(given)} --out results/{name}"
+    print_blocks(console, Text(f"The files are in {folder}:"), Text(command))
+
+
+def compare_people(
+    name: str,
+    method: Sequence[str] | None,
+    *,
+    seed: int,
+    workers: int | None,
+    force: bool,
+    out: Path,
+) -> None:
+    """Compare methods on published recordings, by the runs that they predict."""
+    from pilotid.analysis.experiment import analyse
+    from pilotid.analysis.report_tables import left_out_table
+
+    methods = options.methods_of(method, USUAL)
+    folder = fetch(name)
+    people = PEOPLE[name]
+    with options.resumable(out):
+        found = analyse(
+            recordings_in(folder, name),
+            people.pattern,
+            [people.model],
+            list(methods.values()),
+            out=out,
+            left_out=True,
+            reading=Reading(
+                (people.mapping,) if people.mapping else (),
+                float(people.dt) if people.dt else None,
+            ),
+            seed=seed,
+            workers=workers,
+            force=force,
+        )
+    report = found.write(f"pilotid compare --people {name}")
+    table = left_out_table(found.results.analysis.left_out)
+    print_blocks(make_console(), table, Bullets([f"report: {report}"]))
+    options.raise_refused(found.refused)

@@ -14,7 +14,7 @@ from pilotid.estimates.fitted import Fitted
 from pilotid.estimates.parts import FrequencyResponse
 from pilotid.estimates.quantities import Quantity
 from pilotid.pilot.element import ControlledElement, parsed_element
-from pilotid.show import panels
+from pilotid.show import plots
 from pilotid.show.responses import BANDS
 from pilotid.show.spectra import RESIDUALS
 from pilotid.show.style import leading
@@ -229,11 +229,11 @@ def figures_of(
             f"({chosen.method}) to the recorded inputs with 95 % of its remnant about it; below, "
             "what each method leaves."
         )
-        yield Figure("time", panels.time_figure(recording, shown, chosen), caption)
+        yield Figure("time", plots.time_figure(recording, shown, chosen), caption)
     if shown or first_steps:
         either = [e for e in fit.estimates if e in shown or e in first_steps]
         behind = None if first_steps else points
-        figure = panels.response_figure(either, truth, points=behind, units=recording.units)
+        figure = plots.response_figure(either, truth, points=behind, units=recording.units)
         yield Figure("describing-function", figure, _response_words(either, first_steps, behind))
     if chosen is None:
         return
@@ -246,9 +246,9 @@ def figures_of(
             f"{plant.name or 'given'}, with 95 % bands: that which the target sees and that which "
             "the disturbance sees. Marks: first crossovers; bars: phase margins."
         )
-        yield Figure("open-loop", panels.open_loop_figure(chosen, plant), caption)
+        yield Figure("open-loop", plots.open_loop_figure(chosen, plant), caption)
     modelled = [e for e in shown if e.remnant is not None] or [chosen]
-    yield Figure("remnant", panels.remnant_figure(recording, modelled), _remnant_words(modelled))
+    yield Figure("remnant", plots.remnant_figure(recording, modelled), _remnant_words(modelled))
     if chosen.band is not None:
         caption = (
             "Spectra of what the pilot acts on and of the control (running medians over the "
@@ -257,7 +257,7 @@ def figures_of(
         )
         if chosen.band.element:
             caption += f" The loop of the likelihood is closed by {chosen.band.element}."
-        yield Figure("band", panels.band_figure(recording, chosen), caption)
+        yield Figure("band", plots.band_figure(recording, chosen), caption)
     by = (
         "its own model of the remnant"
         if chosen.remnant
@@ -269,14 +269,14 @@ def figures_of(
         f"correlation with {inputs} some time before (shaded: after, which the loop explains), and "
         "their distribution against a normal one. Dashed: 95 % of white errors lie within."
     )
-    yield Figure("residual-tests", panels.whiteness_figure(recording, chosen), caption)
+    yield Figure("residual-tests", plots.whiteness_figure(recording, chosen), caption)
     known = [e for e in shown if np.isfinite(e.covariance).all() and len(e.values) > 1]
     for begin in range(0, len(known), MATRICES):
         some = known[begin : begin + MATRICES]
         number = f"-{1 + begin // MATRICES}" if begin else ""
         names = listed([e.method for e in some])
         caption = f"Correlations of errors, claimed by {names}: the darker, the stronger."
-        yield Figure(f"correlations{number}", panels.correlation_figure(some), caption)
+        yield Figure(f"correlations{number}", plots.correlation_figure(some), caption)
 
 
 def _response_words(

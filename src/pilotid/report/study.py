@@ -10,7 +10,6 @@ from typing import Any
 
 from pilotid.naming.settings import shown
 from pilotid.report import study_figures as figures
-from pilotid.report.paper import paper_of, paper_sections
 from pilotid.report.study_tables import (
     RECORDER,
     VIOLATION,
@@ -22,10 +21,11 @@ from pilotid.report.study_tables import (
     mean_loss,
     ranked,
     ranking,
+    read_trust,
     recorder_table,
     remark_table,
+    trust_section,
 )
-from pilotid.report.trust import read_trust, trust_section
 from pilotid.study.comparison import ALL, Comparison, MethodResults, loss_ratios
 from pilotid.study.judge import RULES, USABLE, judge, sentence
 from pilotid.study.scores import EFFICIENT, loss_text
@@ -173,9 +173,8 @@ def report_sections(study: Comparison) -> list[Section]:
     return [
         _summary(study),
         *_recorders(study, names),
-        *(_scenario(study, name) for name in names),
+        *(_scenario(study, name) for name in study.names),
         *_trends(study),
-        *paper_sections(study),
         failures(study),
         provenance(study),
     ]
@@ -219,9 +218,10 @@ def _scenario(study: Comparison, name: str) -> Section:
     remnant = f"; remnant {100 * power:.0f} % of the control's power" if power == power else ""
     what = f"{entry.description[:1].upper()}{entry.description[1:]}{remnant}"
     blocks: list[Block] = [Text(f"{what}; model {entry.model}.")]
-    if len(compared(study)) > OPEN and name != _reference(compared(study)):
+    names = compared(study)
+    if name in names and len(names) > OPEN and name != _reference(names):
         blocks.append(ranking(cells))
-    if len(compared(study)) > 1:
+    if name in names and len(names) > 1:
         blocks.append(Bullets([sentence(cell.method, cell.scores) for cell in ranked(cells)]))
     if entry.family in (RECORDER, VIOLATION):
         blocks.append(remark_table(cells))
@@ -239,21 +239,16 @@ def details(cells: Sequence[MethodResults], key: str) -> list[Block]:
         blocks = _population(key, usable)
     elif usable:
         blocks = [_errors(key, usable)]
-    return [*blocks, all_numbers(cells, paper_of(entry))]
+    return [*blocks, all_numbers(cells)]
 
 
 def _errors(key: str, cells: Sequence[MethodResults]) -> Figure:
-    name, paper = cells[0].scenario.name, paper_of(cells[0].scenario)
-    beside = (
-        f"; the crosses are {figures.PAPER}, Fig. 3 (10 runs, ± standard deviation)"
-        if paper
-        else ""
-    )
+    name = cells[0].scenario.name
     return Figure(
         f"errors-{key}",
-        figures.errors(cells, paper),
+        figures.errors(cells),
         f"Scenario {name}: mean error, standard deviation and claimed standard error beside the "
-        f"Cramér-Rao bound{beside}. Each panel has its own scale; a triangle marks a method whose "
+        f"Cramér-Rao bound. Each panel has its own scale; a triangle marks a method whose "
         f"mean error lies outside it. {NUMBERS}",
         f"Mean error and scatter of each parameter by each method in scenario {name}",
     )
@@ -326,7 +321,7 @@ def _trends(study: Comparison) -> list[Section]:
         if len(known) < 2:
             continue
         labels = (path, "rmse [% of true value]")
-        figure = figures.sweep(study, known, lambda s: s.rmse, labels, log=True)
+        figure = figures.sweep(study, known, labels)
         alt = f"Root mean square error by parameter and method over {path}"
         caption = f"Root mean square error and Cramér-Rao bound over `{path}`. {NUMBERS}"
         blocks.append(Figure(f"trend-{family}", figure, caption, alt))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -20,7 +20,6 @@ from pilotid.show.style import (
     marker_of,
 )
 from pilotid.study.comparison import Comparison, MethodResults, Score
-from pilotid.study.scores import Mean
 from pilotid.support.numbers import Z95
 from pilotid.support.types import FloatArray
 
@@ -28,8 +27,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-PAPER = "AIAA 2008-7109"
 COLUMNS = 4
+#: Multiple of the typical method's reach at which an axis of errors ends at the latest.
+MOST = 4.0
 BOUND = "#c9ced6"
 #: Coverage [%] that is as good as it can be asked for, and the lowest that an axis shows.
 BAND, LOWEST = (93.5, 96.5), 60.0
@@ -58,9 +58,7 @@ def panelled(
         yield figure, panels[: len(titles)], panels[len(titles)]
 
 
-def limits(
-    ranges: Sequence[tuple[float, float]], floor: float, most: float = 4.0
-) -> tuple[float, float]:
+def limits(ranges: Sequence[tuple[float, float]], floor: float) -> tuple[float, float]:
     """Ends of an axis that shows zero and most methods, where some are far off.
 
     Parameters
@@ -69,13 +67,11 @@ def limits(
         What each method would like to see.
     floor
         Distance from zero that is always seen, for example the bound; NaN for none.
-    most
-        Multiple of the typical method's reach at which the axis ends at the latest.
     """
     ends = np.array([r for r in ranges if np.isfinite(r).all()]).reshape(-1, 2)
     floor = 1.2 * floor if math.isfinite(floor) else 0.0
     reaches = np.sort(np.max(np.abs(ends), axis=1))
-    reach = max(most * float(reaches[len(ends) // 2]), floor) if len(ends) else floor
+    reach = max(MOST * float(reaches[len(ends) // 2]), floor) if len(ends) else floor
     low = max(min([*ends[:, 0], -floor]), -reach)
     high = min(max([*ends[:, 1], floor]), reach)
     room = 0.06 * (high - low) or 1.0
@@ -96,28 +92,19 @@ def _is_outside(axes: Axes, row: float, value: float, colour: str) -> bool:
     return True
 
 
-def errors(
-    cells: Sequence[MethodResults],
-    paper: Sequence[tuple[float, float]] = (),
-    *,
-    dots: bool = False,
-) -> Figure:
+def errors(cells: Sequence[MethodResults]) -> Figure:
     """Mean error, scatter and claimed standard error beside the bound, by parameter and method.
 
     Parameters
     ----------
     cells
         Methods in one scenario.
-    paper
-        Bias and standard deviation that `PAPER` gives for each parameter [%].
-    dots
-        Whether each fit is a dot, in place of the claimed standard error.
     """
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     every = [cell.percent for cell in cells]
-    labels = [c.method for c in cells] + ([PAPER] if paper else [])
+    labels = [c.method for c in cells]
     colours = [colour_of(cell.method) for cell in cells]
     # The legend needs some inches, too.
     height = max(1.35, 0.62 + 0.155 * len(labels))
@@ -132,31 +119,20 @@ def errors(
             bias, error, std, claimed = np.array(
                 [(*s.bias, s.std.value, s.claimed) for s in own], dtype=float
             ).T
-            beside = np.array(paper[index : index + 1], dtype=float).reshape(-1, 2)
             reach = np.nan_to_num(np.fmax(std, claimed))
-            middles, reaches = np.append(bias, beside[:, 0]), np.append(reach, beside[:, 1])
-            ranges = np.stack([middles - reaches, middles + reaches], axis=1)
+            ranges = np.stack([bias - reach, bias + reach], axis=1)
             axes.set_xlim(*limits([(low, high) for low, high in ranges], bound))
             rows = np.array([
                 row for row, value in enumerate(bias)
                 if not _is_outside(axes, row, value, colours[row])
             ], dtype=int)  # fmt: skip
             own_colours = [colours[row] for row in rows]
-            if not dots:
-                _draw_bars(axes, rows, bias[rows], claimed[rows], own_colours, 5.0, alpha=0.45)
+            _draw_bars(axes, rows, bias[rows], claimed[rows], own_colours, 5.0, alpha=0.45)
             _draw_bars(axes, rows, bias[rows], std[rows], own_colours)
             _draw_bars(axes, rows, bias[rows], Z95 * error[rows], INK, cap=4.4)
             for row in rows:
-                if dots:
-                    ends = cells[row].errors[:, index]
-                    axes.plot(ends, np.full(ends.size, row + 0.25), ".", color=colours[row],
-                              markersize=2.5, alpha=0.6)  # fmt: skip
                 axes.plot(bias[row], row, marker_of(cells[row].method), color=colours[row],
                           markersize=4.0, markeredgecolor="white", markeredgewidth=0.4)  # fmt: skip
-            for value, spread in beside:
-                _draw_bars(axes, np.array([len(cells)]), value, spread, "black")
-                axes.plot(value, len(cells), "x", color="black", markersize=4.5)
-                _is_outside(axes, len(cells), value, "black")
             axes.locator_params(axis="x", nbins=5)
             for row, cell in enumerate(cells):
                 if not cell.usable:
@@ -173,8 +149,6 @@ def errors(
             Line2D([], [], color=INK, marker="|", markersize=5, linewidth=1,
                    label="its 95 % interval\n(Monte Carlo)"),
             Line2D([], [], color=grey, linewidth=1, label="± standard deviation"),
-            Line2D([], [], color=grey, marker=".", markersize=3, linewidth=0, label="each fit")
-            if dots else
             Line2D([], [], color=grey, alpha=0.45, linewidth=5,
                    label="± claimed standard\nerror (mean)"),
             Patch(color=BOUND, linewidth=0, label="± Cramér-Rao bound"),
@@ -205,13 +179,11 @@ def _draw_bars(
 def sweep(
     study: Comparison,
     points: Sequence[tuple[str, float]],
-    value: Callable[[Score], Mean],
     labels: tuple[str, str],
-    *,
-    log: bool = False,
-    tick: Callable[[str, float], str] = lambda _, x: f"{x:.3g}",
 ) -> Figure:
-    """A score over what a family of scenarios varies: a panel a parameter, a line a method.
+    """Errors over what a family of scenarios varies, beside the bound.
+
+    A panel a parameter, a line a method, all axes logarithmic.
 
     Parameters
     ----------
@@ -219,67 +191,41 @@ def sweep(
         The study's numbers.
     points
         Scenarios and where they lie on the abscissa.
-    value
-        What is drawn, with its Monte Carlo standard error.
     labels
         Of abscissa and ordinate, with units.
-    log
-        Whether both axes are logarithmic, with the bound for reference.
-    tick
-        Label of a scenario on the abscissa.
     """
     points = sorted(points, key=lambda point: point[1])
     few = points if len(points) <= 5 else [points[i] for i in (0, len(points) // 2, -1)]
     keys = [p.parameter for p in study.entry(points[0][0]).parameters]
     with panelled(keys, 1.75, labels) as (figure, panels, spare):
         for index, axes in enumerate(panels):
-            if log:
-                axes.set(xscale="log", yscale="log")
-                bounds = [study.of(name)[0].percent[index].bound for name, _ in points]
-                axes.plot([x for _, x in points], bounds, color=INK, linestyle="--",
-                          linewidth=0.8, zorder=0)  # fmt: skip
-            else:
-                axes.axhline(0.0, color=INK, linewidth=0.6)
-            curves = {}
+            axes.set(xscale="log", yscale="log")
+            bounds = [study.of(name)[0].percent[index].bound for name, _ in points]
+            axes.plot([x for _, x in points], bounds, color=INK, linestyle="--",
+                      linewidth=0.8, zorder=0)  # fmt: skip
             for place, method in enumerate(study.methods):
                 found = [
-                    (x, *value(cell.percent[index]))
+                    (x, *cell.percent[index].rmse)
                     for scenario, x in points
                     if (cell := study.at(scenario, method)) is not None and cell.usable
                 ]
-                curve = curves[method] = np.array(found, dtype=float).reshape(-1, 3)
-                _draw_curve(axes, curve, method, place - 0.5 * (len(study.methods) - 1), log=log)
-            axes.set_xticks([x for _, x in few], [tick(*point) for point in few])
+                curve = np.array(found, dtype=float).reshape(-1, 3)
+                _draw_curve(axes, curve, method, place - 0.5 * (len(study.methods) - 1))
+            axes.set_xticks([x for _, x in few], [f"{x:.3g}" for _, x in few])
             axes.minorticks_off()
-            if log:
-                log_ticks(axes, "y")
-            else:
-                _limit_curves(axes, curves)
-        _add_legend(spare, study.methods, "bound" if log else "")
+            log_ticks(axes, "y")
+        _add_legend(spare, study.methods, "bound")
     return figure
 
 
-def _draw_curve(axes: Axes, curve: FloatArray, method: str, place: float, *, log: bool) -> None:
+def _draw_curve(axes: Axes, curve: FloatArray, method: str, place: float) -> None:
     """A method's line; a little beside the others, so that its bars are seen."""
     x, y, error = curve.T
-    x = x * 1.02**place if log else x + place * 0.004
+    x = x * 1.02**place
     reach = Z95 * np.nan_to_num(error)
-    bars = np.array([np.minimum(reach, 0.9 * np.abs(y)) if log else reach, reach])
+    bars = np.array([np.minimum(reach, 0.9 * np.abs(y)), reach])
     axes.errorbar(x, y, bars, color=colour_of(method), marker=marker_of(method), markersize=3.2,
                   linewidth=0.9, elinewidth=0.7)  # fmt: skip
-
-
-def _limit_curves(axes: Axes, curves: Mapping[str, FloatArray]) -> None:
-    """Limits that show most methods; a triangle stands for a point outside."""
-    ends = [curve[:, 1:2] + Z95 * np.nan_to_num(curve[:, 2:]) * (-1.0, 1.0)
-            for curve in curves.values() if len(curve)]  # fmt: skip
-    axes.set_ylim(*limits([(float(own.min()), float(own.max())) for own in ends], math.nan, 3.0))
-    low, high = axes.get_ylim()
-    for method, curve in curves.items():
-        for x, y, _ in curve:
-            if not low <= y <= high:
-                axes.plot(x, min(max(y, low), high), "^" if y > high else "v", markersize=4,
-                          color=colour_of(method), clip_on=False)  # fmt: skip
 
 
 def cost(cells: Sequence[MethodResults]) -> Figure:

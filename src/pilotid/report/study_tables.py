@@ -1,11 +1,13 @@
-"""Tables of a study."""
+"""Tables of a study, and what `trust.json` says of a fit."""
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,11 +15,12 @@ import numpy as np
 from pilotid.estimates.estimate import Outcome
 from pilotid.estimates.quantities import symbol
 from pilotid.study.comparison import ALL, Comparison, MethodResults, Score, loss_ratios
-from pilotid.study.entries import Result
 from pilotid.study.judge import EFFICIENT, FEWEST, USABLE, judge
 from pilotid.study.scores import Interval, loss_text
-from pilotid.support.document import Column, LogAxis, Table, table_of
-from pilotid.support.numbers import number, percent, plus_minus, share, signed, unsigned
+from pilotid.study.store import Result
+from pilotid.study.trust import TRUST
+from pilotid.support.document import Block, Bullets, Column, LogAxis, Section, Table, Text, table_of
+from pilotid.support.numbers import NONE, number, percent, plus_minus, share, unsigned
 
 VIOLATION = "violation"  # family of the scenarios that violate an assumption
 RECORDER = "recorder"  # family of the scenarios whose recorder is faulty
@@ -292,14 +295,9 @@ def _rows(cells: Sequence[MethodResults]) -> list[Row]:
     ]
 
 
-def all_numbers(
-    cells: Sequence[MethodResults], paper: Sequence[tuple[float, float]] = ()
-) -> Table[Row]:
+def all_numbers(cells: Sequence[MethodResults]) -> Table[Row]:
     """All scores of a scenario: a row for each parameter and method."""
     entry = cells[0].scenario
-
-    def of_paper(which: int) -> Callable[[Row], float | None]:
-        return lambda r: (paper[r.place][which] or None) if paper else None
 
     def shape(title: str, name: str, hint: str, form: Callable[..., str] = unsigned) -> Column[Row]:
         """A score of the distribution of errors, which only a population has."""
@@ -325,32 +323,12 @@ def all_numbers(
         Column("wrong optima", lambda r: (r.score.wrong, r.score.optima), of, "where it is known"),
         Column("common end", common_end, of, "starts within a tenth of the bound of the median"),
         Column("bias %", lambda r: r.score.bias, plus_minus, "of the true value"),
-        Column("paper: bias %", of_paper(0), signed, paper=True),
         Column("std %", lambda r: r.score.std, unsigned, "standard deviation"),
-        Column("paper: std %", of_paper(1), "{:g}".format, paper=True),
         Column("claimed %", lambda r: r.score.claimed, number, "mean standard error"),
         Column("posterior %", lambda r: r.score.posterior, number, "mean spread"),
         Column("bound %", lambda r: r.score.bound, number, "of Cramér and Rao"),
     ]
     return Table(f"`{entry.name}`: all numbers", columns, _rows(cells), heads=2, folded=True)
-
-
-def bias_table(
-    study: Comparison, scenarios: Sequence[str], paper: Mapping[str, Sequence[float]], caption: str
-) -> Table[Any]:
-    """Bias [%] in some scenarios, a column for the paper, by scenario, and one for each method."""
-    rows = []
-    for name in scenarios:
-        cells = [study.at(name, method) for method in study.methods]
-        for i, known in enumerate(study.entry(name).parameters):
-            own = (cell.percent[i].bias if cell else None for cell in cells)
-            rows.append((name, known.parameter, paper[name][i] if name in paper else None, *own))
-    hint = "bias % with its Monte Carlo error"
-    heads = [
-        *(("scenario",), ("parameter",), ("paper: bias %", signed, "", None, True)),
-        *((method, plus_minus, hint) for method in study.methods),
-    ]
-    return table_of(caption, heads, rows, 2)
 
 
 def failure_table(study: Comparison) -> Table[Any]:
@@ -381,3 +359,59 @@ def _commonest(results: Sequence[Result]) -> str:
     if len(common) > 3:
         words.append(f"and {sum(count for _, count in common[3:])} more")
     return "; ".join(words)
+
+
+def read_trust(folder: Path) -> dict[str, Any] | None:
+    """The `trust.json` of a folder; None where there is none, or none that is complete."""
+    try:
+        told = json.loads((folder / TRUST).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return told if isinstance(told, dict) and "parameters" in told else None
+
+
+def trust_table(told: Mapping[str, Any]) -> Table[Any]:
+    """Claimed and corrected intervals, bias and coverage of each parameter."""
+
+    def known(held: Any) -> Any:
+        if isinstance(held, list):
+            return tuple(map(known, held))
+        return math.nan if held is None else held
+
+    def between(low: float, high: float) -> str:
+        return f"{number(low)} to {number(high)}" if math.isfinite(low) else NONE
+
+    parameters = [
+        {name: known(value) for name, value in own.items()} for own in told["parameters"].values()
+    ]
+    rows = [
+        (
+            *(f"{p['parameter']} {p['unit']}".strip(), p["value"]),
+            *(p["interval_95"], p["corrected_95"], (p["factor"], 2)),
+            *(p["bias"], p["bias_claimed"], (p["coverage"], p["coverage_95"])),
+        )
+        for p in parameters
+    ]
+    heads = [
+        *(("parameter",), ("value", number)),
+        ("claimed 95 %", between, "as the method gives it"),
+        ("corrected 95 %", between, "so that 95 % hold the truth here"),
+        ("length times", number),
+        ("bias", plus_minus, "mean error on simulations, with its own error"),
+        ("bias / claim", plus_minus, "in claimed standard errors"),
+        ("coverage %", share, "of the claimed intervals, with its 95 % interval"),
+    ]
+    return table_of(f"`{told['method']}` on pilots like this one, {Path(told['recording']).name}",
+                    heads, rows)  # fmt: skip
+
+
+def advice(told: Mapping[str, Any]) -> list[str]:
+    """What to do about the intervals of the fit, in sentences."""
+    sound = f"The intervals of {told['method']} cover 95 % here, within Monte Carlo error."
+    return told["sentences"] or [sound]
+
+
+def trust_section(told: Mapping[str, Any]) -> Section:
+    """The section in front of the comparison."""
+    blocks: list[Block] = [Bullets(advice(told)), trust_table(told), Text(told["unknown"])]
+    return Section("trust", "What the fit is worth", blocks)

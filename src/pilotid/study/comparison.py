@@ -18,20 +18,20 @@ import numpy as np
 
 from pilotid.estimates.estimate import Outcome
 from pilotid.study import scores
-from pilotid.study.entries import (
+from pilotid.study.scores import Interval, Mean
+from pilotid.study.store import (
     Draw,
     MethodEntry,
     ParameterTruth,
     Result,
     ScenarioEntry,
+    Store,
     Stratum,
     strata_of,
 )
-from pilotid.study.scores import Interval, Mean
-from pilotid.study.store import Store
 from pilotid.support.disk import table_bytes, write_file
 from pilotid.support.numbers import Z95
-from pilotid.support.types import BoolArray, FloatArray
+from pilotid.support.types import BoolArray, FloatArray, InputError
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -360,18 +360,12 @@ class MethodResults:
         return np.sort((error / np.where(claimed > 0.0, claimed, math.nan))[claimed > 0.0])
 
     @property
-    def errors(self) -> FloatArray:
-        """Errors of the fits that count, in % of the true values, shape (fits, parameters)."""
-        known = self.numbers
-        return np.asarray(100.0 * (known.value / known.truth - 1.0)[self.counted])
-
-    @property
     def agreeing(self) -> int:
         """Fits that end in the common optimum: within a tenth of the bound of the median end.
 
         Where a bound is missing, within 0.1 % of the truth.
         """
-        ends = self.errors
+        ends = 100.0 * (self.numbers.value / self.numbers.truth)[self.counted]
         if not len(ends):
             return 0
         bounds = np.array([s.percent.bound for s in self.scores[1:]])
@@ -575,3 +569,58 @@ def comparison_of(store: Store) -> Comparison:
     )
     methods = {label: entry for label, entry in store.methods().items() if label in present}
     return Comparison(cells, methods, store.about(), store.path.parent)
+
+
+class Change(NamedTuple):
+    """The loss of one parameter, or of all, in the second study over that in the first."""
+
+    scenario: str
+    method: str
+    parameter: str
+    ratio: Interval
+
+
+def read_study(folder: Path) -> Comparison:
+    """The study that `pilotid compare` wrote to a folder."""
+    with Store(folder) as store:
+        return comparison_of(store)
+
+
+def find_changes(first: Comparison, second: Comparison) -> tuple[list[Change], list[str]]:
+    """Ratios of losses on the recordings that both studies have, and what is left out.
+
+    Raises
+    ------
+    InputError
+        If the studies have no recordings in common.
+    """
+    seeds = [study.about.get("seed", "?") for study in (first, second)]
+    if seeds[0] != seeds[1]:
+        raise InputError(
+            f"{second.folder}: has the seed {seeds[1]} and other recordings than {first.folder} "
+            f"(seed {seeds[0]}); set the columns `loss` of both summary.csv side by side"
+        )
+    found, unlike = [], {}
+    for ours in first.cells:
+        theirs = second.at(ours.scenario.name, ours.method)
+        if theirs is None:
+            continue
+        if why := _difference(ours, theirs):
+            unlike[ours.scenario.name] = f"{ours.scenario.name} is left out: {why}"
+            continue
+        ratios = loss_ratios(theirs, ours).items()
+        found += [Change(ours.scenario.name, ours.method, *own) for own in ratios]
+    if not found:
+        told = "; ".join(["", *unlike.values()])
+        raise InputError(f"{second.folder}: has no fits of the recordings of {first.folder}{told}")
+    return found, list(unlike.values())
+
+
+def _difference(ours: MethodResults, theirs: MethodResults) -> str:
+    """Why two fits of scenarios of one name are not of the same recordings; empty if they are."""
+    if ours.scenario.settings != theirs.scenario.settings:
+        return "its settings differ"
+    draws = {r.unit.replication: r.draw for r in theirs.results}
+    pairs = [(r.draw, draws.get(r.unit.replication)) for r in ours.results]
+    same = all(a.same(b) for a, b in pairs if a is not None and b is not None)
+    return "" if same else "other pilots were drawn"

@@ -22,7 +22,7 @@ from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import Recording
-from pilotid.study.entries import Draw, ParameterTruth, Result, Unit, number
+from pilotid.study.store import Draw, ParameterTruth, Result, Unit, number
 from pilotid.support.numbers import draw_rng, fit_rng, recording_rng, start_rng
 from pilotid.support.remarks import codes_of
 from pilotid.support.types import one_line

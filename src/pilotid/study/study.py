@@ -24,15 +24,15 @@ from pilotid.methods import label_of, method_named, methods
 from pilotid.naming.code import code_digest, own_digest, packed, place_of, reason
 from pilotid.naming.settings import labelled, plain
 from pilotid.study.comparison import Comparison, comparison_of
-from pilotid.study.entries import (
+from pilotid.study.fits import OUTSIDE, Task, given_up, run_task, scenario_of, truths_of
+from pilotid.study.store import (
     MethodEntry,
     ParameterTruth,
     Result,
     ScenarioEntry,
+    Store,
     Unit,
 )
-from pilotid.study.fits import OUTSIDE, Task, given_up, run_task, scenario_of, truths_of
-from pilotid.study.store import Store
 from pilotid.support.disk import make_folder
 from pilotid.support.numbers import DEFAULT_SEED
 from pilotid.support.types import InputError

@@ -210,8 +210,6 @@ class Column(Generic[T]):
     mark
         How good an item's value is, which a page colours: ``good``, ``partly``, ``poor``, ``bad``
         or ``none``.
-    paper
-        Whether its numbers are those of the paper that a study repeats.
     axis
         Of a column of whiskers, whose values are intervals: the axis; pages alone draw it.
     symbol
@@ -224,7 +222,6 @@ class Column(Generic[T]):
     form: Callable[..., str] | None = None
     hint: str = ""
     mark: Callable[[T], str] | None = None
-    paper: bool = False
     axis: LogAxis | None = None
     symbol: Callable[[str], str] | None = None
 

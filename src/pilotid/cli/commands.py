@@ -1,4 +1,4 @@
-"""The command `pilotid posterior`: a full emcee run, its tables, files and figures."""
+"""The commands `check`, `analyse`, `design` and `posterior`."""
 
 from __future__ import annotations
 
@@ -8,16 +8,145 @@ from dataclasses import replace
 from pathlib import Path
 
 from pilotid.cli import options
+from pilotid.naming.settings import split_list
 from pilotid.pilot.catalogue import AUTO, model_named
 from pilotid.pilot.element import ControlledElement, element_named
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.files import Reading, read_with
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.windows import stem_of
+from pilotid.report.check import check_all, summary_of
 from pilotid.support.disk import path_shown, require_folder
+from pilotid.support.document import Bullets, Text, print_blocks
 from pilotid.support.numbers import DEFAULT_SEED, fit_rng
+from pilotid.support.remarks import codes_in
 from pilotid.support.terminal import make_console
 from pilotid.support.types import InputError
+
+
+def check(
+    files: list[Path],
+    *,
+    model: str = "single,multi",
+    reading: Reading,
+    joint: bool = False,
+    element: str | None = None,
+    brief: bool = False,
+    ignore: list[str] | None = None,
+    json: str | None = None,
+    force: bool = False,
+) -> None:
+    """Summarise recordings and report problems."""
+    plant = element_named(element) if element else None
+    ignored = codes_in(ignore or ())
+    models = [model_named(name) for name in split_list(model, names=True)]
+    options.require_free(files, json, force=force)
+    recordings, refused = reading.all(files, joint=joint)
+    found = check_all(recordings, models, plant, ignored)
+    console, summary = make_console(), [Text(summary_of(found))] if len(found) > 1 else []
+    if brief and json is None:
+        print_blocks(console, *(own.brief for own in found), *summary)
+    else:
+        entries = [own.to_dict() for own in found]
+        if not options.write_json(json, entries[0] if len(entries) == 1 else entries):
+            for number, own in enumerate(found):
+                if number:
+                    console.print()
+                print_blocks(console, *own.blocks)
+            if summary:
+                console.print()
+                print_blocks(console, *summary)
+    options.raise_refused(refused)
+
+
+def analyse(
+    files: list[Path],
+    *,
+    out: Path,
+    pattern: str | None = None,
+    model: list[str] | None = None,
+    method: list[str] | None = None,
+    contrast: list[str] | None = None,
+    model_per_condition: bool = False,
+    per_run: bool = False,
+    left_out: bool = False,
+    reading: Reading,
+    exclude: list[str] | None = None,
+    factors: str | None = None,
+    element: str | None = None,
+    fix: str | None = None,
+    ignore: list[str] | None = None,
+    seed: int = DEFAULT_SEED,
+    workers: int | None = None,
+    force: bool = False,
+) -> None:
+    """Analyse a laboratory's recordings: subjects, conditions, runs; tables and a report."""
+    given = dict(locals())
+    from pilotid.analysis.experiment import analyse as analysed
+    from pilotid.pilot.catalogue import AUTO
+
+    with options.resumable(out):
+        found = analysed(
+            files,
+            pattern,
+            options.names_of(model, [AUTO], [AUTO]),
+            list(options.methods_of(method, [options.default_method()]).values()),
+            out=out,
+            contrasts=contrast or (),
+            model_per_condition=model_per_condition,
+            per_run=per_run,
+            left_out=left_out,
+            exclude=exclude or (),
+            factors=factors,
+            element=element,
+            fix=fix,
+            reading=reading,
+            ignore=ignore or (),
+            seed=seed,
+            workers=workers,
+            force=force,
+        )
+    path = found.write(options.typed_command(analyse, given))
+    print_blocks(make_console(), *found.blocks(path))
+    options.raise_refused(found.refused)
+
+
+def design(
+    scenario: str | None = None,
+    *,
+    out: Path,
+    minimise: str = "A",
+    limit: str = "e=1,u=1",
+    estimates: Path | None = None,
+    force: bool = False,
+) -> None:
+    """Design forcing functions for small errors, within limits on error and control."""
+    given = dict(locals())
+    from importlib.metadata import version
+
+    from pilotid.datasets import Scenario, scenario_named
+    from pilotid.datasets.named import model_place
+    from pilotid.designing.design import design as designed
+    from pilotid.designing.design import scenario_of_fit, write_files
+    from pilotid.designing.report import error_table, sentences, write_report
+
+    read = [Path(path) for path in (scenario, estimates) if path is not None]
+    require_folder(out, ("design.json", "forcing.csv", "report.html"), read, force=force)
+    named = None
+    if scenario is not None or estimates is None:
+        named = scenario_named(scenario or "nominal")
+        if not isinstance(named, Scenario) or named.violation is not None:
+            raise InputError(f"{named.name}: a design is for one sound loop; name a scenario")
+    chosen = named if estimates is None else scenario_of_fit(estimates, named)
+    assert isinstance(chosen, Scenario)
+    with make_console(errors=True).status("designing"):
+        made = designed(chosen, minimise, options.numbers_in("--limit", limit))
+    command = options.typed_command(design, given)
+    about = {"pilotid": version("pilotid"), "command": command}
+    write_files(out, made, about, model_place(scenario or ""))
+    page = write_report(out, made, command)
+    print_blocks(make_console(), error_table(made), Bullets([*sentences(made), f"report: {page}"]))
+
 
 #: What is written into a folder, beside figures.
 FILES = ("report.html", "draws.npy", "summary.csv", "estimate.json")
@@ -27,7 +156,6 @@ def posterior(
     files: list[Path],
     *,
     model: str = AUTO,
-    white: bool = False,
     reading: Reading,
     joint: bool = False,
     element: str | None = None,
@@ -55,7 +183,7 @@ def posterior(
             chosen = selection.model
             if selection.reason:
                 make_console().print(selection.reason, soft_wrap=True)
-        infer(recording, chosen, white=white, element=plant, seed=seed, folder=folder)
+        infer(recording, chosen, element=plant, seed=seed, folder=folder)
     options.raise_refused(refused)
 
 
@@ -79,7 +207,6 @@ def infer(
     recording: Recording,
     model: PilotModel,
     *,
-    white: bool,
     element: ControlledElement | None,
     seed: int,
     folder: Path | None,
@@ -103,8 +230,6 @@ def infer(
     from pilotid.support.terminal import share_bar
 
     method = Bayes(sampler="emcee")
-    if white:
-        method = replace(method, likelihood="white", band=None)
     rng = fit_rng(seed, method.name)
     told = remarks(recording)
     choice = chosen_element(recording, element)
