@@ -27,7 +27,7 @@ Three things that decide over success:
   and x carry no noise of their own; a lag of one sample lets a regression find it.
 
 No structure holds every pilot: delays may be shorter, lags longer than the memory.  What that
-does to the estimate, the recording tells (`pilotid.second_step`): errors hold how far
+does to the estimate, the recording tells (`pilotid.frequency.second_step`): errors hold how far
 prediction errors move it, and one that they move by five claimed errors is refused.
 Shorter lags, finer sampling, more poles and a longer memory, on pilots drawn at random, did not
 make up for it.
@@ -54,9 +54,7 @@ import numpy as np
 from pilotid.estimates.applicability import dependent_signals, looking_ahead, varying
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.parts import FrequencyResponse
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
-from pilotid.regression import (
+from pilotid.frequency.regression import (
     BlackBox,
     Criterion,
     Regression,
@@ -65,12 +63,14 @@ from pilotid.regression import (
     channel_response,
     signals,
 )
-from pilotid.second_step import (
+from pilotid.frequency.second_step import (
     ResponseFit,
     against_recording,
     output_at_once,
     second_step,
 )
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import minimise
 from pilotid.solve.search import search
 from pilotid.support.limits import ESTIMATE
@@ -151,7 +151,7 @@ class ARX:
         Shortest and longest delay searched, for each input on its own [s]; the model used
         begins at the shortest.
     criterion
-        By which a structure is chosen, see `pilotid.regression.StructureSearch`.
+        By which a structure is chosen, see `pilotid.frequency.regression.StructureSearch`.
     memory
         Longest lag of the inputs in the model used [s]; None uses the structure found
         as it is.  Longer ones come closer to the inverse of the controlled element.

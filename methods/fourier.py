@@ -44,11 +44,11 @@ import numpy as np
 from pilotid.estimates.applicability import lines_objection, motionless_input
 from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.parts import AnalysedBand, FrequencyResponse
+from pilotid.frequency.second_step import second_step
 from pilotid.lines.coefficients import NEIGHBOURS, TREND, Coefficients, coefficients_of
 from pilotid.lines.fit import Equations, Pilots
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.second_step import second_step
 from pilotid.solve.least_squares import minimise
 from pilotid.solve.search import search
 from pilotid.support.types import ComplexArray

@@ -19,7 +19,7 @@ What a pilot makes of the textbook's recipe:
 - Thresholds apply to standardised columns and stay low.  A pilot with a coloured remnant
   is not sparse in lags: every term has its small share, and to prune more costs accuracy.
 - The estimate is held against the recording, as that of `arx` is
-  (`pilotid.second_step`).
+  (`pilotid.frequency.second_step`).
 
 Assumes that the lags describe the remnant as well.  Two channels need two forcing functions, and
 no black box can do with a controlled element that is a mere gain.
@@ -42,9 +42,7 @@ import numpy as np
 from pilotid.estimates.applicability import dependent_signals, looking_ahead, varying
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.parts import FrequencyResponse
-from pilotid.pilot.model import PilotModel
-from pilotid.recordings.recording import Recording
-from pilotid.regression import (
+from pilotid.frequency.regression import (
     BlackBox,
     Regression,
     Structure,
@@ -53,7 +51,9 @@ from pilotid.regression import (
     signals,
     triangle_of,
 )
-from pilotid.second_step import against_recording, output_at_once, second_step
+from pilotid.frequency.second_step import against_recording, output_at_once, second_step
+from pilotid.pilot.model import PilotModel
+from pilotid.recordings.recording import Recording
 from pilotid.support.types import FloatArray
 from pilotid.time_domain.prediction import predict
 

@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from pilotid.datasets import scenario_named, simulate
 from pilotid.estimates.parts import real_parts
-from pilotid.regression import (
+from pilotid.frequency.regression import (
     Criterion,
     Regression,
     Structure,

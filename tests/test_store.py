@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pilotid.store import STORE, Rows
 from pilotid.study.store import (
     Draw,
     MethodEntry,
@@ -20,6 +19,7 @@ from pilotid.study.store import (
     Store,
     Unit,
 )
+from pilotid.support.store import STORE, Rows
 from pilotid.support.types import InputError
 
 NUMBERS = (("Kvis", 0.2, 0.1, 0.0, 0.4), ("tlead", 3.0, None, None, None))

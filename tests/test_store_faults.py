@@ -18,8 +18,8 @@ import pytest
 from helpers import Answer, Run
 from stores import Content, changed, content_of, finish
 
-from pilotid.store import STORE
 from pilotid.study.store import Result, Store, Unit
+from pilotid.support.store import STORE
 from pilotid.support.types import InputError
 
 HERE = str(Path(__file__).parent)

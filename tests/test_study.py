@@ -22,11 +22,11 @@ from pilotid.methods.arx import ARX
 from pilotid.methods.fourier import Fourier
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.store import STORE
 from pilotid.study.comparison import comparison_of
 from pilotid.study.fits import Task, run_task, started
 from pilotid.study.store import FITS, Result, Store, Unit
 from pilotid.study.study import Study, method_entry, scenario_entry
+from pilotid.support.store import STORE
 from pilotid.support.types import InputError
 
 STUDY = Study(("single", "starts"), ("mle-white", "fourier"), 3, 5)

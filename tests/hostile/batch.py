@@ -32,7 +32,7 @@ from stores import changed, finish
 from pilotid.cli.main import main
 from pilotid.datasets import scenario_named, simulate
 from pilotid.recordings.files import save_recording
-from pilotid.store import STORE
+from pilotid.support.store import STORE
 
 LIMIT = 120  # s a command, on a busy machine
 SENTENCE = 1500  # characters

@@ -1,7 +1,7 @@
 """The controlled element that a recording shows: identified from u, fd and x.
 
 x = Hc (u + fd) holds in the recording almost without noise, so that a few forms of low order are
-fitted to windowed spectra (`pilotid.element.search`) of all runs at once.  The
+fitted to windowed spectra (`pilotid.recordings.element_forms`) of all runs at once.  The
 simplest that describes the recording is taken: one that leaves less of x than anyone would
 notice, or else the one of the smallest Bayesian information criterion.
 """
@@ -14,11 +14,11 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from pilotid.element.search import FormFit, fits_of, forms_fitted, simplest, spectra_of
 from pilotid.estimates.loops import LoopElement
 from pilotid.estimates.quantities import Quantity
 from pilotid.pilot.element import ControlledElement, parsed_element
 from pilotid.recordings.checks import remarks
+from pilotid.recordings.element_forms import FormFit, fits_of, forms_fitted, simplest, spectra_of
 from pilotid.recordings.recording import Recording, remembered
 from pilotid.support.limits import ELEMENT
 from pilotid.support.numbers import Z95

@@ -16,8 +16,8 @@ from itertools import pairwise, permutations
 
 import numpy as np
 
-from pilotid.element.search import fits_of, forms_fitted, simplest, spectra_of
 from pilotid.pilot.element import parsed_element
+from pilotid.recordings.element_forms import fits_of, forms_fitted, simplest, spectra_of
 from pilotid.recordings.recording import Recording, remembered
 from pilotid.recordings.spectra import floors_of
 from pilotid.recordings.timing import (

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pilotid.element.search import INDEPENDENT, Spectra
 from pilotid.pilot.element import ControlledElement
+from pilotid.recordings.element_forms import INDEPENDENT, Spectra
 from pilotid.support.limits import RECORDER
 from pilotid.support.types import FloatArray
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pilotid.store import Rows, damaged
+from pilotid.support.store import Rows, damaged
 
 LARGEST = 1e300  # number among the settings
 
