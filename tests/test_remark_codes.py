@@ -16,7 +16,6 @@ import pytest
 
 from pilotid import save_recording, simulate
 from pilotid.cli.main import main
-from pilotid.estimates.quantities import with_symbols
 from pilotid.support.remarks import CODES, OTHER, Remark, codes_in, codes_of, remark_of
 from pilotid.support.types import InputError
 
@@ -90,13 +89,6 @@ def test_an_unknown_code_is_refused_with_the_nearest() -> None:
     assert codes_in(["drift,offset", "spike"]) == {"drift", "offset", "spike"}
     with pytest.raises(InputError, match="did you mean drift"):
         codes_in(["dritf"])
-
-
-def test_sentences_show_the_symbols_of_keys_once() -> None:
-    words = with_symbols("tdvis is short, and tdvis*2 or --fix dnm=0.2 and Kvis0 stay; fnm")
-    assert words == (
-        "tdvis (τ_v) is short, and tdvis*2 or --fix dnm=0.2 and Kvis0 (K_v,0) stay; fnm (ω_nm)"
-    )
 
 
 def test_ignored_warnings_are_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -23,8 +23,7 @@ from pilotid.pilot.catalogue import model_named
 from pilotid.pilot.element import ControlledElement, as_element
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.support.numbers import DEFAULT_SEED, draw_rng, fit_rng, recording_rng
-from pilotid.support.ranges import ranged
+from pilotid.support.numbers import DEFAULT_SEED, draw_rng, fit_rng, ranged, recording_rng
 from pilotid.support.types import InputError
 
 if TYPE_CHECKING:

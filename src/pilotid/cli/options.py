@@ -25,7 +25,7 @@ from pilotid.recordings.files import Reading, read_with
 from pilotid.recordings.recording import Recording
 from pilotid.support import disk
 from pilotid.support.disk import require_file, strict_json, write_file
-from pilotid.support.ranges import ARGUMENTS, ranged
+from pilotid.support.numbers import ARGUMENTS, ranged
 from pilotid.support.types import FloatArray, InputError
 
 #: Metavar and help of arguments and options by name, or by command and name where a command means

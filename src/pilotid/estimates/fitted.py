@@ -16,7 +16,7 @@ import numpy as np
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.loops import LoopElement, Loops, loops_of
 from pilotid.estimates.method import Method, identify
-from pilotid.estimates.quantities import abreast, quantity_tables, with_symbols
+from pilotid.estimates.quantities import abreast, quantity_tables
 from pilotid.naming.code import packed, reason, unpacked
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
@@ -134,7 +134,7 @@ class Fitted:
     @property
     def warnings(self) -> list[str]:
         """All remarks in words, those that say what is wrong first."""
-        return [with_symbols(remark.line(about)) for remark, about in self.graded.items()]
+        return [remark.line(about) for remark, about in self.graded.items()]
 
     def tables(self, abreast: int) -> list[Table[Any]]:
         """The quantities of all estimates that have values, so many side by side."""
@@ -182,7 +182,7 @@ class Fitted:
         side = abreast(console.width)
         shown = {r: about for r, about in self.graded.items() if r.code not in said}
         notes = dict.fromkeys(remark.code for remark in shown if remark.grade == "note")
-        loud = [with_symbols(r.line(about)) for r, about in shown.items() if r.grade != "note"]
+        loud = [r.line(about) for r, about in shown.items() if r.grade != "note"]
         verdicts = (
             Text(e.verdict(), "" if e.outcome.usable else "failure") for e in self.estimates
         )

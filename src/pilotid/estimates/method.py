@@ -22,7 +22,7 @@ from pilotid.estimates.warnings import all_remarks
 from pilotid.naming.code import reason
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording, unit_sized
-from pilotid.support.ranges import require_settings
+from pilotid.support.numbers import require_settings
 from pilotid.support.types import FloatArray, InputError, one_line
 
 #: The environment variable that asks for tracebacks of methods that raise.

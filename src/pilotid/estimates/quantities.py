@@ -74,29 +74,6 @@ def symbol(key: str) -> str:
     return f"${''.join(found)}$"
 
 
-def with_symbols(sentence: str) -> str:
-    """A sentence with the symbol of each parameter behind its key, where that comes first."""
-    known = sorted((key for key in SYMBOLS if "_" not in key), key=len, reverse=True)
-    named: set[str] = set()
-
-    def shown(found: re.Match[str]) -> str:
-        key = found[0]
-        if key in named or found.string[found.end() :].startswith(("=", "*")):
-            return key
-        named.add(key)
-        return f"{key} ({_plain(symbol(key))})"
-
-    return re.sub(rf"(?<![\w*/-])(?:{'|'.join(known)})\d?(?![\w*/=-])", shown, sentence)
-
-
-def _plain(formula: str) -> str:
-    """A symbol as plain text."""
-    greek = {r"\tau": "τ", r"\omega": "ω", r"\zeta": "ζ"}
-    for name, letter in greek.items():
-        formula = formula.replace(name, letter)
-    return re.sub(r"[${}\\ ]", "", formula)
-
-
 def unit_words(unit: str) -> str:
     """A unit as figures have it."""
     return unit.replace("^2", "²")

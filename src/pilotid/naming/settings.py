@@ -23,7 +23,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 import numpy as np
 
-from pilotid.support.ranges import require_settings
+from pilotid.support.numbers import require_settings
 from pilotid.support.types import InputError
 
 T = TypeVar("T")

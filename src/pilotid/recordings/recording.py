@@ -15,7 +15,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pilotid.support.ranges import Range, in_range
+from pilotid.support.numbers import Range, in_range
 from pilotid.support.types import SIGNAL_NAME, FloatArray, InputError, is_signal_name, printable
 
 P = ParamSpec("P")

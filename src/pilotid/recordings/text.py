@@ -445,25 +445,16 @@ def _columns(table: _Table, signal: str, place: Place) -> list[str]:
             )
     if RUN in table.repeated:
         raise InputError(f"{place_of_header} has more than one column {RUN}; rename all but one")
-    if own and several:
+    if (own and several) or len(set(own)) > 1 or len(several) > len(numbered):
         raise InputError(
-            f"{place_of_header} has the column {shown(own[0])} and also {listed(several)} for "
-            f"{signal}; rename what is not meant"
-        )
-    if len(set(own)) > 1 or len(several) > len(numbered):
-        raise InputError(
-            f"{place_of_header} has the columns {listed(own or several)}, any of which may be "
+            f"{place_of_header} has the columns {listed(own + several)}, any of which may be "
             f"{signal}; pick one, as in --map {signal}={listed((own or several)[:1])}"
         )
-    if sorted(numbered) != list(range(1, len(numbered) + 1)):
+    wanted = [1] if RUN in table.header else range(1, len(numbered) + 1)
+    if several and sorted(numbered) != [*wanted]:
         raise InputError(
             f"{place_of_header} has the columns {listed(several)} for {signal}; number the runs "
-            "from 1 without a gap"
-        )
-    if RUN in table.header and len(several) > 1:
-        raise InputError(
-            f"{place_of_header} has a {RUN} column and also columns {several[0]}, {several[1]} for "
-            f"{signal}; number the runs in one way only"
+            f"from 1 without a gap, or by a column {RUN} alone"
         )
     return own[:1] or several
 
