@@ -364,26 +364,9 @@ def test_the_report_of_a_choice_has_every_figure(analysed: Path) -> None:
     assert "single was chosen among" in page
     assert "s3_A.csv" in page  # the bad file is named
     assert "pilotid analyse" in page
-    assert "From run to run" in page
     assert {path.name for path in (analysed / "figures").iterdir()} == {
-        f"{name}.{kind}"
-        for name in ("estimates-1", "runs-1", "variances-1", "responses-1", "responses-2")
-        for kind in ("svg", "pdf")
+        f"{name}.{kind}" for name in ("estimates-1", "variances-1") for kind in ("svg", "pdf")
     }
-
-
-@pytest.mark.long
-def test_a_page_that_is_missing_is_made_again(
-    analysed: Path, folder: Path, run: Run, tmp_path: Path
-) -> None:
-    again = shutil.copytree(analysed, tmp_path / "again")
-    kept = {path.name: path.read_bytes() for path in (analysed / "recordings").iterdir()}
-    (again / "recordings" / min(kept)).unlink()
-    files = sorted(folder.glob("s[12]_*.csv"))
-    options = ("--per-run", "--model-per-condition", *ALONE, "--out", again)
-    answer = run("analyse", *files, "--pattern", PATTERN, *options)
-    assert answer.status == 0, answer.err
-    assert {path.name for path in (again / "recordings").iterdir()} == kept.keys()
 
 
 @pytest.mark.long
