@@ -132,11 +132,12 @@ def design(
 
     read = [Path(path) for path in (scenario, estimates) if path is not None]
     require_folder(out, ("design.json", "forcing.csv", "report.html"), read, force=force)
-    named = None
+    named: Scenario | None = None
     if scenario is not None or estimates is None:
-        named = scenario_named(scenario or "nominal")
-        if not isinstance(named, Scenario) or named.violation is not None:
-            raise InputError(f"{named.name}: a design is for one sound loop; name a scenario")
+        found = scenario_named(scenario or "nominal")
+        if not isinstance(found, Scenario) or found.violation is not None:
+            raise InputError(f"{found.name}: a design is for one sound loop; name a scenario")
+        named = found
     chosen = named if estimates is None else scenario_of_fit(estimates, named)
     assert isinstance(chosen, Scenario)
     with make_console(errors=True).status("designing"):
