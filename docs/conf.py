@@ -43,7 +43,7 @@ templates_path = ["_templates"]
 nitpicky = True
 nitpick_ignore_regex = [
     # Other packages are named, not linked: the build reads no network.
-    (r"py:.*", r"(numpy|np|scipy|matplotlib|pandas|arviz|control|collections|typing)\..*"),
+    (r"py:.*", r"(numpy|np|scipy|matplotlib|pandas|control|collections|typing)\..*"),
     # Words of numpydoc's types that are no names.
     (r"py:class", r"(optional|array|arrays|default.*|shape.*|of|or|\d+)"),
 ]
