@@ -45,7 +45,7 @@ from pilotid.pilot.element import (
     single_integrator,
 )
 from pilotid.pilot.factors import Factor, InnerLoop
-from pilotid.pilot.loops import margins, open_loops, unstable_poles
+from pilotid.pilot.loops import is_stable, margins, open_loops
 from pilotid.pilot.model import PilotModel
 from pilotid.support.types import FloatArray, InputError
 
@@ -289,7 +289,7 @@ def sensible(model: PilotModel, truth: FloatArray, element: ControlledElement) -
     loops = open_loops(model, truth, element, omega)[first:]
     if any(np.max(1.0 / np.abs(1.0 + loop)) > SENSITIVITY for loop in loops):
         return False
-    return unstable_poles(model, truth, element) == 0
+    return is_stable(model, truth, element)
 
 
 def _is_stable(factor: Factor, values: FloatArray) -> bool:

@@ -28,7 +28,7 @@ from pilotid.estimates.estimate import Estimate
 from pilotid.naming.settings import name_of
 from pilotid.pilot.catalogue import ADAPTING, LEAD2_LAG_MOTION, MULTI, SINGLE
 from pilotid.pilot.element import ControlledElement, double_integrator
-from pilotid.pilot.loops import pilot_on, unstable_poles
+from pilotid.pilot.loops import is_stable, pilot_on
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import SIGNALS, Recording
 from pilotid.support.types import FloatArray, InputError
@@ -155,7 +155,7 @@ class Scenario:
                 f"{source}: no controlled element is known, so that the loop cannot be simulated; "
                 "name it, for example --element 4/s^2"
             )
-        if unstable_poles(model, estimate.values, element):
+        if not is_stable(model, estimate.values, element):
             raise InputError(
                 f"{source}: the loop of the fitted pilot and {element.name} is unstable and cannot "
                 "be simulated; check the signs of the signals, the element and the model"

@@ -21,7 +21,7 @@ from pilotid.datasets.remnant import UNIT_LEVEL, TabulatedRemnant
 from pilotid.datasets.scenarios import Scenario
 from pilotid.datasets.stepping import stepped
 from pilotid.pilot.factors import Neuromuscular
-from pilotid.pilot.loops import margins, pilot_on, pilot_on_each, unstable_poles
+from pilotid.pilot.loops import is_stable, margins, pilot_on, pilot_on_each
 from pilotid.recordings.recording import Recording
 from pilotid.support.types import ComplexArray, FloatArray, InputError
 
@@ -73,7 +73,7 @@ def require_stable(scenario: Scenario) -> None:
         for end, _ in scenario.constant_ends:
             require_stable(end)
         return
-    if unstable_poles(scenario.model, scenario.values, scenario.element) == 0:
+    if is_stable(scenario.model, scenario.values, scenario.element):
         return
     target, disturbance = margins(scenario.model, scenario.values, scenario.element)
     raise InputError(

@@ -32,7 +32,7 @@ import numpy as np
 from pilotid.element.fit import closing_element
 from pilotid.estimates.applicability import varying
 from pilotid.estimates.estimate import Estimate, Outcome, failed
-from pilotid.pilot.loops import unstable_poles
+from pilotid.pilot.loops import is_stable
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.covariance import covariance_of
@@ -88,7 +88,7 @@ class MLEReference(LikelihoodSettings):
         values = found.pilot[None]
         if not found.is_pilot and found.lines_pilot is not None:
             values = found.lines_pilot
-        if unstable_poles(model, values[0], element):
+        if not is_stable(model, values[0], element):
             why = f"the loop of the pilot and {element.name} is unstable: there are no instruments"
             return failed(self.name, model, Outcome.NOT_APPLICABLE, why)
         moments = Moments(found, references(recording, model, values[0], element), values[0])

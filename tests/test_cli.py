@@ -345,8 +345,7 @@ def test_compare_goes_on_where_it_stopped_and_does_not_mix(run: Run, tmp_path: P
     assert run(*options, "--replications", 1).status == 0
     answer = run(*options, "--replications", 2)
     assert "holds 1 of 2 fits already" in answer.out
-    refused(run(*options, "--seed", 9), "study.sqlite", "seed", "--out", "--mix")
-    assert run(*options, "--seed", 9, "--mix", "--replications", 3).status == 0
+    refused(run(*options, "--seed", 9), "study.sqlite", "seed", "--out")
     assert "seed" in (tmp_path / "report.md").read_text(encoding="utf-8")
     both = ("--workers", 1, "--scheduler", "tcp://127.0.0.1:1")
     refused(run(*options, *both), "--workers", "--scheduler")

@@ -219,7 +219,7 @@ def full(tmp_path_factory: pytest.TempPathFactory) -> Made:
 
     def fill(store: Store) -> None:
         scenarios(*ALL, methods=methods)(store)
-        store.describe({"mixed": "code", "remnant ratio remnant-0.1": "0.0307"})
+        store.describe({"remnant ratio remnant-0.1": "0.0307"})
 
     return report(folder, fill, methods)
 

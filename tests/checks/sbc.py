@@ -27,7 +27,7 @@ import numpy as np
 from pilotid.datasets import SCENARIOS, Scenario, simulate
 from pilotid.estimates.method import identify
 from pilotid.methods.bayes import Bayes
-from pilotid.pilot.loops import unstable_poles
+from pilotid.pilot.loops import is_stable
 from pilotid.posterior.likelihood import LogNormal
 from pilotid.support.numbers import fit_rng, recording_rng
 from pilotid.support.types import FloatArray
@@ -50,7 +50,7 @@ def drawn(rng: np.random.Generator) -> Scenario:
         frequency, damping = (float(prior.draw(rng, 1)[0]) for prior in REMNANT.values())
         remnant = replace(NOMINAL.remnant, frequency=frequency, damping=damping)
         scenario = replace(NOMINAL, truth=pilot, remnant=remnant)
-        if unstable_poles(scenario.model, scenario.values, scenario.element) == 0:
+        if is_stable(scenario.model, scenario.values, scenario.element):
             return scenario
 
 

@@ -118,7 +118,6 @@ MEANINGS: dict[str, tuple[str, str]] = {
     "name": ("NAME", "Which; none lists what there is."),
     "source": ("FOLDER", "Take the files from here: no download."),
     "people": ("NAME", "Published recordings of people instead; see fetch-data."),
-    "mix": ("", "Append to a study made with different code or settings."),
     # Experiments.
     "pattern": (
         "'subj{subject}_{condition}'",

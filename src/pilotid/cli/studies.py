@@ -42,7 +42,6 @@ def compare(
     time_limit: float = 600.0,
     retry_failed: bool = False,
     people: str | None = None,
-    mix: bool = False,
     plot: bool = False,
     force: bool = False,
     out: Path = Path("results/compare"),
@@ -74,7 +73,7 @@ def compare(
     study = Study([*like_it, *names], tried, count, seed)
     disk.require_folder(out, TABLES, read_with([like] if like else []), force=force)
     with Store(out, create=True) as store, options.resumable(store.path):
-        pending = study.enter(store, mix=mix, retry=retry_failed)
+        pending = study.enter(store, retry=retry_failed)
         held = study.size - pending.total
         if held:
             words = f"{store.path}: holds {held} of {study.size} fits already"

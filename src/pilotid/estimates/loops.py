@@ -18,10 +18,10 @@ from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.loops import (
     GRID,
     crossings,
+    is_stable,
     loop_slopes,
     margin,
     open_loops,
-    unstable_poles,
     why_no_crossing,
 )
 from pilotid.pilot.model import PilotModel
@@ -76,7 +76,7 @@ def loops_of(estimate: Fit, element: ControlledElement) -> Loops:
     if why := model.no_loop if is_known else "the fit failed":
         return Loops(element, no_loop("target", why), no_loop("disturbance", why))
     remarks = []
-    if unstable_poles(model, values, element):
+    if not is_stable(model, values, element):
         remarks.append(
             Remark(
                 "unstable-loop",

@@ -155,41 +155,17 @@ def margins(
     return margin(GRID, target), margin(GRID, disturbance)
 
 
-def unstable_poles(model: PilotModel, values: FloatArray, element: ControlledElement) -> int:
-    """Closed-loop poles in the right half plane, delays exact (Mikhailov's criterion).
-
-    F(s) = D(s) + N(s) (Hpe + Hpx), with Hc = N/D and a stable pilot, has no poles
-    in the right half plane; its argument then turns by (n - 2 z) pi/2 on the way
-    from w = 0 to infinity, with n the degree of D and z the zeros sought.
-
-    Parameters
-    ----------
-    model
-        The pilot.
-    values
-        Its parameters in model order, shape (parameters,).
-    element
-        The controlled element.
-    """
-    omega = np.concatenate(([0.0], np.geomspace(1e-5, 1e4, 40_000)))
-    s = 1j * omega
-    on_error, on_output = pilot_on(model, omega, values)
-    numerator = np.polyval(element.numerator, s) * np.exp(-element.delay * s)
-    characteristic = np.polyval(element.denominator, s) + numerator * (on_error + on_output)
-    turn = np.unwrap(np.angle(characteristic))
-    degree = len(element.denominator) - 1
-    return round(float(degree - (turn[-1] - turn[0]) / (np.pi / 2.0)) / 2.0)
-
-
 #: Where `are_stable` follows the loop [rad/s]: a recorded loop moves within this range.
 STABILITY_GRID = np.geomspace(0.01, 400.0, 600)
 
 
 def are_stable(model: PilotModel, sets: FloatArray, element: ControlledElement) -> BoolArray:
-    """Whether the closed loop of each pilot is stable, shape (sets,).
+    """Whether the closed loop of each pilot is stable, shape (sets,); delays are exact.
 
-    It is `unstable_poles` for many pilots at once, on a coarser grid: a loop whose gain is above
-    one at the end of the grid is taken for unstable.
+    With Hc = N/D and a stable pilot, F(s) = D(s) + N(s) (Hpe + Hpx) has no zeros in the right half
+    plane if its argument turns by n pi/2 on the way from w = 0 to infinity, with n the degree of
+    D (Mikhailov's criterion).  A loop whose gain is above one at the end of the grid is taken for
+    unstable.
 
     Parameters
     ----------
@@ -215,3 +191,8 @@ def are_stable(model: PilotModel, sets: FloatArray, element: ControlledElement) 
     degree = len(element.denominator) - 1
     poles = np.round((degree - whole / (np.pi / 2.0)) / 2.0)
     return np.asarray((poles == 0.0) & (np.abs(loop) < 1.0))
+
+
+def is_stable(model: PilotModel, values: FloatArray, element: ControlledElement) -> bool:
+    """Whether the closed loop of one pilot, shape (parameters,), is stable, see `are_stable`."""
+    return bool(are_stable(model, values[None], element)[0])

@@ -182,8 +182,6 @@ def report_sections(study: Comparison) -> list[Section]:
 
 def _summary(study: Comparison) -> Section:
     blocks: list[Block] = []
-    if "mixed" in study.about:
-        blocks.append(Text(f"**Careful: {mixed(study)}**"))
     words, tables = overview(study)
     names = compared(study)
     blocks += [Text(" ".join(words)) if len(words) == 1 else Bullets(words), *tables]
@@ -331,7 +329,7 @@ def _trends(study: Comparison) -> list[Section]:
 # ------------------------------------------------------------------------------ provenance
 
 #: Facts on a study that are no versions.
-OWN_FACTS = ("format", "seed", "mixed", "code")
+OWN_FACTS = ("format", "seed", "code")
 
 
 def command(study: Comparison) -> str:
@@ -342,14 +340,6 @@ def command(study: Comparison) -> str:
         f"pilotid compare --scenario {quote(','.join(names))} --method {quote(','.join(methods))} "
         f"--replications {study.replications(study.names)} --seed {study.about.get('seed', '?')} "
         f"--out results/compare"
-    )
-
-
-def mixed(study: Comparison) -> str:
-    """The warning on a store with results of different code."""
-    return (
-        f"this store mixes results of different code or settings ({study.about['mixed']}); "
-        "differences between methods may be differences between versions."
     )
 
 
@@ -399,6 +389,4 @@ def provenance(study: Comparison) -> Section:
         table_of("Methods", [("method",), ("settings",)], methods, folded=True),
         table_of("Scenarios", [(title,) for title in heads], scenarios, folded=True),
     ]
-    if "mixed" in about:
-        blocks.insert(0, Text(f"**{mixed(study)}**"))
     return Section("provenance", "Provenance", blocks)

@@ -199,15 +199,13 @@ class Study:
         """Whether a fit is one of this study."""
         return (unit.scenario, unit.method) in self.pairs and unit.replication < self.replications
 
-    def enter(self, store: Store, *, mix: bool = False, retry: bool = False) -> Pending:
+    def enter(self, store: Store, *, retry: bool = False) -> Pending:
         """Describe the study in a store; returns the fits that the store lacks.
 
         Parameters
         ----------
         store
             A new store, or one of the same study that was stopped or was smaller.
-        mix
-            Whether results of other code or settings may stay beside the new ones.
         retry
             Whether fits that crashed, died, or ran out of memory or time are to be fitted again.
 
@@ -223,14 +221,11 @@ class Study:
         changed = [key for key in about if key in held and held[key] != about[key]]
         changed += _changed({m.label: m for m in methods}, store.methods())
         changed += _changed({s.name: s for s in scenarios}, {s.name: s for s in store.scenarios()})
-        if changed and not mix:
+        if changed:
             raise InputError(
                 f"{store.path}: holds results of other code or settings (different: "
-                f"{', '.join(changed)}); name another folder with --out, or put both into one "
-                "report with --mix"
+                f"{', '.join(changed)}); name another folder with --out"
             )
-        if changed:
-            about["mixed"] = ", ".join(changed)
         store.describe(about)
         for scenario, entry in zip(self.scenarios, scenarios, strict=True):
             store.add_scenario(entry)

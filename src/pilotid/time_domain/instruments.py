@@ -13,7 +13,7 @@ import numpy as np
 from pilotid.element.fit import closing_element
 from pilotid.estimates.parts import Specification, score_test
 from pilotid.pilot.element import ControlledElement
-from pilotid.pilot.loops import pilot_on, unstable_poles
+from pilotid.pilot.loops import is_stable, pilot_on
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.solve.least_squares import Problem
@@ -127,7 +127,7 @@ def specification_by_instruments(
     if model.changes or prediction.weighting is None or not driven:
         return None
     element, _ = closing_element(recording)
-    if element is None or unstable_poles(model, values, element):
+    if element is None or not is_stable(model, values, element):
         return None
     try:
         moments = Moments(found, references(recording, model, values, element), values)
