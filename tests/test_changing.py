@@ -23,7 +23,7 @@ from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
 from pilotid.model_choice import default_candidates
 from pilotid.pilot.catalogue import ADAPTING, SINGLE, fault_of
-from pilotid.pilot.factors import Delay, Differentiator, Gain, Lag, Lead, Neuromuscular
+from pilotid.pilot.factors import Delay, Differentiator, Gain, Lead, Neuromuscular
 from pilotid.pilot.model import (
     Channel,
     PilotModel,
@@ -76,17 +76,6 @@ def test_every_changing_parameter_is_two_and_the_rest_is_one() -> None:
         "Kvis", "tlead1", "tlead2", "tmid", "rate", "tdvis", "Km1", "Km2", "tdm", "fnm", "dnm",
     )  # fmt: skip
     assert fault_of(OWN) == ""
-
-
-def test_what_has_a_memory_cannot_change_and_one_channel_changes_once() -> None:
-    with pytest.raises(ValueError, match="Lag cannot vary in time"):
-        Changing((Gain("K"), Lag()))
-    with pytest.raises(ValueError, match="at least one factor"):
-        Changing(())
-    with pytest.raises(ValueError, match="into one Changing"):
-        Channel("visual", "error", 1, (Changing((Gain("K"),)), Changing((Lead(),))))
-    with pytest.raises(ValueError, match="has no frequency response"):
-        ADAPTING.response(np.ones(1), ADAPTING.start)
 
 
 def test_frozen_it_is_the_constant_pilot_of_each_time() -> None:

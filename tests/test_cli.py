@@ -138,23 +138,6 @@ def test_simulate_draws_a_pilot_of_a_population(run: Run, tmp_path: Path) -> Non
     assert again.read_bytes() == (tmp_path / "2.csv").read_bytes()
 
 
-@pytest.mark.long
-def test_compare_on_a_population_writes_its_table(run: Run, tmp_path: Path) -> None:
-    name = "population-short(models=(single,), intervals=(0.02,))"
-    out = tmp_path / "study"
-    answer = run("compare", "--scenario", name, "--method", "mle-white", "--replications", 2,
-                 "--out", out)  # fmt: skip
-    assert answer.status == 0, answer.err
-    assert "population-short-models-single-intervals-0.02, 2 recordings" in answer.out
-    assert re.search(r"^mle-white +\d", answer.out, re.M)
-    head, *rows = (out / "population.csv").read_text().splitlines()
-    assert head.startswith("scenario,method,stratum,value,parameter,recordings,n,coverage_95")
-    assert rows[0].startswith(
-        "population-short-models-single-intervals-0.02,mle-white,all,all,all,"
-    )
-    assert f"--scenario '{name}'" in (out / "report.md").read_text()
-
-
 def test_fit_finds_the_truth_and_writes_it_as_agreed(run: Run, simulated: Path) -> None:
     answer = run("fit", simulated, "--model", "multi", "--method", "mle-white", "--json", "-")
     result = strict(answer.out)

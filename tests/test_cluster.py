@@ -5,7 +5,6 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -100,24 +99,3 @@ def test_a_worker_of_other_code_is_refused(started: Callable[..., Process], tmp_
     assert status == 2
     assert len(lines) == 1, lines
     assert "runs other code of pilotid (digest 0ther" in lines[0]
-
-
-@pytest.mark.long
-def test_a_scheduler_that_dies_is_a_sentence(
-    started: Callable[..., Process], tmp_path: Path
-) -> None:
-    centre, address = scheduler(started, tmp_path / "scheduler")
-    worker(started, address)
-    process = study(started, address, tmp_path / "out")
-    log = tmp_path / "out" / "study.sqlite-wal"
-    for _ in range(600):
-        if log.exists() and log.stat().st_size > 200_000:  # fits come in
-            break
-        time.sleep(0.1)
-    else:
-        raise AssertionError("the study does not get going")
-    centre.kill()
-    status, lines = ended(process)
-    assert status == 2
-    assert len(lines) == 1, lines
-    assert "the scheduler ended or cannot be reached" in lines[0]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 import re
 from html.parser import HTMLParser
 from pathlib import Path
@@ -98,13 +97,6 @@ def test_what_strangers_write_does_nothing_anywhere(evil: str) -> None:
     stream = io.StringIO()
     print_blocks(Console(file=stream), Text(evil), Bullets([evil]), table((evil, 1.0, 0.1)))
     assert not re.search(r"[\x00\x1b\x07]", stream.getvalue())
-
-
-def test_an_axis_shows_one_and_all_values() -> None:
-    axis = LogAxis.of([(1.2, 0.9, 1.6), (8.0, 6.0, 400.0), (math.nan, 1.0, 1.0)])
-    assert axis.place(24.0) == pytest.approx(97.0, abs=3.5)  # one wild end is cut
-    assert axis.whisker(math.nan, 1.0, 2.0) is None
-    assert "1" in [label for _, label in axis.ticks]
 
 
 def test_a_figure_that_is_there_is_not_written_again(

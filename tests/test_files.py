@@ -5,8 +5,6 @@ from __future__ import annotations
 import os
 import re
 import struct
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -197,7 +195,6 @@ def spoilt(**changes: object) -> dict[str, object]:
     return {name: value for name, value in content.items() if value is not None}
 
 
-GAP = np.delete(np.arange(SAMPLES + 1), 7) * DT
 NOT_A_NUMBER = np.where(np.arange(2 * SAMPLES).reshape(SAMPLES, 2) == 21, np.nan, 1.0)
 
 
@@ -631,37 +628,6 @@ def test_negative_times_are_run_in(tmp_path: Path, notes: str) -> None:
     assert recording.time[20] == 0.0
 
 
-@pytest.mark.parametrize(
-    ("change", "runs"),
-    [
-        (lambda c: {k: v.reshape(1, -1) if v.shape[1] == 1 else v for k, v in c.items()}, 2),
-        (lambda c: {**c, "u": (100 * c["u"]).astype(np.int16), "t": c["t"].astype("f4")}, 2),
-        (lambda c: {"data": c, "comment": "pilot 3"}, 2),
-        (lambda c: {"a": {"data": c, "comment": "pilot 3"}}, 2),
-        (lambda c: {"t": c["t"], "data": {k: c[k] for k in "eux"}}, 2),
-        (lambda c: {**c, "other": {**c, "ft": np.zeros(3)}}, 2),
-        (lambda c: {k: v[:, :1] if k != "t" else v for k, v in c.items()}, 1),
-    ],
-)
-@pytest.mark.parametrize("version", ["4", "5", "7.3"])
-def test_variables_of_matlab_files(
-    tmp_path: Path, change: Callable[[dict[str, Any]], dict[str, Any]], runs: int, version: str
-) -> None:
-    plain = {"t": T[:, None], "e": E.T, "u": np.round(U.T, 2), "x": X.T}
-    content = change(plain)
-    if version == "7.3":
-        path = save_v73(tmp_path / "F.mat", content)
-    elif version == "4" and any(isinstance(value, dict) for value in content.values()):
-        return  # such files have no structs
-    else:
-        path = saved(content, format=version)(tmp_path)
-    recording = load_recording(path)
-    factor = 100.0 if "u" in content and content["u"].dtype == np.int16 else 1.0
-    assert (recording.dt, recording.runs) == (DT, runs)
-    np.testing.assert_allclose(recording.u, factor * plain["u"].T[:runs], atol=1.0 * (factor > 1))
-    np.testing.assert_array_equal(recording.x, X[:runs])
-
-
 def test_notes_in_v73(tmp_path: Path) -> None:
     for storage in (
         {},
@@ -707,22 +673,6 @@ def test_a_damaged_file_does_not_cost_the_others(tmp_path: Path) -> None:
     assert [r.source for r in recordings] == [str(files[i]) for i in (0, 2, 3)]
     assert len(refused) == 1
     assert str(files[1]) in refused[0]
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
-def test_forks_have_a_process_of_their_own(tmp_path: Path) -> None:
-    path = saved(ONE)(tmp_path)
-    script = (
-        "import multiprocessing as mp, sys, pilotid\n"
-        "def read(path): return pilotid.load_recording(path).u.sum()\n"
-        "first = read(sys.argv[1])\n"
-        "with mp.get_context('fork').Pool(3) as pool:\n"
-        "    print(pool.map(read, sys.argv[1:] * 9) == [first] * 9)\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script, path], capture_output=True, text=True, timeout=60
-    )
-    assert done.stdout == "True\n", done.stderr
 
 
 # ------------------------------------------------------------------ what is written comes back

@@ -97,19 +97,3 @@ def test_a_folder_that_was_deleted_is_a_sentence(run: Run, place: Path) -> None:
     (place / "gone").rmdir()
     answer = run("fit", str(place / "s.csv"), *FIT[2:], "--json", "x.json")
     assert (answer.status, len(answer.err.splitlines())) == (2, 1)
-
-
-@pytest.mark.parametrize("display", ["", ":0"])
-def test_a_page_is_opened_or_named(
-    run: Run, place: Path, monkeypatch: pytest.MonkeyPatch, display: str
-) -> None:
-    opened: list[str] = []
-    monkeypatch.setattr("sys.platform", "linux")
-    monkeypatch.setenv("DISPLAY", display)
-    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    monkeypatch.setattr("webbrowser.open", lambda url: not opened.append(url))
-    answer = run(*FIT, "--plot", "--report", "page.html")
-    assert answer.status == 0
-    assert [url.rpartition("/")[2] for url in opened] == ["page.html"] * bool(display)
-    assert ("page.html" in answer.out) == (not display)
-    assert (place / "page.html").is_file()

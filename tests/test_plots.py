@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -19,7 +18,6 @@ from pilotid.pilot.catalogue import MODELS, MULTI, SINGLE
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.show import plots
-from pilotid.support.document import svg
 from pilotid.support.types import FloatArray, InputError
 
 
@@ -95,12 +93,6 @@ def test_model_output_and_residual_make_up_the_recorded_control() -> None:
     recorded = np.interp(scored, time, control)
     np.testing.assert_allclose(output + left, recorded, atol=1e-9 * np.ptp(control))
     assert np.std(left) < np.std(control)
-
-
-def test_a_run_is_chosen_by_its_number() -> None:
-    both = simulate(scenario_named("runs-2"), np.random.default_rng(1))
-    axes = plots.signals(both, estimate(), run=1, axes=new_axes())
-    np.testing.assert_array_equal(line(axes, "recorded")[1], both.window(both.u)[1])
 
 
 def test_a_failed_estimate_costs_the_others_nothing() -> None:
@@ -218,18 +210,3 @@ def test_the_model_s_density_is_drawn_as_far_as_its_filter_leaves_it() -> None:
 
 
 # ------------------------------------------------------------------- notebooks and pages
-
-
-def drawn(name: str, alt: str = 'a < "b" & c') -> str:
-    figure = Figure()
-    plots.describing_function(estimate(), axes=tuple(figure.subplots(2, 1)))
-    return svg(figure, name, alt)
-
-
-def test_figures_are_the_same_bytes_each_time_and_tell_what_they_show() -> None:
-    text = drawn("one")
-    assert text == drawn("one")
-    root = ElementTree.fromstring(text)
-    assert (root.get("role"), root.get("aria-label")) == ("img", 'a < "b" & c')
-    assert "metadata" not in text
-    assert "frequency [rad/s]" in text  # as text, which can be searched and read aloud

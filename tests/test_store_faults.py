@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import ctypes
-import os
 import shutil
 import sqlite3
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +20,6 @@ from pilotid.support.store import STORE
 from pilotid.support.types import InputError
 
 HERE = str(Path(__file__).parent)
-REPORT = ("estimates.csv", "summary.csv", "report.md", "report.html")
 
 
 @pytest.fixture(scope="module")
@@ -175,60 +171,6 @@ def test_a_death_at_any_statement_leaves_a_whole_store(tmp_path: Path) -> None:
 
 
 # ------------------------------------------------------------------------ rights, two at once
-
-
-def override_rights(allowed: bool) -> None:
-    """Whether root may write where the rights of files do not allow it (capset(2))."""
-    libc = ctypes.CDLL(None, use_errno=True)
-    header = (ctypes.c_uint32 * 2)(0x20080522, 0)  # version 3, this thread
-    sets = (ctypes.c_uint32 * 6)()  # effective, permitted and inheritable, twice 32 bits
-    override = 1 << 1  # CAP_DAC_OVERRIDE
-    assert libc.capget(header, sets) == 0
-    sets[0] = sets[0] | (override & sets[1]) if allowed else sets[0] & ~override
-    assert libc.capset(header, sets) == 0
-
-
-@contextmanager
-def without_rights() -> Iterator[None]:
-    """Let rights of files stop root, too, for a while."""
-    root = os.geteuid() == 0
-    if root:
-        override_rights(False)
-    try:
-        yield
-    finally:
-        if root:
-            override_rights(True)
-
-
-@pytest.fixture
-def read_only(finished: Path) -> Iterator[Path]:
-    """A folder that can be read and not written, with a finished study."""
-    top = Path(tempfile.mkdtemp())
-    folder = copied(finished, top / "a study?#")
-    (folder / STORE).chmod(0o444)
-    folder.chmod(0o555)
-    yield folder
-    folder.chmod(0o755)
-    shutil.rmtree(top)
-
-
-def test_what_cannot_be_written_can_be_reported_on(
-    read_only: Path, whole: Content, run: Run
-) -> None:
-    out = read_only.parent / "out"
-    out.mkdir()
-    with without_rights():
-        with Store(read_only) as store:
-            assert content_of(store) == whole
-        elsewhere = run("report", read_only, "--out", out)
-        here = run("report", read_only)
-        with pytest.raises(InputError, match="cannot be read or written"):
-            Store(read_only, create=True)
-    assert elsewhere.status == 0, elsewhere.err
-    assert all((out / name).exists() for name in REPORT)
-    refused(here, "cannot be written", "its rights")
-    assert [path.name for path in read_only.iterdir()] == [STORE]
 
 
 #: Opens stores as they are named on standard input, as soon as they are.

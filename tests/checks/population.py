@@ -26,14 +26,11 @@ import numpy as np
 
 from pilotid.bounds import bounds
 from pilotid.datasets import Scenario, scenario_named, simulate
-from pilotid.datasets.experiments import experiment_of
 from pilotid.datasets.population import POPULATIONS
 from pilotid.estimates.estimate import Outcome
 from pilotid.estimates.method import identify
 from pilotid.methods import method_named
 from pilotid.solve.search import draw_starts
-from pilotid.study.comparison import WRONG
-from pilotid.study.fits import excess_of
 from pilotid.support.numbers import fit_rng, recording_rng, start_rng
 from pilotid.support.types import BoolArray, FloatArray
 
@@ -52,9 +49,7 @@ class Result:
     seconds: float
     error: FloatArray  # value less truth
     claimed: FloatArray
-    bound: FloatArray  # NaN unless asked for
     covered: BoolArray
-    excess: float | None  # criterion over that of a search from the truth; None unless asked for
 
 
 def drawn(name: str, seed: int, replication: int) -> Scenario:
@@ -64,7 +59,7 @@ def drawn(name: str, seed: int, replication: int) -> Scenario:
     return scenario_named(name)
 
 
-def fit(method: str, name: str, seed: int, replication: int, bounded: bool, optima: bool) -> Result:
+def fit(method: str, name: str, seed: int, replication: int) -> Result:
     scenario = drawn(name, seed, replication)
     model = scenario.model
     if name not in POPULATIONS:
@@ -72,12 +67,8 @@ def fit(method: str, name: str, seed: int, replication: int, bounded: bool, opti
         model = model.with_start(dict(zip(model.keys, start.tolist(), strict=True)))
     recording = simulate(scenario, recording_rng(seed, name, replication))
     rng = fit_rng(seed, method, name, replication)
-    estimator = method_named(method)
-    estimate = identify(estimator, recording, model, rng)
+    estimate = identify(method_named(method), recording, model, rng)
     low, high = estimate.intervals.T
-    bound = np.full(len(model.keys), np.nan)
-    if bounded:
-        bound = np.sqrt(np.diag(bounds(experiment_of(scenario)).full))
     return Result(
         replication,
         strata(scenario, estimate.std_error / np.abs(scenario.values)),
@@ -87,9 +78,7 @@ def fit(method: str, name: str, seed: int, replication: int, bounded: bool, opti
         estimate.seconds,
         estimate.values - scenario.values,
         estimate.std_error,
-        bound,
         (low <= scenario.values) & (scenario.values <= high),
-        excess_of(estimator, recording, estimate, scenario) if optima else None,
     )
 
 
@@ -164,11 +153,6 @@ def show(results: list[Result]) -> None:
     if np.isfinite(seconds).any():
         low, high = np.nanquantile(seconds, [0.5, 0.95])
         print(f"{1e3 * low:.0f} ms in the middle, {1e3 * high:.0f} ms or more in one of twenty")
-    searched = {r.replication: r.excess for r in results if r.excess is not None}
-    if searched:
-        wrong = [f"{at} (by {over:.1f})" for at, over in searched.items() if over > WRONG]
-        told = f": {', '.join(wrong)}" if wrong else ""
-        print(f"{len(wrong)} wrong optima of {len(searched)}{told}")
     bounded = [r for r in results if r.outcome is Outcome.AT_BOUND]
     if bounded:
         print(f"coverage of those at a bound {coverage(bounded)}")
@@ -183,11 +167,8 @@ def show(results: list[Result]) -> None:
         z = np.array([r.error[i] / r.claimed[i] for r, i in rows])
         share = np.mean([r.covered[i] for r, i in rows])
         worst = rows[int(np.argmax(np.abs(z)))][0].replication
-        over = np.array([abs(r.error[i]) / r.bound[i] for r, i in rows])
-        over = np.sort(over)[: max(1, over.size - round(TRIMMED * over.size))]
-        told = f"  rms over bound {np.sqrt(np.mean(over**2)):.2f}" if np.isfinite(over[0]) else ""
         error = max(np.sqrt(share * (1.0 - share) * z.size), 1.0) / z.size
-        print(f"{key:8} {share:.3f} +-{error:.3f} ({z.size}){spread(z):>44}  {worst}{told}")
+        print(f"{key:8} {share:.3f} +-{error:.3f} ({z.size}){spread(z):>44}  {worst}")
     every = np.concatenate([r.error / r.claimed for r in used])
     print(f"{'all':8} {'':20}{spread(every):>44}\n")
     for kind in used[0].strata:
@@ -205,16 +186,13 @@ def main() -> None:
     parser.add_argument("--recordings", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--bound", action="store_true", help="errors over the Cramer-Rao bound")
-    parser.add_argument("--optima", action="store_true", help="ends worse than from the truth")
     given = parser.parse_args()
     count = given.recordings
     with ProcessPoolExecutor(given.workers, mp_context=get_context("spawn")) as pool:
         for name in given.population or POPULATIONS:
             for method in given.method:
                 jobs = ([method] * count, [name] * count, [given.seed] * count, range(count))
-                more = ([given.bound] * count, [given.optima] * count)
-                results = list(pool.map(fit, *jobs, *more, chunksize=4))
+                results = list(pool.map(fit, *jobs, chunksize=4))
                 print(f"\n{method} on {name}, seed {given.seed}, {count} recordings", flush=True)
                 show(results)
 
