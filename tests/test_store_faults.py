@@ -225,8 +225,6 @@ def test_two_can_write_one_store(tmp_path: Path) -> None:
     ("key", "value"),
     [
         ("remnant ratio nominal", "{{ 7*7 }}"),
-        ("trajectory nominal", "<b>"),
-        ("trajectory nominal", '{"time": [0.0, 1.0], "Kvis": [0.1]}'),
     ],
 )
 def test_facts_that_no_report_could_read_are_refused(
