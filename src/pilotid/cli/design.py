@@ -23,7 +23,7 @@ def design(
     given = dict(locals())
     from importlib.metadata import version
 
-    from pilotid.datasets import Scenario, scenario_named
+    from pilotid.datasets import Population, scenario_named
     from pilotid.datasets.named import model_place
     from pilotid.designing.design import design as designed
     from pilotid.designing.design import scenario_of_fit, write_files
@@ -32,13 +32,11 @@ def design(
 
     read = [Path(path) for path in (scenario, estimates) if path is not None]
     require_folder(out, ("design.json", "forcing.csv", "report.html"), read, force=force)
-    named = None
-    if scenario is not None or estimates is None:
-        named = scenario_named(scenario or "nominal")
-        if not isinstance(named, Scenario) or named.violation is not None:
-            raise InputError(f"{named.name}: a design is for one sound loop; name a scenario")
-    chosen = named if estimates is None else scenario_of_fit(estimates, named)
-    assert isinstance(chosen, Scenario)
+    named = None if scenario is None and estimates else scenario_named(scenario or "nominal")
+    if isinstance(named, Population) or (named and named.violation is not None):
+        raise InputError(f"{named.name}: a design is for one sound loop; name a scenario")
+    chosen = scenario_of_fit(estimates, named) if estimates else named
+    assert chosen is not None
     with make_console(errors=True).status("designing"):
         made = designed(chosen, minimise, numbers_in("--limit", limit))
     command = typed_command(design, given)

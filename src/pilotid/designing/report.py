@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pilotid.designing.design import Design, sines_of
-from pilotid.document import Bullets, Command, Figure, Section, Table, table_of, write_page
+from pilotid.document import Block, Bullets, Command, Figure, Section, Table, table_of, write_page
 from pilotid.numbers import number
 from pilotid.show.style import draw_grid, journal_figure, log_ticks, with_unit
 
@@ -24,7 +24,7 @@ def write_report(folder: Path, made: Design, command: str) -> Path:
     """Write report.html, with the command that makes the design again; returns its place."""
     path, design = folder / "report.html", folder / "design.json"
     caption = "Amplitudes of the lines, and the first seconds of the measurement window"
-    blocks = [
+    blocks: list[Block] = [
         Bullets(sentences(made)),
         error_table(made),
         Figure("signals", signals_figure(made), caption),
