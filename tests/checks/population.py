@@ -24,7 +24,6 @@ from multiprocessing import get_context
 
 import numpy as np
 
-from pilotid.bounds import bounds
 from pilotid.datasets import Scenario, scenario_named, simulate
 from pilotid.datasets.population import POPULATIONS
 from pilotid.estimates.estimate import Outcome

@@ -123,8 +123,8 @@ def design(
         room.append(times - alone)
     wholes, shapes = _spectra(signals, usual)
     names += [f"power of {name}" for name in signals]
-    rows = np.array([*rows, *wholes, *shapes])
-    room = np.array([*room, *np.ones(len(wholes)), *np.zeros(len(shapes))])
+    left = np.array([*rows, *wholes, *shapes])
+    right = np.array([*room, *np.ones(len(wholes)), *np.zeros(len(shapes))])
     unit = np.full(usual.size, np.mean(usual))
     named = list(keys) if minimise in ("A", "D") else [k.strip() for k in minimise.split(",")]
     if unknown := [key for key in named if key not in keys]:
@@ -138,11 +138,11 @@ def design(
         told.runs * told.base,
         math.sqrt(told.runs) * told.factors * np.sqrt(unit)[:, None, None],
         None if minimise == "D" else weights,
-        rows * unit,
-        room,
+        left * unit,
+        right,
         np.array([wholes[0] - wholes[-1]])[: len(wholes) - 1] * unit,
     )
-    used = rows[: len(names)] @ powers / room[: len(names)]
+    used = left[: len(names)] @ powers / right[: len(names)]
     powers /= max(1.0, float(np.max(used)))  # rounding may leave it just outside
     made = _with_phases(scenario, signals, powers)
 
@@ -297,8 +297,9 @@ def low_crest(sines: Multisine, rng: np.random.Generator) -> Multisine:
     for start in (schroeder, *rng.uniform(-np.pi, np.pi, (STARTS - 1, size.size))):
         phases = start
         for power in NORMS:
-            steps = {"maxiter": STEPS}
-            phases = minimize(norm, phases, (power,), "BFGS", jac=True, options=steps).x
+            phases = minimize(
+                norm, phases, (power,), "BFGS", jac=True, options={"maxiter": STEPS}
+            ).x
         turned = np.angle(np.exp(1j * phases)).tolist()
         found.append(replace(sines, phases=tuple(turned)))
     return min(found, key=crest_of)
@@ -318,6 +319,13 @@ def scenario_of_fit(path: Path, scenario: Scenario | None = None) -> Scenario:
 
     Forcing functions and window are the recording's own, or those of a `scenario`, which then
     stands in for a controlled element and a remnant that the file does not have, too.
+
+    Parameters
+    ----------
+    path
+        The file.
+    scenario
+        Where the forcing functions are from; None for the recording's.
 
     Raises
     ------
@@ -360,7 +368,7 @@ def scenario_of_fit(path: Path, scenario: Scenario | None = None) -> Scenario:
 def _window(recording: dict[str, Any]) -> dict[str, Any]:
     """Forcing functions, window and units of a recording, by the names that a scenario has."""
     sines = {
-        name: Multisine(*(tuple(s[k]) for k in ("lines", "amplitudes", "phases")), s["period"])
+        name: Multisine(tuple(s["lines"]), tuple(s["amplitudes"]), tuple(s["phases"]), s["period"])
         for name, s in recording["forcing"].items()
     }
     return {
@@ -412,7 +420,7 @@ def write_files(folder: Path, made: Design, about: dict[str, Any], place: str = 
     write_file(folder / "design.json", strict_json(held).encode())
     first = -round(max(scenario.run_in, FADE) / scenario.dt)
     last = round((scenario.duration + FADE) / scenario.dt)
-    time = np.arange(first, last + 1) * scenario.dt
+    time: FloatArray = np.arange(first, last + 1, dtype=float) * scenario.dt
     near = np.clip(np.minimum(time - time[0], time[-1] - time) / FADE, 0.0, 1.0)
     fade = 0.5 - 0.5 * np.cos(np.pi * near)
     both = [np.zeros(time.size) if forcing is None else fade * forcing.at(time)

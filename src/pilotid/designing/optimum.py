@@ -88,7 +88,7 @@ def least(
     ).solve()
     if "Solved" not in str(answer.status):
         raise InputError(f"no powers of the lines keep these limits ({answer.status}); widen them")
-    return np.maximum(np.array(answer.x)[:lines], 0.0)
+    return np.asarray(np.maximum(answer.x, 0.0)[:lines])
 
 
 Matrices = list[tuple[FloatArray, FloatArray]]
