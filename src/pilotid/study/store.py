@@ -71,6 +71,14 @@ class Draw:
     parameters: tuple[ParameterTruth, ...]
     facts: Mapping[str, str | float]
 
+    def same(self, other: Draw) -> bool:
+        """Whether both are of one pilot, but for the rounding of different processors."""
+        ours, theirs = self.parameters, other.parameters
+        return (self.model, len(ours)) == (other.model, len(theirs)) and all(
+            a.parameter == b.parameter and math.isclose(a.truth, b.truth, rel_tol=1e-6)
+            for a, b in zip(ours, theirs, strict=True)
+        )
+
 
 @dataclass(frozen=True)
 class Result:
