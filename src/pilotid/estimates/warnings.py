@@ -25,10 +25,13 @@ OPEN = (
 )  # fmt: skip
 
 
+BAND, HIGHEST = 12, 20.0  # bins of a band, and the frequency up to which there are bands [rad/s]
+
+
 def all_remarks(estimate: Estimate, recording: Recording) -> tuple[Remark, ...]:
     """What a user must know of an estimate, also for what the recording lacks."""
     low = estimate.outcome.usable and estimate.vaf < ESTIMATE.least_vaf
-    found = remarks_on(estimate, explained_at_lines(recording, estimate) if low else None)
+    found = remarks_on(estimate, explained_of_forced(recording, estimate) if low else None)
     if estimate.outcome is Outcome.NOT_APPLICABLE:
         return found
     # Without a target the likelihood can have two optima, which no reported error shows.
@@ -67,27 +70,65 @@ def is_vague(estimate: Estimate) -> bool:
     return bool(np.any(estimate.std_error > ESTIMATE.vague * np.abs(estimate.values)))
 
 
-def explained_at_lines(recording: Recording, estimate: Estimate) -> float | None:
-    """Share of the control at the forcing frequencies that a model explains [%].
+def explained_of_forced(recording: Recording, estimate: Estimate) -> float | None:
+    """Share that a model explains [%] of the control that answers to the forcing functions.
 
-    None without lines, and for time-varying pilots.
+    Of multisines the lines tell it; of others what in a narrow band follows them.  None for
+    time-varying pilots, and without forcing functions.
     """
-    every = known_lines(recording)
-    if not every or estimate.model.changes:
+    if estimate.model.changes:
         return None
-    lines = np.unique(np.concatenate(list(every.values())))
-    omega = 2.0 * np.pi / recording.duration * lines
-
-    def at_lines(signal: FloatArray) -> ComplexArray:
-        return np.asarray(np.fft.rfft(recording.window(signal))[:, lines])
-
-    control = at_lines(recording.u)
-    responses = estimate.model.response(omega, estimate.values)
+    every = known_lines(recording)
+    spectra = {n: _windowed(recording, n, lines=bool(every)) for n in ("u", *_inputs(estimate))}
+    if every:
+        used = np.unique(np.concatenate(list(every.values())))
+    else:
+        end = int(HIGHEST * recording.duration / (2.0 * np.pi))
+        used = np.arange(BAND, min(end, spectra["u"].shape[1]) // BAND * BAND)
+    omega = 2.0 * np.pi / recording.duration * used
+    control = spectra["u"][:, used]
     left = control.copy()
+    responses = estimate.model.response(omega, estimate.values)
     for channel, response in zip(estimate.model.channels, responses, strict=True):
-        left -= channel.sign * response * at_lines(recording.input(channel.on))
-    power = float(np.sum(np.abs(control) ** 2))
-    return 100.0 * max(0.0, 1.0 - float(np.sum(np.abs(left) ** 2)) / power)
+        left -= channel.sign * response * spectra[channel.on][:, used]
+    if every:
+        return 100.0 * max(0.0, 1.0 - _power(left) / _power(control))
+    forcing = [_windowed(recording, n)[:, used] for n in ("ft", "fd") if _moves(recording, n)]
+    if not forcing:
+        return None
+    unexplained = total = 0.0
+    for first in range(0, used.size, BAND):
+        band = slice(first, first + BAND)
+        basis = np.stack([f[:, band].ravel() for f in forcing], axis=1)
+        basis = np.linalg.qr(basis)[0]
+        rest = left[:, band].ravel()
+        forced, noise = (basis.conj().T @ own for own in (control[:, band].ravel(), rest))
+        weight = 1.0 / (_power(rest - basis @ noise) + 1e-300)
+        total += weight * _power(forced)
+        unexplained += weight * _power(noise)
+    return 100.0 * max(0.0, 1.0 - unexplained / total)
+
+
+def _inputs(estimate: Estimate) -> tuple[str, ...]:
+    return tuple({channel.on for channel in estimate.model.channels})
+
+
+def _moves(recording: Recording, name: str) -> bool:
+    if name == "fd" and recording.fd is None:
+        return False
+    return bool(np.ptp(recording.window(recording.input(name))) > 0.0)
+
+
+def _windowed(recording: Recording, name: str, *, lines: bool = False) -> ComplexArray:
+    """Transform of a signal, behind a window where it has no whole periods."""
+    signal = recording.window(recording.input(name))
+    if not lines:
+        signal = (signal - signal.mean(axis=1, keepdims=True)) * np.hanning(signal.shape[1])
+    return np.asarray(np.fft.rfft(signal))
+
+
+def _power(values: ComplexArray) -> float:
+    return float(np.sum(np.abs(values) ** 2))
 
 
 def _steps(estimate: Estimate) -> Iterator[Remark]:

@@ -196,8 +196,7 @@ class _Look:
                 continue
             if not own and not (name == "e" and self._apart > RECORDER.own):
                 continue
-            above = floors.omega[floors.share((name,)) >= 0.5]
-            usable = float(above[-1] if above.size else floors.omega[0]) / (2.0 * math.pi)
+            usable = floors.usable((name,)) / (2.0 * math.pi)
             size = math.sqrt(floors.floor[name] * math.pi / self.dt)
             words = (
                 f"{name} is usable up to {usable:.2g} Hz: it is met by a floor there, of noise or "

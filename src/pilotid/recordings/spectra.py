@@ -298,6 +298,11 @@ class Floors:
         share[largest:] = np.minimum.accumulate(share[largest:])
         return share
 
+    def usable(self, names: tuple[str, ...]) -> float:
+        """Frequency up to which half of the power of signals is not the recorder's [rad/s]."""
+        above = self.omega[self.share(names) >= 0.5]
+        return float(above[-1] if above.size else self.omega[0])
+
 
 @remembered
 def floors_of(recording: Recording) -> Floors:

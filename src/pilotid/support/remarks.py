@@ -66,7 +66,7 @@ CODES: dict[str, tuple[Grade, str]] = {
     "unstable-loop": ("wrong", "the loop of pilot and controlled element is unstable"),
     # of an estimate, by the tests of some methods
     "hidden-signal": ("wrong", "e and x hardly stand above the noise of the recorder"),
-    "element-unknown": ("doubt", "the loop cannot be closed: delays may be biased"),
+    "element-unknown": ("doubt", "the loop cannot be closed, and noise counts as signal"),
     "held-control": ("doubt", "u often keeps its value from one sample to the next"),
     "gains-change": ("doubt", "gains or leads change during the recording"),
     "overdispersed": ("note", "segments differ more than errors say: intervals are widened"),

@@ -19,8 +19,9 @@ from pilotid.lines.fit import specification_of
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.plant import element_changes, is_gain
 from pilotid.recordings.recording import Recording
+from pilotid.recordings.spectra import floors_of
 from pilotid.solve.covariance import covariance_of
-from pilotid.support.limits import ESTIMATE
+from pilotid.support.limits import ESTIMATE, RECORDER
 from pilotid.support.numbers import chi_squared_limit
 from pilotid.support.remarks import Remark
 from pilotid.support.types import FloatArray
@@ -193,17 +194,18 @@ def drift_left(joint: PredictionErrors, values: FloatArray) -> tuple[float, Floa
     return float(explained * freedom / (rest @ rest - explained)), drifts
 
 
+COUNTS = "noise of the recorder on e and x counts as signal: gains, leads and delays may be far off"
 #: Said where direct prediction errors take the place of the likelihood of a band.
 NOT_CLOSED = Remark(
     "element-unknown",
-    "the controlled element is not known, so that noise of the recorder on e and x counts as "
-    "signal and delays may be biased: name the element, for example --element 4/s^2",
+    f"the controlled element is not known, so that {COUNTS}; name the element, for example "
+    "--element 4/s^2",
 )
 #: Said there of an element that changes during the recording.
 VARYING = Remark(
     "element-unknown",
-    "the controlled element changes during the recording: noise of the recorder on e and x "
-    "counts as signal, and delays may be biased; fit the parts with --span",
+    f"the controlled element changes during the recording, so that {COUNTS}; fit the parts with "
+    "--span",
 )
 #: Said where nothing stands above the recorder's floor.
 HIDDEN = Remark(
@@ -274,15 +276,21 @@ def _not_closed(found: Optimum, recording: Recording) -> Remark | None:
     prediction = found.joint.prediction
     if prediction.weighting is not None:
         return HIDDEN if prediction.weighting.hidden else None
-    if prediction.model.changes:
+    if prediction.model.changes or not _is_noisy(recording, prediction.model):
         return None
     if extra := prediction.model.extra:
         return Remark(
             "element-unknown",
-            f"the model acts on {', '.join(extra)}, and how the loop moves that is not known: "
-            "noise of the recorder counts as signal, and delays may be biased",
+            f"the model acts on {', '.join(extra)}, and how the loop moves that is not known, so "
+            f"that {COUNTS}",
         )
     return VARYING if element_changes(recording) else NOT_CLOSED
+
+
+def _is_noisy(recording: Recording, model: PilotModel) -> bool:
+    """Whether the recorder's noise meets what the pilot acts on below where pilots end."""
+    inputs = tuple({channel.on for channel in model.channels})
+    return floors_of(recording).usable(inputs) < 2.0 * math.pi * RECORDER.enough
 
 
 def _dispersed(dispersion: float) -> Remark | None:
