@@ -19,16 +19,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from recorder import FAULTS
+from recorder import FAULTS, bare, with_zero
 from stepping import TRUTH, stepped
 
-from pilotid.datasets import POPULATIONS, SCENARIOS, Scenario, simulate
-from pilotid.datasets.population import drawn_forcing, drawn_pilot, drawn_remnant, reachable
+from pilotid.datasets import POPULATIONS, SCENARIOS, simulate
 from pilotid.element.fit import chosen_element
 from pilotid.estimates.method import identify
 from pilotid.methods import method_named
 from pilotid.pilot.catalogue import MODELS
-from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.files import load_recording
@@ -53,33 +51,6 @@ NAMED = {
 }
 
 
-def zero(rng: np.random.Generator) -> Scenario:
-    """A pilot in front of an element with a zero."""
-    while True:
-        z, a, b = (round(float(v), 2) for v in rng.uniform((0.5, 1.5, 4.0), (3.0, 4.0, 15.0)))
-        gain = float(f"{10.0 ** rng.uniform(-0.5, 1.5):.3g}")
-        name = f"{gain}(s+{z})/(s(s^2+{a}s+{b}))"
-        plant = ControlledElement((gain, gain * z), (1.0, a, b, 0.0), name=name)
-        model = MODELS[str(rng.choice(["single", "lead-lag", "multi"]))]
-        if (truth := drawn_pilot(model, plant, rng)) is None:
-            continue
-        target, disturbance = drawn_forcing(plant, 82.0, rng, aperiodic=False)
-        scenario = replace(
-            SCENARIOS["nominal"], name="zero", model=model, truth=tuple(truth.tolist()),
-            element=plant, target=target, disturbance=disturbance, duration=82.0,
-            dt=float(rng.choice([0.01, 0.02])), run_in=8.0,
-            remnant=drawn_remnant(rng, exotic=False),
-        )  # fmt: skip
-        if reachable(scenario):
-            return scenario
-
-
-def bare(recording: Recording, *kept: str) -> Recording:
-    """A recording with the forcing functions kept, and without the name of the element."""
-    gone = {name: None for name in ("ft", "fd") if name not in kept}
-    return replace(recording, **gone, lines={}, controlled_element="")
-
-
 def drawn(
     name: str, first: int, count: int
 ) -> Iterator[tuple[Recording, PilotModel, dict[str, float]]]:
@@ -96,7 +67,7 @@ def drawn(
             scenario = SCENARIOS[named[i % len(named)]]
         else:
             scenario = (
-                zero(rng) if name == "zero" else POPULATIONS[f"population-{source}"].drawn(rng)
+                with_zero(rng) if name == "zero" else POPULATIONS[f"population-{source}"].drawn(rng)
             )
         recording = simulate(scenario, rng)
         if name == "bare":
@@ -150,7 +121,7 @@ def power(first: int, count: int) -> None:
         for i in range(first, first + count):
             for stratum in ("population-usual", "zero"):
                 rng = np.random.default_rng([SEED, i])
-                scenario = zero(rng) if stratum == "zero" else POPULATIONS[stratum].drawn(rng)
+                scenario = with_zero(rng) if stratum == "zero" else POPULATIONS[stratum].drawn(rng)
                 whole = FAULTS[fault](simulate(scenario, rng), rng)
                 for form, kept in forms.items():
                     for known in (False, True):

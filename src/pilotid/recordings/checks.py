@@ -340,18 +340,27 @@ def exchanged(recording: Recording) -> Remark | None:
     target = np.fft.rfft(recording.window(recording.ft))[:, fast]
     weight = np.abs(target) ** 2 / noise
     shown = float(np.sum(weight * np.real(error / target)) / np.sum(weight))
-    other = replace(recording, e=recording.x, x=recording.e)
-    answer, turned = plant_of(recording), plant_of(other)
-    # People who see the target ahead follow its fast lines, but the element still answers to u.
-    if shown >= SIGNAL.shown or (
-        answer and turned and answer.mean_coherence >= turned.mean_coherence
-    ):
+    if shown >= SIGNAL.shown or not _is_answer(recording, of=recording.e):
         return None
     return Remark(
         "exchanged",
         f"e shows {100.0 * shown:.0f} % of the fast lines of the target, which no loop follows, "
         f"and answers to u as x should: e and x seem to be exchanged; {_exchange(recording)}",
     )
+
+
+def _is_answer(recording: Recording, of: FloatArray) -> bool:
+    """Whether another signal than x is the element's answer, and x is less so.
+
+    People who see a target ahead follow its fast lines, but x still answers to u: with coherence
+    at all frequencies, or at the target's lines if a disturbance may not be recorded.
+    """
+    own, other = plant_of(recording), plant_of(replace(recording, x=of, e=recording.x))
+    if own is None or other is None:
+        return True
+    if recording.fd is None:
+        return other.polarity > own.polarity
+    return other.mean_coherence > own.mean_coherence
 
 
 def _exchange(recording: Recording) -> str:
