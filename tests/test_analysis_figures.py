@@ -13,7 +13,7 @@ from pilotid.analysis.performance import performance_content, performance_rows
 from pilotid.analysis.recordings import Part
 from pilotid.analysis.rows import layouts
 from pilotid.datasets import simulate
-from pilotid.naming.symbols import symbol
+from pilotid.estimates.quantities import symbol
 from pilotid.pilot.catalogue import MODELS
 from pilotid.recordings.recording import Recording
 from pilotid.support.numbers import recording_rng

@@ -419,4 +419,5 @@ def test_remarks_are_printed_and_written(run: Run, simulated: Path) -> None:
     (line,) = [line for line in lines if line.startswith("notes")]
     assert line.endswith(": " + ", ".join(dict.fromkeys(notes)))
     sound = strict(run("fit", simulated, "--method", "mle-white", "--json", "-").out)
-    assert sound["recording"]["remarks"] == sound["estimates"][0]["remarks"] == []
+    assert sound["recording"]["remarks"] == []
+    assert set(sound["estimates"][0]["codes"]) == {"residual-not-white"}

@@ -61,6 +61,9 @@ LACKING = (
     "choice is among models of motion and of a target seen ahead, too."
 )
 
+#: What JSON does not have of a candidate.
+NOT_SHOWN = ("remnant", "samples", "no_delay")
+
 
 @dataclass(frozen=True)
 class Candidate:
@@ -72,6 +75,10 @@ class Candidate:
         Name of the model.
     pilot_parameters, parameters
         Number of the pilot's parameters, and of all that were estimated.
+    remnant
+        Name of the remnant's model.
+    samples
+        Number of prediction errors that the log-likelihood is of.
     log_likelihood, aicc, bic
         Of pilot and remnant together.
     vaf, left_out_vaf
@@ -98,6 +105,8 @@ class Candidate:
     model: str
     pilot_parameters: int
     parameters: int = 0
+    remnant: str = ""
+    samples: int = 0
     log_likelihood: float = math.nan
     aicc: float = math.nan
     bic: float = math.nan
@@ -134,8 +143,7 @@ class Candidate:
     def to_dict(self) -> dict[str, object]:
         """Plain objects, as JSON has them; NaN where there is none."""
         found = {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
-        del found["no_delay"]
-        return found
+        return {k: v for k, v in found.items() if k not in NOT_SHOWN}
 
 
 def default_candidates(recording: Recording) -> list[PilotModel]:
@@ -224,6 +232,8 @@ def _by_likelihood(found: Evidence) -> Candidate:
         model=found.model.name,
         pilot_parameters=len(found.model.parameters),
         parameters=found.parameters,
+        remnant=found.remnant,
+        samples=found.samples,
         log_likelihood=found.log_likelihood,
         aicc=found.aicc,
         bic=found.bic,

@@ -17,12 +17,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import butter, sosfilt, sosfilt_zi, sosfiltfilt
+from scipy.signal import butter, lfilter, sosfilt, sosfilt_zi, sosfiltfilt
 
-from pilotid.datasets import scenario_named, simulate
+from pilotid.datasets import SCENARIOS, Scenario, scenario_named, simulate
+from pilotid.datasets.population import drawn_forcing, drawn_pilot, drawn_remnant, reachable
 from pilotid.element.fit import chosen_element
 from pilotid.estimates.method import identify
 from pilotid.methods import method_named
+from pilotid.pilot.catalogue import MODELS
+from pilotid.pilot.element import ControlledElement
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.detectors import findings
 from pilotid.recordings.recording import Recording
@@ -72,6 +75,16 @@ def filtered(order: int, hertz: float, *names: str, causal: bool = False) -> Fau
             return np.asarray(sosfiltfilt(sections, signal, axis=1))
         start = sosfilt_zi(sections)[:, None] * signal[None, :, :1]
         return np.asarray(sosfilt(sections, signal, axis=1, zi=start)[0])
+
+    return each(names, change)
+
+
+def averaged(count: int, *names: str, causal: bool = False) -> Fault:
+    def change(signal: FloatArray, _: Recording) -> FloatArray:
+        padded = np.pad(signal, ((0, 0), (count, count)), mode="edge")
+        found = lfilter(np.ones(count) / count, 1.0, padded, axis=1)
+        ahead = 0 if causal else count // 2
+        return np.asarray(found[:, count + ahead : count + ahead + signal.shape[1]])
 
     return each(names, change)
 
@@ -211,6 +224,10 @@ def exchanged(one: str, other: str) -> Fault:
     return lambda r, _: replace(r, **{one: getattr(r, other), other: getattr(r, one)})
 
 
+def made_of(name: str, make: Callable[[Recording], FloatArray]) -> Fault:
+    return lambda recording, _: replace(recording, **{name: make(recording)})
+
+
 def clipped(size: float, name: str) -> Fault:
     return each((name,), lambda s, _: np.clip(s, -size * np.std(s), size * np.std(s)))
 
@@ -249,6 +266,33 @@ def some(share: float, how: str, name: str) -> Fault:
     return fault
 
 
+def moved_up(count: int) -> Fault:
+    """Samples of u that are missing, those behind moved up."""
+
+    def fault(recording: Recording, rng: np.random.Generator) -> Recording:
+        gone = rng.choice(np.arange(50, recording.u.shape[1] - 50), count, replace=False)
+        kept = np.delete(recording.u, gone, axis=1)
+        return replace(recording, u=np.concatenate([kept] + [kept[:, -1:]] * count, axis=1))
+
+    return fault
+
+
+def hum(share: float, hertz: float) -> Fault:
+    def fault(recording: Recording, _: np.random.Generator) -> Recording:
+        wave = share * np.std(recording.u) * np.sin(2.0 * np.pi * hertz * recording.time)
+        return replace(recording, u=recording.u + wave)
+
+    return fault
+
+
+def off_later(factor: float, begin: float) -> Fault:
+    def change(signal: FloatArray, _: Recording) -> FloatArray:
+        at = np.arange(signal.shape[1]) >= begin * signal.shape[1]
+        return np.where(at, factor * signal, signal)
+
+    return each(("u",), change)
+
+
 def interval(factor: float) -> Fault:
     return lambda recording, _: replace(recording, dt=factor * recording.dt)
 
@@ -256,6 +300,29 @@ def interval(factor: float) -> Fault:
 def named(fault: Fault) -> Fault:
     """The same where the element of `nominal` and `single` is named."""
     return lambda recording, rng: replace(fault(recording, rng), controlled_element="4/s^2")
+
+
+def _detrended(degree: int) -> Fault:
+    def change(signal: FloatArray, recording: Recording) -> FloatArray:
+        fits = np.polynomial.polynomial.polyfit(recording.time, signal.T, degree)
+        return signal - np.polynomial.polynomial.polyval(recording.time, fits)
+
+    return each(ALL, change)
+
+
+def _feedthrough(recording: Recording, _: np.random.Generator) -> Recording:
+    acceleration = rate(rate(recording.x, recording), recording)
+    return replace(recording, u=recording.u + 0.05 * acceleration)
+
+
+def _of_error(fault: Fault) -> Fault:
+    """A fault of e, of which x is made."""
+
+    def made(recording: Recording, rng: np.random.Generator) -> Recording:
+        found = fault(recording, rng)
+        return replace(found, x=target(recording) - found.e)
+
+    return made
 
 
 def _includes_fd(recording: Recording, _: np.random.Generator) -> Recording:
@@ -272,58 +339,176 @@ def _copied(recording: Recording, _: np.random.Generator) -> Recording:
     return replace(recording, **rows)
 
 
-#: Faults by name.
+def with_zero(rng: np.random.Generator) -> Scenario:
+    """A pilot in front of an element with a zero."""
+    while True:
+        z, a, b = (round(float(v), 2) for v in rng.uniform((0.5, 1.5, 4.0), (3.0, 4.0, 15.0)))
+        gain = float(f"{10.0 ** rng.uniform(-0.5, 1.5):.3g}")
+        name = f"{gain}(s+{z})/(s(s^2+{a}s+{b}))"
+        plant = ControlledElement((gain, gain * z), (1.0, a, b, 0.0), name=name)
+        model = MODELS[str(rng.choice(["single", "lead-lag", "multi"]))]
+        if (truth := drawn_pilot(model, plant, rng)) is None:
+            continue
+        target, disturbance = drawn_forcing(plant, 82.0, rng, aperiodic=False)
+        scenario = replace(
+            SCENARIOS["nominal"], name="zero", model=model, truth=tuple(truth.tolist()),
+            element=plant, target=target, disturbance=disturbance, duration=82.0,
+            dt=float(rng.choice([0.01, 0.02])), run_in=8.0,
+            remnant=drawn_remnant(rng, exotic=False),
+        )  # fmt: skip
+        if reachable(scenario):
+            return scenario
+
+
+def bare(recording: Recording, *kept: str) -> Recording:
+    """A recording with the forcing functions kept, and without the name of the element."""
+    gone = {name: None for name in ("ft", "fd") if name not in kept}
+    return replace(recording, **gone, lines={}, controlled_element="")
+
+
+#: Faults by name, in the groups of a recorder's table.
 FAULTS: dict[str, Fault] = {
     "sound": lambda recording, rng: recording,
-    **{f"u late {1e3 * s:g} ms": late(s, "u") for s in (0.005, 0.01, 0.02, 0.04, 0.1, 1.0)},
-    **{f"u early {1e3 * -s:g} ms": late(s, "u") for s in (-0.02, -0.1)},
-    **{f"{n} late a sample": samples_late(1, n) for n in ALL},
+    **{f"u late {1e3 * s:g} ms": late(s, "u") for s in (0.005, 0.01, 0.02, 0.04, 0.1, 0.3, 1.0)},
+    **{f"u early {1e3 * -s:g} ms": late(s, "u") for s in (-0.01, -0.02, -0.1)},
+    "u late a sample": samples_late(1, "u"),
+    "e late a sample": samples_late(1, "e"),
+    "x late a sample": samples_late(1, "x"),
+    "ft late a sample": samples_late(1, "ft"),
+    "fd late a sample": samples_late(1, "fd"),
     "u, fd late 2 samples": samples_late(2, "u", "fd"),
     "e, x, ft late a sample": samples_late(1, "e", "x", "ft"),
-    **{f"all held, every {k}th": resampled(k, "held", *ALL) for k in (5, 10)},
-    **{f"u held, every {k}th": resampled(k, "held", "u") for k in (5, 10)},
-    "e, x held, every 5th": resampled(5, "held", "e", "x"),
-    **{f"all linear, every {k}th": resampled(k, "linear", *ALL) for k in (5, 10)},
+    "all held, every 2nd": resampled(2, "held", *ALL),
+    "all held, every 5th": resampled(5, "held", *ALL),
+    "all held, every 10th": resampled(10, "held", *ALL),
+    "u held, every 2nd": resampled(2, "held", "u"),
+    "u held, every 5th": resampled(5, "held", "u"),
+    "e, x held, every 2nd": resampled(2, "held", "e", "x"),
+    "all linear, every 5th": resampled(5, "linear", *ALL),
+    "all linear, every 10th": resampled(10, "linear", *ALL),
     "u linear, every 5th": resampled(5, "linear", "u"),
     "all cubic, every 5th": resampled(5, "cubic", *ALL),
-    **{f"all zero-phase {h:g} Hz": filtered(4, h, *ALL) for h in (1, 2, 3, 5, 10)},
-    **{f"u zero-phase {h:g} Hz": filtered(4, h, "u") for h in (1, 3, 5, 10)},
-    **{f"all causal {h:g} Hz": filtered(4, h, *ALL, causal=True) for h in (1, 3, 5)},
+    **{f"all zero-phase {h:g} Hz": filtered(4, h, *ALL) for h in (1, 2, 3, 4, 5, 8, 10)},
+    **{f"u zero-phase {h:g} Hz": filtered(4, h, "u") for h in (1, 2, 3, 5, 10)},
+    **{f"all causal {h:g} Hz": filtered(4, h, *ALL, causal=True) for h in (1, 2, 3, 5)},
     **{f"u causal {h:g} Hz": filtered(4, h, "u", causal=True) for h in (2, 5, 10)},
-    **{f"e, x, ft causal {h:g} Hz": filtered(4, h, "e", "x", "ft", causal=True) for h in (2, 5)},
+    "u causal 2nd order 5 Hz": filtered(2, 5.0, "u", causal=True),
+    "e, x, ft causal 5 Hz": filtered(4, 5.0, "e", "x", "ft", causal=True),
     "e = ft - filtered x": _made_of_filtered_output,
-    **{f"noise {s:g} on x": noisy(s, "x", made=True) for s in (1e-4, 1e-3, 1e-2, 5e-2, 0.5)},
-    **{f"noise {s:g} on {n} alone": noisy(s, n) for n in "eux" for s in (1e-3, 1e-2, 1e-1)},
-    **{f"all {b} bits": rounded(2.0 ** (1 - b), *ALL) for b in (16, 12, 8, 4)},
-    "u 4 bits": rounded(2.0**-3, "u"),
-    **{f"all {d} decimals": rounded(10.0**-d, *ALL, of="unit") for d in (4, 2, 1)},
+    "u mean of 5": averaged(5, "u", causal=True),
+    "u centred mean of 5": averaged(5, "u"),
+    "u centred mean of 11": averaged(11, "u"),
+    **{f"noise {s:g} on x": noisy(s, "x", made=True) for s in (1e-4, 1e-3, 1e-2, 5e-2)},
+    **{f"noise {s:g} on x alone": noisy(s, "x") for s in (1e-3, 1e-2)},
+    **{f"noise {s:g} on e alone": noisy(s, "e") for s in (1e-3, 1e-2, 5e-2)},
+    **{f"noise {s:g} on u": noisy(s, "u") for s in (1e-3, 1e-2, 1e-1)},
+    **{f"all {b} bits": rounded(2.0 ** (1 - b), *ALL) for b in (16, 12, 10, 8, 6)},
+    "u 6 bits": rounded(2.0**-5, "u"),
+    **{f"all {d} decimals": rounded(10.0**-d, *ALL) for d in (5, 4, 3)},
     "0.1 % of x lost": lost(0.001, "x"),
+    "0.1 % of e lost": lost(0.001, "e"),
     "0.1 % of e, u, x lost": lost(0.001, "e", "u", "x"),
     "0.1 % of e, u, x interpolated": lost(0.001, "e", "u", "x", how="linear"),
-    **{f"{100 * s:g} % of rows previous": lost(s, *ALL) for s in (0.01, 0.05)},
-    **{f"3 spikes of {s:g} on {n}": spiked(s, n) for s, n in ((0.2, "x"), (5.0, "u"), (30.0, "e"))},
-    **{f"{n} rows dropped": rows_dropped(n) for n in (1, 5, 80)},
+    "3 spikes of .2 on x": spiked(0.2, "x"),
+    "3 spikes of 5 on u": spiked(5.0, "u"),
+    "1 row dropped": rows_dropped(1),
+    "5 rows dropped": rows_dropped(5),
     "u includes fd": _includes_fd,
-    **{f"u times {f:g}": times(f, "u") for f in (1.1, 2, 100, -1)},
-    **{f"x times {f:g}": times(f, "x") for f in (2, -1, np.pi / 180)},
-    **{f"fd times {f:g}": times(f, "fd") for f in (0.5, 1.1, -1)},
+    **{f"u times {f:g}": times(f, "u") for f in (1.1, 1.2, 2, 100, -1)},
+    "u in rad": times(np.pi / 180, "u"),
     "u, fd in rad": together(times(np.pi / 180, "u"), times(np.pi / 180, "fd")),
     "e, x, ft in rad": together(*(times(np.pi / 180, n) for n in ("e", "x", "ft"))),
+    "x in rad": times(np.pi / 180, "x"),
+    "x times 2": times(2, "x"),
+    "x times -1": times(-1, "x"),
+    "e times 2": times(2, "e"),
+    "e, ft times 2": together(times(2, "e"), times(2, "ft")),
+    **{f"fd times {f:g}": times(f, "fd") for f in (0.5, 2, -1)},
+    "ft times 0.5": times(0.5, "ft"),
+    "fd times 1.1": times(1.1, "fd"),
     "a run copied": _copied,
-    **{f"interval times {f:g}": interval(f) for f in (0.5, 1.01, 2)},
-    **{f"all high-pass {h:g} Hz": passed_high(h, *ALL) for h in (0.05, 0.3)},
+    **{f"interval times {f:g}": interval(f) for f in (0.5, 0.8, 1.01, 2)},
+    "e, x, ft late 5 samples": samples_late(5, "e", "x", "ft"),
+    "x late 5 samples": samples_late(5, "x"),
+    "e, x held, every 5th": resampled(5, "held", "e", "x"),
+    "e, x held, every 10th": resampled(10, "held", "e", "x"),
+    "u held, every 10th": resampled(10, "held", "u"),
+    "u linear, every 10th": resampled(10, "linear", "u"),
+    "u causal 1 Hz": filtered(4, 1.0, "u", causal=True),
+    **{f"e, x, ft causal {h:g} Hz": filtered(4, h, "e", "x", "ft", causal=True) for h in (1, 2)},
+    "u mean of 3": averaged(3, "u", causal=True),
+    "u mean of 11": averaged(11, "u", causal=True),
+    **{f"all high-pass {h:g} Hz": passed_high(h, *ALL) for h in (0.05, 0.1, 0.3)},
+    **{f"u high-pass {h:g} Hz": passed_high(h, "u") for h in (0.1, 0.3)},
+    "all detrended, 4th order": _detrended(4),
     "u differentiated": each(("u",), rate),
+    "u integrated": each(("u",), lambda s, r: np.cumsum(s, axis=1) * r.dt),
     "x is its rate": each(("x",), rate),
+    "e is its rate": each(("e",), rate),
+    "all their rates": each(ALL, rate),
+    **{f"e {b} bits, x of it": _of_error(rounded(2.0 ** (1 - b), "e")) for b in (8, 6, 4, 3)},
+    **{f"all {b} bits or less": rounded(2.0 ** (1 - b), *ALL) for b in (5, 4, 3)},
+    "u 4 bits": rounded(2.0**-3, "u"),
+    "all as float16": each(ALL, lambda s, _: s.astype(np.float16).astype(float)),
+    "all hundredths": rounded(0.01, *ALL, of="unit"),
+    "all tenths": rounded(0.1, *ALL, of="unit"),
     "u clipped at 2 rms": clipped(2.0, "u"),
-    **{f"slow noise {s:g} on x": slow_noise(s) for s in (0.02, 0.1, 0.5)},
-    **{f"{a} and {b} exchanged": exchanged(a, b) for a, b in (("u", "fd"), ("e", "x"), ("e", "u"))},
+    "e clipped at 1.5 rms": clipped(1.5, "e"),
+    **{f"slow noise {s:g} on x": slow_noise(s) for s in (0.02, 0.05, 0.1, 0.2, 0.5)},
+    **{f"noise {s:g} on e alone": noisy(s, "e") for s in (0.1, 0.5)},
+    **{f"noise {s:g} on x": noisy(s, "x", made=True) for s in (0.1, 0.5)},
+    "u is x": made_of("u", lambda r: r.x),
+    "u is e": made_of("u", lambda r: r.e),
+    "u is 3 e": made_of("u", lambda r: 3.0 * r.e),
+    "u is fd": made_of("u", lambda r: r.fd),
+    "u is ft": made_of("u", target),
+    **{
+        f"{a} and {b} exchanged": exchanged(a, b)
+        for a, b in (("u", "fd"), ("e", "x"), ("e", "u"), ("x", "u"), ("e", "ft"), ("ft", "fd"))
+    },
     "time reversed": each(ALL, lambda s, _: s[:, ::-1]),
-    **{f"gap of {s:g} s, {how}": gap(s, how, "e", "u", "x")
-       for s in (0.2, 4.0) for how in ("zero", "last", "linear")},
-    "u late a sample, element named": named(samples_late(1, "u")),
-    "e, x, ft late a sample, element named": named(samples_late(1, "e", "x", "ft")),
-    "interval times 2, element named": named(interval(2.0)),
-}  # fmt: skip
+    "u of half size in the last half": off_later(0.5, 0.5),
+    "u off in the last third": off_later(0.0, 2.0 / 3.0),
+    **{
+        f"gap of {s:g} s, {how}": gap(s, how, "e", "u", "x")
+        for s in (0.2, 1.0, 4.0)
+        for how in ("zero", "last", "linear")
+    },
+    **{f"gap of u of {s:g} s": gap(s, "zero", "u") for s in (0.5, 2.0, 8.0)},
+    **{
+        f"{100 * s:g} % of {n} {how}": some(s, how, n)
+        for s in (0.001, 0.01, 0.05)
+        for n in ("u", "e")
+        for how in ("zero", "previous")
+    },
+    **{f"{100 * s:g} % of x previous": some(s, "previous", "x") for s in (0.002, 0.01, 0.05)},
+    **{f"{100 * s:g} % of rows previous": lost(s, *ALL) for s in (0.001, 0.01, 0.05)},
+    **{f"3 spikes of {s:g} on e": spiked(s, "e") for s in (5.0, 30.0)},
+    "3 spikes of 30 on u": spiked(30.0, "u"),
+    **{f"{n} rows dropped": rows_dropped(n) for n in (20, 80)},
+    **{f"{n} samples of u lost": moved_up(n) for n in (1, 5, 20)},
+    "hum of .1 at 3 Hz on u": hum(0.1, 3.0),
+    "hum of .3 at 10 Hz on u": hum(0.3, 10.0),
+    "feedthrough of .05 of the acceleration": _feedthrough,
+    **{
+        f"{name}, element named": named(fault)
+        for name, fault in {
+            "u late a sample": samples_late(1, "u"),
+            "u late 2 samples": samples_late(2, "u"),
+            "e, x, ft late a sample": samples_late(1, "e", "x", "ft"),
+            "interval times 0.5": interval(0.5),
+            "interval times 2": interval(2.0),
+            "u times 1.2": times(1.2, "u"),
+            "e, x, ft causal 2 Hz": filtered(4, 2.0, "e", "x", "ft", causal=True),
+            "e, x, ft causal 5 Hz": filtered(4, 5.0, "e", "x", "ft", causal=True),
+            "u zero-phase 2 Hz": filtered(4, 2.0, "u"),
+            "u, fd in rad": together(times(np.pi / 180, "u"), times(np.pi / 180, "fd")),
+        }.items()
+    },
+    "all zero-phase 3 Hz, 4 decimals": together(filtered(4, 3, *ALL), rounded(1e-4, *ALL)),
+    "u zero-phase 3 Hz, 4 decimals": together(filtered(4, 3, "u"), rounded(1e-4, *ALL)),
+    "u late 20 ms, noise 1e-3": together(late(0.02, "u"), noisy(1e-3, "x", made=True)),
+}
 
 
 @dataclass(frozen=True)

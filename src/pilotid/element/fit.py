@@ -22,7 +22,7 @@ from pilotid.recordings.element_forms import FormFit, fits_of, forms_fitted, sim
 from pilotid.recordings.recording import Recording, remembered
 from pilotid.support.limits import ELEMENT
 from pilotid.support.numbers import Z95
-from pilotid.support.remarks import Remark
+from pilotid.support.remarks import Remark, remark_of
 from pilotid.support.types import FloatArray
 
 LARGEST = 1e100  # of a gain, whose square must not overflow
@@ -275,7 +275,7 @@ def chosen_element(recording: Recording, given: ControlledElement | None = None)
 @remembered
 def recording_remarks(recording: Recording) -> tuple[Remark, ...]:
     """What is wrong with a recording, and with the element that it names."""
-    return (*remarks(recording), *chosen_element(recording).remarks)
+    return (*remarks(recording), *map(remark_of, chosen_element(recording).remarks))
 
 
 def differs(

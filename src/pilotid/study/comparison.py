@@ -589,6 +589,11 @@ def read_study(folder: Path) -> Comparison:
 def find_changes(first: Comparison, second: Comparison) -> tuple[list[Change], list[str]]:
     """Ratios of losses on the recordings that both studies have, and what is left out.
 
+    Parameters
+    ----------
+    first, second
+        The studies, in this order.
+
     Raises
     ------
     InputError
