@@ -66,7 +66,7 @@ def compare(session: nox.Session) -> None:
 @nox.session
 def bench(session: nox.Session) -> None:
     """Time the methods; `-- --compare` says what became slower than stored."""
-    session.install("-e", ".", *groups("tests", "bench"))
+    session.install("-e", ".", *groups("tests"))
     session.run("pytest", "tests/benchmarks", *session.posargs, env={"OMP_NUM_THREADS": "1"})
 
 

@@ -18,11 +18,12 @@ from pilotid.datasets.named import designed_scenario, scenario_json
 from pilotid.datasets.recorder import Recorder
 from pilotid.datasets.remnant import Remnant, TabulatedRemnant
 from pilotid.estimates.estimate import Estimate, Outcome
+from pilotid.estimates.parts import Specification
 from pilotid.methods.mle import MLE
 from pilotid.pilot.catalogue import ADAPTING
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import floors_of
-from pilotid.study.trust import length_factor
+from pilotid.study.trust import length_factor, trial_of
 from pilotid.support.types import FloatArray, InputError
 from pilotid.time_domain.remnant_models import Autoregressive, LowPass, NoiseModel
 
@@ -206,3 +207,14 @@ def test_the_remnant_of_a_table_has_its_density() -> None:
     np.testing.assert_allclose(found, [4.0, 4.0, 2.0, 1.0, 0.0])
     assert table.shaped_by == ()
     assert isinstance(table, Remnant)
+
+
+def test_simulations_of_a_fit_that_the_lines_contradict_cannot_be_believed(tmp_path: Path) -> None:
+    trial = trial_of(recording_of(NOMINAL, 1), NOMINAL.model, ["fourier"])
+    assert trial.specification is not None
+    assert trial.specification.agrees
+    found = trial.run(tmp_path, 2, workers=1)
+    contradicted = Specification(60.0, 1e-9, "fourier")
+    doubtful = replace(found, trial=replace(trial, specification=contradicted))
+    assert len(doubtful.sentences) == len(found.sentences) + 1
+    assert "p = 1e-09" in doubtful.to_dict()["sentences"][0]  # type: ignore[index]

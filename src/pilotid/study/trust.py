@@ -18,6 +18,7 @@ from pilotid.datasets import AnyScenario, Scenario
 from pilotid.datasets.named import designed_scenario, scenario_json
 from pilotid.estimates.estimate import Estimate
 from pilotid.estimates.method import Method, identify
+from pilotid.estimates.parts import Specification
 from pilotid.methods import label_of, method_named, methods
 from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.model import PilotModel
@@ -133,6 +134,8 @@ class Trial:
         What is to be simulated.
     methods
         Those that the user named; none for all that apply.
+    specification
+        The test of the simulated fit against the forcing functions; None where there is none.
     """
 
     recording: str
@@ -140,6 +143,7 @@ class Trial:
     label: str
     scenario: Scenario
     methods: tuple[Method, ...]
+    specification: Specification | None = None
 
     def run(
         self,
@@ -237,8 +241,17 @@ class Trust:
 
     @property
     def sentences(self) -> list[str]:
-        """A sentence for each parameter whose coverage is off beyond its error."""
-        return [p.sentence(self.trial.label) for p in self.parameters if p.is_off]
+        """What makes the simulations worthless, and each parameter whose coverage is off."""
+        tested = self.trial.specification
+        told = [p.sentence(self.trial.label) for p in self.parameters if p.is_off]
+        if tested is None or tested.agrees:
+            return told
+        return [
+            f"The fit that was simulated contradicts the forcing functions (p = "
+            f"{tested.p_value:.1g}): the recorded pilot is another one than the simulated, and "
+            "nothing that follows can be believed of it.",
+            *told,
+        ]
 
     def to_dict(self) -> dict[str, object]:
         """Plain objects, as `trust.json` has them, but for the scenario."""
@@ -297,4 +310,4 @@ def trial_of(
     if estimate.remnant is None:
         simulated = identify(method_named(USUAL), recording, model, fit_rng(seed, USUAL))
     scenario = Scenario.from_fit(simulated, recording)
-    return Trial(recording.source, estimate, label, scenario, named)
+    return Trial(recording.source, estimate, label, scenario, named, simulated.specification)
