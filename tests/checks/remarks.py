@@ -138,17 +138,14 @@ def power(first: int, count: int) -> None:
 def of_people(folder: Path) -> None:
     """Print what is said of every measured recording."""
     preview = {"t": "time", "u": "inp", "ft": "ref", "fd": "dis", "x": "state"}
-    files = [
-        (f, None) for f in sorted(folder.glob("*/*.mat")) + sorted(folder.glob("rollpitch/*.csv"))
-    ]
+    files = [(f, None) for f in sorted(folder.glob("[ay]*/*.mat"))]
+    files += [(f, None) for f in sorted(folder.glob("rollpitch/pilot*.csv"))]
     files += [(f, preview) for f in sorted(folder.glob("preview*/*.csv"))]
+    course, fd = folder / "course" / "ae4320_dataset.mat", {"fd": "-3.49*fd"}
+    files += [(Path(f"{course}::{part}"), fd) for part in ("identification", "validation")]
     count, total = Counter[str](), Counter[str]()
     for file, mapping in files:
-        try:
-            recording = load_recording(file, mapping=mapping)
-        except Exception as error:
-            print(f"    {file.parent.name}/{file.stem}: {error}")
-            continue
+        recording = load_recording(file, mapping=mapping)
         total[file.parent.name] += 1
         for code, grade in said_of(recording).items():
             if grade != "note":

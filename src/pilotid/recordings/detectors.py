@@ -312,9 +312,10 @@ class _Look:
         if not best.left < RECORDER.left:
             return
         # Noise on x, which stands on the right-hand side, moves times and shares.
+        biased = RECORDER.biased * best.left
         noisy = any(f.signal == "x" and f.code in ("noise", "resampled") for f in found)
         least = max(RECORDER.errors * best.error, RECORDER.apart[0] * self.dt, RECORDER.apart[1])
-        if best.error < RECORDER.told and abs(best.late) > (2.0 if noisy else 1.0) * least:
+        if best.error < RECORDER.told and abs(best.late) > least + biased:
             # Where x answers to the two before fd moves, fd is late and u is not.
             answer = self._answer(best.late) if best.late < 0.0 else None
             if answer and abs(answer.late - best.late) < abs(answer.late):
