@@ -166,3 +166,12 @@ def test_files_that_are_no_store_are_refused_in_a_sentence(tmp_path: Path) -> No
     for create in (False, True):
         with pytest.raises(InputError, match=r"sqlite3 .*\.recover"):
             Store(tmp_path, create=create)
+
+
+def test_numbers_that_are_not_known_are_kept(tmp_path: Path) -> None:
+    with Rows(tmp_path, create=True) as rows:
+        rows.put(("a", "b", 0), {"value": float("nan")})
+    with Rows(tmp_path) as rows:
+        held = rows.get(dict[str, float], ("a", "b", 0))
+    assert held is not None
+    assert np.isnan(held["value"])

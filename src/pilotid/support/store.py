@@ -83,7 +83,7 @@ class Rows:
     def put(self, key: Key, thing: object, *, again: bool = False) -> None:
         """Keep a thing; what is known already stays as it is, unless it is put again."""
         content = asdict(thing) if is_dataclass(thing) and not isinstance(thing, type) else thing
-        text = json.dumps(content, allow_nan=False)
+        text = json.dumps(content)  # an analysis holds numbers that are not known
         how = "REPLACE" if again else "IGNORE"
         with self._in_words():
             self._base.execute(f"INSERT OR {how} INTO rows VALUES (?, ?, ?, ?)", (*key, text))
