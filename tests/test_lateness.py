@@ -60,6 +60,14 @@ def test_with_a_zero_in_the_element_a_late_control_is_named_and_a_sound_one_is_n
     assert found.size == pytest.approx(0.02, abs=0.002)
 
 
+@pytest.mark.parametrize("number", range(1000, 1004))
+def test_of_a_late_disturbance_the_control_is_not_blamed(number: int) -> None:
+    late = FAULTS["fd late a sample"](of_zero(number), _rng(0))
+    (found,) = (f for f in findings(late) if f.grade != "note")
+    assert (found.code, found.signal) == ("late-forcing", "fd")
+    assert found.size == pytest.approx(late.dt, abs=1e-3)
+
+
 @pytest.mark.parametrize("kept", [("ft",), ()], ids=["ft", "none"])
 @pytest.mark.parametrize("source", ["usual", "zero"])
 def test_without_forcing_functions_the_named_element_tells_the_time(
@@ -108,6 +116,14 @@ def test_who_follows_fast_lines_has_not_exchanged_names() -> None:
     follows = replace(sound, x=x, e=sound.ft - x, u=u)
     assert exchanged(follows) is None
     assert exchanged(replace(sound, e=sound.x, x=sound.e)) is not None
+
+
+def test_names_that_nothing_but_fast_lines_speak_against_are_a_doubt() -> None:
+    rng = np.random.default_rng([1, 1003])
+    whole = simulate(POPULATIONS["population-usual"].drawn(rng), rng)
+    swapped = exchanged(bare(replace(whole, e=whole.x, x=whole.e), "ft"))
+    assert swapped is not None
+    assert (swapped.code, swapped.grade) == ("exchanged", "doubt")
 
 
 def test_the_advice_on_exchanged_names_can_be_followed(tmp_path: Path) -> None:

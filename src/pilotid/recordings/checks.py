@@ -340,27 +340,30 @@ def exchanged(recording: Recording) -> Remark | None:
     target = np.fft.rfft(recording.window(recording.ft))[:, fast]
     weight = np.abs(target) ** 2 / noise
     shown = float(np.sum(weight * np.real(error / target)) / np.sum(weight))
-    if shown >= SIGNAL.shown or not _is_answer(recording, of=recording.e):
+    told = _is_answer(recording, recording.e)
+    if shown >= SIGNAL.shown or told is False:
         return None
     return Remark(
         "exchanged",
-        f"e shows {100.0 * shown:.0f} % of the fast lines of the target, which no loop follows, "
-        f"and answers to u as x should: e and x seem to be exchanged; {_exchange(recording)}",
+        f"e shows {100.0 * shown:.0f} % of the fast lines of the target, which no loop follows"
+        f"{', and answers to u as x should' if told else ''}: e and x seem to be exchanged"
+        f"{'' if told else ', unless the target is seen ahead'}; {_exchange(recording)}",
+        "wrong" if told else "doubt",
     )
 
 
-def _is_answer(recording: Recording, of: FloatArray) -> bool:
-    """Whether another signal than x is the element's answer, and x is less so.
+def _is_answer(recording: Recording, other: FloatArray) -> bool | None:
+    """Whether another signal than x is the element's answer to u; None if nothing tells.
 
     People who see a target ahead follow its fast lines, but x still answers to u: with coherence
     at all frequencies, or at the target's lines if a disturbance may not be recorded.
     """
-    own, other = plant_of(recording), plant_of(replace(recording, x=of, e=recording.x))
-    if own is None or other is None:
-        return True
-    if recording.fd is None:
-        return other.polarity > own.polarity
-    return other.mean_coherence > own.mean_coherence
+    plants = [plant_of(replace(recording, x=x, e=recording.x)) for x in (recording.x, other)]
+    own, turned = (
+        (plant.polarity if recording.fd is None else plant.mean_coherence) if plant else 0.0
+        for plant in plants
+    )
+    return turned > own if turned != own else None
 
 
 def _exchange(recording: Recording) -> str:

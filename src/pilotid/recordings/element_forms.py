@@ -371,7 +371,7 @@ def _searched(spectra: Spectra, form: Form, dt: float, delay: float) -> FormFit 
     criterion = spectra.cost(level) + len(values) * float(np.log(2.0 * spectra.count.sum()))
     if form.lags and values[-2] <= 0.0:
         return None
-    if not (np.isfinite([criterion, *values]).all() and np.isfinite(covariance).all()):
+    if not (np.isfinite([criterion, *values]).all() and (np.diag(covariance) > 0.0).all()):
         return None
     unit = np.array([spectra.gain, *np.ones(len(values) - 1)])
     share = (spectra.count @ left) / (spectra.count @ spectra.size)

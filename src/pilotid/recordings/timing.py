@@ -150,8 +150,10 @@ class Relation:
             return found
         samples = round(self.SMALL / self.dt)
         small = range(-samples, samples + 1, max(1, samples // 10))
-        shift = min(small, key=lambda own: self._at((own, 0), 1)[2])
-        found = min(found, self._near((shift, 0)), key=lambda best: best.left)
+        # x goes with fd if u is late, and with u if fd is.
+        tried = [(own, other) for own in small for other in dict.fromkeys((0, own))]
+        shifts = min(tried, key=lambda pair: self._at(pair, 1)[2])
+        found = min(found, self._near(shifts), key=lambda best: best.left)
         if found.left <= MUCH:
             return found
         shifts, left = (0, 0), self._at((0, 0), 1)[2]
@@ -161,10 +163,10 @@ class Relation:
             for shift in grid:
                 if moves == 1 and abs(shift * self.dt) > self.OUTPUT:
                     continue
-                tried = (shift, shifts[1]) if moves == 0 else (shifts[0], shift)
-                other = self._at(tried, 1)[2]
+                moved = (shift, shifts[1]) if moves == 0 else (shifts[0], shift)
+                other = self._at(moved, 1)[2]
                 if other < 0.7 * left:
-                    left, shifts = other, tried
+                    left, shifts = other, moved
         return min(found, self._near(shifts), key=lambda best: best.left)
 
     def _near(self, shifts: tuple[int, int]) -> Best:
