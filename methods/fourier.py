@@ -142,11 +142,9 @@ class Fourier:
                 message=f"power and leakage of the remnant did not settle in {self.rounds} rounds",
             )
         if estimate.outcome.usable and not pilots(estimate.values[None])[0]:
-            estimate = replace(
-                estimate,
-                outcome=Outcome.CONTRADICTED,
-                message=f"the loop of this pilot and {pilots.element} would be unstable",
-            )
+            assert pilots.element is not None  # without one nothing is unstable
+            why = f"the loop of this pilot and {pilots.element.name} would be unstable"
+            estimate = replace(estimate, outcome=Outcome.CONTRADICTED, message=why)
         estimate = replace(estimate, band=AnalysedBand(float(response.omega[-1])))
         return _with_interpolation_error(estimate, coefficients, response)
 

@@ -124,15 +124,17 @@ class MMLE3:
         covariance = covariance_of(jacobian @ jacobian.T, float(np.mean(residual**2)))
         if covariance is None:
             return failed(self.name, model, Outcome.SINGULAR)
-        estimate = make_estimate(self.name, recording, model, values, covariance, converged=True)
-        whole = OutputErrors(predict(recording, model))
+        prediction = predict(recording, model)
+        estimate = make_estimate(
+            self.name, recording, model, values, covariance, converged=True, prediction=prediction
+        )
         # There are no bounds here, so that none was reached.
         return replace(
             estimate,
             outcome=Outcome.CONVERGED,
             message="",
             iterations=iteration,
-            remarks=(*_far_off(model, values), *too_short(whole, values)),
+            remarks=(*_far_off(model, values), *too_short(OutputErrors(prediction), values)),
         )
 
 

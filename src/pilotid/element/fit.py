@@ -18,7 +18,14 @@ from pilotid.estimates.loops import LoopElement
 from pilotid.estimates.quantities import Quantity
 from pilotid.pilot.element import ControlledElement, parsed_element
 from pilotid.recordings.checks import remarks
-from pilotid.recordings.element_forms import FormFit, fits_of, forms_fitted, simplest, spectra_of
+from pilotid.recordings.element_forms import (
+    FormFit,
+    fits_of,
+    forms_fitted,
+    simplest,
+    spectra_in_window,
+    spectra_of,
+)
 from pilotid.recordings.recording import Recording, remembered
 from pilotid.support.limits import ELEMENT
 from pilotid.support.numbers import Z95
@@ -131,11 +138,12 @@ def _identified(
     for name, signal in (("x", output), ("u + fd", given)):
         if not np.ptp(signal, axis=1).any():
             return IdentifiedElement(None, remark=f"{name} does not move")
-    spectra = spectra_of(recording.dt, given, output)
+    whole = part.stop is None and part.start == recording.run_in
+    spectra = spectra_in_window(recording) if whole else spectra_of(recording.dt, given, output)
     if not 1.0 / LARGEST < spectra.gain < LARGEST:
         return IdentifiedElement(None, remark="no unit explains the sizes of u and x")
-    whole = not later and part.stop is None and part.start == recording.run_in
-    fits = fits_of(recording) if whole else forms_fitted(spectra, recording.dt, later)
+    known = whole and not later
+    fits = fits_of(recording) if known else forms_fitted(spectra, recording.dt, later)
     if not fits:
         return IdentifiedElement(None, remark="no form of element suits control and output")
     chosen = simplest(fits)

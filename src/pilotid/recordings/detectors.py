@@ -17,7 +17,13 @@ from itertools import pairwise, permutations
 import numpy as np
 
 from pilotid.pilot.element import parsed_element
-from pilotid.recordings.element_forms import fits_of, forms_fitted, simplest, spectra_of
+from pilotid.recordings.element_forms import (
+    fits_of,
+    forms_fitted,
+    simplest,
+    spectra_in_window,
+    spectra_of,
+)
 from pilotid.recordings.recording import Recording, remembered
 from pilotid.recordings.spectra import floors_of
 from pilotid.recordings.timing import (
@@ -299,7 +305,7 @@ class _Look:
         """Times of u, fd and x against one another, and what the drive holds of fd."""
         if "x" not in self.signals:
             return
-        late = [*self._against_forcing(found)]
+        late = list(self._against_forcing(found))
         yield from late
         if not {f.code for f in (*late, *found)} & {"late-signal", "late-forcing"}:
             yield from self._against_element()
@@ -347,10 +353,12 @@ class _Look:
     def _answer(self, moved: float = 0.0) -> Answered | None:
         """How much later x answers than its element says, to u taken so much earlier, and fd."""
         element = parsed_element(self.recording.controlled_element)
-        drive = self.drive
         if moved:
-            drive = drive - self.signals["u"] + shifted(self.signals["u"], self.dt, moved)
-        spectra = spectra_of(self.dt, drive, self.signals["x"])
+            own = self.signals["u"]
+            drive = self.drive - own + shifted(own, self.dt, moved)
+            spectra = spectra_of(self.dt, drive, self.signals["x"])
+        else:
+            spectra = spectra_in_window(self.recording)
         if element is not None:
             return answered(spectra, element)
         fits = forms_fitted(spectra, self.dt) if moved else fits_of(self.recording)

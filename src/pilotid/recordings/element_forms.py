@@ -483,9 +483,14 @@ def simplest(fits: Sequence[FormFit]) -> FormFit:
 
 
 @remembered
-def fits_of(recording: Recording) -> tuple[FormFit, ...]:
-    """The forms fitted to the measurement window of a recording."""
+def spectra_in_window(recording: Recording) -> Spectra:
+    """Spectra of u + fd and of x in the measurement window of a recording."""
     signals = {"u": recording.u, "x": recording.x, "fd": recording.fd}
     parts = {n: recording.window(s) for n, s in signals.items() if s is not None}
-    spectra = spectra_of(recording.dt, parts["u"] + parts.get("fd", 0.0), parts["x"])
-    return tuple(forms_fitted(spectra, recording.dt))
+    return spectra_of(recording.dt, parts["u"] + parts.get("fd", 0.0), parts["x"])
+
+
+@remembered
+def fits_of(recording: Recording) -> tuple[FormFit, ...]:
+    """The forms fitted to the measurement window of a recording."""
+    return tuple(forms_fitted(spectra_in_window(recording), recording.dt))

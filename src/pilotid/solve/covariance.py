@@ -76,12 +76,16 @@ def _scaled_inverse(matrix: FloatArray) -> tuple[FloatArray, FloatArray] | None:
     return (vectors / eigenvalues) @ vectors.T, scale
 
 
+#: Longest time over which scores are taken to be correlated [s].
+REACH = 5.0
+
+
 def sandwich(
     gram: Gram,
     rows: FloatArray,
     values: FloatArray,
     dt: float,
-    reach: float = 5.0,
+    reach: float = REACH,
 ) -> FloatArray | None:
     """The sandwich covariance, measured on the recording that was fitted.
 

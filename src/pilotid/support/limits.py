@@ -98,7 +98,7 @@ class EstimateLimits(NamedTuple):
     #: How seldom chance may speak against a fit, by each test of prediction errors: once in
     #: 14,000 recordings.
     seldom: float = 7e-5
-    misspecified: float = 1e-3  # p-value: doubt (none of 360 sound fits)
+    misspecified: float = 1e-3  # p-value: doubt (none of 360 sound fits; one of nominal, seed 1)
     other_optimum: float = 3.0  # standard errors by which another optimum differs
     surely_misspecified: float = 1e-5  # p-value: wrong
     #: s of all runs together from which it is tested; covariances are not good enough of less

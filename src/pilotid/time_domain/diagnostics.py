@@ -37,7 +37,7 @@ from pilotid.time_domain.instruments import specification_by_instruments
 from pilotid.time_domain.likelihood import PredictionErrors
 from pilotid.time_domain.optimum import Optimum
 from pilotid.time_domain.output_error import OutputErrors
-from pilotid.time_domain.prediction import GONE, predict
+from pilotid.time_domain.prediction import predict
 from pilotid.time_domain.prepare import (
     Band,
     analysis_band,
@@ -232,15 +232,15 @@ def tested_specification(
     free = np.flatnonzero(~is_at_bound(model, values))
     if not enough or not free.size:
         return None
-    if free.size < len(values):
-        # At a bound no score is zero: the others are tested, with what is there held.
+    bounded = free.size < len(values)
+    if bounded:  # no score is zero there: the others are tested, with what is at its bound held
         information = np.linalg.inv(covariance)[np.ix_(free, free)]
         covariance = np.zeros_like(covariance)
         covariance[np.ix_(free, free)] = np.linalg.inv(information)
-        return specification_of(recording, model, values, covariance, found.remnant)
-    return specification_of(
-        recording, model, values, covariance, found.remnant
-    ) or specification_by_instruments(found, recording, values, covariance, against)
+    tested = specification_of(recording, model, values, covariance, found.remnant)
+    if tested or bounded:
+        return tested
+    return specification_by_instruments(found, recording, values, covariance, against)
 
 
 def fit_remarks(
@@ -348,14 +348,14 @@ def _competing(found: Optimum) -> Remark | None:
 
 def _slow_lag(found: Optimum) -> Remark | None:
     prediction = found.joint.prediction
-    lag, before = prediction.model.slowest_lag(found.pilot), prediction.pre_history
-    if lag <= GONE * before:
+    lag = prediction.outlasting_lag(found.pilot)
+    if not lag:
         return None
     return Remark(
         "slow-lag",
-        f"a lag of {lag:.2g} s is long beside the {before:.2g} s before the scored window: its "
-        "free decay is fitted too, which takes information on gain and lag; record a run-in of "
-        "four times the lag",
+        f"a lag of {lag:.2g} s is long beside the {prediction.pre_history:.2g} s before the scored "
+        "window: its free decay is fitted too, which takes information on gain and lag; record a "
+        "run-in of four times the lag",
     )
 
 

@@ -18,7 +18,7 @@ from pilotid.estimates.estimate import (
 )
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.solve.covariance import covariance_of, sandwich, score_products
+from pilotid.solve.covariance import REACH, covariance_of, sandwich, score_products
 from pilotid.solve.least_squares import Minima, Problem, minimise
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import chi_squared_limit
@@ -260,8 +260,6 @@ class WhiteLikelihood:
 
 #: Standard errors that are too short by this factor are worth a word.
 TOO_SHORT = 1.5
-#: Longest time over which scores are taken to be correlated [s].
-REACH = 5.0
 
 
 def too_short(problem: OutputErrors, values: FloatArray) -> tuple[Remark, ...]:

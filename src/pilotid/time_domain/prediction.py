@@ -224,6 +224,17 @@ class Prediction:
         """Time before the first scored sample from which the inputs are known [s]."""
         return max(self.first * self.dt - EXTENSION, 0.0)
 
+    def outlasting_lag(self, values: FloatArray) -> float:
+        """The slowest lag of a pilot whose free decay outlasts the pre-history [s]; 0 for none.
+
+        Parameters
+        ----------
+        values
+            Parameters, shape (parameters,).
+        """
+        lag = self.model.slowest_lag(values)
+        return lag if 0.0 < GONE * self.pre_history < lag else 0.0
+
     def with_decays(self, values: FloatArray) -> Prediction:
         """The same with the free decay of the slowest lag, where it outlasts the pre-history.
 
@@ -236,8 +247,8 @@ class Prediction:
         values
             Parameters, shape (parameters,).
         """
-        lag = self.model.slowest_lag(values)
-        if not 0.0 < GONE * self.pre_history < lag:
+        lag = self.outlasting_lag(values)
+        if not lag:
             return self
         middle = min(lag, self.pre_history)
         return replace(self, terms=(*self.terms, -BESIDE / middle, -1.0 / (BESIDE * middle)))

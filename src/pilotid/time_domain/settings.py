@@ -139,8 +139,9 @@ class SearchSettings:
     lines_same_cost
         Numerics: relative difference of costs at the lines below which optima are one.
     min_vaf_ratio
-        Tuned: VAF of the simulated control over that of the lines' pilot: in populations right
-        optima have .90 or more, inverses of the element -100 to .84.
+        Tuned: VAF of the simulated control over that of the lines' pilot.  In populations right
+        optima have .90 or more; of people in stable loops some that are usable have little more
+        than half (subject gy with `pursuit`).
     first_tolerance
         Numerics: relative decrease of the cost at which a first fit with a second-order remnant
         ends.
