@@ -17,7 +17,7 @@ from pilotid.analysis.report_tables import tables_tex
 from pilotid.analysis.rows import Row
 from pilotid.estimates.quantities import SYMBOLS
 from pilotid.support.document import Column, Table, for_latex, table_latex
-from pilotid.support.numbers import to_error
+from pilotid.support.format import to_error
 
 A = (1.12, 1.43, 0.91, 2.02, 1.31)
 B = (1.61, 1.52, 1.73, 2.14, 2.25)

@@ -15,7 +15,7 @@ from pilotid.report.study import overview
 from pilotid.study.comparison import MethodResults, comparison_of
 from pilotid.study.store import MethodEntry, ParameterTruth, Result, ScenarioEntry, Store, Unit
 from pilotid.support.document import table_rich
-from pilotid.support.numbers import decimals, number, plus_minus, share, signed
+from pilotid.support.format import decimals, number, plus_minus, share, signed
 from pilotid.support.terminal import make_console
 
 KEYS = ("Kvis", "tlead", "tdvis", "Kvest", "tdvest", "fnm", "dnm")

@@ -26,8 +26,8 @@ from pilotid.analysis.rows import (
 )
 from pilotid.estimates.quantities import symbol
 from pilotid.support.document import Column, Table, table_latex, table_of
+from pilotid.support.format import NONE, number, p_value, percent, plus_minus, to_error, unsigned
 from pilotid.support.limits import ESTIMATE
-from pilotid.support.numbers import NONE, number, p_value, percent, plus_minus, to_error, unsigned
 from pilotid.support.remarks import GRADES, OF_STICK, Remark, counted_grades, gravest_first
 from pilotid.support.types import printable
 

@@ -20,7 +20,7 @@ from pilotid.support.document import (
     table_of,
     write_page,
 )
-from pilotid.support.numbers import number
+from pilotid.support.format import number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing

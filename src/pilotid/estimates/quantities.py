@@ -11,8 +11,9 @@ import numpy as np
 
 from pilotid.estimates.draws import Draws, Spread, spread_of
 from pilotid.support.document import Column, Table
+from pilotid.support.format import decimals
 from pilotid.support.limits import ESTIMATE
-from pilotid.support.numbers import Z95, decimals
+from pilotid.support.numbers import Z95
 from pilotid.support.types import BoolArray, FloatArray
 
 #: Symbols by key; a number behind a key becomes an index.

@@ -28,7 +28,7 @@ from pilotid.support.document import (
     save_figures,
     to_html,
 )
-from pilotid.support.numbers import to_error
+from pilotid.support.format import to_error
 from pilotid.support.terminal import make_console
 
 TITLE = "Posterior of a pilot model"

@@ -42,7 +42,7 @@ from pilotid.support.document import (
     to_markdown,
     write_page,
 )
-from pilotid.support.numbers import number, share
+from pilotid.support.format import number, share
 
 TITLE = "Pilot-model identification: methods compared"
 REFERENCE = "nominal"

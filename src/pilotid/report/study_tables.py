@@ -20,7 +20,7 @@ from pilotid.study.scores import Interval, loss_text
 from pilotid.study.store import Result
 from pilotid.study.trust import TRUST
 from pilotid.support.document import Block, Bullets, Column, LogAxis, Section, Table, Text, table_of
-from pilotid.support.numbers import NONE, number, percent, plus_minus, share, unsigned
+from pilotid.support.format import NONE, number, percent, plus_minus, share, unsigned
 
 VIOLATION = "violation"  # family of the scenarios that violate an assumption
 RECORDER = "recorder"  # family of the scenarios whose recorder is faulty

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from pilotid.study.comparison import ALL, Score
 from pilotid.study.scores import skewed_t
-from pilotid.support.numbers import number, plus_minus
+from pilotid.support.format import number, plus_minus
 
 #: Loss of all parameters below which a method is efficient, and below which it is usable.
 EFFICIENT, USABLE = 1.25, 2.0

@@ -31,7 +31,8 @@ from zlib import crc32
 
 import numpy as np
 
-from pilotid.support.numbers import Z95, number
+from pilotid.support.format import number
+from pilotid.support.numbers import Z95
 from pilotid.support.types import BoolArray, FloatArray, IntArray
 
 MISSED = 40.0  # what a missed distance costs: 2 over the chance that a 95 % interval misses

@@ -24,9 +24,18 @@ from weakref import WeakSet
 from xml.etree import ElementTree
 
 from pilotid.support.disk import write_file
-from pilotid.support.numbers import NONE
+from pilotid.support.format import (
+    NONE,
+    clean,
+    for_latex,
+    for_markdown,
+    math_html,
+    typeset,
+)
+from pilotid.support.format import inline as for_html
+from pilotid.support.format import plain as for_terminal
 from pilotid.support.terminal import PLAIN_WIDTH, print_table
-from pilotid.support.types import InputError, printable
+from pilotid.support.types import InputError
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -37,79 +46,6 @@ if TYPE_CHECKING:
 
 LINK = r"\[([^\]]+)\]\((#[\w-]+|(?:[\w.-]+/)+[\w.+-]+|[\w-]+\.csv)\)"
 LONGEST_LABEL = 200  # characters of a text in a figure
-GREEK = {
-    "tau": "τ",
-    "omega": "ω",
-    "zeta": "ζ",
-    "sigma": "\N{GREEK SMALL LETTER SIGMA}",
-    "varphi": "φ",
-}
-LATEX = {
-    "\\": r"\textbackslash{}",
-    "{": r"\{",
-    "}": r"\}",
-    "$": r"\$",
-    "&": r"\&",
-    "#": r"\#",
-    "%": r"\%",
-    "_": r"\_",
-    "^": r"\textasciicircum{}",
-    "~": r"\textasciitilde{}",
-    "<": r"\textless{}",
-    ">": r"\textgreater{}",
-    "|": r"\textbar{}",
-    "±": r"$\pm$",
-}
-
-
-def clean(text: str) -> str:
-    """A text on one line, without anything that acts on a terminal or that XML cannot hold."""
-    return text if text.isprintable() else printable(" ".join(text.splitlines()))
-
-
-def for_terminal(text: str) -> str:
-    """A text without marks; its lines stay."""
-    plain = re.sub(LINK, r"\1", text).replace("`", "").replace("**", "")
-    return "\n".join(map(clean, plain.split("\n")))
-
-
-def for_html(text: str) -> str:
-    """A text as HTML."""
-    from markupsafe import escape
-
-    safe = str(escape(clean(text)))
-    safe = re.sub(r"`([^`]+)`", r"<code>\1</code>", safe)
-    safe = re.sub(r"\*\*([^*]+)\*\*", r"<strong>\1</strong>", safe)
-    safe = safe.replace(" %", "&nbsp;%")
-    return re.sub(LINK, r'<a href="\2">\1</a>', safe)
-
-
-def math_html(formula: str) -> str:
-    """A formula of letters, indices and powers as HTML; other commands lose their backslash."""
-    text = re.sub(r"\\mathrm\{(\w+)\}", r"\1", for_html(formula.strip("$")))
-    text = re.sub(r"\\([a-z]+)", lambda m: GREEK.get(m[1], m[1]), text).replace(r"\,", " ")
-    for sign, tag in (("_", "sub"), ("^", "sup")):
-        text = re.sub(rf"\{sign}(?:\{{([^}}]*)\}}|(.))", rf"<{tag}>\1\2</{tag}>", text)
-    return text
-
-
-def for_markdown(text: str) -> str:
-    """A text as Markdown, in which no other link, image or tag is one."""
-    words, *linked = re.split(LINK, clean(text))
-    return _signs(words) + "".join(
-        f"[{_signs(name)}]({place}){_signs(words)}"
-        for name, place, words in zip(linked[::3], linked[1::3], linked[2::3], strict=True)
-    )
-
-
-def _signs(text: str) -> str:
-    text = text.replace("&", "&amp;").replace("<", "&lt;")
-    return re.sub(r"[\[\]]", r"\\\g<0>", text)
-
-
-def for_latex(text: str) -> str:
-    """A text as LaTeX sets it, letter by letter."""
-    return "".join(LATEX.get(letter, letter) for letter in clean(text))
 
 
 def clean_drawing(drawing: Drawing) -> None:
@@ -402,17 +338,6 @@ class Section:
         """The same without folded tables."""
         blocks = [b for b in self.blocks if not (isinstance(b, Table) and b.folded)]
         return replace(self, blocks=blocks)
-
-
-# ------------------------------------------------------------------------------------- signs
-
-
-def typeset(text: str) -> str:
-    """A number's text with the signs of print."""
-    if text == NONE:
-        return DASH
-    text = re.sub(r"(?<!\d)-(?=[.\d])", MINUS, text)
-    return re.sub(r"(?<=\d)-(?=\d)", DASH, text)
 
 
 def _symbol_html(column: Column[Any], cell: Cell) -> str:

@@ -1,4 +1,4 @@
-"""One table in its written forms, and what names from files cannot do to them."""
+"""Tables and pages in their written forms, and what names from files cannot do to them."""
 
 from __future__ import annotations
 
@@ -8,47 +8,43 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
+from pandas import DataFrame
 from rich.console import Console
 
-from pilotid.support.document import (
-    Bullets,
-    Column,
-    Command,
-    Figure,
-    LogAxis,
-    Section,
-    Table,
-    Text,
-    pdf,
-    print_blocks,
-    save_figures,
-    to_html,
-    to_markdown,
+from pilotid.report.page import Figure, environment, pdf, save_figures
+from pilotid.support.format import (
+    Line,
+    as_html,
+    as_text,
+    latex,
+    markdown,
+    plus_minus,
+    share,
+    show,
+    table,
+    to_error,
 )
-from pilotid.support.numbers import plus_minus, share
 
-Item = tuple[str, float, float]
-
-
-def table(*items: Item) -> Table[Item]:
-    columns: list[Column[Item]] = [
-        Column("name", lambda i: i[0]),
-        Column("bias", lambda i: (i[1], i[2]), plus_minus, "a hint", lambda i: "good"),
-        Column("nothing", lambda i: None),
-        Column("", lambda i: (1.0 + i[2], 1.0, 2.0), axis=LogAxis(-0.5, 0.5)),
-        Column("coverage %", lambda i: (0.95, (0.9, 0.98)), share),
-    ]
-    return Table("A **caption**", columns, items, heads=1)
+PAGE = """{% from "macros.html" import bullets, command, figure, section, table %}
+{% extends "base.html" %}
+{% block main %}
+{% call section("a", title) %}{{ table(frame) }}{{ bullets([title]) }}{% endcall %}
+{{ figure(drawing) }}{{ command(title, title) }}
+{% endblock %}"""
 
 
-def test_a_table_is_a_frame_of_values() -> None:
-    frame = table(("x", -1.2, 0.1)).to_dataframe()
-    assert frame["bias"][0] == (-1.2, 0.1)
-    assert list(frame.columns)[:3] == ["name", "bias", "nothing"]
+def example(name: str = "x") -> DataFrame:
+    row = (name, (-1.2, 0.1), None, (0.95, (0.9, 0.98)))
+    titles = ("name", "bias", "nothing", "coverage %")
+    forms = {"bias": plus_minus, "coverage %": share}
+    return table([row], "A **caption**", titles, forms, hints={"bias": "a hint"})
 
 
 def test_columns_that_say_nothing_are_left_out() -> None:
-    assert [c.title for c in table(("x", 1.0, 0.1)).titles] == ["name", "bias", "", "coverage %"]
+    found = example()
+    assert list(found.columns) == ["name", "bias", "coverage %"]
+    assert found.attrs["numeric"] == [False, True, True]
+    assert found.iloc[0].tolist() == ["x", "-1.20 ± 0.10", "95 (90-98)"]
 
 
 EVIL = (
@@ -82,20 +78,20 @@ def test_what_strangers_write_does_nothing_anywhere(evil: str) -> None:
 
     drawing = Drawing()
     drawing.subplots().set(title=evil, xlabel=evil)
-    blocks = (Figure(evil, drawing, evil), table((evil, 1.0, 0.1)), Command(evil, evil))
-    sections = [Section("a", evil, (*blocks, Text(evil), Bullets([evil])))]
-    page, markdown = to_html(evil, sections), to_markdown(evil, sections)
+    own = Figure(evil, drawing, evil)
+    template = environment().from_string(PAGE)
+    page = template.render(title=evil, contents=[], frame=example(evil), drawing=own)
     tags, attributes = parsed(page)
     assert tags.count("script") == 1
     assert "img" not in tags
     assert not [name for name, _ in attributes if name.startswith("on")]
     assert all(place.startswith("#") for name, place in attributes if name.endswith("href"))
-    assert not re.search(r"[\x00\x1b\udcff\u202e]", page)
-    markdown = re.sub("^    .*", "", markdown, flags=re.M)  # what is to type is code
-    assert not re.search(r"<script|<img|(?<!\\)\[?x\]|[\x00\x1b\udcff\u202e]|^# c", markdown, re.M)
+    assert not re.search(r"[\x00\x1b\udcff\u202e]", page + as_html(evil, example(evil)))
+    written = markdown(example(evil))
+    assert not re.search(r"<script|<img|(?<!\\)\[?x\]|[\x00\x1b\udcff\u202e]|^# c", written, re.M)
     assert pdf(drawing)
     stream = io.StringIO()
-    print_blocks(Console(file=stream), Text(evil), Bullets([evil]), table((evil, 1.0, 0.1)))
+    show(Console(file=stream), Line(evil), evil, example(evil))
     assert not re.search(r"[\x00\x1b\x07]", stream.getvalue())
 
 
@@ -103,7 +99,7 @@ def test_a_figure_that_is_there_is_not_written_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drawn: list[bytes] = []
-    monkeypatch.setattr("pilotid.support.document.pdf", lambda _: drawn.append(b"") or b"%PDF")
+    monkeypatch.setattr("pilotid.report.page.pdf", lambda _: drawn.append(b"") or b"%PDF")
 
     def saved(title: str) -> int:
         from matplotlib.figure import Figure as Drawing
@@ -120,14 +116,23 @@ def test_a_figure_that_is_there_is_not_written_again(
 
 def test_a_narrow_terminal_has_a_table_in_parts_and_cuts_no_number() -> None:
     numbers = [1.234567, 2.345678, 3.456789, 4.567891]
-    columns: list[Column[int]] = [Column("key", lambda i: f"k{i}")]
-    columns += [
-        Column(f"n{n}", lambda _, value=value: value, "{:.6f}".format)  # type: ignore[misc]
-        for n, value in enumerate(numbers)
-    ]
+    titles = ["key", *(f"n{n}" for n in range(4))]
+    rows = [(f"k{i}", *numbers) for i in (1, 2)]
+    frame = table(rows, "", titles, dict.fromkeys(titles[1:], "{:.6f}".format))
     stream = io.StringIO()
-    print_blocks(Console(file=stream, width=30), Table("", columns, [1, 2]))
+    show(Console(file=stream, width=30), frame)
     printed = stream.getvalue()
     assert all(printed.count(f"{value:.6f}") == 2 for value in numbers)
     assert printed.count("key") == 2  # parts, each with what the rows are about
     assert max(map(len, printed.splitlines())) <= 30
+    assert "n3" in as_text(frame)
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "shown"),
+    [(1.2341, 0.0567, "$1.234$"), (-0.001, 0.3, "$0.00$"), (float("nan"), 1.0, "--"),
+     (123.4, 27.0, "$123$"), (-2.5, float("nan"), "$-2.50$"), (0.0, 0.0, "$0$")],
+)  # fmt: skip
+def test_numbers_have_the_digits_of_their_errors(value: float, error: float, shown: str) -> None:
+    written = latex(table([((value, error),)], "", ["x"], {"x": to_error}))
+    assert f"\n{shown} \\\\\n" in written

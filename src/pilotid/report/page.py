@@ -1,0 +1,249 @@
+"""Pages: templates filled with sentences, tables and figures, in one file that opens offline."""
+
+from __future__ import annotations
+
+import io
+import re
+from base64 import b64encode
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cache, cached_property
+from hashlib import sha256
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+from weakref import WeakSet
+from xml.etree import ElementTree
+
+from pilotid.estimates.quantities import symbol
+from pilotid.support.disk import write_file
+from pilotid.support.format import cells, clean, inline, math_html
+from pilotid.support.types import InputError
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+    from matplotlib.figure import Figure as Drawing
+
+Kinds = Sequence[Literal["svg", "pdf"]]
+
+#: The folder of figures beside a page.
+FIGURES = "figures"
+LONGEST_LABEL = 200  # characters of a text in a figure
+#: Text of figures stays text; a reader's machine sets it in the first of these that it has.
+FONTS = ("DejaVu Sans", "Verdana", "sans-serif")
+POINTS = 72.0  # an inch, in which matplotlib writes SVG
+SVG, LINKS = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure; its SVG is part of a page.
+
+    Attributes
+    ----------
+    name
+        What its files are called.
+    drawing
+        What matplotlib drew.
+    caption
+        What it shows.
+    alt
+        The same in short, for those who do not see it; empty for the caption.
+    """
+
+    name: str
+    drawing: Drawing = field(repr=False)
+    caption: str
+    alt: str = ""
+
+    @property
+    def file(self) -> str:
+        """Its name as that of a file: the name may hold a scenario's."""
+        return re.sub(r"[^\w.,()=+ -]", "-", self.name)
+
+    @cached_property
+    def svg(self) -> str:
+        """The figure as an SVG element."""
+        return svg(self.drawing, self.file, self.alt or self.caption)
+
+
+@cache
+def environment() -> Environment:
+    """Where templates come from, and what they can call."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup
+
+    found = Environment(
+        loader=PackageLoader("pilotid"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=lambda value: clean(value) if type(value) is str else value,
+    )
+
+    def symbol_of(key: str) -> Markup:
+        """The symbol of a quantity; nothing for other heads of rows."""
+        own = symbol(key)
+        return math_html(own) if own != key else Markup("")
+
+    found.filters |= {"inline": inline, "symbol": symbol_of, "cells": cells}
+    # The one script that a page may run is known by its digest.
+    script = files("pilotid").joinpath("templates", "page.js").read_text("utf-8")
+    digest = b64encode(sha256(script.encode()).digest()).decode()
+    found.globals |= {"script": Markup(script), "digest": Markup(digest)}
+    return found
+
+
+def render(template: str, **context: object) -> str:
+    """A template filled in; equal contexts give equal texts.
+
+    Parameters
+    ----------
+    template
+        Its name in the folder of templates.
+    context
+        What it shows: sentences, tables of `pilotid.support.format.table`, and figures.
+    """
+    return environment().get_template(template).render(context)
+
+
+def write_page(path: Path, template: str, **context: object) -> None:
+    """Write a page.
+
+    Raises
+    ------
+    InputError
+        If it cannot be written.
+    """
+    write_file(path, render(template, **context).encode("utf-8", "replace"))
+
+
+def save_figures(
+    folder: Path, figures: Sequence[Figure], kinds: Kinds = ("svg", "pdf"), prefix: str = ""
+) -> list[Path]:
+    """Write each figure as SVG and as PDF; equal figures give equal bytes.
+
+    Parameters
+    ----------
+    folder
+        Where to; it is made.
+    figures
+        The figures.
+    kinds
+        Which files to write; most of the time goes into the fonts of PDF.
+    prefix
+        Before the names of all files, such as ``subject1-C3-``.
+
+    Returns
+    -------
+    The files.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made ({error.strerror}); free the name") from error
+    written: list[Path] = []
+    for figure in figures:
+        paths = {kind: folder / f"{prefix}{figure.file}.{kind}" for kind in kinds}
+        # Of a figure whose SVG is there already, byte by byte, the PDF is as well.
+        content = figure.svg.encode() if "svg" in kinds else b""
+        same = "svg" in kinds and all(path.is_file() for path in paths.values())
+        if not (same and paths["svg"].read_bytes() == content):
+            for kind, path in paths.items():
+                write_file(path, pdf(figure.drawing) if kind == "pdf" else content)
+        written += paths.values()
+    return written
+
+
+#: Figures whose axes have their places already.
+_LAID_OUT: WeakSet[Drawing] = WeakSet()
+
+
+def _lay_out(drawing: Drawing) -> None:
+    """Find places for all axes once and for all: each drawing would find them anew."""
+    if drawing in _LAID_OUT:
+        return
+    _LAID_OUT.add(drawing)
+    clean_drawing(drawing)
+    engine = drawing.get_layout_engine()
+    if engine is not None:
+        drawing.set_dpi(POINTS)
+        engine.execute(drawing)
+        drawing.set_layout_engine("none")
+
+
+def clean_drawing(drawing: Drawing) -> None:
+    """Make all texts of a figure such that they can be drawn; formulas that are none stay text."""
+    from matplotlib.mathtext import MathTextParser
+    from matplotlib.text import Text
+
+    def cleaned(label: str) -> str:
+        return "\n".join(map(clean, label.split("\n")))[:LONGEST_LABEL]
+
+    for axis in (axis for axes in drawing.axes for axis in (axes.xaxis, axes.yaxis)):
+        labels = [text.get_text() for text in axis.get_ticklabels()]
+        if any(label != cleaned(label) for label in labels):  # a formatter sets them anew
+            axis.set_ticks(axis.get_majorticklocs(), labels=[*map(cleaned, labels)])
+    for text in drawing.findobj(Text):
+        assert isinstance(text, Text)
+        given = text.get_text()
+        words = cleaned(given)
+        if words != given:
+            text.set_text(words)
+        if "$" in words:
+            try:
+                MathTextParser("path").parse(words)
+            except Exception:
+                text.set_parse_math(False)
+
+
+def pdf(drawing: Drawing) -> bytes:
+    """A figure as PDF, its text as text, without a date."""
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_pdf import FigureCanvasPdf
+
+    _lay_out(drawing)
+    stream = io.BytesIO()
+    nothing = dict.fromkeys(("Creator", "Producer", "CreationDate"))
+    with rc_context({"pdf.fonttype": 42}):
+        # Not `savefig`, which draws everything twice; matplotlib's backends have no types.
+        FigureCanvasPdf(drawing).print_pdf(stream, metadata=nothing)  # type: ignore[no-untyped-call]
+    return stream.getvalue()
+
+
+def svg(drawing: Drawing, name: str, alt: str) -> str:
+    """A figure as an SVG element, the same bytes for the same figure.
+
+    Parameters
+    ----------
+    drawing
+        The figure.
+    name
+        Tells it from the other figures of a page: no two of them share an id.
+    alt
+        What the figure shows, for those who do not see it.
+    """
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+    stream = io.StringIO()
+    nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+    with rc_context({"svg.hashsalt": name, "svg.fonttype": "none", "font.sans-serif": FONTS}):
+        canvas = FigureCanvasSVG(drawing)
+        _lay_out(drawing)
+        canvas.print_svg(stream, metadata=nothing)  # type: ignore[no-untyped-call]
+    root = ElementTree.fromstring(stream.getvalue())
+    for element in root.iter():
+        if element.tag == f"{{{SVG}}}g":
+            # Groups are numbered in each figure from one, and nothing refers to them.
+            element.attrib.pop("id", None)
+        element.text = element.text if (element.text or "").strip() else None
+        element.tail = "\n"
+        if "d" in element.attrib:
+            element.set("d", " ".join(element.attrib["d"].split()))
+    root.set("role", "img")
+    root.set("aria-label", clean(alt))
+    ElementTree.register_namespace("", SVG)
+    ElementTree.register_namespace("xlink", LINKS)
+    return ElementTree.tostring(root, encoding="unicode")

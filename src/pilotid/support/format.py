@@ -1,0 +1,404 @@
+"""Numbers, sentences and tables as text: for the terminal, pages, Markdown and LaTeX.
+
+A sentence holds `code`, **strong** words and links to a [section](#key), a
+[file](folder/name.html) beside the page or [one](../name.html) above it; nothing else is marked
+up.  A table is a data frame of text.  What else means something in a form is escaped in it;
+control characters, marks of direction and lone surrogates are escaped in all.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from pilotid.support.terminal import PLAIN_WIDTH, print_table
+from pilotid.support.types import printable
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
+    from pandas import DataFrame
+    from rich.console import Console
+    from rich.table import Table
+
+# numbers
+
+NONE = "-"
+
+
+def decimals(value: float, digits: int = 2, most: int = 9) -> int:
+    """Decimals with which a number that is not zero shows so many digits, at the most `most`."""
+    return min(max(digits - 1 - math.floor(math.log10(abs(value))), 0), most)
+
+
+def number(value: float, digits: int = 3) -> str:
+    """A number with that many digits, without an exponent unless it is far off."""
+    if not math.isfinite(value):
+        return NONE
+    if value == 0.0 or 1e-3 <= abs(value) < 1e5:
+        places = decimals(value, digits, digits) if value else 0
+        text = f"{value:.{places}f}"
+    else:
+        text = f"{value:.1e}"
+    return text if float(text) else text.lstrip("-")
+
+
+def to_error(value: float, error: float, most: int = 4) -> str:
+    """A value with the decimals that its error allows, at the most `most`."""
+    if not (math.isfinite(value) and math.isfinite(error) and error > 0.0):
+        return number(value)
+    text = f"{value:.{decimals(error, most=most)}f}"
+    return text if float(text) else text.lstrip("-")
+
+
+def unsigned(value: float, error: float) -> str:
+    """A value with its error, of which two digits are shown."""
+    text = to_error(value, error)
+    if not (math.isfinite(value) and math.isfinite(error) and error > 0.0):
+        return text
+    return f"{text} ± {to_error(error, error)}"
+
+
+def plus_minus(value: float, error: float) -> str:
+    """A difference, with its sign, and its error, of which two digits are shown."""
+    text = unsigned(value, error)
+    known = math.isfinite(value) and math.isfinite(error) and value > 0.0 and error > 0.0
+    return f"+{text}" if known and float(text.partition(" ")[0]) > 0.0 else text
+
+
+def percent(value: float, error: float = math.nan) -> str:
+    """A share in %, with its error if there is one."""
+    return unsigned(100.0 * value, 100.0 * error)
+
+
+def signed(value: float) -> str:
+    """A percentage with its sign, and a decimal where that matters."""
+    return f"{value:+.{0 if abs(value) >= 9.95 else 1}f}"
+
+
+def share(value: float, interval: tuple[float, float]) -> str:
+    """A share in %, with its interval."""
+    if not math.isfinite(value):
+        return NONE
+    return f"{100.0 * value:.0f} ({100.0 * interval[0]:.0f}-{100.0 * interval[1]:.0f})"
+
+
+def p_value(p: float) -> str:
+    """A p-value as papers print it."""
+    if not math.isfinite(p):
+        return NONE
+    return "< .001" if p < 0.001 else f"{p:.3f}".lstrip("0")
+
+
+# signs
+
+LINK = r"\[([^\]]+)\]\((#[\w-]+|(?:[\w.-]+/)+[\w.+-]+|[\w-]+\.csv)\)"
+GREEK = {
+    "tau": "τ",
+    "omega": "ω",
+    "zeta": "ζ",
+    "sigma": "\N{GREEK SMALL LETTER SIGMA}",
+    "varphi": "φ",
+}
+LATEX = {
+    "\\": r"\textbackslash{}",
+    "{": r"\{",
+    "}": r"\}",
+    "$": r"\$",
+    "&": r"\&",
+    "#": r"\#",
+    "%": r"\%",
+    "_": r"\_",
+    "^": r"\textasciicircum{}",
+    "~": r"\textasciitilde{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "|": r"\textbar{}",
+    "±": r"$\pm$",
+}
+
+
+MINUS, DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
+#: Colours of lines in a terminal by their marks.
+STYLES = {"heading": "bold", "warning": "yellow", "failure": "red"}
+#: Columns between columns of a table, and width to which those of words may be folded.
+GAP, FOLDED = 3, 16
+
+
+def clean(text: str) -> str:
+    """A text on one line, without anything that acts on a terminal or that XML cannot hold."""
+    return text if text.isprintable() else printable(" ".join(text.splitlines()))
+
+
+def plain(text: str) -> str:
+    """A text without marks; its lines stay."""
+    bare = re.sub(LINK, r"\1", text).replace("`", "").replace("**", "")
+    return "\n".join(map(clean, bare.split("\n")))
+
+
+def inline(text: str) -> Markup:
+    """A text as HTML."""
+    from markupsafe import Markup, escape
+
+    safe = str(escape(clean(text)))
+    safe = re.sub(r"`([^`]+)`", r"<code>\1</code>", safe)
+    safe = re.sub(r"\*\*([^*]+)\*\*", r"<strong>\1</strong>", safe)
+    safe = safe.replace(" %", "&nbsp;%")
+    return Markup(re.sub(LINK, r'<a href="\2">\1</a>', safe))
+
+
+def math_html(formula: str) -> Markup:
+    """A formula of letters, indices and powers as HTML; other commands lose their backslash."""
+    from markupsafe import Markup
+
+    text = re.sub(r"\\mathrm\{(\w+)\}", r"\1", str(inline(formula.strip("$"))))
+    text = re.sub(r"\\([a-z]+)", lambda m: GREEK.get(m[1], m[1]), text).replace(r"\,", " ")
+    for sign, tag in (("_", "sub"), ("^", "sup")):
+        text = re.sub(rf"\{sign}(?:\{{([^}}]*)\}}|(.))", rf"<{tag}>\1\2</{tag}>", text)
+    return Markup(text)
+
+
+def for_markdown(text: str) -> str:
+    """A text as Markdown, in which no other link, image or tag is one."""
+    words, *linked = re.split(LINK, clean(text))
+    return _signs(words) + "".join(
+        f"[{_signs(name)}]({place}){_signs(words)}"
+        for name, place, words in zip(linked[::3], linked[1::3], linked[2::3], strict=True)
+    )
+
+
+def _signs(text: str) -> str:
+    text = text.replace("&", "&amp;").replace("<", "&lt;")
+    return re.sub(r"[\[\]]", r"\\\g<0>", text)
+
+
+def for_latex(text: str) -> str:
+    """A text as LaTeX sets it, letter by letter."""
+    return "".join(LATEX.get(letter, letter) for letter in clean(text))
+
+
+def typeset(text: str) -> str:
+    """A number's text with the signs of print."""
+    if text == NONE:
+        return DASH
+    text = re.sub(r"(?<!\d)-(?=[.\d])", MINUS, text)
+    return re.sub(r"(?<=\d)-(?=\d)", DASH, text)
+
+
+# tables
+
+
+def table(
+    frame: DataFrame | Sequence[Sequence[object]],
+    caption: str = "",
+    columns: Sequence[str] | None = None,
+    forms: Mapping[str, Callable[..., str]] | None = None,
+    *,
+    heads: int = 1,
+    hints: Mapping[str, str] | None = None,
+) -> DataFrame:
+    """A table to show: the values as text, without columns that say nothing.
+
+    Its `attrs` hold the caption, how many columns are heads of rows, the hints, and which columns
+    hold numbers (``numeric``).
+
+    Parameters
+    ----------
+    frame
+        The values, or rows of them; None and NaN are shown as "-".
+    caption
+        What the table shows.
+    columns
+        Titles of the columns; None for those of the frame.
+    forms
+        By title, what writes a value as a number, in ASCII but for ±; a tuple's members are its
+        arguments.  Columns without one hold words.
+    heads
+        How many columns in front say what a row is about.
+    hints
+        By title, what it means, where it is short.
+    """
+    from pandas import DataFrame
+
+    values = frame if isinstance(frame, DataFrame) else DataFrame(list(frame), dtype=object)
+    known = forms or {}
+    titles = list(values.columns) if columns is None else list(columns)
+    shown: list[tuple[str, list[str]]] = []
+    for place, title in enumerate(titles):
+        own = values.iloc[:, place] if len(values) else ()
+        texts = [_text_of(value, known.get(title, str)) for value in own]
+        if place < heads or any(text not in ("", "0", NONE) for text in texts):
+            shown.append((title, texts))
+    found = DataFrame({place: texts for place, (_, texts) in enumerate(shown)}, dtype=object)
+    found.columns = [title for title, _ in shown]
+    found.attrs = {
+        "caption": caption,
+        "heads": heads,
+        "hints": dict(hints or {}),
+        "numeric": [title in known for title, _ in shown],
+    }
+    return found
+
+
+def _text_of(value: object, form: Callable[..., str]) -> str:
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return NONE
+    return form(*value) if isinstance(value, tuple) else form(value)
+
+
+def cells(table: DataFrame) -> list[list[str]]:
+    """The texts of a table by row, with the signs of print."""
+    numeric = table.attrs["numeric"]
+    return [
+        [
+            typeset(text) if number or text == NONE else text
+            for text, number in zip(row, numeric, strict=True)
+        ]
+        for row in table.itertuples(index=False, name=None)
+    ]
+
+
+def markdown(table: DataFrame) -> str:
+    """A table as Markdown, its caption above it."""
+
+    def line(texts: Iterable[str]) -> str:
+        return f"| {' | '.join(for_markdown(text).replace('|', chr(92) + '|') for text in texts)} |"
+
+    rule = f"| {' | '.join('---:' if number else '---' for number in table.attrs['numeric'])} |"
+    lines = [line(table.columns), rule, *map(line, cells(table))]
+    caption = for_markdown(table.attrs["caption"].replace("**", ""))
+    return "\n".join([*([f"**{caption}**", ""] if caption else []), *lines])
+
+
+def latex(table: DataFrame, symbol: Callable[[str], str] = str) -> str:
+    """A table as a booktabs longtable without its caption.
+
+    Parameters
+    ----------
+    table
+        The table.
+    symbol
+        Gives a head's symbol between dollar signs, or the head itself.
+    """
+    from pandas import DataFrame
+
+    number = r"(?:(?<!\d)-)?\d*\.?\d+(?:e[-+]\d+)?"
+
+    def cell(text: str, *, numeric: bool) -> str:
+        if text == NONE:
+            return "--"
+        if numeric:
+            return re.sub(number, r"$\g<0>$", for_latex(text))
+        own = symbol(text)
+        return own if own != text else for_latex(text)
+
+    numeric = table.attrs["numeric"]
+    rows = [
+        [cell(text, numeric=own) for text, own in zip(row, numeric, strict=True)]
+        for row in table.itertuples(index=False, name=None)
+    ]
+    found = DataFrame(rows, columns=[*map(for_latex, table.columns)])
+    places = "".join("r" if own else "l" for own in numeric)
+    return str(found.to_latex(index=False, longtable=True, column_format=places))
+
+
+# the terminal
+
+
+class Line(NamedTuple):
+    """A line for a terminal; its mark is empty, ``heading``, ``warning`` or ``failure``."""
+
+    text: str
+    mark: str = ""
+
+
+def show(console: Console, *blocks: str | Line | DataFrame) -> None:
+    """Print lines, and tables between empty lines; wide tables come in parts."""
+    lines = 0
+    for block in blocks:
+        if isinstance(block, str | Line):
+            if lines < 0:
+                console.print()
+            text, mark = (block, "") if isinstance(block, str) else block
+            console.print(plain(text), style=STYLES.get(mark), soft_wrap=True)
+            lines = 1
+            continue
+        if lines:
+            console.print()
+        print_frame(console, block)
+        lines = -1
+
+
+def as_text(*blocks: str | Line | DataFrame) -> str:
+    """What `show` prints, as plain text."""
+    from rich.console import Console
+
+    stream = io.StringIO()
+    console = Console(file=stream, width=PLAIN_WIDTH, highlight=False, markup=False, emoji=False)
+    show(console, *blocks)
+    return stream.getvalue().strip("\n")
+
+
+def as_html(*blocks: str | DataFrame) -> str:
+    """Sentences and tables as HTML, for notebooks."""
+    return "".join(
+        f"<p>{inline(block)}</p>"
+        if isinstance(block, str)
+        else block.map(clean).to_html(index=False, border=0)
+        for block in blocks
+    )
+
+
+def print_frame(console: Console, table: DataFrame) -> None:
+    """Print a table with its caption, in parts where it is wide: no number is cut."""
+    if table.attrs["caption"]:
+        console.print(plain(table.attrs["caption"]), soft_wrap=True)
+    for number, part in enumerate(_parts(table, console.width)):
+        if number:
+            console.print()
+        print_table(console, _rich(table, console.encoding, part))
+
+
+def _parts(table: DataFrame, width: int) -> list[list[int]]:
+    """The columns that fit beside one another, the first ones in each part."""
+    from rich.cells import cell_len
+
+    heads = list(range(min(table.attrs["heads"], table.shape[1])))
+
+    def wide(place: int, title: str) -> int:
+        longest = max(cell_len(plain(text)) for text in (title, *table.iloc[:, place]))
+        whole = place in heads or table.attrs["numeric"][place]
+        return GAP + (longest if whole else min(longest, FOLDED))
+
+    widths = [wide(place, title) for place, title in enumerate(table.columns)]
+    parts, left = [[*heads]], width + GAP - sum(widths[place] for place in heads)
+    room = left
+    for place in range(len(heads), len(widths)):
+        if widths[place] > room and len(parts[-1]) > len(heads):
+            parts.append([*heads])
+            room = left
+        parts[-1].append(place)
+        room -= widths[place]
+    return parts
+
+
+def _rich(table: DataFrame, encoding: str, places: Sequence[int]) -> Table:
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    found = Table(box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
+    sign = "±" if encoding == "utf-8" else "+-"
+    numeric: Sequence[Any] = table.attrs["numeric"]
+    for place in places:
+        found.add_column(
+            plain(table.columns[place]),
+            justify="right" if numeric[place] else "left",
+            # What rows are about is kept whole, and so are numbers.
+            no_wrap=place < table.attrs["heads"] or numeric[place],
+            overflow="fold",
+        )
+    for row in table.iloc[:, list(places)].itertuples(index=False, name=None):
+        found.add_row(*(plain(text).replace("±", sign) for text in row))
+    return found
