@@ -21,8 +21,8 @@ from pilotid.pilot.loops import margins, open_loops
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
 from pilotid.report.fit import figures_of
+from pilotid.report.page import save_figures
 from pilotid.show import plots
-from pilotid.support.document import save_figures
 from pilotid.support.types import InputError
 
 ELEMENT = double_integrator(4.0)

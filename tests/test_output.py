@@ -125,7 +125,7 @@ def test_an_estimate_gives_its_quantities_by_key() -> None:
 
 def test_a_data_frame_has_a_row_for_each_quantity() -> None:
     pytest.importorskip("pandas")
-    frame = estimate().to_dataframe()
+    frame = estimate().table()
     assert list(frame.columns) == [
         "parameter", "unit", "value", "std_error", "lower_95", "upper_95",
     ]  # fmt: skip

@@ -17,8 +17,8 @@ from pilotid.frequency.second_step import ResponseFit, second_step
 from pilotid.pilot.catalogue import MULTI, SINGLE
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
+from pilotid.report.page import svg
 from pilotid.show.plots import response_figure
-from pilotid.support.document import svg
 from pilotid.support.types import ComplexArray, FloatArray
 
 pytestmark = pytest.mark.numerical

@@ -11,8 +11,8 @@ from pathlib import Path
 from pilotid.datasets import scenario_named, simulate
 from pilotid.estimates.method import identify
 from pilotid.methods import methods
+from pilotid.report.page import svg
 from pilotid.show.plots import response_figure
-from pilotid.support.document import svg
 from pilotid.support.numbers import fit_rng, recording_rng
 
 SCENARIO = "nominal"

@@ -17,7 +17,8 @@ from pilotid.recordings.recording import Recording
 from pilotid.recordings.windows import stem_of
 from pilotid.report.check import check_all, summary_of
 from pilotid.support.disk import path_shown, require_folder
-from pilotid.support.document import Bullets, Text, print_blocks
+from pilotid.support.document import print_blocks
+from pilotid.support.format import show
 from pilotid.support.numbers import DEFAULT_SEED, fit_rng
 from pilotid.support.remarks import codes_in
 from pilotid.support.terminal import make_console
@@ -43,19 +44,19 @@ def check(
     options.require_free(files, json, force=force)
     recordings, refused = reading.all(files, joint=joint)
     found = check_all(recordings, models, plant, ignored)
-    console, summary = make_console(), [Text(summary_of(found))] if len(found) > 1 else []
+    console, summary = make_console(), [summary_of(found)] if len(found) > 1 else []
     if brief and json is None:
-        print_blocks(console, *(own.brief for own in found), *summary)
+        show(console, *(own.brief for own in found), *summary)
     else:
         entries = [own.to_dict() for own in found]
         if not options.write_json(json, entries[0] if len(entries) == 1 else entries):
             for number, own in enumerate(found):
                 if number:
                     console.print()
-                print_blocks(console, *own.blocks)
+                show(console, *own.blocks())
             if summary:
                 console.print()
-                print_blocks(console, *summary)
+                show(console, *summary)
     options.raise_refused(refused)
 
 
@@ -146,7 +147,7 @@ def design(
     about = {"pilotid": version("pilotid"), "command": command}
     write_files(out, made, about, model_place(scenario or ""))
     page = write_report(out, made, command)
-    print_blocks(make_console(), error_table(made), Bullets([*sentences(made), f"report: {page}"]))
+    show(make_console(), error_table(made), *sentences(made), f"report: {page}")
 
 
 #: What is written into a folder, beside figures.

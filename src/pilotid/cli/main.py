@@ -205,13 +205,14 @@ def fit(
     fits = [own.without(ignored) for own in fits] if ignored else fits
     if truth is not None and not named:
         true = options.read_truth(truth, fits[0].model)
+    from pilotid.report.fit import html_report, print_fit
+
     entries = [f.to_dict() for f in fits]
     printed = options.write_json(json, entries[0] if len(entries) == 1 else entries)
     if plot and report is None:
         report = Path(tempfile.mkdtemp(prefix="pilotid-")) / "report.html"
     if report is not None:
         from pilotid.methods.fourier import first_step_of
-        from pilotid.report.fit import html_report
 
         page = html_report(
             fits, true, points=[first_step_of(fit.recording, fit.model) for fit in fits]
@@ -223,7 +224,7 @@ def fit(
         for number, fitted in enumerate(fits):
             if number:
                 console.print()
-            fitted.print(console, said)
+            print_fit(fitted, console, said)
             said |= {remark.code for remark in fitted.graded} & set(OF_STICK)
     if plot and report is not None:
         show_page(report, make_console(errors=printed))

@@ -2,28 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pilotid.designing.design import Design, sines_of
+from pilotid.report.page import Figure, write_page
 from pilotid.show.style import draw_grid, journal_figure, log_ticks, with_unit
-from pilotid.support.document import (
-    Block,
-    Bullets,
-    Command,
-    Figure,
-    Section,
-    Table,
-    table_of,
-    write_page,
-)
-from pilotid.support.format import number
+from pilotid.support.format import number, table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
+    from pandas import DataFrame
 
 NAMES = {"ft": "target", "fd": "disturbance"}
 SECONDS = 20.0  # of the signals are shown
@@ -33,16 +25,18 @@ def write_report(folder: Path, made: Design, command: str) -> Path:
     """Write report.html, with the command that makes the design again; returns its place."""
     path, design = folder / "report.html", folder / "design.json"
     caption = "Amplitudes of the lines, and the first seconds of the measurement window"
-    blocks: list[Block] = [
-        Bullets(sentences(made)),
-        error_table(made),
-        Figure("signals", signals_figure(made), caption),
-        line_table(made),
-        Command("To make it again:", command),
-        Command("Methods on it:", f"pilotid compare --scenario {design} --out DIR"),
-    ]
-    title = f"Forcing functions for {made.reference.name}"
-    write_page(path, title, [Section("design", "Design", blocks)])
+    write_page(
+        path,
+        "design.html",
+        title=f"Forcing functions for {made.reference.name}",
+        contents=[],
+        sentences=sentences(made),
+        errors=error_table(made),
+        signals=Figure("signals", signals_figure(made), caption),
+        lines=line_table(made),
+        command=command,
+        compare=f"pilotid compare --scenario {design} --out DIR",
+    )
     return path
 
 
@@ -59,7 +53,7 @@ def sentences(made: Design) -> Sequence[str]:
     )
 
 
-def error_table(made: Design) -> Table[Any]:
+def error_table(made: Design) -> DataFrame:
     """Predicted standard errors, of more time and runs too."""
     runs = made.scenario.runs
     caption = (
@@ -68,20 +62,21 @@ def error_table(made: Design) -> Table[Any]:
     )
     columns = [made.reference_errors, made.errors, made.twice, made.five_runs]
     rows = [(key, *(100.0 * own[key] for own in columns)) for key in made.errors]
-    titles = ("reference", "design", "twice the time", "five runs")
-    return table_of(caption, [("parameter",), *((title, number) for title in titles)], rows)
+    titles = ("parameter", "reference", "design", "twice the time", "five runs")
+    return table(rows, caption, titles, dict.fromkeys(titles[1:], number))
 
 
-def line_table(made: Design) -> Table[Any]:
+def line_table(made: Design) -> DataFrame:
     """The lines of the forcing functions: number, frequency, amplitude, phase."""
     rows = [
         (name, *line)
         for name, s in sines_of(made.scenario).items()
         for line in zip(s.lines, s.omega, s.amplitudes, s.phases, strict=True)
     ]
-    heads = [("signal",), ("line", str), ("rad/s", number), ("amplitude", number),
-             ("phase rad", "{:.3f}".format)]  # fmt: skip
-    return table_of("The lines", heads, rows, number_of_heads=2, folded=True)
+    titles = ("signal", "line", "frequency rad/s", "amplitude", "phase rad")
+    forms: dict[str, Callable[..., str]] = dict.fromkeys(titles[1:], number)
+    forms |= {"line": str, "phase rad": "{:.3f}".format}
+    return table(rows, "The lines", titles, forms, heads=2)
 
 
 def signals_figure(made: Design) -> Drawing:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import math
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +15,7 @@ from pilotid.estimates.parts import AnalysedBand, FrequencyResponse, RemnantEsti
 from pilotid.estimates.quantities import (
     Pair,
     Quantity,
+    frame_of,
     inseparable,
     product_spreads,
     products_by_delta,
@@ -23,7 +24,7 @@ from pilotid.estimates.quantities import (
 )
 from pilotid.pilot.element import ControlledElement, as_element
 from pilotid.pilot.model import PilotModel
-from pilotid.support.document import Text, blocks_html, blocks_text
+from pilotid.support.format import as_html, as_text
 from pilotid.support.numbers import Z95
 from pilotid.support.remarks import remarks_json
 from pilotid.support.types import BoolArray, FloatArray, InputError
@@ -258,7 +259,7 @@ class Estimate:
         lines = []
         if np.isfinite(self.values).any():
             (table,) = quantity_tables([(self.method, self.quantities)], 1)
-            lines += [blocks_text(table), ""]
+            lines += [as_text(table), ""]
         tested = [self.specification.sentence] if self.specification else []
         return "\n".join([*lines, *self.model.held_words, *tested, self.verdict(), *self.remarks])
 
@@ -269,7 +270,7 @@ class Estimate:
     def _repr_html_(self) -> str:
         known = np.isfinite(self.values).any()
         tables = quantity_tables([(self.method, self.quantities)], 1) if known else []
-        return blocks_html(*tables, *map(Text, (self.verdict(), *self.remarks)))
+        return as_html(*tables, self.verdict(), *self.remarks)
 
     def to_dict(self) -> dict[str, object]:
         """Plain objects, in the form that `pilotid fit --json` writes; NaN where there is none."""
@@ -298,12 +299,9 @@ class Estimate:
             result["frequency_response"] = self.frequency_response.to_dict(names)
         return result
 
-    def to_dataframe(self) -> DataFrame:
+    def table(self) -> DataFrame:
         """A row for each quantity: key, unit, value, standard error and 95 % interval."""
-        from pandas import DataFrame
-
-        columns = ["parameter", "unit", "value", "std_error", "lower_95", "upper_95"]
-        return DataFrame([astuple(q) for q in self.quantities], columns=columns)
+        return frame_of(self.quantities)
 
     def loops(self, element: ControlledElement | str) -> Loops:
         """Its open loops with a controlled element: ``estimate.loops("15/s^2").quantities``.

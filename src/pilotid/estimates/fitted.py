@@ -1,36 +1,28 @@
-"""Estimates of one model from one recording, by several methods, and how they are printed."""
+"""Estimates of one model from one recording, by several methods."""
 
 from __future__ import annotations
 
-import math
 import warnings
-from collections.abc import Container, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import compress
 from multiprocessing import parent_process
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from pilotid.estimates.estimate import Estimate, Outcome, failed
 from pilotid.estimates.loops import LoopElement, Loops, loops_of
 from pilotid.estimates.method import Method, identify
-from pilotid.estimates.quantities import abreast, quantity_tables
 from pilotid.naming.code import packed, reason, unpacked
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.spectra import NotMultisineError, forcing_sines
-from pilotid.support.document import Bullets, Table, Text, print_blocks
 from pilotid.support.numbers import fit_rng
 from pilotid.support.remarks import Remark, gravest_first, remark_of, remarks_json, without
 from pilotid.support.terminal import show_warning
 from pilotid.support.types import one_line
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from pilotid.jobs import Loss
 
 
@@ -135,69 +127,6 @@ class Fitted:
     def warnings(self) -> list[str]:
         """All remarks in words, those that say what is wrong first."""
         return [remark.line(about) for remark, about in self.graded.items()]
-
-    def tables(self, abreast: int) -> list[Table[Any]]:
-        """The quantities of all estimates that have values, so many side by side."""
-        shown = [(e.method, e.quantities) for e in self.estimates if np.isfinite(e.values).any()]
-        return [*quantity_tables(shown, abreast)]
-
-    @property
-    def specifications(self) -> list[Text]:
-        """Whether estimates agree with another way to estimate."""
-        tested = [(e.method, e.specification) for e in self.estimates if e.specification]
-        return [
-            Text(f"{method}: {test.sentence}", "" if test.agrees else "failure")
-            for method, test in tested
-        ]
-
-    def loop_blocks(self, abreast: int) -> list[Text | Bullets | Table[Any]]:
-        """With what element loops were drawn, their quantities, and what to know of them."""
-        if self.loop_element is None:
-            return []
-        if self.loop_element.element is None:
-            return [Bullets([self.loop_element.why])]
-        pairs = [
-            (estimate.method, loops)
-            for estimate, loops in zip(self.estimates, self.loops, strict=True)
-            if np.isfinite(estimate.values).any()
-        ]
-        if not pairs:
-            return []
-        known = [any(math.isfinite(q.value) for q in loops.quantities) for _, loops in pairs]
-        shown = [(method, loops.quantities) for method, loops in compress(pairs, known)]
-        notes = [f"{method}: {note}" for method, loops in pairs for note in loops.notes]
-        tables = quantity_tables(shown, abreast, "loop")
-        return [Text(self.loop_element.words), *tables, Bullets(notes)]
-
-    def print(self, console: Console, said: Container[str] = ()) -> None:
-        """Print tables, a line for each method, and what is wrong or in doubt.
-
-        Parameters
-        ----------
-        console
-            Where to.
-        said
-            Codes of remarks that were printed already and are not printed again.
-        """
-        side = abreast(console.width)
-        shown = {r: about for r, about in self.graded.items() if r.code not in said}
-        notes = dict.fromkeys(remark.code for remark in shown if remark.grade == "note")
-        loud = [r.line(about) for r, about in shown.items() if r.grade != "note"]
-        verdicts = (
-            Text(e.verdict(), "" if e.outcome.usable else "failure") for e in self.estimates
-        )
-        print_blocks(
-            console,
-            Text(self.heading, "heading"),
-            *[Text(self.choice)] * bool(self.choice),
-            *self.tables(side),
-            *map(Text, self.model.held_words),
-            *self.specifications,
-            *self.loop_blocks(side),
-            *verdicts,
-            *(Text(warning, "warning") for warning in loud),
-            *[Text(f"notes, in full with --json or --report: {', '.join(notes)}")] * bool(notes),
-        )
 
 
 def fit_all(

@@ -5,16 +5,19 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pilotid.estimates.draws import Draws, Spread, spread_of
-from pilotid.support.document import Column, Table
-from pilotid.support.format import decimals
+from pilotid.support.format import decimals, table
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import Z95
 from pilotid.support.types import BoolArray, FloatArray
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 #: Symbols by key; a number behind a key becomes an index.
 SYMBOLS = {
@@ -135,32 +138,39 @@ class Quantity:
         return f"{self.key} = {value}{unit}" + (f", 95 % {interval}" if interval else "")
 
 
-#: What stands side by side: a name, and quantities with the same keys for all.
-SideBySide = Sequence[tuple[str, Sequence[Quantity]]]
-
-
 def quantity_tables(
-    columns: SideBySide, abreast: int, what: str = "parameter"
-) -> list[Table[tuple[Quantity, ...]]]:
-    """A row for each quantity, two columns for each estimate, so many estimates in a table."""
+    estimates: Sequence[tuple[str, Sequence[Quantity]]], abreast: int, what: str = "parameter"
+) -> list[DataFrame]:
+    """Tables of quantities, two columns for each estimate, so many estimates in a table.
 
-    def of(place: int, name: str) -> list[Column[tuple[Quantity, ...]]]:
-        return [
-            Column(name, lambda row: row[place].shown()[0], str),
-            Column("95 % interval", lambda row: row[place].shown()[1], str),
-        ]
-
-    front: list[Column[tuple[Quantity, ...]]] = [
-        Column(what, lambda row: row[0].key, symbol=symbol),
-        Column("unit", lambda row: row[0].unit),
-    ]
+    Parameters
+    ----------
+    estimates
+        A name, and quantities with the same keys for all.
+    abreast
+        How many estimates a table has.
+    what
+        What the rows are.
+    """
     tables = []
-    for begin in range(0, len(columns), abreast):
-        some = columns[begin : begin + abreast]
-        own = [column for place, (name, _) in enumerate(some) for column in of(place, name)]
-        rows = list(zip(*(quantities for _, quantities in some), strict=True))
-        tables.append(Table("", [*front, *own], rows))
+    for begin in range(0, len(estimates), abreast):
+        some = estimates[begin : begin + abreast]
+        titles = [what, "unit"]
+        columns: list[list[str]] = [[getattr(q, a) for q in some[0][1]] for a in ("key", "unit")]
+        for name, quantities in some:
+            titles += [name, "95 % interval"]
+            columns += map(list, zip(*(q.shown() for q in quantities), strict=True))
+        forms = dict.fromkeys(titles[2:], str)
+        tables.append(table([*zip(*columns, strict=True)], "", titles, forms))
     return tables
+
+
+def frame_of(quantities: Sequence[Quantity]) -> DataFrame:
+    """A row for each quantity: key, unit, value, standard error and 95 % interval."""
+    from pandas import DataFrame
+
+    columns = ["parameter", "unit", "value", "std_error", "lower_95", "upper_95"]
+    return DataFrame([astuple(q) for q in quantities], columns=columns)
 
 
 def abreast(width: int) -> int:

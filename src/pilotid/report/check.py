@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,13 +18,16 @@ from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.detectors import Finding, copies_among, findings, fingerprints
 from pilotid.recordings.recording import Recording
-from pilotid.recordings.understood import REST, Forcing, Signal, Understood, understood
-from pilotid.support.document import Bullets, Column, Table, Text, blocks_html, blocks_text
+from pilotid.recordings.understood import REST, Forcing, Understood, understood
+from pilotid.support.format import Line, as_html, as_text, table
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import DEFAULT_SEED, fit_rng
 from pilotid.support.remarks import GRADES, Remark, codes_of, gravest_first, remarks_json, without
 from pilotid.support.types import InputError
 from pilotid.time_domain.constancy import constancy_of
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 YES = "yes"
 MUCH_REST = 0.2  # share of the time from which a control rests is worth a line
@@ -93,34 +96,30 @@ class Checked:
             "methods": self.methods,
         }
 
-    @property
-    def blocks(self) -> list[Text | Bullets | Table[Signal]]:
+    def blocks(self) -> list[str | Line | DataFrame]:
         """What the terminal shows."""
-        columns: list[Column[Signal]] = [
-            Column("signal", lambda s: s.name),
-            Column("what it is", lambda s: s.meaning),
-            Column("from", lambda s: s.origin),
-            Column("unit", lambda s: s.unit),
-            Column("rms", lambda s: s.rms, "{:.4g}".format),
-            Column("smallest", lambda s: s.smallest, "{:.4g}".format),
-            Column("largest", lambda s: s.largest, "{:.4g}".format),
-        ]
         facts = self.understood
+        titles = ("signal", "what it is", "from", "unit", "rms", "smallest", "largest")
+        rows = [
+            (s.name, s.meaning, s.origin, s.unit, s.rms, s.smallest, s.largest)
+            for s in facts.signals
+        ]
+        signals = table(rows, "", titles, dict.fromkeys(titles[4:], "{:.4g}".format))
         lines = [*_lines(facts), f"controlled element: {_element(self.element)}"]
         if self.constancy:
             lines.append(f"pilot: {self.constancy['words']}")
         lines += [f"recorder: {f.sentence}" for f in self.recorder if f.grade == "note"]
-        sound = [] if self.remarks else ["nothing is wrong with the signals"]
         return [
-            Text(self.recording.description, "heading"),
-            Table("", columns, facts.signals),
-            Bullets(lines),
-            *(Text(remark.line("recording"), "warning") for remark in self.remarks),
-            Bullets([*sound, *(_methods(name, able) for name, able in self.methods.items())]),
+            Line(self.recording.description, "heading"),
+            signals,
+            *lines,
+            *(Line(remark.line("recording"), "warning") for remark in self.remarks),
+            *([] if self.remarks else ["nothing is wrong with the signals"]),
+            *(_methods(name, able) for name, able in self.methods.items()),
         ]
 
     @property
-    def brief(self) -> Text:
+    def brief(self) -> Line:
         """One line, with the codes of the remarks."""
         told = gravest_first(self.remarks)
         codes = {g: dict.fromkeys(r.code for r in told if r.grade == g) for g in GRADES}
@@ -129,13 +128,14 @@ class Checked:
         size = f"{own.runs} x {own.duration:.4g} s, {' '.join(own.signals)}"
         name = element.name if element else "element unknown"
         line = f"{own.source}: {size}, {name}; {'; '.join(flags)}"
-        return Text(line, "warning" if codes["wrong"] or codes["doubt"] else "")
+        return Line(line, "warning" if codes["wrong"] or codes["doubt"] else "")
 
     def __repr__(self) -> str:
-        return blocks_text(*self.blocks)
+        return as_text(*self.blocks())
 
     def _repr_html_(self) -> str:
-        return blocks_html(*self.blocks)
+        texts = (b.text if isinstance(b, Line) else b for b in self.blocks())
+        return as_html(*texts)
 
 
 def check_all(

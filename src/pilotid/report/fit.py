@@ -3,24 +3,30 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import replace
 from operator import itemgetter
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pilotid.estimates.estimate import Estimate, Outcome, is_at_bound
 from pilotid.estimates.fitted import Fitted
 from pilotid.estimates.parts import FrequencyResponse
-from pilotid.estimates.quantities import Quantity
+from pilotid.estimates.quantities import Quantity, quantity_tables
+from pilotid.estimates.quantities import abreast as beside
 from pilotid.pilot.element import ControlledElement, parsed_element
+from pilotid.report.page import Figure, render
 from pilotid.show import plots
 from pilotid.show.responses import BANDS
 from pilotid.show.spectra import RESIDUALS
 from pilotid.show.style import leading
-from pilotid.support.document import Block, Bullets, Figure, Section, Text, to_html
+from pilotid.support.format import Line, show
 from pilotid.support.remarks import counted_grades
 from pilotid.support.types import FloatArray
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 TITLE = "Identified pilot models"
 #: Estimates side by side in a table, as many as a page of paper holds.
@@ -53,34 +59,41 @@ def html_report(
         For each fit an estimate of the responses without a model of the pilot, or None; see
         `figures_of`.
     """
-    sections = []
+    shown = []
     behind = points or [None] * len(fits)
     for number, (fit, own) in enumerate(zip(fits, behind, strict=True), start=1):
-        shown = [replace(f, name=f"{f.name}-{number}") for f in figures_of(fit, own, None, truth)]
-        sections.append(fit_section(fit, f"recording-{number}", shown))
-    return to_html(TITLE, sections)
+        figures = [replace(f, name=f"{f.name}-{number}") for f in figures_of(fit, own, None, truth)]
+        shown.append({"key": f"recording-{number}", **content_of(fit, ABREAST), "figures": figures})
+    contents = [(own["key"], own["heading"]) for own in shown]
+    return render("fit.html", title=TITLE, contents=contents, fits=shown, reading=READING)
 
 
-def fit_section(fit: Fitted, key: str, figures: Sequence[Figure]) -> Section:
-    """One recording's part of a page."""
-    blocks: list[Block] = [Text(" ".join(summary(fit))), *fit.specifications, *warnings_of(fit)]
-    tables = fit.tables(ABREAST)
-    if tables:
-        blocks += [Text("Parameters", "heading"), Text(READING), *tables]
-        blocks += map(Text, fit.model.held_words)
-    loops = fit.loop_blocks(ABREAST)
-    if loops:
-        blocks += [Text("Loops", "heading"), *loops]
-    verdicts = Bullets([e.verdict(timed=False) for e in fit.estimates])
-    blocks += [Text("How each fit ended", "heading"), verdicts, *figures]
-    return Section(key, fit.heading, blocks)
+def content_of(fit: Fitted, abreast: int) -> dict[str, Any]:
+    """What a page shows of a fit, and the terminal in part: sentences and tables.
 
-
-def warnings_of(fit: Fitted) -> list[Block]:
-    """All remarks, if there are any."""
-    if not fit.warnings:
-        return []
-    return [Text(_warned(fit), "heading"), Bullets(fit.warnings)]
+    Parameters
+    ----------
+    fit
+        What was fitted.
+    abreast
+        How many estimates stand side by side.
+    """
+    known = [(e.method, e.quantities) for e in fit.estimates if np.isfinite(e.values).any()]
+    return {
+        "heading": fit.heading,
+        "summary": " ".join(summary(fit)),
+        "specifications": [
+            (f"{e.method}: {e.specification.sentence}", e.specification.agrees)
+            for e in fit.estimates
+            if e.specification
+        ],
+        "warnings": fit.warnings,
+        "warned": _warned(fit),
+        "tables": quantity_tables(known, abreast),
+        "held": fit.model.held_words,
+        **_loops(fit, abreast),
+        "verdicts": [e.verdict(timed=False) for e in fit.estimates],
+    }
 
 
 def _warned(fit: Fitted) -> str:
@@ -88,6 +101,63 @@ def _warned(fit: Fitted) -> str:
     grave = any(remark.grade != "note" for remark in fit.graded)
     what = "read before you use the numbers" if grave else "for information, no doubts"
     return f"{counted_grades(fit.graded)}: {what}"
+
+
+def _loops(fit: Fitted, abreast: int) -> dict[str, Any]:
+    """With what element loops were drawn, their quantities, and what to know of them."""
+    nothing = {"element": "", "loops": [], "loop_notes": []}
+    if fit.loop_element is None:
+        return nothing
+    if fit.loop_element.element is None:
+        return {**nothing, "element": fit.loop_element.why}
+    pairs = [
+        (estimate.method, loops)
+        for estimate, loops in zip(fit.estimates, fit.loops, strict=True)
+        if np.isfinite(estimate.values).any()
+    ]
+    if not pairs:
+        return nothing
+    known = [
+        (method, loops.quantities)
+        for method, loops in pairs
+        if any(math.isfinite(q.value) for q in loops.quantities)
+    ]
+    return {
+        "element": fit.loop_element.words,
+        "loops": quantity_tables(known, abreast, "loop"),
+        "loop_notes": [f"{method}: {note}" for method, loops in pairs for note in loops.notes],
+    }
+
+
+def print_fit(fit: Fitted, console: Console, said: Container[str] = ()) -> None:
+    """Print tables, a line for each method, and what is wrong or in doubt.
+
+    Parameters
+    ----------
+    fit
+        What was fitted.
+    console
+        Where to.
+    said
+        Codes of remarks that were printed already and are not printed again.
+    """
+    found = content_of(fit, beside(console.width))
+    remarks = {r: about for r, about in fit.graded.items() if r.code not in said}
+    notes = dict.fromkeys(remark.code for remark in remarks if remark.grade == "note")
+    show(
+        console,
+        Line(fit.heading, "heading"),
+        *[fit.choice] * bool(fit.choice),
+        *found["tables"],
+        *found["held"],
+        *(Line(words, "" if agrees else "failure") for words, agrees in found["specifications"]),
+        *[found["element"]] * bool(found["element"]),
+        *found["loops"],
+        *found["loop_notes"],
+        *(Line(e.verdict(), "" if e.outcome.usable else "failure") for e in fit.estimates),
+        *(Line(r.line(about), "warning") for r, about in remarks.items() if r.grade != "note"),
+        *[f"notes, in full with --json or --report: {', '.join(notes)}"] * bool(notes),
+    )
 
 
 # ---------------------------------------------------------------------------------- words

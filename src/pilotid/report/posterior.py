@@ -3,33 +3,25 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pilotid.estimates.draws import Draws, Spread
 from pilotid.estimates.fitted import Fitted
-from pilotid.estimates.quantities import symbol
 from pilotid.pilot.element import ControlledElement
 from pilotid.posterior.predictive import PredictiveBand
-from pilotid.report.fit import figures_of, summary, warnings_of
+from pilotid.report.fit import content_of, figures_of
+from pilotid.report.page import Figure, render, save_figures
 from pilotid.show.posterior_figures import autocorrelation, band, corner, trace
 from pilotid.support.disk import strict_json, table_bytes, write_file
-from pilotid.support.document import (
-    Block,
-    Bullets,
-    Column,
-    Figure,
-    Section,
-    Table,
-    Text,
-    print_blocks,
-    save_figures,
-    to_html,
-)
-from pilotid.support.format import to_error
+from pilotid.support.format import Line, show, table, to_error
 from pilotid.support.terminal import make_console
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 TITLE = "Posterior of a pilot model"
 CSV_COLUMNS = (
@@ -41,29 +33,31 @@ CSV_COLUMNS = (
 AGREE, ENOUGH = 1.01, 400.0
 #: Figures of a fit that a posterior's page has, too: between its own.
 OF_FITS = ("describing-function", "open-loop", "remnant", "residual-tests")
-QUANTITIES = (
-    "Posterior means, standard deviations and 95 % intervals of the parameters, and of what "
-    "follows from them; effective: number of independent draws that tell as much."
-)
 
 
-def spread_table(spreads: Sequence[Spread]) -> Table[Spread]:
+def spread_table(spreads: Sequence[Spread]) -> DataFrame:
     """A row for each quantity."""
 
     def ends(low: float, high: float, error: float) -> str:
         return f"{to_error(low, error, 9)} .. {to_error(high, error, 9)}"
 
-    columns: list[Column[Spread]] = [
-        Column("quantity", lambda s: s.key, symbol=symbol),
-        Column("unit", lambda s: s.unit),
-        Column("mean", lambda s: (s.mean, s.deviation, 9), to_error),
-        Column("std", lambda s: (s.deviation, s.deviation, 9), to_error),
-        Column("95 % equal-tailed", lambda s: (*s.equal_tailed, s.deviation), ends),
-        Column("95 % highest density", lambda s: (*s.highest_density, s.deviation), ends),
-        Column("effective", lambda s: s.effective, lambda n: f"{n:.0f}" if n == n else ""),
-        Column("R-hat", lambda s: s.r_hat, lambda r: f"{r:.4f}" if r == r else ""),
+    rows = [
+        (
+            *(s.key, s.unit, (s.mean, s.deviation, 9), (s.deviation, s.deviation, 9)),
+            *((*s.equal_tailed, s.deviation), (*s.highest_density, s.deviation)),
+            *(s.effective, s.r_hat),
+        )
+        for s in spreads
     ]
-    return Table("", columns, spreads)
+    forms: dict[str, Callable[..., str]] = {
+        "mean": to_error,
+        "std": to_error,
+        "95 % equal-tailed": ends,
+        "95 % highest density": ends,
+        "effective": "{:.0f}".format,
+        "R-hat": "{:.4f}".format,
+    }
+    return table(rows, "", ("quantity", "unit", *forms), forms)
 
 
 def print_posterior(
@@ -74,16 +68,15 @@ def print_posterior(
 ) -> None:
     """Print the table of a posterior, if it was sampled, and what should be known of it."""
     estimate = fit.estimates[0]
-    words = [] if estimate.draws is None else convergence_words(estimate.draws)
-    words += [] if predictive is None else [inside_words(predictive)]
-    print_blocks(
+    show(
         make_console(),
-        Text(fit.heading, "heading"),
+        Line(fit.heading, "heading"),
         *[spread_table(spreads)] * bool(spreads),
-        Text(estimate.verdict(), "" if estimate.outcome.usable else "failure"),
-        Bullets(words),
-        *(Text(warning, "warning") for warning in fit.warnings),
-        Bullets(notes),
+        Line(estimate.verdict(), "" if estimate.outcome.usable else "failure"),
+        *([] if estimate.draws is None else convergence_words(estimate.draws)),
+        *([] if predictive is None else [inside_words(predictive)]),
+        *(Line(warning, "warning") for warning in fit.warnings),
+        *notes,
     )
 
 
@@ -118,19 +111,16 @@ def write_posterior(
     draws = estimate.draws
     assert draws is not None
     figures = posterior_figures(fit, predictive, {s.key: s.unit for s in spreads}, element)
-    blocks: list[Block] = [
-        Text(" ".join(summary(fit))),
-        *warnings_of(fit),
-        Text("Quantities", "heading"),
-        Text(QUANTITIES),
-        spread_table(spreads),
-        Bullets(notes),
-        Text("Convergence", "heading"),
-        Bullets([*convergence_words(draws), inside_words(predictive)]),
-        Text(estimate.verdict(timed=False)),
-        *figures,
-    ]
-    page = to_html(TITLE, [Section("posterior", fit.heading, blocks)])
+    page = render(
+        "posterior.html",
+        title=TITLE,
+        contents=[],
+        fit=content_of(fit, 1),
+        quantities=spread_table(spreads),
+        notes=notes,
+        convergence=[*convergence_words(draws), inside_words(predictive)],
+        figures=figures,
+    )
     rows = []
     for s in spreads:
         ends = *s.equal_tailed, *s.highest_density
