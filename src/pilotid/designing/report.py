@@ -11,11 +11,10 @@ import numpy as np
 from pilotid.designing.design import Design, sines_of
 from pilotid.report.page import Figure, write_page
 from pilotid.show.style import draw_grid, journal_figure, log_ticks, with_unit
-from pilotid.support.format import number, table
+from pilotid.support.format import Table, number, table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
-    from pandas import DataFrame
 
 NAMES = {"ft": "target", "fd": "disturbance"}
 SECONDS = 20.0  # of the signals are shown
@@ -53,7 +52,7 @@ def sentences(made: Design) -> Sequence[str]:
     )
 
 
-def error_table(made: Design) -> DataFrame:
+def error_table(made: Design) -> Table:
     """Predicted standard errors, of more time and runs too."""
     runs = made.scenario.runs
     caption = (
@@ -66,7 +65,7 @@ def error_table(made: Design) -> DataFrame:
     return table(rows, caption, titles, dict.fromkeys(titles[1:], number))
 
 
-def line_table(made: Design) -> DataFrame:
+def line_table(made: Design) -> Table:
     """The lines of the forcing functions: number, frequency, amplitude, phase."""
     rows = [
         (name, *line)

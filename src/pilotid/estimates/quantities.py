@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pilotid.estimates.draws import Draws, Spread, spread_of
-from pilotid.support.format import decimals, table
+from pilotid.support.format import Table, decimals, table
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import Z95
 from pilotid.support.types import BoolArray, FloatArray
@@ -140,7 +140,7 @@ class Quantity:
 
 def quantity_tables(
     estimates: Sequence[tuple[str, Sequence[Quantity]]], abreast: int, what: str = "parameter"
-) -> list[DataFrame]:
+) -> list[Table]:
     """Tables of quantities, two columns for each estimate, so many estimates in a table.
 
     Parameters

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,15 +19,12 @@ from pilotid.recordings.checks import remarks
 from pilotid.recordings.detectors import Finding, copies_among, findings, fingerprints
 from pilotid.recordings.recording import Recording
 from pilotid.recordings.understood import REST, Forcing, Understood, understood
-from pilotid.support.format import Line, as_html, as_text, table
+from pilotid.support.format import Line, Table, as_html, as_text, table
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import DEFAULT_SEED, fit_rng
 from pilotid.support.remarks import GRADES, Remark, codes_of, gravest_first, remarks_json, without
 from pilotid.support.types import InputError
 from pilotid.time_domain.constancy import constancy_of
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
 
 YES = "yes"
 MUCH_REST = 0.2  # share of the time from which a control rests is worth a line
@@ -96,7 +93,7 @@ class Checked:
             "methods": self.methods,
         }
 
-    def blocks(self) -> list[str | Line | DataFrame]:
+    def blocks(self) -> list[str | Line | Table]:
         """What the terminal shows."""
         facts = self.understood
         titles = ("signal", "what it is", "from", "unit", "rms", "smallest", "largest")

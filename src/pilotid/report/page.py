@@ -17,7 +17,7 @@ from xml.etree import ElementTree
 
 from pilotid.estimates.quantities import symbol
 from pilotid.support.disk import write_file
-from pilotid.support.format import cells, clean, inline, math_html
+from pilotid.support.format import clean, inline, math_html
 from pilotid.support.types import InputError
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def environment() -> Environment:
         own = symbol(key)
         return math_html(own) if own != key else Markup("")
 
-    found.filters |= {"inline": inline, "symbol": symbol_of, "cells": cells}
+    found.filters |= {"inline": inline, "symbol": symbol_of}
     # The one script that a page may run is known by its digest.
     script = files("pilotid").joinpath("templates", "page.js").read_text("utf-8")
     digest = b64encode(sha256(script.encode()).digest()).decode()

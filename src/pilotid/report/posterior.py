@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,11 +16,8 @@ from pilotid.report.fit import content_of, figures_of
 from pilotid.report.page import Figure, render, save_figures
 from pilotid.show.posterior_figures import autocorrelation, band, corner, trace
 from pilotid.support.disk import strict_json, table_bytes, write_file
-from pilotid.support.format import Line, show, table, to_error
+from pilotid.support.format import Line, Table, show, table, to_error
 from pilotid.support.terminal import make_console
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
 
 TITLE = "Posterior of a pilot model"
 CSV_COLUMNS = (
@@ -35,7 +31,7 @@ AGREE, ENOUGH = 1.01, 400.0
 OF_FITS = ("describing-function", "open-loop", "remnant", "residual-tests")
 
 
-def spread_table(spreads: Sequence[Spread]) -> DataFrame:
+def spread_table(spreads: Sequence[Spread]) -> Table:
     """A row for each quantity."""
 
     def ends(low: float, high: float, error: float) -> str:

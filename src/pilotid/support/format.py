@@ -2,7 +2,7 @@
 
 A sentence holds `code`, **strong** words and links to a [section](#key), a
 [file](folder/name.html) beside the page or [one](../name.html) above it; nothing else is marked
-up.  A table is a data frame of text.  What else means something in a form is escaped in it;
+up.  What else means something in a form is escaped in it;
 control characters, marks of direction and lone surrogates are escaped in all.
 """
 
@@ -12,7 +12,8 @@ import io
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from itertools import compress
+from typing import TYPE_CHECKING, NamedTuple
 
 from pilotid.support.terminal import PLAIN_WIDTH, print_table
 from pilotid.support.types import printable
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from markupsafe import Markup
     from pandas import DataFrame
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Table as RichTable
 
 # numbers
 
@@ -190,19 +191,52 @@ def typeset(text: str) -> str:
 # tables
 
 
+class Table(NamedTuple):
+    """A table of text.
+
+    Attributes
+    ----------
+    columns, rows
+        Titles, and the texts of each row.
+    numeric
+        Which columns hold numbers.
+    caption
+        What it shows.
+    heads
+        How many columns in front say what a row is about.
+    hints
+        By title, what it means.
+    """
+
+    columns: tuple[str, ...]
+    rows: list[tuple[str, ...]]
+    numeric: tuple[bool, ...]
+    caption: str = ""
+    heads: int = 1
+    hints: Mapping[str, str] = {}
+
+    @property
+    def printed(self) -> list[tuple[str, ...]]:
+        """The rows with the signs of print."""
+        return [
+            tuple(
+                typeset(text) if number or text == NONE else text
+                for text, number in zip(row, self.numeric, strict=True)
+            )
+            for row in self.rows
+        ]
+
+
 def table(
-    frame: DataFrame | Sequence[Sequence[object]],
+    frame: DataFrame | Iterable[Sequence[object]],
     caption: str = "",
     columns: Sequence[str] | None = None,
     forms: Mapping[str, Callable[..., str]] | None = None,
     *,
     heads: int = 1,
     hints: Mapping[str, str] | None = None,
-) -> DataFrame:
-    """A table to show: the values as text, without columns that say nothing.
-
-    Its `attrs` hold the caption, how many columns are heads of rows, the hints, and which columns
-    hold numbers (``numeric``).
+) -> Table:
+    """A table to show: values as text, without columns that say nothing.
 
     Parameters
     ----------
@@ -220,26 +254,27 @@ def table(
     hints
         By title, what it means, where it is short.
     """
-    from pandas import DataFrame
-
-    values = frame if isinstance(frame, DataFrame) else DataFrame(list(frame), dtype=object)
     known = forms or {}
-    titles = list(values.columns) if columns is None else list(columns)
-    shown: list[tuple[str, list[str]]] = []
-    for place, title in enumerate(titles):
-        own = values.iloc[:, place] if len(values) else ()
-        texts = [_text_of(value, known.get(title, str)) for value in own]
-        if place < heads or any(text not in ("", "0", NONE) for text in texts):
-            shown.append((title, texts))
-    found = DataFrame({place: texts for place, (_, texts) in enumerate(shown)}, dtype=object)
-    found.columns = [title for title, _ in shown]
-    found.attrs = {
-        "caption": caption,
-        "heads": heads,
-        "hints": dict(hints or {}),
-        "numeric": [title in known for title, _ in shown],
-    }
-    return found
+    titles = list(getattr(frame, "columns", ())) if columns is None else list(columns)
+    rows = frame.itertuples(index=False, name=None) if hasattr(frame, "itertuples") else frame
+    texts = [
+        tuple(
+            _text_of(value, known.get(title, str)) for title, value in zip(titles, row, strict=True)
+        )
+        for row in rows
+    ]
+    kept = [
+        place < heads or any(row[place] not in ("", "0", NONE) for row in texts)
+        for place in range(len(titles))
+    ]
+    return Table(
+        tuple(compress(titles, kept)),
+        [tuple(compress(row, kept)) for row in texts],
+        tuple(title in known for title in compress(titles, kept)),
+        caption,
+        heads,
+        hints or {},
+    )
 
 
 def _text_of(value: object, form: Callable[..., str]) -> str:
@@ -248,31 +283,19 @@ def _text_of(value: object, form: Callable[..., str]) -> str:
     return form(*value) if isinstance(value, tuple) else form(value)
 
 
-def cells(table: DataFrame) -> list[list[str]]:
-    """The texts of a table by row, with the signs of print."""
-    numeric = table.attrs["numeric"]
-    return [
-        [
-            typeset(text) if number or text == NONE else text
-            for text, number in zip(row, numeric, strict=True)
-        ]
-        for row in table.itertuples(index=False, name=None)
-    ]
-
-
-def markdown(table: DataFrame) -> str:
+def markdown(table: Table) -> str:
     """A table as Markdown, its caption above it."""
 
     def line(texts: Iterable[str]) -> str:
         return f"| {' | '.join(for_markdown(text).replace('|', chr(92) + '|') for text in texts)} |"
 
-    rule = f"| {' | '.join('---:' if number else '---' for number in table.attrs['numeric'])} |"
-    lines = [line(table.columns), rule, *map(line, cells(table))]
-    caption = for_markdown(table.attrs["caption"].replace("**", ""))
+    rule = f"| {' | '.join('---:' if number else '---' for number in table.numeric)} |"
+    lines = [line(table.columns), rule, *map(line, table.printed)]
+    caption = for_markdown(table.caption.replace("**", ""))
     return "\n".join([*([f"**{caption}**", ""] if caption else []), *lines])
 
 
-def latex(table: DataFrame, symbol: Callable[[str], str] = str) -> str:
+def latex(table: Table, symbol: Callable[[str], str] = str) -> str:
     """A table as a booktabs longtable without its caption.
 
     Parameters
@@ -280,13 +303,13 @@ def latex(table: DataFrame, symbol: Callable[[str], str] = str) -> str:
     table
         The table.
     symbol
-        Gives a head's symbol between dollar signs, or the head itself.
+        Gives a word's symbol between dollar signs, or the word itself.
     """
     from pandas import DataFrame
 
     number = r"(?:(?<!\d)-)?\d*\.?\d+(?:e[-+]\d+)?"
 
-    def cell(text: str, *, numeric: bool) -> str:
+    def cell(text: str, numeric: bool) -> str:
         if text == NONE:
             return "--"
         if numeric:
@@ -294,13 +317,9 @@ def latex(table: DataFrame, symbol: Callable[[str], str] = str) -> str:
         own = symbol(text)
         return own if own != text else for_latex(text)
 
-    numeric = table.attrs["numeric"]
-    rows = [
-        [cell(text, numeric=own) for text, own in zip(row, numeric, strict=True)]
-        for row in table.itertuples(index=False, name=None)
-    ]
+    rows = [map(cell, row, table.numeric) for row in table.rows]
     found = DataFrame(rows, columns=[*map(for_latex, table.columns)])
-    places = "".join("r" if own else "l" for own in numeric)
+    places = "".join("r" if own else "l" for own in table.numeric)
     return str(found.to_latex(index=False, longtable=True, column_format=places))
 
 
@@ -314,7 +333,7 @@ class Line(NamedTuple):
     mark: str = ""
 
 
-def show(console: Console, *blocks: str | Line | DataFrame) -> None:
+def show(console: Console, *blocks: str | Line | Table) -> None:
     """Print lines, and tables between empty lines; wide tables come in parts."""
     lines = 0
     for block in blocks:
@@ -331,7 +350,7 @@ def show(console: Console, *blocks: str | Line | DataFrame) -> None:
         lines = -1
 
 
-def as_text(*blocks: str | Line | DataFrame) -> str:
+def as_text(*blocks: str | Line | Table) -> str:
     """What `show` prints, as plain text."""
     from rich.console import Console
 
@@ -341,38 +360,41 @@ def as_text(*blocks: str | Line | DataFrame) -> str:
     return stream.getvalue().strip("\n")
 
 
-def as_html(*blocks: str | DataFrame) -> str:
+def as_html(*blocks: str | Table) -> str:
     """Sentences and tables as HTML, for notebooks."""
-    return "".join(
-        f"<p>{inline(block)}</p>"
-        if isinstance(block, str)
-        else block.map(clean).to_html(index=False, border=0)
-        for block in blocks
-    )
+    parts = []
+    for block in blocks:
+        if isinstance(block, str):
+            parts.append(f"<p>{inline(block)}</p>")
+            continue
+        lines = [(block.columns, "th"), *((row, "td") for row in block.printed)]
+        rows = ("".join(f"<{tag}>{inline(text)}</{tag}>" for text in row) for row, tag in lines)
+        parts.append(f"<table>{''.join(f'<tr>{row}</tr>' for row in rows)}</table>")
+    return "".join(parts)
 
 
-def print_frame(console: Console, table: DataFrame) -> None:
+def print_frame(console: Console, table: Table) -> None:
     """Print a table with its caption, in parts where it is wide: no number is cut."""
-    if table.attrs["caption"]:
-        console.print(plain(table.attrs["caption"]), soft_wrap=True)
+    if table.caption:
+        console.print(plain(table.caption), soft_wrap=True)
     for number, part in enumerate(_parts(table, console.width)):
         if number:
             console.print()
         print_table(console, _rich(table, console.encoding, part))
 
 
-def _parts(table: DataFrame, width: int) -> list[list[int]]:
+def _parts(table: Table, width: int) -> list[list[int]]:
     """The columns that fit beside one another, the first ones in each part."""
     from rich.cells import cell_len
 
-    heads = list(range(min(table.attrs["heads"], table.shape[1])))
+    heads = list(range(min(table.heads, len(table.columns))))
 
-    def wide(place: int, title: str) -> int:
-        longest = max(cell_len(plain(text)) for text in (title, *table.iloc[:, place]))
-        whole = place in heads or table.attrs["numeric"][place]
+    def wide(place: int) -> int:
+        longest = max(cell_len(plain(row[place])) for row in (table.columns, *table.rows))
+        whole = place in heads or table.numeric[place]
         return GAP + (longest if whole else min(longest, FOLDED))
 
-    widths = [wide(place, title) for place, title in enumerate(table.columns)]
+    widths = [wide(place) for place in range(len(table.columns))]
     parts, left = [[*heads]], width + GAP - sum(widths[place] for place in heads)
     room = left
     for place in range(len(heads), len(widths)):
@@ -384,21 +406,21 @@ def _parts(table: DataFrame, width: int) -> list[list[int]]:
     return parts
 
 
-def _rich(table: DataFrame, encoding: str, places: Sequence[int]) -> Table:
+def _rich(table: Table, encoding: str, places: Sequence[int]) -> RichTable:
     from rich.box import SIMPLE_HEAD
-    from rich.table import Table
+    from rich.table import Table as RichTable
 
-    found = Table(box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
+    found = RichTable(box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
     sign = "±" if encoding == "utf-8" else "+-"
-    numeric: Sequence[Any] = table.attrs["numeric"]
     for place in places:
+        number = table.numeric[place]
         found.add_column(
             plain(table.columns[place]),
-            justify="right" if numeric[place] else "left",
+            justify="right" if number else "left",
             # What rows are about is kept whole, and so are numbers.
-            no_wrap=place < table.attrs["heads"] or numeric[place],
+            no_wrap=place < table.heads or number,
             overflow="fold",
         )
-    for row in table.iloc[:, list(places)].itertuples(index=False, name=None):
-        found.add_row(*(plain(text).replace("±", sign) for text in row))
+    for row in table.rows:
+        found.add_row(*(plain(row[place]).replace("±", sign) for place in places))
     return found
