@@ -24,6 +24,7 @@ from pilotid.estimates.quantities import (
 from pilotid.pilot.element import ControlledElement, as_element
 from pilotid.pilot.model import PilotModel
 from pilotid.support.document import Text, blocks_html, blocks_text
+from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import Z95
 from pilotid.support.remarks import remarks_json
 from pilotid.support.types import BoolArray, FloatArray, InputError
@@ -190,12 +191,22 @@ class Estimate:
     @property
     def parameters(self) -> list[Quantity]:
         """The model's parameters, in model order."""
+        numbers = np.column_stack([self.values, self.std_error, self.intervals]).tolist()
+        known = self.determined.tolist()
         return [
-            Quantity(p.key, p.unit, float(value), float(error), float(low), float(high))
-            for p, value, error, (low, high) in zip(
-                self.model.parameters, self.values, self.std_error, self.intervals, strict=True
+            Quantity(p.key, p.unit, value, error, low, high, determined)
+            for p, (value, error, low, high), determined in zip(
+                self.model.parameters, numbers, known, strict=True
             )
         ]
+
+    @property
+    def determined(self) -> BoolArray:
+        """Which parameters the recording tells, shape (parameters,); see `Quantity`."""
+        lower, upper = self.intervals.T
+        low, high = at_bounds(self.model, lower, upper)
+        decade = self.model.positive & (upper > ESTIMATE.wide * lower)
+        return np.asarray(~(low | high | decade) & np.isfinite(self.values))
 
     @property
     def derived(self) -> list[Quantity]:
@@ -303,6 +314,7 @@ class Estimate:
         from pandas import DataFrame
 
         columns = ["parameter", "unit", "value", "std_error", "lower_95", "upper_95"]
+        columns.append("determined")
         return DataFrame([astuple(q) for q in self.quantities], columns=columns)
 
     def loops(self, element: ControlledElement | str) -> Loops:

@@ -10,7 +10,7 @@ import numpy as np
 
 from pilotid.estimates.draws import Draws, Spread
 from pilotid.estimates.fitted import Fitted
-from pilotid.estimates.quantities import symbol
+from pilotid.estimates.quantities import UNDETERMINED, symbol
 from pilotid.pilot.element import ControlledElement
 from pilotid.posterior.predictive import PredictiveBand
 from pilotid.report.fit import figures_of, summary, warnings_of
@@ -56,8 +56,10 @@ def spread_table(spreads: Sequence[Spread]) -> Table[Spread]:
     columns: list[Column[Spread]] = [
         Column("quantity", lambda s: s.key, symbol=symbol),
         Column("unit", lambda s: s.unit),
-        Column("mean", lambda s: (s.mean, s.deviation, 9), to_error),
-        Column("std", lambda s: (s.deviation, s.deviation, 9), to_error),
+        Column(
+            "mean", lambda s: to_error(s.mean, s.deviation, 9) if s.determined else UNDETERMINED
+        ),
+        Column("std", lambda s: to_error(s.deviation, s.deviation, 9) if s.determined else ""),
         Column("95 % equal-tailed", lambda s: (*s.equal_tailed, s.deviation), ends),
         Column("95 % highest density", lambda s: (*s.highest_density, s.deviation), ends),
         Column("effective", lambda s: s.effective, lambda n: f"{n:.0f}" if n == n else ""),
