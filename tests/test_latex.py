@@ -67,6 +67,14 @@ def test_means_over_subjects_and_contrasts() -> None:
     assert re.fullmatch(r"\$2\.\d\d\$ \(\$4\$\)", differences[1][6])
 
 
+def test_values_that_are_not_determined_have_no_error() -> None:
+    def rows(values: dict[str, tuple[float, ...]]) -> list[list[str]]:
+        return made([replace(r, determined=r.subject != "1") for r in table(values)])[0]
+
+    assert rows({"C1": A[:1]})[1][2] == "not determined"
+    assert rows({"C1": A})[1][2] == "$1.36$ ($0.42$)†"
+
+
 def test_names_cannot_break_the_tables() -> None:
     nasty = r"50%_$x$ {\bad} #1 ^2 ~ <&>|"
     rows = [

@@ -43,7 +43,9 @@ ESTIMATES, COMPARED, LOOPS, CONTRASTS = "estimates.csv", "models.csv", "loops.cs
 LEFT_OUT, FACTORS, TEX = "left_out.csv", "factors.csv", "tables.tex"
 TABLES = (ESTIMATES, COMPARED, LOOPS, CONTRASTS, TEX, LEFT_OUT, FACTORS)
 
-QUANTITY_COLUMNS = ("unit", "value", "std_error", "lower_95", "upper_95", "outcome", "remarks")
+QUANTITY_COLUMNS = (
+    *("unit", "value", "std_error", "lower_95", "upper_95", "outcome", "remarks", "determined"),
+)
 
 MODEL_COLUMNS = (
     "model", "chosen", "pilot_parameters", "parameters", "remnant", "samples", "log_likelihood",
@@ -318,7 +320,7 @@ def _row_cells(row: Row, names: Sequence[str], *element: str) -> list[object]:
     return [
         *(row.file, *map(row.field, names), "" if row.run is None else row.run),
         *(row.model, row.method, *element, row.parameter, row.unit),
-        *(*numbers, row.outcome, " | ".join(row.remarks)),
+        *(*numbers, row.outcome, " | ".join(row.remarks), row.determined),
     ]
 
 

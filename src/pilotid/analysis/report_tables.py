@@ -24,7 +24,7 @@ from pilotid.analysis.rows import (
     layouts,
     mean_and_spread,
 )
-from pilotid.estimates.quantities import symbol
+from pilotid.estimates.quantities import UNDETERMINED, symbol
 from pilotid.support.document import Column, Table, table_latex, table_of
 from pilotid.support.format import NONE, number, p_value, percent, plus_minus, to_error, unsigned
 from pilotid.support.limits import ESTIMATE
@@ -50,7 +50,8 @@ def means_table(group: Sequence[Layout], title: str) -> Table[Layout]:
     """Parameters down, conditions across: means over subjects, or single values.
 
     Means have the standard deviation between subjects in parentheses, values their standard error.
-    An asterisk marks those with a fit that the forcing functions contradict.
+    An asterisk marks those with a fit that the forcing functions contradict, a dagger those
+    with a value that is not determined.
     """
     conditions = in_order([c for layout in group for c in layout.conditions])
     models = {c: layout.models[c] for layout in group for c in layout.conditions}
@@ -63,8 +64,12 @@ def means_table(group: Sequence[Layout], title: str) -> Table[Layout]:
             if not cells:
                 return NONE
             mark = "" if all(c.agrees for c in cells) else "*"
+            determined = all(c.determined for c in cells)
             if len(subjects) == 1:
+                if not determined:
+                    return UNDETERMINED + mark
                 return unsigned(cells[0].value, cells[0].std_error) + mark
+            mark += "" if determined else "†"
             mean, deviation = mean_and_spread(cells)
             fewer = f", n = {len(cells)}" if len(cells) < len(subjects) else ""
             return f"{to_error(mean, deviation)} ({to_error(deviation, deviation)}{fewer}){mark}"
@@ -74,8 +79,11 @@ def means_table(group: Sequence[Layout], title: str) -> Table[Layout]:
 
     if len(set(models.values())) > 1:
         title += "; models: " + ", ".join(f"{c} `{models[c]}`" for c in conditions)
-    if any(not c.agrees for layout in group for own in layout.cells.values() for c in own.values()):
+    every = [c for layout in group for own in layout.cells.values() for c in own.values()]
+    if not all(c.agrees for c in every):
         title += "; * with fits that the forcing functions contradict"
+    if not all(c.determined for c in every):
+        title += "; † with values that are not determined"
     columns: list[Column[Layout]] = [
         Column("parameter", lambda layout: layout.parameter, symbol=symbol),
         Column("unit", lambda layout: layout.unit),

@@ -25,6 +25,7 @@ from pilotid.estimates.quantities import (
 from pilotid.pilot.element import ControlledElement, as_element
 from pilotid.pilot.model import PilotModel
 from pilotid.support.format import as_html, as_text
+from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import Z95
 from pilotid.support.remarks import remarks_json
 from pilotid.support.types import BoolArray, FloatArray, InputError
@@ -191,12 +192,22 @@ class Estimate:
     @property
     def parameters(self) -> list[Quantity]:
         """The model's parameters, in model order."""
+        numbers = np.column_stack([self.values, self.std_error, self.intervals]).tolist()
+        known = self.determined.tolist()
         return [
-            Quantity(p.key, p.unit, float(value), float(error), float(low), float(high))
-            for p, value, error, (low, high) in zip(
-                self.model.parameters, self.values, self.std_error, self.intervals, strict=True
+            Quantity(p.key, p.unit, value, error, low, high, determined)
+            for p, (value, error, low, high), determined in zip(
+                self.model.parameters, numbers, known, strict=True
             )
         ]
+
+    @property
+    def determined(self) -> BoolArray:
+        """Which parameters the recording tells, shape (parameters,); see `Quantity`."""
+        lower, upper = self.intervals.T
+        low, high = at_bounds(self.model, lower, upper)
+        decade = self.model.positive & (upper > ESTIMATE.wide * lower)
+        return np.asarray(~(low | high | decade) & np.isfinite(self.values))
 
     @property
     def derived(self) -> list[Quantity]:

@@ -107,6 +107,7 @@ def parameter_spreads(draws: Draws, model: PilotModel) -> list[Spread]:
             draws.weights,
             effective=float(draws.effective[i]),
             r_hat=float(draws.r_hat[i]),
+            positive=bool(draws.positive[i]),
         )
         for i, key in enumerate(draws.keys)
     ]
