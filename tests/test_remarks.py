@@ -199,6 +199,11 @@ def test_nothing_is_said_of_what_failed_or_means_nothing() -> None:
     (remark,) = remarks_on(replace(short, vaf=10.0))
     assert (remark.code, remark.grade) == ("little-explained", "wrong")
     assert "explains 10.0 %" in remark
+    # Where the forced part is explained a VAF of 10 % is no doubt, but one of 0 % is.
+    sound = estimate_of(SINGLE)
+    assert remarks_on(replace(sound, vaf=10.0), 60.0) == ()
+    (doubt,) = remarks_on(replace(sound, vaf=0.0), 60.0)
+    assert (doubt.code, doubt.grade) == ("little-explained", "doubt")
 
 
 def test_channels_that_act_on_one_signal() -> None:

@@ -13,6 +13,7 @@ from pilotid.support.limits import ESTIMATE
 from pilotid.support.remarks import Grade, Remark
 from pilotid.support.types import ComplexArray, FloatArray
 
+LEVEL = 0.05  # p-value below which a difference is called significant
 NOTHING = np.zeros(0)
 
 
@@ -219,10 +220,12 @@ class Specification:
     @property
     def sentence(self) -> str:
         """The test in words."""
-        return (
-            f"specification: {'agrees' if self.agrees else 'disagrees'} with {self.against} "
-            f"(difference {'not ' if self.agrees else ''}significant, p = {self.p_value:.2g})"
-        )
+        p = f"{self.against} (p = {self.p_value:.2g})"
+        if not self.agrees:
+            return f"specification: disagrees with {p}"
+        if self.p_value < LEVEL:
+            return f"specification: differs at the 5 % level, but not clearly, from {p}"
+        return f"specification: no significant difference from {p}"
 
     @property
     def remarks(self) -> tuple[Remark, ...]:

@@ -25,6 +25,7 @@ OPEN = (
 )  # fmt: skip
 
 
+NOTHING = 0.05  # %, of a VAF that is shown as 0.0 %
 BAND, HIGHEST = 12, 20.0  # bins of a band, and the frequency up to which there are bands [rad/s]
 
 
@@ -57,6 +58,13 @@ def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Rema
             "sign), or choose another model"
         )
         return (*found, Remark("little-explained", sentence))
+    if estimate.vaf < NOTHING:
+        sentence = (
+            "the simulated response explains nothing of the control (VAF 0 %), and "
+            f"{explained:.0f} % of what answers to the forcing functions: a slow remnant, or a "
+            "wrong model; compare with other methods and models"
+        )
+        found.append(Remark("little-explained", sentence, "doubt"))
     for check in (_steps, _short_delays, _cancellations):
         found += check(estimate)
     found += (Remark("inseparable", pair.words) for pair in estimate.inseparable)
