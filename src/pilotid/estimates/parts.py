@@ -122,8 +122,8 @@ class FrequencyResponse:
         Covariance of the real parts and then the imaginary parts of `value`, each channel
         by channel; shape (2 channels n, 2 channels n).
     systematic
-        Size of errors that are not random, such as those of an interpolation; they are no
-        part of the covariance.  Shape (channels, n).
+        Size of errors that are not random, those of an interpolation as a fitted model has them,
+        shape (channels, n).  The covariance has what the bends of the responses say of them.
     note
         What a reader should know of it, for messages and reports.
     """
