@@ -260,7 +260,7 @@ def score_test(score: FloatArray, shares: FloatArray, against: str) -> Specifica
     against
         The method whose equations they are of.
     """
-    from scipy.special import gammaincc
+    from scipy.special import fdtrc
 
     # What the estimate has made use of scatters by less than its share; and the covariance is
     # itself an estimate, so that no direction scatters by less than a certain part.
@@ -269,4 +269,6 @@ def score_test(score: FloatArray, shares: FloatArray, against: str) -> Specifica
     statistic = float(np.sum(score**2 / scatter))
     if not math.isfinite(statistic):
         return None
-    return Specification(statistic, float(gammaincc(0.5 * score.size, 0.5 * statistic)), against)
+    # With variances that are estimated the statistic is F's (Hotelling), not chi-squared.
+    p_value = float(fdtrc(score.size, ESTIMATE.score_freedom, statistic / score.size))
+    return Specification(statistic, p_value, against)
