@@ -100,16 +100,6 @@ def test_recordings_of_a_condition_are_judged_together() -> None:
     assert choose_model(pairs).model == "single"
 
 
-def test_models_that_do_not_suit_have_no_number() -> None:
-    """Without noise in the lines a misfit is as large as one likes."""
-    others = [
-        replace(candidate(name, 7, ()), chi_squared=misfit)
-        for name, misfit in (("gain", 1.3e9), ("rate", 5e8), ("lead-lag", 300.0))
-    ]
-    reason = choose_model([[candidate("single", 5, ()), *others]]).reason
-    assert reason.endswith("lead-lag 274, rate over 1000, gain over 1000.")
-
-
 def test_a_single_run_is_judged_by_a_criterion() -> None:
     simple = candidate("single", 5, ())
     for misfit, taken in ((25.0, "single"), (20.0, "multi")):

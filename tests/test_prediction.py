@@ -442,12 +442,6 @@ def gain_at(omega: float, band: float) -> float:
 
 
 @pytest.mark.parametrize("band", [26.0, 31.0, 50.0])
-def test_low_pass_filter_has_unit_gain_at_rest(band: float) -> None:
-    prepared = prepare(of_time(u=lambda t: 2.0 + 3.0 * t), SINGLE, band)
-    np.testing.assert_allclose(prepared.control[0], 2.0 + 3.0 * prepared.time, rtol=1e-12)
-
-
-@pytest.mark.parametrize("band", [26.0, 31.0, 50.0])
 def test_low_pass_filter_has_small_ripple_in_four_fifths_of_its_band(band: float) -> None:
     nyquist = np.pi / (0.02 * decimation(0.02, band))
     gains = [gain_at(share * nyquist, band) for share in np.linspace(0.02, 0.8, 40)]
