@@ -139,7 +139,9 @@ def test_a_delay_that_people_do_not_have() -> None:
 def test_what_is_known_where_an_interval_ends_at_a_bound() -> None:
     at_bound = replace(estimate_of(SINGLE, fnm=39.0), outcome=Outcome.AT_BOUND)
     (remark,) = remarks_on(with_interval(at_bound, "fnm", 12.0, 40.0))
-    assert remark.code == "interval-at-bound"
+    assert (remark.code, remark.grade) == ("interval-at-bound", "note")
+    (remark,) = remarks_on(with_interval(at_bound, "fnm", 21.0, 40.0))  # beyond what is published
+    assert (remark.code, remark.grade) == ("interval-at-bound", "doubt")
     (remark,) = remarks_on(with_interval(estimate_of(SINGLE), "tdvis", 0.0, 0.41))
     assert remark.startswith("tdvis is at most 0.41 s")
     (remark,) = remarks_on(with_interval(estimate_of(SINGLE), "dnm", 0.02, 3.0))

@@ -278,6 +278,7 @@ def _at_bound(parameter: Parameter, interval: list[float], is_low: bool, is_high
     low, high = parameter.usual
     # A lead or lag that is next to none is no wonder; one beyond all that is published is.
     strange = end > high if is_high else end < low and parameter.unit != "s"
-    if strange and not parameter.linear:
-        told += f"; {low:g} .. {high:g}{unit} are published, so it may stand for something else"
-    return Remark("interval-at-bound", told)
+    if not strange or parameter.linear:
+        return Remark("interval-at-bound", told)
+    told += f"; {low:g} .. {high:g}{unit} are published, so it may stand for something else"
+    return Remark("interval-at-bound", told, "doubt")
