@@ -114,6 +114,18 @@ def test_noise_on_the_output_costs_accuracy_not_the_form(text: str) -> None:
     assert error.max() < 0.1
 
 
+@pytest.mark.parametrize("text", ["10/s", "4/s^2", "8/(s(s+2))"])
+def test_noise_of_the_control_makes_no_element_that_people_cannot_hold(text: str) -> None:
+    true = element_named(text)
+    for seed in range(12):
+        u, x = driven(true, 30.0, seed)
+        noise = np.random.default_rng(seed).standard_normal(u.shape)
+        found = identified_element(Recording(dt=DT, e=-x, u=u + 0.05 * u.std() * noise, x=x))
+        assert found.element is not None
+        unstable = [p.real for p in np.roots(found.element.denominator) if p.real > 1.0]
+        assert not unstable, found.element.name
+
+
 def test_claimed_errors_hold_where_noise_is_what_limits() -> None:
     # White noise of a tenth of x at the output of a lag: two numbers and a delay.
     true = element_named("5/(s+3)")
