@@ -35,12 +35,6 @@ from pilotid.time_domain.constancy import changes
 from pilotid.time_domain.information_criteria import Evidence, evidence
 from pilotid.time_domain.output_error import simulated_vaf
 
-#: What tells more where a forcing function is lacking.
-LACKING = (
-    "Without a {name} ({key}) no channel beside the one on the error is told apart: with one, the "
-    "choice is among models of motion and of a target seen ahead, too."
-)
-
 #: What JSON does not have of a candidate.
 NOT_SHOWN = ("remnant", "samples", "no_delay")
 
@@ -141,8 +135,9 @@ def why_untried(recording: Recording, model: PilotModel) -> str:
         return "acts on the target alone"
     if len(set(inputs)) < len(inputs):
         return "has two channels on one signal, which lines do not tell apart"
-    if len(inputs) > 1 and lacking(recording):
-        return "has two channels, which one forcing function does not tell apart"
+    if len(inputs) > 1 and (missing := lacking(recording)):
+        names = {"ft": "a target (ft)", "fd": "a disturbance (fd)"}
+        return f"has two channels, which {listed([names[n] for n in missing])} would tell apart"
     if model.name == "structural":
         return "has the poles and zeros of lead-lag, in other places"
     if made_for(recording, model).needs_element:
@@ -624,8 +619,6 @@ def select(
 
 def _more(recording: Recording, taken: Candidate) -> Iterator[str]:
     """What the recording cannot tell, and which signals or names would, in sentences."""
-    for name in lacking(recording):
-        yield LACKING.format(name={"ft": "target", "fd": "disturbance"}[name], key=name)
     if np.array_equal(recording.u, recording.x):
         yield "x is u itself: if a target was followed without a displayed error, name following."
     if taken.model == "look-ahead":

@@ -60,9 +60,8 @@ def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Rema
         return (*found, Remark("little-explained", sentence))
     if estimate.vaf < NOTHING:
         sentence = (
-            "the simulated response explains nothing of the control (VAF 0 %), and "
-            f"{explained:.0f} % of what answers to the forcing functions: a slow remnant, or a "
-            "wrong model; compare with other methods and models"
+            "the simulated response explains nothing of the control (VAF 0 %): a slow remnant "
+            "hides it, or the model is wrong; compare with other methods and models"
         )
         found.append(Remark("little-explained", sentence, "doubt"))
     for check in (_steps, _short_delays, _cancellations):

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from itertools import combinations
-from operator import itemgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -390,13 +389,12 @@ class PilotModel:
 
         The response stays the same where the two have one another's values.
         """
-        simple = [
-            (self.usual[0, indices[0]], type(factor), channels, indices[0])
-            for (factor, indices), channels in zip(self.moving, self.sharing, strict=True)
-            if isinstance(factor, Lag | Lead)
-        ]
-        pairs = combinations(sorted(simple, key=itemgetter(0)), 2)
-        return tuple((one[3], two[3]) for one, two in pairs if one[1:3] == two[1:3])
+        groups: dict[object, list[int]] = {}
+        for (factor, indices), channels in zip(self.moving, self.sharing, strict=True):
+            if isinstance(factor, Lag | Lead):
+                groups.setdefault((type(factor), channels), []).extend(indices)
+        shorter_first = (sorted(own, key=lambda i: self.usual[0, i]) for own in groups.values())
+        return tuple(pair for own in shorter_first for pair in combinations(own, 2))
 
     def ordered(self, sets: FloatArray) -> FloatArray:
         """The same pilots, the shorter of `exchangeable` first, where bounds allow for it.
