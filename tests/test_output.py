@@ -48,6 +48,23 @@ def test_a_model_without_lead_has_no_such_product() -> None:
     assert failed("mine", MODELS["gain"], Outcome.SINGULAR).derived == []
 
 
+def test_sums_of_delays_by_the_delta_method() -> None:
+    model = MODELS["look-ahead"]
+    values = model.vector(
+        {"Kt": 1.0, "tlook": 0.3, "Kvis": 1.0, "tlag": 0.4, "tdvis": 0.2, "fnm": 9.0, "dnm": 0.5}
+    )
+    covariance = np.diag(np.full(7, 0.04**2))
+    i, j = (model.index[key] for key in ("tlook", "tdvis"))
+    covariance[i, j] = covariance[j, i] = -0.5 * 0.04**2
+    intervals = symmetric_intervals(values, covariance)
+    found = Estimate("mine", model, Outcome.CONVERGED, values, covariance, intervals)
+    assert found["tlook+tdvis"].value == pytest.approx(0.5)
+    assert found["tlook+tdvis"].std_error == pytest.approx(0.04)  # (1 + 1 - 2 * .5)^(1/2) * .04
+    assert found["tdvis+tlag"].value == pytest.approx(0.6)
+    assert found["tdvis+tlag"].std_error == pytest.approx(0.04 * math.sqrt(2.0))
+    assert "tdvis+tlag" in found.to_dict()["derived"]
+
+
 @pytest.mark.parametrize(
     ("value", "error", "text", "interval"),
     [

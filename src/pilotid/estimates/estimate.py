@@ -15,10 +15,10 @@ from pilotid.estimates.parts import AnalysedBand, FrequencyResponse, RemnantEsti
 from pilotid.estimates.quantities import (
     Pair,
     Quantity,
+    combined_by_delta,
+    combined_spreads,
     frame_of,
     inseparable,
-    product_spreads,
-    products_by_delta,
     quantity_of,
     quantity_tables,
 )
@@ -211,10 +211,10 @@ class Estimate:
 
     @property
     def derived(self) -> list[Quantity]:
-        """Products of parameters, by the posterior where there is one, else to first order."""
+        """Products and sums, by the posterior where there is one, else to first order."""
         if self.draws is None:
-            return products_by_delta(self.model.keys, self.values, self.covariance)
-        return [quantity_of(spread) for spread in product_spreads(self.draws)]
+            return combined_by_delta(self.model.keys, self.values, self.covariance)
+        return [quantity_of(spread) for spread in combined_spreads(self.draws)]
 
     @property
     def inseparable(self) -> list[Pair]:
@@ -227,11 +227,11 @@ class Estimate:
 
     @property
     def quantities(self) -> list[Quantity]:
-        """Parameters, and products of them."""
+        """Parameters, and products and sums of them."""
         return [*self.parameters, *self.derived]
 
     def __getitem__(self, key: str) -> Quantity:
-        """A parameter or product by its key: value, standard error, interval and unit."""
+        """A parameter, product or sum by its key: value, standard error, interval and unit."""
         found = {quantity.key: quantity for quantity in self.quantities}
         if key not in found:
             raise KeyError(f"{key}: the estimate has {', '.join(found)}")

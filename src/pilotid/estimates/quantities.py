@@ -66,10 +66,10 @@ SYMBOLS = {
 def symbol(key: str) -> str:
     """The symbol of a quantity between dollar signs; a key without one stays as it is."""
     found = []
-    for part in re.split(r"( - |[*/])", key):
+    for part in re.split(r"( - |[*/+])", key):
         name, index = re.split(r"(\d*)\Z", part, maxsplit=1)[:2]
         own = SYMBOLS.get(part) or SYMBOLS.get(name)
-        if own is None and part not in (" - ", "*", "/"):
+        if own is None and part not in (" - ", "*", "/", "+"):
             return key
         if own and index:
             base, underline, below = own.partition("_")
@@ -194,29 +194,36 @@ def quantity_of(spread: Spread) -> Quantity:
 
 
 #: Gain and lead time of the visual channel are correlated at about -0.99; their product, the
-#: gain on the error's rate, is known several times more accurately than either.  With its unit.
-PRODUCTS = (("Kvis", "tlead", "s"), ("Kvis1", "tlead1", "s"), ("Kvis2", "tlead2", "s"))
+#: gain on the error's rate, is known several times more accurately than either.  So are the sum of
+#: a delay and a lag, the effective delay, and that of a delay and the time looked ahead.
+COMBINED = (
+    *("Kvis*tlead", "Kvis1*tlead1", "Kvis2*tlead2"),
+    *("tlook+tdvis", "tdvis+tlag"),
+)
 
 
-def _products(keys: tuple[str, ...]) -> Iterator[tuple[str, str, int, int]]:
-    """Key, unit and the places of the factors of each product of these parameters."""
-    for first, second, unit in PRODUCTS:
+def _combined(keys: tuple[str, ...]) -> Iterator[tuple[str, int, int, bool]]:
+    """Key, places of the two parameters, and whether it is their sum, of each combination."""
+    for key in COMBINED:
+        first, second = re.split(r"[*+]", key)
         if first in keys and second in keys:
-            yield f"{first}*{second}", unit, keys.index(first), keys.index(second)
+            yield key, keys.index(first), keys.index(second), "+" in key
 
 
-def product_spreads(draws: Draws) -> list[Spread]:
-    """Posteriors of the products."""
-    return [
-        spread_of(key, unit, draws.values[:, i] * draws.values[:, j], draws.weights, positive=True)
-        for key, unit, i, j in _products(draws.keys)
-    ]
+def combined_spreads(draws: Draws) -> list[Spread]:
+    """Posteriors of the products and sums."""
+    found = []
+    for key, i, j, summed in _combined(draws.keys):
+        first, second = draws.values[:, i], draws.values[:, j]
+        own = first + second if summed else first * second
+        found.append(spread_of(key, "s", own, draws.weights, positive=True))
+    return found
 
 
-def products_by_delta(
+def combined_by_delta(
     keys: tuple[str, ...], values: FloatArray, covariance: FloatArray
 ) -> list[Quantity]:
-    """Products of parameters, with errors to first order.
+    """Products and sums of parameters, with errors to first order.
 
     Parameters
     ----------
@@ -226,14 +233,14 @@ def products_by_delta(
         The estimate, shapes (parameters,) and (parameters, parameters).
     """
     result = []
-    for key, unit, i, j in _products(keys):
-        value = float(values[i] * values[j])
+    for key, i, j, summed in _combined(keys):
+        value = float(values[i] + values[j] if summed else values[i] * values[j])
         slope = np.zeros(len(keys))
-        slope[i], slope[j] = values[j], values[i]
+        slope[i], slope[j] = (1.0, 1.0) if summed else (values[j], values[i])
         error = float(np.sqrt(slope @ covariance @ slope))
         ends = value - Z95 * error, value + Z95 * error
         known = not spans_decade(*ends)
-        result.append(Quantity(key, unit, value, error, *ends, determined=known))
+        result.append(Quantity(key, "s", value, error, *ends, determined=known))
     return result
 
 
