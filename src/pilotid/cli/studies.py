@@ -17,6 +17,7 @@ from pilotid.pilot.element import element_named
 from pilotid.recordings.files import Reading, load_recording, read_with
 from pilotid.support import disk
 from pilotid.support.document import Bullets, Text, print_blocks
+from pilotid.support.format import show
 from pilotid.support.numbers import DEFAULT_SEED
 from pilotid.support.terminal import make_console, show_page
 from pilotid.support.types import InputError
@@ -239,5 +240,5 @@ def compare_people(
         )
     report = found.write(f"pilotid compare --people {name}")
     table = left_out_table(found.results.analysis.left_out)
-    print_blocks(make_console(), table, Bullets([f"report: {report}"]))
+    show(make_console(), table, f"report: {report}")
     options.raise_refused(found.refused)
