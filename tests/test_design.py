@@ -27,11 +27,11 @@ from pilotid.designing.design import (
     Design,
     crest_of,
     design,
+    least,
     low_crest,
     scenario_of_fit,
     sines_of,
 )
-from pilotid.designing.optimum import least
 from pilotid.element.fit import chosen_element
 from pilotid.estimates.fitted import fit_all
 from pilotid.methods import method_named

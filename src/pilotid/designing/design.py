@@ -1,8 +1,8 @@
 """Forcing functions that give the precision wanted, within limits on error and control.
 
 The lines are those of a reference, and so is the remnant's power.  Their powers are the optimum of
-a convex problem; phases are chosen after them, for bounds on errors do not depend on phases, and
-peaks do.
+a smooth convex problem with linear limits, which has one optimum; phases are chosen after them, for
+bounds on errors do not depend on phases, and peaks do.
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ from pilotid.datasets.named import scenario_json
 from pilotid.datasets.remnant import UNIT_LEVEL, Remnant, TabulatedRemnant
 from pilotid.datasets.scenarios import NOMINAL, Scenario
 from pilotid.datasets.simulation import closed_loop, white_level
-from pilotid.designing.optimum import least
 from pilotid.naming.settings import name_of
 from pilotid.pilot.catalogue import model_named
 from pilotid.pilot.element import element_named
@@ -42,6 +41,9 @@ NORMS, STEPS, STARTS = (4, 16, 64, 256, 1024), 100, 6
 SAMPLES = 16  # for a period of the highest line, while phases are sought
 LARGEST = 2**26  # bytes of a fit's JSON
 EVERYWHERE = 1e9  # rad/s
+#: Of the logarithm of the mean variance: where the search for powers ends, and its longest way.
+TOLERANCE, ITERATIONS = 1e-11, 500
+KEPT = 1e-6  # by how much rounding may exceed a limit
 REFERENCE = {"e": 1.0, "u": 1.0}
 Errors = dict[str, float]
 
@@ -189,6 +191,63 @@ def sines_of(scenario: Scenario) -> dict[str, Multisine]:
             "whole periods in the window and no line in both; name nominal, for example"
         )
     return found
+
+
+# --------------------------------------------------------------------------------- powers
+
+
+def least(
+    base: FloatArray,
+    factors: FloatArray,
+    weights: FloatArray | None,
+    rows: FloatArray,
+    room: FloatArray,
+    equal: FloatArray,
+) -> FloatArray:
+    """The powers, not below zero, that minimise variances within limits, shape (lines,).
+
+    Parameters
+    ----------
+    base, factors
+        Information without lines, (parameters, parameters), and of each line with unit
+        power, (lines, parameters, 2).
+    weights
+        Of the parameters' variances, shape (parameters,); None for the volume.
+    rows, room
+        Limits, rows @ powers <= room, shapes (limits, lines) and (limits,).
+    equal
+        Limits, equal @ powers = 0, shape (limits, lines).
+
+    Raises
+    ------
+    InputError
+        If no powers keep the limits.
+    """
+    from scipy.optimize import minimize
+
+    forced = factors @ factors.transpose(0, 2, 1)
+
+    def cost(powers: FloatArray) -> tuple[float, FloatArray]:
+        """Logarithm of the mean variance, or of the volume for one parameter, and its slopes."""
+        covariance = np.linalg.inv(base + np.tensordot(powers, forced, 1))
+        if weights is None:
+            value, slopes = np.linalg.slogdet(covariance)[1] / len(base), covariance / len(base)
+        else:
+            mean = float(weights @ np.diag(covariance))
+            value, slopes = math.log(mean), (covariance * weights) @ covariance / mean
+        return float(value), -np.tensordot(forced, slopes, 2)
+
+    limits: list[Any] = [
+        {"type": "ineq", "fun": lambda p: room - rows @ p, "jac": lambda _: -rows},
+        *[{"type": "eq", "fun": lambda p: equal @ p, "jac": lambda _: equal}] * bool(len(equal)),
+    ]
+    options: Any = {"maxiter": ITERATIONS, "ftol": TOLERANCE}
+    bounds = [(0.0, None)] * len(forced)
+    found = minimize(cost, np.full(len(forced), 0.5), jac=True, method="SLSQP", bounds=bounds,
+                     constraints=limits, options=options)  # fmt: skip
+    if not (np.max(rows @ found.x - room) < KEPT and math.isfinite(found.fun)):
+        raise InputError(f"no powers of the lines keep these limits ({found.message}); widen them")
+    return np.asarray(np.maximum(found.x, 0.0))
 
 
 # ------------------------------------------------------------------------ errors and limits
