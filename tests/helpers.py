@@ -6,11 +6,9 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 
 from pilotid.datasets import POPULATIONS, SCENARIOS, Scenario, simulate
 from pilotid.estimates.estimate import Estimate, Outcome
@@ -32,9 +30,6 @@ from pilotid.pilot.element import (
 )
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.recording import Recording
-from pilotid.report.study import TITLE, report_sections, write_report
-from pilotid.study.comparison import Comparison
-from pilotid.support.document import Section, to_markdown
 from pilotid.support.numbers import fit_rng, recording_rng, start_rng
 from pilotid.support.types import FloatArray
 from pilotid.time_domain.prediction import Prediction
@@ -270,17 +265,3 @@ def predict_circular(recording: Recording, model: PilotModel) -> Prediction:
         fine=(None,) * len(model.channels),
         weighting=None,
     )
-
-
-def written(folder: Path, study: Comparison) -> tuple[Path, str]:
-    """The page of a study's report, and all its sections as Markdown, drawn only once."""
-    drawn = []
-
-    def sections(*given: Any) -> list[Section]:
-        drawn.append(report_sections(*given))
-        return drawn[-1]
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pilotid.report.study.report_sections", sections)
-        page = write_report(folder, study)
-    return page, to_markdown(TITLE, drawn[-1])

@@ -105,6 +105,14 @@ def test_a_replication_has_its_own_recording_and_start_and_every_method_the_same
     assert ends[2][2][1] == pytest.approx(ends[0][2][1], rel=1e-3)
 
 
+def test_a_label_of_one_s_own_names_a_method_and_moves_no_number() -> None:
+    study = Study("single", ["short=bayes(draws=50)", "bayes(draws=50)"], 1)
+    assert study.labels == ("short", "bayes(draws=50)")
+    short, usual = (run_task(task) for task in study.tasks(study.units()))
+    assert short.unit.method == "short"
+    assert short.estimates == usual.estimates
+
+
 def test_an_error_outside_the_method_is_a_row() -> None:
     result = run_task(Task(Unit("single", "mle-white", 0), 1, b"nonsense"))
     assert result.outcome == Outcome.CRASHED.slug

@@ -72,6 +72,11 @@ MEANINGS: dict[str, tuple[str, str]] = {
         "NAME",
         "Method: arx, 'arx(memory=none)', file.py:CLASS; repeat, use commas, or say all.",
     ),
+    "compare method": (
+        "[LABEL=]NAME",
+        "Method: arx, 'arx(memory=none)', file.py:CLASS, or LABEL=NAME to label one; repeat, use "
+        "commas, or say all.",
+    ),
     "scenario": (
         "NAME",
         "Scenario: nominal, 'nominal(runs=3)', file.py:NAME; repeat, use commas, or say all.",

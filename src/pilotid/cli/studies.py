@@ -16,8 +16,7 @@ from pilotid.pilot.catalogue import AUTO
 from pilotid.pilot.element import element_named
 from pilotid.recordings.files import Reading, load_recording, read_with
 from pilotid.support import disk
-from pilotid.support.document import Bullets, Text, print_blocks
-from pilotid.support.format import show
+from pilotid.support.format import Line, show, table
 from pilotid.support.numbers import DEFAULT_SEED
 from pilotid.support.terminal import make_console, show_page
 from pilotid.support.types import InputError
@@ -27,7 +26,10 @@ if TYPE_CHECKING:
     from pilotid.study.store import Store
 
 #: What reports of studies are written as.
-TABLES = ("report.html", "report.md", "estimates.csv", "summary.csv", "population.csv")
+TABLES = (
+    *("report.html", "report.md"),
+    *("estimates.csv", "summary.csv", "population.csv", "scores.csv"),
+)
 
 
 def compare(
@@ -106,26 +108,24 @@ def _finish(folder: Path, store: Store, *, plot: bool = False) -> None:
     study.write_tables(folder)
     path = write_report(folder, study)
     words, tables = overview(study, widest=5 if len(compared(study)) <= 5 else 0)
-    print_blocks(make_console(), *tables, Bullets([*words, f"report: {path}"]))
+    show(make_console(), *(own.table for own in tables), *words, f"report: {path}")
     if plot:
         show_page(path, make_console())
 
 
 def compare_studies(first: Path, second: Path) -> None:
     """Ratios of losses on the recordings of two studies, the second over the first."""
-    from pilotid.study.comparison import Change, find_changes, read_study
-    from pilotid.support.document import Column, Table
+    from pilotid.study.comparison import find_changes, read_study
 
     found, left_out = find_changes(read_study(first), read_study(second))
-    columns: list[Column[Change]] = [
-        Column("scenario", lambda c: c.scenario),
-        Column("method", lambda c: c.method),
-        Column("parameter", lambda c: c.parameter),
-        Column("loss B / A", lambda c: str(c.ratio), str),
-        Column("", lambda c: "better" if c.ratio.upper < 1 else "worse" * (c.ratio.lower > 1)),
-    ]
-    caption = f"Losses in {second} (B) over those in {first} (A), with 95 % intervals"
-    print_blocks(make_console(), Table(caption, columns, found), Bullets(left_out))
+    verdicts = ["better" if c.ratio.upper < 1 else "worse" * (c.ratio.lower > 1) for c in found]
+    changes = table(
+        [(*c[:3], str(c.ratio), words) for c, words in zip(found, verdicts, strict=True)],
+        f"Losses in {second} (B) over those in {first} (A), with 95 % intervals",
+        ("scenario", "method", "parameter", "loss B / A", ""),
+        {"loss B / A": str},
+    )
+    show(make_console(), changes, *left_out)
 
 
 def scenario_like(path: Path, seed: int) -> Scenario:
@@ -178,8 +178,8 @@ def trust(
     told = found.to_dict()
     words, tables = overview(found.comparison)
     written = f"scenario and numbers: {out / TRUST}, report: {page}"
-    sentences = Bullets([*words, *advice(told), UNKNOWN, written])
-    print_blocks(make_console(), *tables, trust_table(told), sentences)
+    shown = [*(own.table for own in tables), trust_table(told)]
+    show(make_console(), *shown, *words, *advice(told), UNKNOWN, written)
 
 
 #: Methods that are compared on people where none is named.
@@ -194,7 +194,7 @@ def fetch_data(name: str | None = None, *, source: Path | None = None) -> None:
         if name in (None, people.name):
             facts = vars(people).items()
             told = [f"{fact}: {text}" for fact, text in facts if text and fact != "name"]
-            print_blocks(console, Text(people.name, "heading"), Bullets(told))
+            show(console, Line(people.name, "heading"), *told)
     if name is None or folder is None:
         return
     people = PEOPLE[name]
@@ -203,7 +203,7 @@ def fetch_data(name: str | None = None, *, source: Path | None = None) -> None:
     given += ["--dt", people.dt] * bool(people.dt)
     files = f"{shlex.quote(str(folder))}/{people.files}"  # which the shell expands
     command = f"pilotid analyse {files} {shlex.join(given)} --out results/{name}"
-    print_blocks(console, Text(f"The files are in {folder}:"), Text(command))
+    show(console, f"The files are in {folder}:", command)
 
 
 def compare_people(
@@ -239,6 +239,6 @@ def compare_people(
             force=force,
         )
     report = found.write(f"pilotid compare --people {name}")
-    table = left_out_table(found.results.analysis.left_out)
-    show(make_console(), table, f"report: {report}")
+    left_out = left_out_table(found.results.analysis.left_out)
+    show(make_console(), left_out, f"report: {report}")
     options.raise_refused(found.refused)

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from shlex import quote
 from typing import Any
 
 from pilotid.naming.settings import shown
 from pilotid.report import study_figures as figures
+from pilotid.report.page import FIGURES, Figure, save_figures, write_page
 from pilotid.report.study_tables import (
     RECORDER,
     VIOLATION,
-    all_numbers,
+    Shown,
+    advice,
     by_mean_loss,
     failure_table,
     key_of,
@@ -24,29 +27,19 @@ from pilotid.report.study_tables import (
     read_trust,
     recorder_table,
     remark_table,
-    trust_section,
+    start_table,
+    trust_table,
 )
 from pilotid.study.comparison import ALL, Comparison, MethodResults, loss_ratios
 from pilotid.study.judge import RULES, USABLE, judge, sentence
 from pilotid.study.scores import EFFICIENT, loss_text
 from pilotid.support.disk import write_file
-from pilotid.support.document import (
-    Block,
-    Bullets,
-    Command,
-    Figure,
-    Section,
-    Table,
-    Text,
-    table_of,
-    to_markdown,
-    write_page,
-)
-from pilotid.support.format import number, share
+from pilotid.support.format import Table, clean, for_markdown, markdown, number, share, table
 
 TITLE = "Pilot-model identification: methods compared"
 REFERENCE = "nominal"
 OPEN = 3  # scenarios of which all is said at once; of more, of the first alone
+FOLDED = 9  # scenarios from which on the contents leave them out
 FEWEST = 20  # fits of a part of a population that can be its weakest
 
 LOSS = (
@@ -65,7 +58,10 @@ COLUMNS = (
     "**Largest bias/error**: mean error in claimed standard errors, with its Monte Carlo error. "
     "**Coverage**: share of the 95 % intervals that hold the truth, with its 95 % interval."
 )
-NUMBERS = "Numbers: [summary.csv](summary.csv), each fit: [estimates.csv](estimates.csv)."
+NUMBERS = (
+    "Numbers: [summary.csv](summary.csv), all scores: [scores.csv](scores.csv), each fit: "
+    "[estimates.csv](estimates.csv)."
+)
 
 
 def write_report(folder: Path, study: Comparison) -> Path:
@@ -87,16 +83,97 @@ def write_report(folder: Path, study: Comparison) -> Path:
     Path
         The page.
     """
-    told = read_trust(study.folder)
-    sections = [*([trust_section(told)] if told else []), *report_sections(study)]
-    page = folder / "report.html"
-    write_page(page, TITLE, sections, kinds=("svg",))
-    short = to_markdown(TITLE, [section.in_short() for section in sections if not section.folded])
-    write_file(folder / "report.md", short.encode("utf-8", "replace"))
+    page, content = folder / "report.html", content_of(study)
+    save_figures(folder / FIGURES, list(_figures(content)), kinds=("svg",))
+    write_page(page, "study.html", **content)
+    write_file(folder / "report.md", _in_short(content).encode("utf-8", "replace"))
     return page
 
 
-def overview(study: Comparison, *, widest: int = 21) -> tuple[list[str], list[Table[Any]]]:
+def content_of(study: Comparison) -> dict[str, Any]:
+    """What the page shows: sentences, tables and figures, by the names that its template has."""
+    told, names = read_trust(study.folder), compared(study)
+    words, tables = overview(study) if study.cells else (["The study holds no fits yet."], [])
+    recorders = [name for name in names if study.entry(name).family == RECORDER]
+    trends, scenarios = _trends(study), [_scenario(study, name) for name in study.names]
+    contents = [
+        *[("trust", "What the fit is worth")] * bool(told),
+        ("summary", "Which method to use"),
+        *[("recorders", "What your recorder may do to you")] * bool(recorders),
+        *([(own["key"], own["title"]) for own in scenarios] if len(scenarios) < FOLDED else []),
+        ("provenance", "Provenance"),
+    ]
+    return {
+        "title": TITLE,
+        "contents": contents,
+        "trust": told and (advice(told), trust_table(told), told["unknown"]),
+        "words": words,
+        "tables": tables,
+        "sentences": _sentences(study, names[0]) if len(names) == 1 else [],
+        "cost": _cost(study, names),
+        "reading": [LOSS, COLUMNS, RULES] if names else [],
+        "recorders": recorder_table(study, recorders) if recorders else None,
+        "scenarios": scenarios,
+        "trends": trends,
+        "failures": failure_table(study),
+        **provenance(study),
+    }
+
+
+def _figures(content: dict[str, Any]) -> Iterator[Figure]:
+    yield from [content["cost"]] * bool(content["cost"])
+    for own in content["scenarios"]:
+        yield from own["figures"]
+    yield from content["trends"]
+
+
+def _in_short(content: dict[str, Any]) -> str:
+    """The report as Markdown, without what the page folds."""
+    there = {f"#{key}" for key, _ in content["contents"]} - {
+        f"#{own['key']}" for own in content["scenarios"]
+    }
+    parts = [f"# {TITLE}"]
+    parts.append("\n".join(f"- [{name}]({key})" for key, name in _titles(content, there)))
+
+    def section(key: str, *blocks: str | Sequence[str] | Table | Figure | None) -> None:
+        title = dict(content["contents"])[key]
+        parts.append(f'<a id="{key}"></a>\n\n## {title}')
+        for block in blocks:
+            if isinstance(block, Table):
+                parts.append(markdown(block))
+            elif isinstance(block, Figure):
+                place = f"{FIGURES}/{block.file}.svg"
+                parts.append(f"![{for_markdown(block.alt)}]({place})")
+                parts.append(f"*{for_markdown(block.caption)}*")
+            elif isinstance(block, str):
+                parts.append(for_markdown(block))
+            elif block:
+                parts.append("\n".join(f"- {for_markdown(words)}" for words in block))
+
+    if content["trust"]:
+        section("trust", *content["trust"])
+    tables = [own.table for own in content["tables"]]
+    section("summary", content["words"], *tables, content["sentences"], content["cost"],
+            *content["reading"])  # fmt: skip
+    if content["recorders"]:
+        section("recorders", content["recorders"])
+    section("provenance")
+    for text, typed in content["commands"]:
+        parts += [for_markdown(text), f"    {clean(typed)}"]
+    parts.append(for_markdown(content["start"]))
+    # What links to a section that is left out stays as words.
+    return re.sub(
+        r"\[([^\]]+)\]\((#[\w-]+)\)",
+        lambda link: link[0] if link[2] in there else link[1],
+        "\n\n".join(parts) + "\n",
+    )
+
+
+def _titles(content: dict[str, Any], there: set[str]) -> list[tuple[str, str]]:
+    return [(f"#{key}", name) for key, name in content["contents"] if f"#{key}" in there]
+
+
+def overview(study: Comparison, *, widest: int = 21) -> tuple[list[str], list[Shown]]:
     """The answer in sentences and tables, which the terminal and the page's first screen show.
 
     At most `widest` scenarios stand beside one another; 0 for none.
@@ -104,7 +181,7 @@ def overview(study: Comparison, *, widest: int = 21) -> tuple[list[str], list[Ta
     names = compared(study)
     shown = names if len(names) <= OPEN else [_reference(names)]
     words = [answer(study.of(name)) for name in shown]
-    tables: list[Table[Any]] = [ranking(study.of(name)) for name in shown]
+    tables = [ranking(study.of(name)) for name in shown]
     if len(names) > 1:
         words.insert(0, _over_all(study, names))
         tables = [*matrices(study, names, widest), *tables]
@@ -165,79 +242,52 @@ def answer(cells: Sequence[MethodResults]) -> str:
     return words
 
 
-def report_sections(study: Comparison) -> list[Section]:
-    """The report's sections: the answer, all on each scenario, failures, provenance."""
-    if not study.cells:
-        return [Section("summary", "Summary", [Text("The study holds no fits yet.")])]
-    names = compared(study)
-    return [
-        _summary(study),
-        *_recorders(study, names),
-        *(_scenario(study, name) for name in study.names),
-        *_trends(study),
-        failures(study),
-        provenance(study),
-    ]
+def _sentences(study: Comparison, name: str) -> list[str]:
+    """What a reader should know of each method in a scenario."""
+    return [sentence(cell.method, cell.scores) for cell in ranked(study.of(name))]
 
 
-def _summary(study: Comparison) -> Section:
-    blocks: list[Block] = []
-    words, tables = overview(study)
-    names = compared(study)
-    blocks += [Text(" ".join(words)) if len(words) == 1 else Bullets(words), *tables]
-    if names:
-        name = _reference(names)
-        order = ranked(study.of(name))
-        if len(names) == 1:
-            blocks.append(Bullets([sentence(cell.method, cell.scores) for cell in order]))
-        if any(cell.seconds > 0.0 and cell.overall.loss.value > 0.0 for cell in order):
-            caption = (
-                f"`{name}`: loss with its 95 % interval, and what a fit takes on one core. "
-                f"Stepped line: no other method is both faster and better. {NUMBERS}"
-            )
-            alt = f"Loss of each method in {name} over the median time of a fit"
-            blocks.append(Figure("cost", figures.cost(order), caption, alt))
-        blocks += [Text(LOSS), Text(COLUMNS), Text(RULES)]
-    return Section("summary", "Which method to use", blocks)
+def _cost(study: Comparison, names: Sequence[str]) -> Figure | None:
+    """Loss over time in the reference scenario."""
+    order = ranked(study.of(_reference(names))) if names else []
+    if not any(cell.seconds > 0.0 and cell.overall.loss.value > 0.0 for cell in order):
+        return None
+    name = order[0].scenario.name
+    return Figure(
+        "cost",
+        figures.cost(order),
+        f"`{name}`: loss with its 95 % interval, and what a fit takes on one core. "
+        f"Stepped line: no other method is both faster and better. {NUMBERS}",
+        f"Loss of each method in {name} over the median time of a fit",
+    )
 
 
-def _recorders(study: Comparison, names: Sequence[str]) -> list[Section]:
-    """What faulty recorders do to each method."""
-    own = [name for name in names if study.entry(name).family == RECORDER]
-    if not own:
-        return []
-    return [Section("recorders", "What your recorder may do to you", [recorder_table(study, own)])]
-
-
-def _scenario(study: Comparison, name: str) -> Section:
-    """All on one scenario or population."""
-    entry, cells = study.entry(name), study.of(name)
-    power = study.remnant_ratio(name)
+def _scenario(study: Comparison, name: str) -> dict[str, Any]:
+    """All on one scenario or population, which the page folds."""
+    entry, cells, names = study.entry(name), study.of(name), compared(study)
+    power, usable = study.remnant_ratio(name), [cell for cell in cells if cell.usable]
     remnant = f"; remnant {100 * power:.0f} % of the control's power" if power == power else ""
     what = f"{entry.description[:1].upper()}{entry.description[1:]}{remnant}"
-    blocks: list[Block] = [Text(f"{what}; model {entry.model}.")]
-    names = compared(study)
-    if name in names and len(names) > OPEN and name != _reference(names):
-        blocks.append(ranking(cells))
-    if name in names and len(names) > 1:
-        blocks.append(Bullets([sentence(cell.method, cell.scores) for cell in ranked(cells)]))
-    if entry.family in (RECORDER, VIOLATION):
-        blocks.append(remark_table(cells))
-    blocks += details(cells, name)
-    return Section(key_of(name), f"Scenario {name}", blocks, folded=True)
-
-
-def details(cells: Sequence[MethodResults], key: str) -> list[Block]:
-    """Figures, which `key` names, and all numbers of a scenario or a population."""
-    entry, usable = cells[0].scenario, [cell for cell in cells if cell.usable]
-    blocks: list[Block] = []
+    apart = len(names) > OPEN and name != _reference(names)
+    known = name in names and len(names) > 1
+    tables = [remark_table(cells)] if entry.family in (RECORDER, VIOLATION) else []
+    drawn: list[Figure] = []
     if entry.one_recording:
-        return [all_numbers(cells)]
-    if entry.population:
-        blocks = _population(key, usable)
+        tables.append(start_table(cells))
+    elif entry.population:
+        drawn = _population(key_of(name), usable)
     elif usable:
-        blocks = [_errors(key, usable)]
-    return [*blocks, all_numbers(cells)]
+        drawn = [_errors(key_of(name), usable)]
+    return {
+        "key": key_of(name),
+        "title": f"Scenario {name}",
+        "what": f"{what}; model {entry.model}.",
+        "ranking": ranking(cells) if known and apart else None,
+        "sentences": _sentences(study, name) if known else [],
+        "tables": tables,
+        "weak": [words for cell in usable if entry.population and (words := _weakest(cell))],
+        "figures": drawn,
+    }
 
 
 def _errors(key: str, cells: Sequence[MethodResults]) -> Figure:
@@ -252,17 +302,12 @@ def _errors(key: str, cells: Sequence[MethodResults]) -> Figure:
     )
 
 
-def _population(key: str, cells: Sequence[MethodResults]) -> list[Block]:
+def _population(key: str, cells: Sequence[MethodResults]) -> list[Figure]:
     """Where in a population methods are weak, and how their errors are distributed."""
-    if not cells:
+    if not any(cell.overall.n for cell in cells):
         return []
     name = cells[0].scenario.name
-    weak = [words for cell in cells if (words := _weakest(cell))]
-    blocks: list[Block] = [Bullets(weak)] if weak else []
-    if not any(cell.overall.n for cell in cells):
-        return blocks
     return [
-        *blocks,
         Figure(
             f"coverage-{key}",
             figures.by_stratum(cells),
@@ -302,14 +347,14 @@ def _weakest(cell: MethodResults) -> str:
     )
 
 
-def _trends(study: Comparison) -> list[Section]:
+def _trends(study: Comparison) -> list[Figure]:
     """Errors over the one number in which the scenarios of a family differ."""
     varied = {
         str(e.settings["varied"]): e.family
         for e in study.scenarios
         if e.family and e.settings.get("varied")
     }
-    blocks: list[Block] = []
+    drawn: list[Figure] = []
     for path, family in varied.items():
         own = [e for e in study.scenarios if e.family == family]
         points = {e.number(path): e.name for e in own}
@@ -322,8 +367,8 @@ def _trends(study: Comparison) -> list[Section]:
         figure = figures.sweep(study, known, labels)
         alt = f"Root mean square error by parameter and method over {path}"
         caption = f"Root mean square error and Cramér-Rao bound over `{path}`. {NUMBERS}"
-        blocks.append(Figure(f"trend-{family}", figure, caption, alt))
-    return [Section("trends", "Trends", blocks, folded=True)] if blocks else []
+        drawn.append(Figure(f"trend-{family}", figure, caption, alt))
+    return drawn
 
 
 # ------------------------------------------------------------------------------ provenance
@@ -343,24 +388,7 @@ def command(study: Comparison) -> str:
     )
 
 
-def failures(study: Comparison) -> Section:
-    """Which fits failed, and why."""
-    table = failure_table(study)
-    text = (
-        "A failure counts in the loss as the interval from zero to twice the true value; bias, "
-        "scatter, rmse and coverage are those of the fits that count. A recording that a method "
-        "cannot treat is no try."
-    )
-    every = Text("Every fit of this study converged.")
-    return Section(
-        "failures",
-        "Failures and their reasons",
-        [Text(text), table if table.items else every],
-        folded=True,
-    )
-
-
-def provenance(study: Comparison) -> Section:
+def provenance(study: Comparison) -> dict[str, Any]:
     """All that defines methods and scenarios, seed, versions, and how to make the numbers again."""
     about = study.about
     facts = ", ".join(
@@ -373,20 +401,19 @@ def provenance(study: Comparison) -> Section:
     scenarios = [
         (e.name, e.description, e.model, e.start, f"`{shown(e.settings)}`") for e in study.scenarios
     ]
-    heads = ("scenario", "description", "model", "start", "all that defines it")
-    blocks: list[Block] = [
-        Command(
-            "The whole study (resumes an interrupted one; the same numbers for any number of "
-            "workers):",
-            command(study),
-        ),
-        Command("This report again, from the store alone:", "pilotid report DIR"),
-        Text(
-            "No method is told the truth. All methods have the same recordings and are handed the "
-            "same **start**: that of the model, or one drawn at random where the scenarios say so. "
-            f"{seed}"
-        ),
-        table_of("Methods", [("method",), ("settings",)], methods, folded=True),
-        table_of("Scenarios", [(title,) for title in heads], scenarios, folded=True),
-    ]
-    return Section("provenance", "Provenance", blocks)
+    titles = ("scenario", "description", "model", "start", "all that defines it")
+    return {
+        "commands": [
+            (
+                "The whole study (resumes an interrupted one; the same numbers for any number of "
+                "workers):",
+                command(study),
+            ),
+            ("This report again, from the store alone:", "pilotid report DIR"),
+        ],
+        "start": "No method is told the truth. All methods have the same recordings and are handed "
+        "the same **start**: that of the model, or one drawn at random where the scenarios say so. "
+        f"{seed}",
+        "methods": table(methods, "Methods", ("method", "settings")),
+        "settings": table(scenarios, "Scenarios", titles),
+    }

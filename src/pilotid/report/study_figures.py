@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLUMNS = 4
+LONGEST = 34  # characters of a method's label
 #: Multiple of the typical method's reach at which an axis of errors ends at the latest.
 MOST = 4.0
 BOUND = "#c9ced6"
@@ -56,6 +57,11 @@ def panelled(
         if labels[1]:
             figure.supylabel(labels[1], fontsize=8.0)
         yield figure, panels[: len(titles)], panels[len(titles)]
+
+
+def short(label: str) -> str:
+    """A method's label as a figure has room for it, its middle left out where it is long."""
+    return label if len(label) <= LONGEST else f"{label[: LONGEST - 13]}...{label[-10:]}"
 
 
 def limits(ranges: Sequence[tuple[float, float]], floor: float) -> tuple[float, float]:
@@ -104,7 +110,7 @@ def errors(cells: Sequence[MethodResults]) -> Figure:
     from matplotlib.patches import Patch
 
     every = [cell.percent for cell in cells]
-    labels = [c.method for c in cells]
+    labels = [short(c.method) for c in cells]
     colours = [colour_of(cell.method) for cell in cells]
     # The legend needs some inches, too.
     height = max(1.35, 0.62 + 0.155 * len(labels))
@@ -246,7 +252,7 @@ def cost(cells: Sequence[MethodResults]) -> Figure:
             reach = np.nan_to_num([[loss.value - loss.lower], [loss.upper - loss.value]])
             axes.errorbar(cell.seconds, loss.value, reach, color=colour_of(cell.method),
                           marker=marker_of(cell.method), markersize=5.0, linewidth=0.0,
-                          elinewidth=0.9, label=cell.method)  # fmt: skip
+                          elinewidth=0.9, label=short(cell.method))  # fmt: skip
         axes.set(xscale="log", yscale="log")
         axes.margins(0.08)
         log_ticks(axes, "x")
@@ -332,7 +338,8 @@ def by_parameter(cells: Sequence[MethodResults]) -> Figure:
 def _add_legend(spare: Axes, methods: Sequence[str], reference: str = "") -> None:
     """Names of methods, and of a dashed line of reference."""
     for name in methods:
-        spare.plot([], [], color=colour_of(name), marker=marker_of(name), markersize=4, label=name)
+        spare.plot([], [], color=colour_of(name), marker=marker_of(name), markersize=4,
+                   label=short(name))  # fmt: skip
     if reference:
         spare.plot([], [], color=INK, linestyle="--", linewidth=0.8, label=reference)
     columns = 2 if len(methods) > 8 else 1

@@ -6,21 +6,19 @@ import json
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from pilotid.estimates.estimate import Outcome
-from pilotid.estimates.quantities import symbol
 from pilotid.study.comparison import ALL, Comparison, MethodResults, Score, loss_ratios
 from pilotid.study.judge import EFFICIENT, FEWEST, USABLE, judge
-from pilotid.study.scores import Interval, loss_text
+from pilotid.study.scores import loss_text
 from pilotid.study.store import Result
 from pilotid.study.trust import TRUST
-from pilotid.support.document import Block, Bullets, Column, LogAxis, Section, Table, Text, table_of
-from pilotid.support.format import NONE, number, percent, plus_minus, share, unsigned
+from pilotid.support.format import NONE, Table, number, plus_minus, share, table
 
 VIOLATION = "violation"  # family of the scenarios that violate an assumption
 RECORDER = "recorder"  # family of the scenarios whose recorder is faulty
@@ -32,15 +30,49 @@ LONGEST_WORDS = 60  # characters of a remark that a table shows
 GRADES = {"efficient": "good", "usable": "partly", "poor": "poor"}
 
 
+class LogAxis(NamedTuple):
+    """A logarithmic axis of dots and whiskers; its ends as powers of ten."""
+
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, intervals: Iterable[tuple[float, float, float]]) -> LogAxis:
+        """An axis that shows 1 and all values with their lower and upper ends."""
+        known = [each for each in intervals if each[0] > 0.0]
+        values = [value for value, *_ in known]
+        ends = [end for _, *own in known for end in own if end > 0.0 and math.isfinite(end)]
+        low, high = min([0.8, *values, *ends]), max([2.0, *values, *ends])
+        # One wild interval must not press all others together.
+        high = min(high, 3.0 * max([1.0, *values]))
+        return cls(math.log10(low) - 0.02, math.log10(high) + 0.02)
+
+    def place(self, value: float) -> float:
+        """Where a value lies [%]."""
+        share = (math.log10(value) - self.low) / (self.high - self.low)
+        return round(min(max(100.0 * share, 0.0), 100.0), 1)
+
+    def whisker(self, value: float, lower: float, upper: float) -> tuple[float, ...] | None:
+        """Places of a value and of the ends of its interval [%]; None without a value."""
+        if not value > 0.0:
+            return None
+        ends = (end if end > 0.0 and math.isfinite(end) else value for end in (lower, upper))
+        return tuple(map(self.place, (value, *ends)))
+
+    @property
+    def ticks(self) -> list[tuple[float, str]]:
+        """Places [%] and labels."""
+        values = [base * 10.0**power for power in range(-1, 6) for base in (1.0, 2.0, 5.0)]
+        inside = [v for v in values if self.low <= math.log10(v) <= self.high]
+        if self.high - self.low > 2.2:
+            inside = [v for v in inside if math.log10(v).is_integer()]
+        return [(self.place(v), f"{v:g}") for v in inside]
+
+
 def loss_mark(loss: float) -> str:
     """The colour of a loss."""
     limits = {"good": EFFICIENT, "partly": USABLE, "poor": BAD, "bad": math.inf}
     return next((mark for mark, limit in limits.items() if loss < limit), "none")
-
-
-def with_interval(value: float, lower: float, upper: float) -> str:
-    """A loss, or a ratio of losses, with its interval."""
-    return str(Interval(value, lower, upper))
 
 
 def ranked(cells: Sequence[MethodResults]) -> list[MethodResults]:
@@ -55,44 +87,86 @@ def ranked(cells: Sequence[MethodResults]) -> list[MethodResults]:
     return sorted(cells, key=place)
 
 
-def ranking(cells: Sequence[MethodResults]) -> Table[MethodResults]:
+def of(count: int, total: int) -> str:
+    """A share as two counts."""
+    return f"{count} of {total}" if count else "0"
+
+
+class Shown(NamedTuple):
+    """A table with colours, which pages show: `good`, `partly`, `poor`, `bad` or `none`.
+
+    Attributes
+    ----------
+    table
+        The table.
+    marks
+        For each row the colours of its cells, by the column's title.
+    axis, whiskers, dots
+        Of a ranking: the axis, the places of value and interval on it, and their colours.
+    """
+
+    table: Table
+    marks: Sequence[Mapping[str, str]]
+    axis: LogAxis | None = None
+    whiskers: Sequence[tuple[float, ...] | None] = ()
+    dots: Sequence[str] = ()
+
+
+#: The ranking's columns: what each shows of a method and of the best one, what writes it as a
+#: number (None for words), and what the title means.
+RANKING: dict[str, tuple[Callable[[MethodResults, MethodResults], object], Any, str]] = {
+    "method": (lambda c, _: c.method, None, ""),
+    "loss (95 %)": (lambda c, _: _loss(c), str, "interval score over an efficient estimator's"),
+    "times best": (
+        lambda c, best: _times_best(c, best),
+        str,
+        "ratio to the first row's loss, same recordings",
+    ),
+    "verdict": (lambda c, _: judge(c.scores).words, None, "by fixed limits"),
+    "largest bias/error": (
+        lambda c, _: _largest_bias(c),
+        str,
+        "mean error, in claimed standard errors",
+    ),
+    "coverage %": (lambda c, _: covered(c.overall), share, "of 95 % intervals"),
+    "failed (loss else)": (lambda c, _: _failed(c), str, "loss of the other fits"),
+    "objects": (lambda c, _: _objections(c), of, "recordings that it objects to"),
+    "warned": (
+        lambda c, _: _warned_of_violation(c),
+        str,
+        "recordings with a remark or a failure",
+    ),
+    "s per fit": (lambda c, _: (c.seconds, 2), number, "median"),
+}
+
+
+def ranking(cells: Sequence[MethodResults]) -> Shown:
     """The methods of a scenario in the order of their loss."""
     order, entry = ranked(cells), cells[0].scenario
     count = max(len(cell.results) for cell in cells)
     what = "all fits of one recording" if entry.one_recording else "1 recording"
     if count > 1 and not entry.one_recording:
         what = f"{count} recordings"
-    axis = LogAxis.of(cell.overall.loss for cell in order)
     caption = f"`{entry.name}`, {what}: methods by their loss "
     caption += f"(1: exact; below {EFFICIENT:g} efficient, below {USABLE:g} usable)"
-    return Table(caption, _ranking_columns(order[0], axis), order)
+    losses = [cell.overall.loss for cell in order]
+    axis = LogAxis.of(losses)
+    shown = table(
+        [[value(cell, order[0]) for value, *_ in RANKING.values()] for cell in order],
+        caption,
+        list(RANKING),
+        {title: form for title, (_, form, _) in RANKING.items() if form},
+        hints={title: hint for title, (*_, hint) in RANKING.items() if hint},
+    )
+    marks = [{"verdict": GRADES.get(judge(cell.scores).grade, "none")} for cell in order]
+    dots = [loss_mark(loss.value) for loss in losses]
+    return Shown(shown, marks, axis, [axis.whisker(*loss) for loss in losses], dots)
 
 
-def _ranking_columns(best: MethodResults, axis: LogAxis) -> list[Column[MethodResults]]:
-    def times_best(cell: MethodResults) -> str | None:
-        if not math.isfinite(cell.overall.loss.value):
-            return None
-        return "best" if cell is best else str(loss_ratios(cell, best)[ALL])
-
-    return [
-        Column("method", lambda c: c.method),
-        Column("loss (95 %)", _loss, str, hint="interval score over an efficient estimator's"),
-        Column(
-            "",
-            lambda c: c.overall.loss,
-            hint="logarithmic; 1: exact and efficient",
-            mark=lambda c: loss_mark(c.overall.loss.value),
-            axis=axis,
-        ),
-        Column("times best", times_best, str, "ratio to the first row's loss, same recordings"),
-        Column("verdict", lambda c: judge(c.scores).words, None, "by fixed limits", _grade),
-        Column("largest bias/error", _largest_bias, str, "mean error, in claimed standard errors"),
-        Column("coverage %", lambda c: covered(c.overall), share, "of 95 % intervals"),
-        Column("failed (loss else)", _failed, str, "loss of the other fits"),
-        Column("objects", _objections, of, "recordings that it objects to"),
-        Column("warned", _warned_of_violation, str, "recordings with a remark or a failure"),
-        Column("s per fit", lambda c: (c.seconds, 2), number, "median"),
-    ]
+def _times_best(cell: MethodResults, best: MethodResults) -> str | None:
+    if not math.isfinite(cell.overall.loss.value):
+        return None
+    return "best" if cell is best else str(loss_ratios(cell, best)[ALL])
 
 
 def _loss(cell: MethodResults) -> str:
@@ -107,18 +181,9 @@ def _largest_bias(cell: MethodResults) -> str | None:
     return f"{worst.parameter} {plus_minus(*worst.z)}" if worst else None
 
 
-def of(count: int, total: int) -> str:
-    """A share as two counts."""
-    return f"{count} of {total}" if count else "0"
-
-
 def covered(score: Score) -> tuple[float, tuple[float, float]]:
     """Coverage with its 95 % interval."""
     return score.coverage.value, score.coverage_interval
-
-
-def _grade(cell: MethodResults) -> str:
-    return GRADES.get(judge(cell.scores).grade, "none")
 
 
 def _objections(cell: MethodResults) -> tuple[int, int]:
@@ -136,22 +201,19 @@ def _warned_of_violation(cell: MethodResults) -> str | None:
     return _warned(cell) if cell.scenario.family in (VIOLATION, RECORDER) else None
 
 
-def recorder_table(study: Comparison, names: Sequence[str]) -> Table[Any]:
+def recorder_table(study: Comparison, names: Sequence[str]) -> Table:
     """What each method makes of faulty recorders."""
-    whole = "{:.0f}".format
-    heads = [
-        *(("recorder",), ("method",), ("n",)),
-        ("right %", whole, f"off by {OFF:g} errors at most"),
-        ("wrong, said %", whole, "a remark or a failure"),
-        ("wrong, silent %", whole),
-    ]
+    titles = ["recorder", "method", "n", "right %", "wrong, said %", "wrong, silent %"]
+    hints = {"right %": f"off by {OFF:g} errors at most", "wrong, said %": "a remark or a failure"}
     rows = [
         (name, cell.method, cell.tried, *(100.0 * share for share in shares_told(cell)))
         for name in names
         for cell in study.of(name)
         if cell.tried
     ]
-    return table_of("What faulty recorders do to each method", heads, rows, 2)
+    forms = dict.fromkeys(titles[3:], "{:.0f}".format)
+    caption = "What faulty recorders do to each method"
+    return table(rows, caption, titles, forms, heads=2, hints=hints)
 
 
 def shares_told(cell: MethodResults) -> tuple[float, float, float]:
@@ -193,50 +255,54 @@ def by_mean_loss(study: Comparison, names: Sequence[str]) -> dict[str, dict[str,
     return {method: found[method] for method in order}
 
 
-def matrices(study: Comparison, names: Sequence[str], widest: int) -> list[Table[str]]:
+def matrices(study: Comparison, names: Sequence[str], widest: int) -> list[Shown]:
     """Loss of every method in every scenario, a row a method.
 
     At most `widest` scenarios stand beside one another, and more have a table each so many; with
     0 the table has the means alone.
     """
-    count = -(-len(names) // widest) if widest else 1
-    size = -(-len(names) // count)
     few, losses = len(names) <= FEW, by_mean_loss(study, names)
 
-    def mean(method: str) -> str | None:
-        whole = len(losses[method]) == len(names)
-        return loss_text(mean_loss(losses[method])) if whole else None
+    def front(method: str) -> tuple[str, str | None, str | None]:
+        own = losses[method]
+        loss, name = max(((v, k) for k, v in own.items()), default=(0.0, ""))
+        mean = loss_text(mean_loss(own)) if len(own) == len(names) else None
+        return method, mean, f"{number(loss, 2)} {name}" if name else None
 
-    def worst(method: str) -> str | None:
-        loss, name = max(((v, k) for k, v in losses[method].items()), default=(0.0, ""))
-        return f"{number(loss, 2)} {name}" if name else None
+    def text(cell: MethodResults | None) -> str | None:
+        if cell is None or math.isfinite(cell.overall.loss.value):
+            own = cell.overall.loss if cell else None
+            return own and (str(own) if few else number(own.value, 2))
+        return "no intervals" if cell.tried else "n/a"
 
-    def column(name: str) -> Column[str]:
-        def loss(method: str) -> str | None:
-            cell = study.at(name, method)
-            if cell is None or math.isfinite(cell.overall.loss.value):
-                own = cell.overall.loss if cell else None
-                return own and (str(own) if few else number(own.value, 2))
-            return "no intervals" if cell.tried else "n/a"
-
-        def mark(method: str) -> str:
-            cell = study.at(name, method)
-            return loss_mark(cell.overall.loss.value) if cell else ""
-
-        return Column(f"[{name}](#{key_of(name)})", loss, str, mark=mark)
-
-    front: list[Column[str]] = [
-        Column("mean", mean, str, "geometric, where there is a loss in every scenario"),
-        Column("worst", worst),
-    ]
-    caption = f"Loss of every method in {len(names)} scenarios (1: exact and efficient)"
     tables = []
-    for i in range(0, len(names), size):
-        shown = [column(name) for name in names[i : i + size]] if widest else []
-        columns: list[Column[str]] = [Column("method", str), *([] if i else front), *shown]
-        title = "Loss in further scenarios" if i else caption
-        tables.append(Table(title, columns, list(losses), upright=not few))
+    for begin in range(0, len(names), size_of(len(names), widest)):
+        some = names[begin : begin + size_of(len(names), widest)] if widest else []
+        links = [f"[{name}](#{key_of(name)})" for name in some]
+        cells = {m: [study.at(name, m) for name in some] for m in losses}
+        caption = f"Loss of every method in {len(names)} scenarios (1: exact and efficient)"
+        shown = table(
+            [(*front(m)[: 1 if begin else 3], *map(text, own)) for m, own in cells.items()],
+            "Loss in further scenarios" if begin else caption,
+            ["method", *([] if begin else ["mean", "worst"]), *links],
+            dict.fromkeys(("mean", *links), str),
+            hints={"mean": "geometric, where there is a loss in every scenario"},
+        )
+        marks = [
+            {
+                link: loss_mark(cell.overall.loss.value)
+                for link, cell in zip(links, own, strict=True)
+                if cell
+            }
+            for own in cells.values()
+        ]
+        tables.append(Shown(shown, marks))
     return tables
+
+
+def size_of(count: int, widest: int) -> int:
+    """How many scenarios stand beside one another, so that tables are equally wide."""
+    return -(-count // -(-count // widest)) if widest else count
 
 
 def key_of(name: str) -> str:
@@ -244,15 +310,26 @@ def key_of(name: str) -> str:
     return re.sub(r"[^\w-]+", "-", name)
 
 
-def remark_table(cells: Sequence[MethodResults]) -> Table[MethodResults]:
+def remark_table(cells: Sequence[MethodResults]) -> Table:
     """What users of each method are told most often."""
-    columns = [
-        Column("method", lambda c: c.method),
-        Column("warned", _warned, str, "of the recordings"),
-        Column("commonest remarks, and how often", _remarks),
-    ]
-    tried = [cell for cell in ranked(cells) if cell.tried]
-    return Table("What users are told", columns, tried, folded=True)
+    return table(
+        [(cell.method, _warned(cell), _remarks(cell)) for cell in ranked(cells) if cell.tried],
+        "What users are told",
+        ["method", "warned", "commonest remarks, and how often"],
+        {"warned": str},
+        hints={"warned": "of the recordings"},
+    )
+
+
+def start_table(cells: Sequence[MethodResults]) -> Table:
+    """How many fits of one recording end where most do."""
+    return table(
+        [(cell.method, (cell.agreeing, cell.tried)) for cell in cells if cell.tried],
+        f"`{cells[0].scenario.name}`: starts that end in the common optimum",
+        ["method", "common end"],
+        {"common end": of},
+        hints={"common end": "within a tenth of the bound of the median"},
+    )
 
 
 def _remarks(cell: MethodResults) -> str | None:
@@ -275,63 +352,7 @@ def _kind(remark: str) -> str:
     return " ".join(re.sub(r"[-+.e\d]*\d[-+.e\d]*", "", remark).split()[:6])
 
 
-class Row(NamedTuple):
-    """A parameter by a method in a scenario, with its scores in % of the true value."""
-
-    cell: MethodResults
-    place: int
-    key: str
-    score: Score
-
-
-def _rows(cells: Sequence[MethodResults]) -> list[Row]:
-    """All parameters, each by all methods."""
-    return [
-        Row(cell, place, key, cell.scores[1 + place].percent)
-        for key in dict.fromkeys(key for cell in cells for key in cell.keys)
-        for cell in cells
-        for place, own in enumerate(cell.keys)
-        if own == key and cell.tried
-    ]
-
-
-def all_numbers(cells: Sequence[MethodResults]) -> Table[Row]:
-    """All scores of a scenario: a row for each parameter and method."""
-    entry = cells[0].scenario
-
-    def shape(title: str, name: str, hint: str, form: Callable[..., str] = unsigned) -> Column[Row]:
-        """A score of the distribution of errors, which only a population has."""
-        population = entry.population
-        return Column(title, lambda r: getattr(r.score, name) if population else None, form, hint)
-
-    def common_end(row: Row) -> tuple[int, int] | None:
-        """How many fits of one recording end where most do."""
-        return (row.cell.agreeing, row.cell.tried) if entry.one_recording else None
-
-    columns: list[Column[Row]] = [
-        Column("parameter", lambda r: r.key, symbol=symbol),
-        Column("method", lambda r: r.cell.method),
-        Column("n", lambda r: r.score.n, str, "values of fits that count"),
-        Column("loss", lambda r: r.score.loss, with_interval, "with its 95 % interval"),
-        Column("bias / claim", lambda r: r.score.z, plus_minus, "mean standardised error"),
-        Column("rmse / bound", lambda r: r.score.ratio, unsigned, "with its error"),
-        Column("coverage %", lambda r: covered(r.score), share, "of the 95 % intervals"),
-        shape("rms", "rms", "of error over claim"),
-        shape("trimmed", "trimmed", "by 1 %"),
-        shape("beyond 3 %", "beyond", "share of errors beyond 3 claimed errors", percent),
-        shape("median", "typical", "of error over bound", number),
-        Column("wrong optima", lambda r: (r.score.wrong, r.score.optima), of, "where it is known"),
-        Column("common end", common_end, of, "starts within a tenth of the bound of the median"),
-        Column("bias %", lambda r: r.score.bias, plus_minus, "of the true value"),
-        Column("std %", lambda r: r.score.std, unsigned, "standard deviation"),
-        Column("claimed %", lambda r: r.score.claimed, number, "mean standard error"),
-        Column("posterior %", lambda r: r.score.posterior, number, "mean spread"),
-        Column("bound %", lambda r: r.score.bound, number, "of Cramér and Rao"),
-    ]
-    return Table(f"`{entry.name}`: all numbers", columns, _rows(cells), heads=2, folded=True)
-
-
-def failure_table(study: Comparison) -> Table[Any]:
+def failure_table(study: Comparison) -> Table:
     """Every outcome but plain convergence, with its details and how often it came."""
     sentences = {outcome.slug: outcome.value for outcome in Outcome}
     rows = []
@@ -343,11 +364,9 @@ def failure_table(study: Comparison) -> Table[Any]:
                 counts_as = "result"
             front = (cell.scenario.name, cell.method, len(own), len(cell.results), counts_as)
             rows.append((*front, sentences.get(outcome, outcome), _commonest(own)))
-    heads = [
-        *(("scenario",), ("method",), ("fits", str), ("of", str)),
-        *(("counts as",), ("outcome",), ("details",)),
-    ]
-    return table_of("Fits that did not simply converge", heads, rows, 2, folded=True)
+    titles = ["scenario", "method", "fits", "of", "counts as", "outcome", "details"]
+    forms = {"fits": str, "of": str}
+    return table(rows, "Fits that did not simply converge", titles, forms, heads=2)
 
 
 def _commonest(results: Sequence[Result]) -> str:
@@ -370,7 +389,7 @@ def read_trust(folder: Path) -> dict[str, Any] | None:
     return told if isinstance(told, dict) and "parameters" in told else None
 
 
-def trust_table(told: Mapping[str, Any]) -> Table[Any]:
+def trust_table(told: Mapping[str, Any]) -> Table:
     """Claimed and corrected intervals, bias and coverage of each parameter."""
 
     def known(held: Any) -> Any:
@@ -384,34 +403,35 @@ def trust_table(told: Mapping[str, Any]) -> Table[Any]:
     parameters = [
         {name: known(value) for name, value in own.items()} for own in told["parameters"].values()
     ]
-    rows = [
-        (
-            *(f"{p['parameter']} {p['unit']}".strip(), p["value"]),
-            *(p["interval_95"], p["corrected_95"], (p["factor"], 2)),
-            *(p["bias"], p["bias_claimed"], (p["coverage"], p["coverage_95"])),
-        )
-        for p in parameters
-    ]
-    heads = [
-        *(("parameter",), ("value", number)),
-        ("claimed 95 %", between, "as the method gives it"),
-        ("corrected 95 %", between, "so that 95 % hold the truth here"),
-        ("length times", number),
-        ("bias", plus_minus, "mean error on simulations, with its own error"),
-        ("bias / claim", plus_minus, "in claimed standard errors"),
-        ("coverage %", share, "of the claimed intervals, with its 95 % interval"),
-    ]
-    return table_of(f"`{told['method']}` on pilots like this one, {Path(told['recording']).name}",
-                    heads, rows)  # fmt: skip
+    columns: dict[str, tuple[Callable[[Any], object], Any, str]] = {
+        "parameter": (lambda p: p["parameter"], None, ""),
+        "unit": (lambda p: p["unit"], None, ""),
+        "value": (lambda p: p["value"], number, ""),
+        "claimed 95 %": (lambda p: p["interval_95"], between, "as the method gives it"),
+        "corrected 95 %": (
+            lambda p: p["corrected_95"],
+            between,
+            "so that 95 % hold the truth here",
+        ),
+        "length times": (lambda p: (p["factor"], 2), number, ""),
+        "bias": (lambda p: p["bias"], plus_minus, "mean error on simulations, with its own error"),
+        "bias / claim": (lambda p: p["bias_claimed"], plus_minus, "in claimed standard errors"),
+        "coverage %": (
+            lambda p: (p["coverage"], p["coverage_95"]),
+            share,
+            "of the claimed intervals, with its 95 % interval",
+        ),
+    }
+    return table(
+        [[value(p) for value, *_ in columns.values()] for p in parameters],
+        f"`{told['method']}` on pilots like this one, {Path(told['recording']).name}",
+        list(columns),
+        {title: form for title, (_, form, _) in columns.items() if form},
+        hints={title: hint for title, (*_, hint) in columns.items() if hint},
+    )
 
 
 def advice(told: Mapping[str, Any]) -> list[str]:
     """What to do about the intervals of the fit, in sentences."""
     sound = f"The intervals of {told['method']} cover 95 % here, within Monte Carlo error."
     return told["sentences"] or [sound]
-
-
-def trust_section(told: Mapping[str, Any]) -> Section:
-    """The section in front of the comparison."""
-    blocks: list[Block] = [Bullets(advice(told)), trust_table(told), Text(told["unknown"])]
-    return Section("trust", "What the fit is worth", blocks)

@@ -8,7 +8,7 @@ such as the bias in the parameter's unit, is NaN where every recording has its o
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 ESTIMATES, SUMMARY = "estimates.csv", "summary.csv"
-POPULATION = "population.csv"
+POPULATION, SCORES = "population.csv", "scores.csv"
 ALL = "all"  # stands for all parameters, and for all recordings
 NO_TRY = Outcome.NOT_APPLICABLE.slug
 #: A fit ends in a wrong optimum if its criterion exceeds that of a search from the truth by more.
@@ -53,7 +53,7 @@ ESTIMATE_COLUMNS = (
     *("scenario", "method", "replication", "outcome", "parameter", "truth"),
     *("value", "std_error", "lower_95", "upper_95", "seconds", "crlb"),
 )
-#: Columns of population.csv behind scenario and method.
+#: Columns of population.csv and scores.csv behind scenario and method.
 POPULATION_COLUMNS = (
     *("stratum", "value", "parameter", "recordings", "n"),
     *("coverage_95", "coverage_se", "mean_z", "mean_z_se", "rms_z", "rms_z_se"),
@@ -488,9 +488,9 @@ class Comparison:
                 claims = s.bound, s.claimed, s.coverage.value, s.posterior
                 yield [*head, s.failures + s.objections, *errors, *claims, *s.loss]
 
-    def population_rows(self) -> Iterator[list[object]]:
-        """Population, method and `POPULATION_COLUMNS` of every stratum and parameter."""
-        for cell in self.populations:
+    def score_rows(self, cells: Iterable[MethodResults]) -> Iterator[list[object]]:
+        """Scenario, method and `POPULATION_COLUMNS` of every stratum and parameter."""
+        for cell in cells:
             for (name, value), own in {(ALL, ALL): cell.scores, **cell.parts}.items():
                 for s in own:
                     wrong = [s.wrong, s.optima] if s.optima else [math.nan, 0]
@@ -534,16 +534,18 @@ class Comparison:
     def write_tables(self, folder: Path) -> None:
         """Write estimates and scores as CSV, numbers with as many digits as restore them.
 
-        What methods did on populations has a table of its own, if there are any.
+        What methods did on populations has a table of its own, if there are any, and all scores
+        of scenarios and populations have one.
         """
         head = ("scenario", "method")
         for name, columns, rows in (
             (SUMMARY, (*head, *SUMMARY_COLUMNS), self.summary_rows()),
-            (POPULATION, (*head, *POPULATION_COLUMNS), self.population_rows()),
+            (POPULATION, (*head, *POPULATION_COLUMNS), self.score_rows(self.populations)),
+            (SCORES, (*head, *POPULATION_COLUMNS), self.score_rows(self.cells)),
             (ESTIMATES, ESTIMATE_COLUMNS, self.estimate_rows()),
         ):
             held = list(rows)
-            if held or name in (SUMMARY, ESTIMATES):
+            if held or name != POPULATION:
                 write_file(folder / name, table_bytes(columns, held))
 
 

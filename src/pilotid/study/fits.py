@@ -17,6 +17,7 @@ from pilotid.estimates.estimate import Estimate, Outcome
 from pilotid.estimates.method import Method, Searching, identify
 from pilotid.estimates.warnings import OPEN
 from pilotid.jobs import Loss
+from pilotid.methods import label_of
 from pilotid.naming.code import reason, unpacked
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
@@ -63,7 +64,8 @@ def run_task(task: Task) -> Result:
         scenario, draw = scenario_of(origin, seed, replication)
         recording = recording_of(origin, seed, replication)
         model = started(scenario, seed, unit.replication)
-        rng = fit_rng(seed, unit.method, unit.scenario, unit.replication)
+        # A label of the user's own moves no number.
+        rng = fit_rng(seed, label_of(method), unit.scenario, unit.replication)
         estimate = identify(method, recording, model, rng)
         excess = None if draw is None else excess_of(method, recording, estimate, scenario)
         found = _result(unit, estimate, excess, draw)

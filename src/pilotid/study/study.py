@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -56,7 +57,9 @@ def about_this(seed: int) -> dict[str, str]:
     }
 
 
-def method_entry(method: Method, position: int = 0, typed: str = "") -> MethodEntry:
+def method_entry(
+    method: Method, position: int = 0, typed: str = "", label: str = ""
+) -> MethodEntry:
     """A method for the store.
 
     Parameters
@@ -67,13 +70,15 @@ def method_entry(method: Method, position: int = 0, typed: str = "") -> MethodEn
         Its place behind those that are registered.
     typed
         What the user typed for it, if anything.
+    label
+        Its label in the study; empty for its own.
     """
-    known, label = list(methods()), label_of(method)
+    known, own = list(methods()), label_of(method)
     registered = method.name in known
     place = known.index(method.name) if registered else len(known) + position
     if not typed:
-        typed = label if registered else labelled(place_of(type(method)), method)
-    return MethodEntry(label, place, plain(method), code_digest(method), typed)
+        typed = own if registered else labelled(place_of(type(method)), method)
+    return MethodEntry(label or own, place, plain(method), code_digest(method), typed)
 
 
 def scenario_entry(scenario: AnyScenario, position: int = 0, typed: str = "") -> ScenarioEntry:
@@ -165,15 +170,15 @@ class Study:
             for given in _each(scenarios)
             for scenario in (scenarios_named(given) if isinstance(given, str) else [given])
         ]
-        tried = [(method_named(m), m) if isinstance(m, str) else (m, "") for m in _each(methods)]
-        self.labels = tuple(label_of(method) for method, _ in tried)
+        tried = [labelled_method(given) for given in _each(methods)]
+        self.labels = tuple(label for label, *_ in tried)
         _require_different("scenarios", [sound(scenario).name for scenario, _ in typed])
         _require_different("methods", self.labels)
         self.scenarios = tuple(scenario for scenario, _ in typed)
-        self.methods = tuple(method for method, _ in tried)
+        self.methods = tuple(method for _, method, _ in tried)
         self.replications, self.seed = replications, seed
         # What to type for each again.
-        self._typed = [text for _, text in typed], [text for _, text in tried]
+        self._typed = [text for _, text in typed], [text for *_, text in tried]
 
     @property
     def size(self) -> int:
@@ -216,7 +221,7 @@ class Study:
         """
         about = about_this(self.seed)
         scenarios = list(map(scenario_entry, self.scenarios, count(), self._typed[0]))
-        methods = list(map(method_entry, self.methods, count(), self._typed[1]))
+        methods = list(map(method_entry, self.methods, count(), self._typed[1], self.labels))
         held = store.about()
         changed = [key for key in about if key in held and held[key] != about[key]]
         changed += _changed({m.label: m for m in methods}, store.methods())
@@ -338,6 +343,27 @@ class Pending:
     def total(self) -> int:
         """How many there are."""
         return sum(self.counts.values())
+
+
+def labelled_method(given: Method | str) -> tuple[str, Method, str]:
+    """A method with its label, and what the user typed for it, if anything.
+
+    Parameters
+    ----------
+    given
+        A method, or the text of one, such as ``arx(memory=none)``; a text may give the method a
+        label of its own, as ``short=mle(band=30)`` does.
+
+    Raises
+    ------
+    InputError
+        If there is no such method.
+    """
+    if not isinstance(given, str):
+        return label_of(given), given, ""
+    named = re.fullmatch(r"(\w[\w.+-]{0,60})=(.+)", given, re.ASCII | re.DOTALL)
+    method = method_named(named[2] if named else given)
+    return named[1] if named else label_of(method), method, given
 
 
 def _each(given: Any) -> list[Any]:

@@ -67,8 +67,12 @@ class Rows:
                 f"{self.path}: there is no such file; name a folder that `pilotid compare` wrote"
             )
         with self._in_words():
-            opened = _opened_to_write if create else _opened_to_read
-            self._base = opened(self.path, self.format)
+            try:
+                self._base = self._opened(self.path, create=create)
+            except sqlite3.OperationalError as error:
+                if create or _code(error) not in READ_ONLY:
+                    raise
+                self._base = self._copied()
 
     def close(self) -> None:
         """Close the file, which then holds everything."""
@@ -120,6 +124,49 @@ class Rows:
                 "and the room on its disk, and run the same command again: what is done is kept"
             ) from error
 
+    def _opened(self, path: Path, *, create: bool = False) -> sqlite3.Connection:
+        """A connection to a whole file of this schema, in which every statement is a transaction.
+
+        The schema is looked at before anything is computed.
+        """
+        place = f"{path.resolve().as_uri()}?mode={'rwc' if create else 'rw'}"
+        base = sqlite3.connect(place, uri=True, isolation_level=None, timeout=PATIENCE)
+        base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_ROW)
+        query = "SELECT sql, user_version FROM sqlite_master, pragma_user_version WHERE sql != ''"
+        try:
+            held = base.execute(query).fetchall()
+            if held != [(SCHEMA, self.format)] and (held or not create):
+                raise InputError(
+                    f"{self.path}: is no such store, or of another version of pilotid; name "
+                    "another folder"
+                )
+            told = base.execute("PRAGMA quick_check(1)").fetchone()
+            if told != ("ok",):
+                raise damaged(self.path, told[0])
+            if create:
+                base.execute("PRAGMA journal_mode=WAL")
+                base.execute("PRAGMA synchronous=NORMAL")
+                base.execute("BEGIN IMMEDIATE")
+                base.execute(SCHEMA.replace("TABLE", "TABLE IF NOT EXISTS", 1))
+                base.execute(f"PRAGMA user_version = {self.format}")
+                base.execute("COMMIT")
+        except BaseException:
+            base.close()
+            raise
+        return base
+
+    def _copied(self) -> sqlite3.Connection:
+        """The same in memory: SQLite can read a file with a log only where it can write."""
+        memory = sqlite3.connect(":memory:", isolation_level=None)
+        with TemporaryDirectory() as folder:
+            copy = Path(folder) / STORE
+            shutil.copyfile(self.path, copy)
+            with suppress(FileNotFoundError):
+                shutil.copyfile(f"{self.path}-wal", f"{copy}-wal")
+            with closing(self._opened(copy)) as base:
+                base.backup(memory)
+        return memory
+
 
 def damaged(path: Path, why: object) -> InputError:
     """What to raise where a store is damaged."""
@@ -127,61 +174,6 @@ def damaged(path: Path, why: object) -> InputError:
         f"{path}: is damaged ({one_line(str(why))}); `sqlite3 {STORE} .recover | sqlite3 "
         "new.sqlite` saves what is whole in a new file"
     )
-
-
-def _opened_to_write(path: Path, number: int) -> sqlite3.Connection:
-    base = _checked(path, _connected(path, "rwc"), [(SCHEMA, number)], [])
-    base.execute("PRAGMA journal_mode=WAL")
-    base.execute("PRAGMA synchronous=NORMAL")
-    base.execute("BEGIN IMMEDIATE")
-    base.execute(SCHEMA.replace("TABLE", "TABLE IF NOT EXISTS", 1))
-    base.execute(f"PRAGMA user_version = {number}")
-    base.execute("COMMIT")
-    return base
-
-
-def _opened_to_read(path: Path, number: int) -> sqlite3.Connection:
-    whole = [(SCHEMA, number)]
-    try:
-        return _checked(path, _connected(path, "rw"), whole)
-    except sqlite3.OperationalError as error:
-        if _code(error) not in READ_ONLY:
-            raise
-    # SQLite can read a file with a log only where it can write.
-    with TemporaryDirectory() as folder:
-        copy = Path(folder) / STORE
-        shutil.copyfile(path, copy)
-        with suppress(FileNotFoundError):
-            shutil.copyfile(f"{path}-wal", f"{copy}-wal")
-        memory = sqlite3.connect(":memory:", isolation_level=None)
-        with closing(_checked(path, _connected(copy, "rw"), whole)) as base:
-            base.backup(memory)
-    return memory
-
-
-def _connected(path: Path, mode: str) -> sqlite3.Connection:
-    """A connection in which every statement is a transaction."""
-    place = f"{path.resolve().as_uri()}?mode={mode}"
-    base = sqlite3.connect(place, uri=True, isolation_level=None, timeout=PATIENCE)
-    base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_ROW)
-    return base
-
-
-def _checked(path: Path, base: sqlite3.Connection, *schemas: object) -> sqlite3.Connection:
-    """A connection to a whole file with one of these schemas, which computes nothing if read."""
-    query = "SELECT sql, user_version FROM sqlite_master, pragma_user_version WHERE sql NOT NULL"
-    try:
-        if base.execute(query).fetchall() not in schemas:
-            raise InputError(
-                f"{path}: is no such store, or of another version of pilotid; name another folder"
-            )
-        told = base.execute("PRAGMA quick_check(1)").fetchone()
-        if told != ("ok",):
-            raise damaged(path, told[0])
-    except BaseException:
-        base.close()
-        raise
-    return base
 
 
 def _code(error: Exception) -> int:
