@@ -9,7 +9,6 @@ from __future__ import annotations
 import csv
 import os
 import shutil
-from dataclasses import dataclass
 from pathlib import Path
 
 from pilotid.support.types import InputError
@@ -19,61 +18,28 @@ HERE = Path(__file__).parent
 FOLDER = "PILOTID_DATA"
 
 
-@dataclass(frozen=True)
-class People:
-    """What is known of an experiment: its data card.
-
-    Attributes
-    ----------
-    name
-        What `fetch` takes.
-    who, task, rate
-        Subjects, what they did, and how it was recorded.
-    faults
-        What to know before believing an estimate.
-    licence, source
-        Under which the files are published, and where.
-    address
-        Of the folder with the files; empty where none is known that gives a single file.
-    files
-        What commands take behind the folder.
-    pattern, model
-        What the names say, and a model that suits.
-    mapping, dt
-        How the files are read, see `pilotid.recordings.files.Reading`; empty if as usual.
-    """
-
-    name: str
-    who: str
-    task: str
-    rate: str
-    faults: str
-    licence: str
-    source: str
-    address: str
-    files: str
-    pattern: str
-    model: str
-    mapping: str
-    dt: str
-
-
-def _table(name: str) -> list[list[str]]:
+def _table(name: str) -> list[dict[str, str]]:
     with (HERE / name).open(encoding="utf-8", newline="") as stream:
-        return list(csv.reader(stream))[1:]
+        return list(csv.DictReader(stream))
 
 
-PEOPLE = {row[0]: People(*row) for row in _table("people.csv")}
+#: The data card of each experiment by its name: ``who``, ``task`` and ``rate`` of recording;
+#: ``faults``, to know before believing an estimate; ``licence``, ``source``, and ``address`` of the
+#: folder with the files, empty where none is known that gives a single file; ``files`` behind the
+#: folder, with the ``pattern`` of their names, a ``model`` that suits, and ``map`` and ``dt`` as
+#: `pilotid.recordings.files.Reading` takes them.
+PEOPLE = {row["name"]: row for row in _table("people.csv")}
 
 
 def published(name: str) -> dict[str, str]:
     """The files of an experiment, with the SHA-256 of each."""
-    return {file: digest for people, file, digest in _table("people_files.csv") if people == name}
+    rows = _table("people_files.csv")
+    return {row["file"]: row["sha256"] for row in rows if row["name"] == name}
 
 
 def recordings_in(folder: Path, name: str) -> list[Path]:
     """The recordings of an experiment in a folder, as commands take them."""
-    files = PEOPLE[name].files
+    files = PEOPLE[name]["files"]
     start, _, levels = files.partition("{")
     if levels:
         return [folder / f"{start}{level}" for level in levels.rstrip("}").split(",")]
@@ -107,13 +73,13 @@ def fetch(name: str, source: Path | None = None) -> Path:
     people = PEOPLE[name]
     pooch.get_logger().setLevel("WARNING")
     folder = Path(os.environ.get(FOLDER) or pooch.os_cache("pilotid")) / name
-    files = pooch.create(folder, people.address, registry=published(name))
+    files = pooch.create(folder, people["address"], registry=published(name))
     for file in files.registry:
         try:
             files.fetch(file, downloader=copy if source else None)
         except (OSError, ValueError) as error:  # those of the network are of the first kind
             raise InputError(
-                f"{name}: {file} cannot be had ({error}); get the files from {people.source} and "
-                "name their folder with --from FOLDER"
+                f"{name}: {file} cannot be had ({error}); get the files from "
+                f"{people['source']} and name their folder with --from FOLDER"
             ) from error
     return folder

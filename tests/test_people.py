@@ -91,7 +91,7 @@ def test_methods_are_compared_on_people(
     save_recording(recording, path)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     monkeypatch.setattr(people, "published", lambda _: {path.name: digest})
-    monkeypatch.setitem(PEOPLE, "yaw", replace(PEOPLE["yaw"], model="single"))
+    monkeypatch.setitem(PEOPLE, "yaw", {**PEOPLE["yaw"], "model": "single"})
     told = run(
         *("compare", "--people", "yaw", "--method", "mle-white,fourier"),
         *("--workers", 1, "--out", tmp_path / "out"),

@@ -108,31 +108,3 @@ def test_a_span_and_notes_override_whole_periods(tmp_path: Path) -> None:
     # What pilotid writes says how long its run-in is, and is read as it was.
     save_recording(ramped(300, 2702), tmp_path / "G.csv")
     assert load_recording(tmp_path / "G.csv").samples == 2702
-
-
-def test_resampling_keeps_what_is_slow_and_removes_what_is_fast() -> None:
-    samples = 2400
-    own = sines((20, 50, 110), samples, samples)
-    fast = np.sin(2 * np.pi * 1000 * np.arange(samples) / samples)  # above half of 30 Hz: 25 Hz
-    whole = recorded(own + fast, fd=own, run_in=301, lines={"ft": (18, 700), "fd": (18, 44)})
-    half = whole.resample(2 * DT)
-    assert (half.dt, half.run_in, half.samples) == (2 * DT, 150, 1049)
-    expected = own[1:][: 2 * half.u.shape[1] : 2]
-    middle = slice(40, -40)  # the ends extend what nobody knows
-    np.testing.assert_allclose(half.fd[0, middle], expected[middle], atol=2e-4)  # type: ignore[index]
-    np.testing.assert_allclose(half.ft[0, middle], expected[middle], atol=2e-3)  # type: ignore[index]
-    np.testing.assert_allclose(half.e, half.ft - half.x, atol=1e-12)  # type: ignore[operator]
-    assert not half.lines  # 2099 samples are no even number
-    even = replace(whole, run_in=300).resample(2 * DT)
-    assert (even.run_in, even.samples, dict(even.lines)) == (150, 1050, {"fd": (18, 44)})
-    assert codes_of(remarks(even))[0] == "preprocessed"
-    up = recorded(own).resample(DT / 2)
-    np.testing.assert_allclose(up.ft[0, 200:-200:2], own[100:-100], atol=2e-4)  # type: ignore[index]
-    third = recorded(own).resample(1.5 * DT)
-    np.testing.assert_allclose(third.ft[0, 100:-100:2], own[150:-150:3], atol=2e-4)  # type: ignore[index]
-
-
-@pytest.mark.parametrize("dt", [0.02 * np.pi, 0.0, 0.2, np.nan])
-def test_intervals_that_signals_cannot_be_brought_to(dt: float) -> None:
-    with pytest.raises(InputError):
-        recorded(sines((2, 5), 2400)).resample(dt)

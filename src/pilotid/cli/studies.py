@@ -191,17 +191,15 @@ def fetch_data(name: str | None = None, *, source: Path | None = None) -> None:
     console = make_console()
     folder = None if name is None else fetch(name, source)
     for people in PEOPLE.values():
-        if name in (None, people.name):
-            facts = vars(people).items()
-            told = [f"{fact}: {text}" for fact, text in facts if text and fact != "name"]
-            show(console, Line(people.name, "heading"), *told)
+        if name in (None, people["name"]):
+            told = [f"{fact}: {text}" for fact, text in people.items() if text and fact != "name"]
+            show(console, Line(people["name"], "heading"), *told)
     if name is None or folder is None:
         return
     people = PEOPLE[name]
-    given = ["--pattern", people.pattern, "--model", people.model]
-    given += ["--map", people.mapping] * bool(people.mapping)
-    given += ["--dt", people.dt] * bool(people.dt)
-    files = f"{shlex.quote(str(folder))}/{people.files}"  # which the shell expands
+    settings = {f"--{option}": people[option] for option in ("pattern", "model", "map", "dt")}
+    given = [part for option, text in settings.items() if text for part in (option, text)]
+    files = f"{shlex.quote(str(folder))}/{people['files']}"  # which the shell expands
     command = f"pilotid analyse {files} {shlex.join(given)} --out results/{name}"
     show(console, f"The files are in {folder}:", command)
 
@@ -225,14 +223,14 @@ def compare_people(
     with options.resumable(out):
         found = analyse(
             recordings_in(folder, name),
-            people.pattern,
-            [people.model],
+            people["pattern"],
+            [people["model"]],
             list(methods.values()),
             out=out,
             left_out=True,
             reading=Reading(
-                (people.mapping,) if people.mapping else (),
-                float(people.dt) if people.dt else None,
+                (people["map"],) if people["map"] else (),
+                float(people["dt"]) if people["dt"] else None,
             ),
             seed=seed,
             workers=workers,

@@ -6,7 +6,6 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from fractions import Fraction
 from functools import wraps
 from types import MappingProxyType
 from typing import Any, Concatenate, ParamSpec, TypeVar
@@ -34,7 +33,6 @@ COARSEST = 0.1  # seconds between samples: half that rate is just above the pilo
 LARGEST = 1e100  # of a signal in any unit; squares and their sums must not overflow
 SMALLEST = 1e-100  # of the peak of a signal that is not zero; nor must they vanish
 FAR_OFF, LARGE_MEAN = 40, 30.0
-FINEST_RATIO = 1000  # of two sampling rates, as whole numbers
 LEAST = 5.0  # s that must be left to score
 DT, RUN_IN = Range(1e-6, 100.0), Range(0, 10**9, True)
 LEAD, LINE = Range(0.0, 3600.0), Range(1, 10**7, True)
@@ -338,46 +336,6 @@ class Recording:
             source=f"{self.source}, {start:g} to {end:g} s",
         )
 
-    def resample(self, dt: float) -> Recording:
-        """All signals at another sampling rate, behind one low-pass filter without delay.
-
-        Forcing lines stay where the window keeps its length to the sample.
-
-        Parameters
-        ----------
-        dt
-            The sampling interval [s]; its ratio to the present one must be one of whole numbers.
-
-        Raises
-        ------
-        InputError
-            If it is none that the signals can be brought to.
-        """
-        ratio = self.dt / in_range(dt, DT, "dt")
-        change = Fraction(ratio).limit_denominator(FINEST_RATIO)
-        if not change or abs(float(change) / ratio - 1.0) > 1e-8:
-            raise InputError(
-                f"dt {dt:g}: its ratio to the sampling interval of {self.source} ({self.dt:.6g} s) "
-                f"is none of whole numbers up to {FINEST_RATIO}; choose another"
-            )
-        up, down = change.numerator, change.denominator
-        skipped = self.run_in % down  # t = 0 stays a sample
-        run_in = (self.run_in - skipped) * up // down
-        samples = self.samples * up // down
-        some = {
-            name: resampled(signal[:, skipped:], up, down)[:, : run_in + samples]
-            for name, signal in self.arrays.items()
-        }
-        kept = self.lines if samples * down == self.samples * up else {}
-        words = f"all signals were brought from {1.0 / self.dt:.4g} Hz to {1.0 / dt:.4g} Hz"
-        return self.with_arrays(
-            some,
-            dt=float(dt),
-            run_in=run_in,
-            lines={name: own for name, own in kept.items() if max(own) < samples / 2},
-            treatment=(*self.treatment, words),
-        )
-
     def flipped(self, *names: str) -> str:
         """What --map takes to turn the signs of signals round."""
         return ",".join(self.scaled(name, -1.0) for name in names)
@@ -593,37 +551,3 @@ def unit_sized(recording: Recording) -> Recording:
     if not all(SMALLEST <= peak <= LARGEST for peak in peaks if peak):
         return recording  # signals of which one is far from the others
     return recording.with_arrays(held)
-
-
-#: Half the length of the low-pass filter, in samples of the slower rate; its pass band ends at .84
-#: of half that rate, its stop band (80 dB) begins there.
-REACH = 32
-EDGE, KAISER = 0.92, 8.0
-
-
-def resampled(signals: FloatArray, up: int, down: int) -> FloatArray:
-    """Signals at up/down times their sampling rate, without aliases and without delay.
-
-    Parameters
-    ----------
-    signals
-        Shape (runs, samples).
-    up, down
-        Whole numbers without a common divisor.
-
-    Returns
-    -------
-    Array of shape (runs, ceil(samples * up / down)); the first sample is at the same time.
-    """
-    from scipy.signal import firwin, resample_poly
-
-    longest = max(up, down)
-    low_pass = firwin(2 * REACH * longest + 1, EDGE / longest, window=("kaiser", KAISER))
-    # Beyond the ends a signal goes on as its own point reflection, so that nothing jumps there.
-    extra = -(-REACH * longest // (up * down)) * down
-    extra = min(extra, (signals.shape[1] - 1) // down * down)
-    wide = np.pad(signals, ((0, 0), (extra, extra)), mode="reflect", reflect_type="odd")
-    found = resample_poly(wide, up, down, axis=1, window=low_pass)  # type: ignore[call-overload]
-    # (scipy's stubs forget that a window may be an array)
-    first = extra * up // down
-    return np.asarray(found[:, first : first - (-signals.shape[1] * up // down)])
