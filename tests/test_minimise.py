@@ -332,19 +332,6 @@ def test_solve_linear_keeps_a_parameter_that_would_cross_its_lower_bound_at_a_te
     assert cost[0] == pytest.approx(9.0 * (-2.0 + 0.9) ** 2)
 
 
-def test_solve_linear_of_a_pilot_problem_needs_no_second_step() -> None:
-    problem = pilot_problem()
-    points = draw_starts(MULTI, np.random.default_rng(11), 12)
-    solved, cost = solve_linear(problem.gram(points), points, MULTI.linear, MULTI.lower)
-    inside = np.all(solved[:, MULTI.linear] > 0.1000001 * points[:, MULTI.linear], axis=1)
-    assert inside.sum() >= 3
-    gram = problem.gram(solved)
-    np.testing.assert_allclose(cost, gram[:, -1, -1], rtol=1e-6)
-    for i in MULTI.linear:
-        cosine = gram[:, i, -1] / np.sqrt(gram[:, i, i] * gram[:, -1, -1])
-        assert np.max(np.abs(cosine[inside])) < 1e-6
-
-
 # ------------------------------------------------------------------ search
 
 

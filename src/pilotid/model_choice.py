@@ -138,6 +138,8 @@ def why_untried(recording: Recording, model: PilotModel) -> str:
     if len(inputs) > 1 and (missing := lacking(recording)):
         names = {"ft": "a target (ft)", "fd": "a disturbance (fd)"}
         return f"has two channels, which {listed([names[n] for n in missing])} would tell apart"
+    if "e" not in inputs and motionless(recording, "e"):
+        return "acts on target and output, which are one where e does not move"
     if model.name == "structural":
         return "has the poles and zeros of lead-lag, in other places"
     if made_for(recording, model).needs_element:
