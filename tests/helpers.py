@@ -73,6 +73,13 @@ PILOTS = {
         ),
         replace(
             NOMINAL,
+            name="lead-lag-canals",
+            model=MODELS["lead-lag-canals"],
+            truth=(0.7, 1.3, 0.4, 0.24, 1.2, 0.18, 12.0, 0.35),
+            element=integrator_with_lag(4.0, 1.5),
+        ),
+        replace(
+            NOMINAL,
             name="lead2-lag",
             model=LEAD2_LAG,
             truth=(0.8, 0.45, 0.8, 0.22, 13.0, 0.35),

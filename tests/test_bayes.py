@@ -17,13 +17,14 @@ from pilotid.estimates.method import identify
 from pilotid.methods.bayes import Bayes
 from pilotid.methods.mle import MLE
 from pilotid.methods.mle_white import MLEWhite
-from pilotid.pilot.catalogue import MULTI, SINGLE
+from pilotid.pilot.catalogue import MODELS, MULTI, SINGLE
 from pilotid.posterior.ensembles import Run
 from pilotid.posterior.likelihood import (
     HalfCauchy,
     Likelihood,
     LogNormal,
     Normal,
+    Posterior,
     default_prior,
     priors_of,
 )
@@ -166,6 +167,23 @@ def test_four_fifths_of_a_prior_lie_in_the_range_of_published_values() -> None:
             assert prior.scale == parameter.usual[1]
         else:
             assert share == pytest.approx(0.8, abs=1e-3)
+
+
+def test_of_two_lags_that_may_be_exchanged_the_shorter_is_first() -> None:
+    model = MODELS["precision"]
+    prediction = predict(simulate(SCENARIOS["nominal"], recording_rng(1, "nominal", 0)), model, 20)
+    noise, band = LowPass(1), analysis_band(0.02, 20)
+    likelihood = Likelihood(PredictionErrors(prediction, noise, band))
+    posterior = Posterior(likelihood, priors_of(model, noise))
+    pilot = {"tlag": 2.0, "tlaglow": 6.0, "tlead": 0.5, "tleadlow": 3.0}
+    changed = dict(zip(model.keys, model.start, strict=True)) | pilot
+    swapped = changed | {"tlag": 6.0, "tlaglow": 2.0}
+    sets = np.array([[*model.vector(values), 3.0] for values in (changed, swapped)])
+    assert likelihood.log(sets)[0] == pytest.approx(likelihood.log(sets)[1], rel=1e-9)
+    assert list(np.isfinite(posterior.log_density(posterior.points(sets)))) == [True, False]
+    np.testing.assert_allclose(model.ordered(sets[:, :-1])[1], sets[0, :-1])
+    bounded = model.with_bounds(tlag=(3.0, 30.0))
+    np.testing.assert_array_equal(bounded.ordered(sets[1:, :-1]), sets[1:, :-1])
 
 
 def test_priors_may_be_replaced_by_distributions_of_scipy() -> None:

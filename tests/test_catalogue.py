@@ -31,7 +31,7 @@ from pilotid.time_domain.prediction import predict
 
 pytestmark = pytest.mark.numerical
 
-NEW = ("lead-lag-motion", "lead2-lag", "lead2-lag-motion", "pursuit")
+NEW = ("lead-lag-motion", "lead-lag-canals", "lead2-lag", "lead2-lag-motion", "pursuit")
 FOLLOWING = PILOTS["pursuit"]
 
 #: A pilot with a channel on each signal, of which two would do.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -10,8 +9,8 @@ import pytest
 from helpers import recording_of, without_remnant
 
 from pilotid.datasets import SCENARIOS, Scenario, experiments, simulate
-from pilotid.datasets.experiments import bound_of, experiment_of
-from pilotid.datasets.named import scenario_named, truth
+from pilotid.datasets.experiments import bound_of
+from pilotid.datasets.named import scenario_named
 from pilotid.datasets.simulation import linear_rms, remnant_ratio
 from pilotid.datasets.stepping import stepped
 from pilotid.estimates.estimate import Estimate, Outcome
@@ -32,7 +31,7 @@ from pilotid.pilot.timevarying import Changing
 from pilotid.solve.least_squares import Box, minimise
 from pilotid.study.fits import truths_of
 from pilotid.support.numbers import fit_rng, recording_rng
-from pilotid.support.types import FloatArray, InputError
+from pilotid.support.types import FloatArray
 from pilotid.time_domain.likelihood import binned
 from pilotid.time_domain.output_error import residual_spectra
 from pilotid.time_domain.prediction import predict
@@ -209,25 +208,6 @@ def test_the_remnant_has_the_share_of_the_power_that_the_scenario_says(scenario:
     forced = float(np.var(clean(scenario)[0][recording.run_in :]))
     assert forced == pytest.approx(linear_rms(without_remnant(scenario)) ** 2, rel=1e-6)
     assert recording.controlled_element == "90/(s(s+6))"
-
-
-def test_what_is_said_of_a_scenario_that_changes() -> None:
-    told = truth(SLOW)
-    first, last = told["loops"], told["loops_after_the_change"]
-    assert isinstance(first, dict)
-    assert isinstance(last, dict)
-    assert first["target"]["crossover"] > 0.0
-    assert last["target"]["crossover"] > 0.0
-    assert first["target"] != last["target"]
-    json.dumps(told)
-    with pytest.raises(InputError, match="no spectra"):
-        experiment_of(SLOW)
-    unstable = replace(SLOW, truth=(0.09, 0.7, *SLOW.truth[2:]))
-    with pytest.raises(InputError, match="closed loop is unstable"):
-        simulate(unstable, np.random.default_rng(1))
-    mixed = replace(SLOW, remnant=replace(SLOW.remnant, enters="error"))
-    with pytest.raises(InputError, match="cannot enter at the error"):
-        simulate(mixed, np.random.default_rng(1))
 
 
 def test_another_remnant_is_a_setting() -> None:

@@ -13,6 +13,8 @@ from nonsense import LATE, PLANTED, SOUND, delayed, named, named_by_a_fit
 from pilotid.datasets import SCENARIOS, simulate
 from pilotid.recordings.checks import remarks
 from pilotid.recordings.recording import Recording, remembered
+from pilotid.recordings.spectra import Answer
+from pilotid.support.limits import SIGNAL
 
 pytestmark = pytest.mark.numerical
 
@@ -53,6 +55,15 @@ def test_of_an_element_that_changes_it_is_said_that_it_does(name: str) -> None:
         (remark,) = told
         assert remark.code == "element-varies"
     assert remarks(recording_of("adapting-slow", 0))
+
+
+def test_an_answer_at_a_few_lines_is_an_answer() -> None:
+    """The median of the ratios is that of a control that does not answer, their mean is not."""
+    ratios = np.array([9.0, 6.0, 3.0, *[0.7] * 9])
+    told = [
+        Answer(np.arange(12), ratios, given, 1).strength for given in (ratios, 0.0 * ratios + 1)
+    ]
+    assert told[0] > SIGNAL.answered > told[1]
 
 
 def test_rest_and_saturation_are_no_repetition() -> None:

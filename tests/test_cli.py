@@ -150,7 +150,7 @@ def test_fit_finds_the_truth_and_writes_it_as_agreed(run: Run, simulated: Path) 
     assert list(estimate["parameters"]) == list(MODELS["multi"].keys)
     truth = json.loads(simulated.with_suffix(".truth.json").read_text())["parameters"]
     for key, entry in estimate["parameters"].items():
-        assert set(entry) == {"value", "std_error", "interval_95", "unit"}
+        assert set(entry) == {"value", "std_error", "interval_95", "unit", "determined"}
         assert entry["unit"] == truth[key]["unit"]
         low, high = entry["interval_95"]
         assert low < entry["value"] < high

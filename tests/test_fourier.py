@@ -66,6 +66,9 @@ def test_first_step_matches_the_truth_within_the_reported_error_of_interpolation
     assert "8.1 % at most" in found.note
     first = Fourier().first_step(recording, MULTI)
     np.testing.assert_allclose(first.value, found.value, rtol=1e-3)
+    # Without a remnant the standard errors are those of the interpolation.
+    assert np.all(error < 2.0 * first.std)
+    assert np.all(first.std < 0.2 * np.abs(first.value))
 
 
 def test_runs_whose_forcing_functions_differ_in_phase_are_averaged_in_phase() -> None:

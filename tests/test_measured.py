@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from checks.published import LED, LOW, following_runs, inverse_shares, preview_runs
 from helpers import Run, strict
+from scipy.io import loadmat
 
 from pilotid import MODELS, identify, load_recording
 from pilotid.methods.fourier import Fourier
@@ -52,6 +53,21 @@ def test_motion_in_position_control_is_a_rate_beside_lead_and_lag(measured: Path
     assert bic["lead-lag-motion"] < bic["lead-lag"] - 10.0
     assert bic["lead-lag"] < bic["single"] - 10.0
     assert bic["lead-lag-motion"] < bic["rate"] - 10.0
+
+
+def test_responses_at_the_lines_are_the_laboratory_s_within_their_errors(measured: Path) -> None:
+    """Its own coefficients, of which those at 13.1 rad/s lie far from the other forcing's lines."""
+    off, alone = [], []
+    for file in sorted(measured.glob("yaw/*_C[456].mat")):
+        of_lab = loadmat(file)
+        found = Fourier().first_step(load_recording(file), MODELS["rate"])
+        theirs = np.array([of_lab["Hpe_FC"].ravel(), of_lab["Hpxd_FC"].ravel() * 1j * found.omega])
+        np.testing.assert_allclose(found.omega, of_lab["w_FC"].ravel(), rtol=1e-2)
+        off.append(np.abs(found.value - theirs) / found.std)
+        alone.append(off[-1][0, np.argmin(np.abs(found.omega - 13.1))])
+    assert np.size(off) == 480
+    assert np.max(off) < 3.0
+    assert np.sqrt(np.mean(np.square(alone))) < 1.8
 
 
 def test_rollpitch(run: Run, measured: Path) -> None:

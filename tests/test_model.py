@@ -136,24 +136,6 @@ def test_a_factor_evaluated_at_once_is_that_evaluated_in_parts(factor: Any) -> N
         np.testing.assert_allclose(slope, expected, rtol=1e-12)
 
 
-@pytest.mark.parametrize("factor", FACTORS, ids=repr)
-def test_log_derivatives_of_a_factor_equal_differences_on_the_frequency_axis(
-    factor: Factor,
-) -> None:
-    s = 1j * OMEGA
-    for point in points(factor.parameters, 5, seed=2):
-        for index, slope in enumerate(factor.log_derivative(s, list(point))):
-            step = np.zeros_like(point)
-            step[index] = 1e-5 * point[index]
-            difference = factor.response(s, list(point + step)) - factor.response(
-                s, list(point - step)
-            )
-            expected = difference / (2.0 * step[index] * factor.response(s, list(point)))
-            np.testing.assert_allclose(
-                np.broadcast_to(slope, s.shape), np.broadcast_to(expected, s.shape), rtol=1e-7
-            )
-
-
 @pytest.mark.parametrize("model", EVERY_MODEL, ids=name_of)
 def test_jacobian_of_a_model_equals_central_differences(model: PilotModel) -> None:
     for point in points(model.parameters, 4, seed=3):

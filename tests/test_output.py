@@ -48,6 +48,23 @@ def test_a_model_without_lead_has_no_such_product() -> None:
     assert failed("mine", MODELS["gain"], Outcome.SINGULAR).derived == []
 
 
+def test_sums_of_delays_by_the_delta_method() -> None:
+    model = MODELS["look-ahead"]
+    values = model.vector(
+        {"Kt": 1.0, "tlook": 0.3, "Kvis": 1.0, "tlag": 0.4, "tdvis": 0.2, "fnm": 9.0, "dnm": 0.5}
+    )
+    covariance = np.diag(np.full(7, 0.04**2))
+    i, j = (model.index[key] for key in ("tlook", "tdvis"))
+    covariance[i, j] = covariance[j, i] = -0.5 * 0.04**2
+    intervals = symmetric_intervals(values, covariance)
+    found = Estimate("mine", model, Outcome.CONVERGED, values, covariance, intervals)
+    assert found["tlook+tdvis"].value == pytest.approx(0.5)
+    assert found["tlook+tdvis"].std_error == pytest.approx(0.04)  # (1 + 1 - 2 * .5)^(1/2) * .04
+    assert found["tdvis+tlag"].value == pytest.approx(0.6)
+    assert found["tdvis+tlag"].std_error == pytest.approx(0.04 * math.sqrt(2.0))
+    assert "tdvis+tlag" in found.to_dict()["derived"]
+
+
 @pytest.mark.parametrize(
     ("value", "error", "text", "interval"),
     [
@@ -66,6 +83,18 @@ def test_figures_have_the_digits_that_the_error_allows(
     assert quantity.shown() == (text, interval)
 
 
+def test_a_wide_interval_or_one_at_a_bound_is_not_determined() -> None:
+    # fnm reaches beyond its bounds, dnm spans a factor of 11, the visual gain one of 9.
+    intervals = np.array([[0.1, 0.9], [1.4, 2.6], [0.29, 0.31], [-450.0, 480.0], [0.1, 1.1]])
+    found = replace(estimate(), intervals=intervals)
+    flags = [found[key].determined for key in ("Kvis", "tlead", "tdvis", "fnm", "dnm")]
+    assert flags == [True, True, True, False, False]
+    assert [entry["determined"] for entry in found.to_dict()["parameters"].values()] == flags
+    assert list(found.table()["determined"])[:5] == flags
+    assert found["fnm"].shown() == ("not determined", "-450 .. 480")
+    assert "±" not in next(line for line in str(found).splitlines() if line.startswith("fnm"))
+
+
 def test_json_of_a_failure_is_null_where_there_is_no_number() -> None:
     text = strict_json(failed("x", SINGLE, Outcome.NEGATIVE_DELAY).to_dict())
     entry = json.loads(text)
@@ -76,6 +105,7 @@ def test_json_of_a_failure_is_null_where_there_is_no_number() -> None:
         "std_error": None,
         "interval_95": [None, None],
         "unit": "s",
+        "determined": False,
     }
     assert entry["correlation"] == [[None] * 5] * 5
     assert entry["starts"] is None
@@ -127,7 +157,7 @@ def test_a_data_frame_has_a_row_for_each_quantity() -> None:
     pytest.importorskip("pandas")
     frame = estimate().table()
     assert list(frame.columns) == [
-        "parameter", "unit", "value", "std_error", "lower_95", "upper_95",
+        "parameter", "unit", "value", "std_error", "lower_95", "upper_95", "determined",
     ]  # fmt: skip
     assert list(frame["parameter"]) == [*SINGLE.keys, "Kvis*tlead"]
     assert frame["value"][0] == 0.5

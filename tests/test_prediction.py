@@ -93,7 +93,7 @@ def test_prediction_with_run_in_recovers_every_parameter(name: str, band: float 
 
 #: Pilots whose lag is not forgotten within the 3 s that are not scored, and the error that leaves.
 REMEMBERED = {"lead-lag-motion": 2e-3, "lead2-lag": 2e-2, "lead2-lag-motion": 4e-3}
-REMEMBERED |= {"descriptive": 2e-3, "precision": 0.6}
+REMEMBERED |= {"lead-lag-canals": 2e-3, "descriptive": 2e-3, "precision": 0.6}
 
 
 @pytest.mark.parametrize("band", BANDS)
@@ -439,12 +439,6 @@ def gain_at(omega: float, band: float) -> float:
     gain = float(prepared.control[0] @ expected / (expected @ expected))
     np.testing.assert_allclose(prepared.control[0], gain * expected, atol=1e-10)
     return gain
-
-
-@pytest.mark.parametrize("band", [26.0, 31.0, 50.0])
-def test_low_pass_filter_has_unit_gain_at_rest(band: float) -> None:
-    prepared = prepare(of_time(u=lambda t: 2.0 + 3.0 * t), SINGLE, band)
-    np.testing.assert_allclose(prepared.control[0], 2.0 + 3.0 * prepared.time, rtol=1e-12)
 
 
 @pytest.mark.parametrize("band", [26.0, 31.0, 50.0])

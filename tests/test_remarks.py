@@ -129,9 +129,8 @@ def test_correlations_come_from_the_draws_where_there_are_some() -> None:
 def test_a_delay_that_people_do_not_have() -> None:
     (remark,) = remarks_on(estimate_of(SINGLE, tdvis=0.013))
     assert remark.code == "short-delay"
-    assert remark.startswith("tdvis is 0.013 s, but people's delays are not below 0.1 s: another")
+    assert remark.grade == "doubt"
     (remark,) = remarks_on(with_interval(estimate_of(SINGLE, tdvis=0.09), "tdvis", 0.06, 0.12))
-    assert "though its interval goes up to 0.12 s" in remark
     (remark,) = remarks_on(with_interval(estimate_of(SINGLE, tdvis=0.05), "tdvis", 0.0, 0.12))
     assert remark.startswith("tdvis is 0.05 s")
     assert remarks_on(estimate_of(SINGLE, tdvis=0.11)) == ()
@@ -140,24 +139,15 @@ def test_a_delay_that_people_do_not_have() -> None:
 def test_what_is_known_where_an_interval_ends_at_a_bound() -> None:
     at_bound = replace(estimate_of(SINGLE, fnm=39.0), outcome=Outcome.AT_BOUND)
     (remark,) = remarks_on(with_interval(at_bound, "fnm", 12.0, 40.0))
-    assert remark.code == "interval-at-bound"
-    assert remark == (
-        "fnm is at least 12 rad/s, and the recording does not tell more: its interval reaches "
-        "the bound 40 rad/s"
-    )
-    (remark,) = remarks_on(with_interval(at_bound, "fnm", 21.0, 40.0))
-    assert remark.endswith("; 6 .. 20 rad/s are published, so it may stand for something else")
+    assert (remark.code, remark.grade) == ("interval-at-bound", "note")
+    (remark,) = remarks_on(with_interval(at_bound, "fnm", 21.0, 40.0))  # beyond what is published
+    assert (remark.code, remark.grade) == ("interval-at-bound", "doubt")
     (remark,) = remarks_on(with_interval(estimate_of(SINGLE), "tdvis", 0.0, 0.41))
-    assert remark.startswith("tdvis is at most 0.41 s, and the recording does not tell more")
+    assert remark.startswith("tdvis is at most 0.41 s")
     (remark,) = remarks_on(with_interval(estimate_of(SINGLE), "dnm", 0.02, 3.0))
     assert remark.code == "not-identifiable"
-    assert remark.startswith("dnm")
-    assert remark.endswith("0.02 .. 3")
-    no_lead = with_interval(estimate_of(SINGLE, tlead=0.02), "tlead", 0.01, 0.06)
-    assert remarks_on(no_lead)[0].endswith("reaches the bound 0.01 s")
     (remark,) = remarks_on(with_interval(at_bound, "fnm", 39.99, 40.0))
     assert remark.code == "at-bound"
-    assert "bound 40 rad/s" in remark
 
 
 def test_wide_and_lopsided_intervals() -> None:
@@ -199,6 +189,11 @@ def test_nothing_is_said_of_what_failed_or_means_nothing() -> None:
     (remark,) = remarks_on(replace(short, vaf=10.0))
     assert (remark.code, remark.grade) == ("little-explained", "wrong")
     assert "explains 10.0 %" in remark
+    # Where the forced part is explained a VAF of 10 % is no doubt, but one of 0 % is.
+    sound = estimate_of(SINGLE)
+    assert remarks_on(replace(sound, vaf=10.0), 60.0) == ()
+    (doubt,) = remarks_on(replace(sound, vaf=0.0), 60.0)
+    assert (doubt.code, doubt.grade) == ("little-explained", "doubt")
 
 
 def test_channels_that_act_on_one_signal() -> None:

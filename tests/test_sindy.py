@@ -243,10 +243,3 @@ def test_an_unstable_pole_is_an_outcome() -> None:
     (magnitude,) = re.findall(r"unstable pole of magnitude ([\d.]+)", estimate.message)
     # exp(0.2/s * 0.12 s), were the remnant not there.
     assert float(magnitude) == pytest.approx(1.024, abs=0.015)
-
-
-def test_a_short_recording_is_refused_in_words() -> None:
-    short = part_of(replace(recording_of(NOMINAL), run_in=0, lines={}), samples=slice(500))
-    estimate = identify(SINDy(memory=2.4), short, MULTI, np.random.default_rng(1))
-    assert estimate.outcome is Outcome.NOT_APPLICABLE
-    assert "too few" in estimate.message

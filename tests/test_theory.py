@@ -10,7 +10,7 @@ import pytest
 from pilotid.bounds import View, bounds, monic, white_limit
 from pilotid.datasets import SCENARIOS, Scenario, scenario_named, simulate
 from pilotid.datasets.experiments import experiment_of
-from pilotid.datasets.forcing import PERIOD, Steps, paper_disturbance, paper_target
+from pilotid.datasets.forcing import PERIOD, paper_disturbance, paper_target
 from pilotid.datasets.remnant import Remnant, white
 from pilotid.datasets.simulation import white_level
 from pilotid.estimates.method import identify
@@ -19,7 +19,7 @@ from pilotid.pilot.catalogue import MULTI
 from pilotid.solve.covariance import hessian, sandwich_of, score_products
 from pilotid.study.study import scenario_entry
 from pilotid.support.numbers import fit_rng, recording_rng
-from pilotid.support.types import FloatArray, InputError
+from pilotid.support.types import FloatArray
 from pilotid.time_domain.likelihood import PredictionErrors
 from pilotid.time_domain.output_error import OutputErrors
 from pilotid.time_domain.prediction import predict
@@ -130,17 +130,6 @@ def test_a_step_is_whitened_in_time() -> None:
     information = np.linalg.inv(bounds(experiment).forcing)
     # Elements that vanish are rounding.
     assert information == pytest.approx(expected, rel=1e-6, abs=1e-7)
-
-
-def test_refusals_say_why() -> None:
-    with pytest.raises(InputError, match="periodic"):
-        white_limit(experiment_of(scenario_named("target-step")))
-    with pytest.raises(InputError, match="every bound is zero"):
-        experiment_of(with_remnant(Remnant(level=0.0)))
-    with pytest.raises(InputError, match="not implemented"):
-        experiment_of(replace(scenario_named("target-step"), disturbance=paper_disturbance()))
-    with pytest.raises(InputError, match="starts before"):
-        experiment_of(replace(scenario_named("target-step"), target=Steps((-2.0,), (1.0,))))
 
 
 def test_the_study_knows_the_bounds_of_its_scenarios() -> None:

@@ -35,32 +35,6 @@ from pilotid.time_domain.constancy import changes
 from pilotid.time_domain.information_criteria import Evidence, evidence
 from pilotid.time_domain.output_error import simulated_vaf
 
-#: Models of the catalogue to be asked for by name.
-ASKED_FOR = (
-    # Beside `lead-lag` a lead that is squared is taken by chance where few runs judge, also of
-    # pilots who have no lag at all.
-    *("lead2-lag", "lead2-lag-motion"),
-    # It holds about the crossover alone, and is judged everywhere.
-    "crossover",
-    # Its slow lead and lag cancel but for lines far below .3 rad/s.
-    "precision",
-    # The same poles and zeros as `lead-lag`, in other places: a competitor by name.
-    "structural",
-    # Two channels on the output, which no lines tell apart.
-    "descriptive",
-)
-
-#: Tried where no other model explains the lines, or none has a delay: pilots who answer the target
-#: before it comes.
-AHEAD = (MODELS["look-ahead"],)
-#: Lines of more chi-squared per degree of freedom are not explained.
-UNEXPLAINED = 2.0
-#: What tells more where a forcing function is lacking.
-LACKING = (
-    "Without a {name} ({key}) no channel beside the one on the error is told apart: with one, the "
-    "choice is among models of motion and of a target seen ahead, too."
-)
-
 #: What JSON does not have of a candidate.
 NOT_SHOWN = ("remnant", "samples", "no_delay")
 
@@ -147,21 +121,28 @@ class Candidate:
 
 
 def default_candidates(recording: Recording) -> list[PilotModel]:
-    """The catalogue's models that a recording can tell apart, the simplest first.
-
-    A channel on the output beside one on the error needs two forcing functions.  Channels on
-    the target are left out: a compensatory display does not show it, and a recording does not
-    say what was displayed.  Models that vary in time are to be asked for.
-    """
-    both = not lacking(recording)
-    found = []
-    for model in MODELS.values():
-        inputs = {channel.on for channel in model.channels}
-        if model.name in ASKED_FOR or model.changes:
-            continue
-        if inputs <= ({"e", "x"} if both else {"e"}):
-            found.append(model)
+    """The catalogue's models that a recording can tell apart, the simplest first."""
+    found = [model for model in MODELS.values() if not why_untried(recording, model)]
     return sorted(found, key=lambda model: len(model.parameters))
+
+
+def why_untried(recording: Recording, model: PilotModel) -> str:
+    """Why a model is tried only where it is named, in a clause; empty if it is tried."""
+    inputs = [channel.on for channel in model.channels]
+    if model.changes:
+        return "varies in time"
+    if inputs == ["ft"]:
+        return "acts on the target alone"
+    if len(set(inputs)) < len(inputs):
+        return "has two channels on one signal, which lines do not tell apart"
+    if len(inputs) > 1 and (missing := lacking(recording)):
+        names = {"ft": "a target (ft)", "fd": "a disturbance (fd)"}
+        return f"has two channels, which {listed([names[n] for n in missing])} would tell apart"
+    if model.name == "structural":
+        return "has the poles and zeros of lead-lag, in other places"
+    if made_for(recording, model).needs_element:
+        return "needs a controlled element, which is not known"
+    return ""
 
 
 def lacking(recording: Recording) -> list[str]:
@@ -179,7 +160,6 @@ def compare_models(
     seed: int,
     *,
     likelihood: bool = True,
-    others: Sequence[PilotModel] = (),
 ) -> list[Candidate]:
     """What a recording says for each of several models, in their order.
 
@@ -194,8 +174,6 @@ def compare_models(
     likelihood
         Whether to work out likelihoods too where the lines of forcing functions judge: most of
         the time goes there.
-    others
-        Models that are tried where the lines judge and no other explains them; they stand last.
 
     Raises
     ------
@@ -210,21 +188,12 @@ def compare_models(
     if any(lines_objection(recording, model) is not None for model in models):
         return [_by_likelihood(found) for found in evidence(recording, models, seed)]
     lines = fit_forced_response(recording, models, seed)
-    if others and _doubtful(lines):
-        able = [m for m in others if not lines_objection(recording, m)]
-        lines = fit_forced_response(recording, models := [*models, *able], seed)
     if not likelihood:
         return [_by_lines(recording, found) for found in lines]
     # The likelihood's search begins where the lines lead, and with the model that they favour.
     order = sorted(range(len(models)), key=lambda place: lines[place].misfit)
     found = evidence(recording, [models[i] for i in order], seed, [lines[i].values for i in order])
     return [_with_lines(_by_likelihood(found[order.index(i)]), own) for i, own in enumerate(lines)]
-
-
-def _doubtful(fits: Sequence[LinesFit]) -> bool:
-    """Whether no model explains the lines, or the one that does best makes do without a delay."""
-    best = min(fits, key=lambda fit: fit.misfit + 2.0 * len(fit.values))
-    return best.misfit > UNEXPLAINED * best.freedom or _no_delay(best.model, best.values)
 
 
 def _by_likelihood(found: Evidence) -> Candidate:
@@ -637,13 +606,11 @@ def select(
         Parameters of the catalogue's models that are held or bounded, see
         `pilotid.pilot.catalogue.with_held`.
     """
-    catalogue = with_held(default_candidates(recording), held)
-    others = () if models or lacking(recording) or held else AHEAD
-    among = {model.name: model for model in (*(models or catalogue), *others)}
-    plain = [model for model in among.values() if model not in others]
-    if all(motionless_input(recording, model) for model in plain):
-        return Selection(plain[0], "No model has all its inputs in the recording.", ())
-    candidates = compare_models(recording, plain, seed, likelihood=False, others=others)
+    among = {m.name: m for m in models or with_held(default_candidates(recording), held)}
+    if all(motionless_input(recording, model) for model in among.values()):
+        first = next(iter(among.values()))
+        return Selection(first, "No model has all its inputs in the recording.", ())
+    candidates = compare_models(recording, list(among.values()), seed, likelihood=False)
     choice = choose_model([candidates])
     taken = next(c for c in candidates if c.model == choice.model)
     told = [choice.reason, *(() if models else _more(recording, taken))]
@@ -652,14 +619,19 @@ def select(
 
 def _more(recording: Recording, taken: Candidate) -> Iterator[str]:
     """What the recording cannot tell, and which signals or names would, in sentences."""
-    for name in lacking(recording):
-        yield LACKING.format(name={"ft": "target", "fd": "disturbance"}[name], key=name)
     if np.array_equal(recording.u, recording.x):
         yield "x is u itself: if a target was followed without a displayed error, name following."
-    if taken.model in [model.name for model in AHEAD]:
+    if taken.model == "look-ahead":
         yield "The target is answered before it comes; preview has two viewpoints, name it to see."
     elif taken.no_delay:
         yield (
             "Its delay ends at zero, as where a target is seen ahead: if one was displayed, name "
             "look-ahead or preview."
         )
+    reasons: dict[str, list[str]] = {}
+    for model in MODELS.values():
+        if why := why_untried(recording, model):
+            reasons.setdefault(why, []).append(model.name)
+    if reasons:
+        told = "; ".join(f"{listed(names)} ({why})" for why, names in reasons.items())
+        yield f"Not tried: {told}."

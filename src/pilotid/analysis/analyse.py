@@ -129,9 +129,10 @@ class Fit:
                 usable=estimate["usable"],
                 remarks=tuple(Remark(*remark) for remark in estimate[told]),
                 agrees=estimate["agrees"],
+                determined=determined,
             )
             for estimate in self.content["estimates"]
-            for key, unit, value, error, lower, upper in estimate[what]
+            for key, unit, value, error, lower, upper, determined in estimate[what]
         ]
 
 
@@ -400,7 +401,7 @@ def _failed_content(task: Task, why: str) -> Content:
 
 
 def _numbers(q: Quantity) -> list[float | None]:
-    return [number(n) for n in (q.value, q.std_error, q.lower, q.upper)]
+    return [*(number(n) for n in (q.value, q.std_error, q.lower, q.upper)), q.determined]
 
 
 # ------------------------------------------------------------------------------ all of them

@@ -10,6 +10,7 @@ where it departs from the plain mean, the plain one is the average subject's.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -216,12 +217,12 @@ def _require(pair: tuple[str, str], known: Sequence[str]) -> None:
 
 
 def is_across(parameter: str, models: Sequence[PilotModel]) -> bool:
-    """Whether a parameter, or a product of some, stands in other channels in one of the models.
+    """Whether a parameter, or one of a product or sum, stands in other channels in a model.
 
     Channels on one signal are compared, whatever their starts are.  Loops and variances belong to
     no channel.
     """
-    keys = set(parameter.split("*"))
+    keys = set(re.split(r"[*+]", parameter))
     found: dict[str, set[object]] = {}
     for model in models:
         for channel in model.channels:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, TypeVar
 
 from pilotid.analysis.analyse import Analysis, Settings, group_of
 from pilotid.analysis.analyse import analyse as analysed
-from pilotid.analysis.contrasts import Contrast
 from pilotid.analysis.cross_validation import COLUMNS as LEFT_OUT_COLUMNS
 from pilotid.analysis.factors import factors_of
 from pilotid.analysis.recordings import Part, Pattern, excluded_of, parts_of
@@ -31,7 +30,7 @@ from pilotid.recordings.files import Reading, read_with
 from pilotid.recordings.windows import span_of
 from pilotid.study.study import about_this
 from pilotid.support.disk import require_folder, table_bytes, write_file
-from pilotid.support.document import Bullets, Table, blocks_text
+from pilotid.support.format import Table, as_text
 from pilotid.support.numbers import DEFAULT_SEED
 from pilotid.support.remarks import codes_in
 from pilotid.support.types import InputError
@@ -43,7 +42,9 @@ ESTIMATES, COMPARED, LOOPS, CONTRASTS = "estimates.csv", "models.csv", "loops.cs
 LEFT_OUT, FACTORS, TEX = "left_out.csv", "factors.csv", "tables.tex"
 TABLES = (ESTIMATES, COMPARED, LOOPS, CONTRASTS, TEX, LEFT_OUT, FACTORS)
 
-QUANTITY_COLUMNS = ("unit", "value", "std_error", "lower_95", "upper_95", "outcome", "remarks")
+QUANTITY_COLUMNS = (
+    *("unit", "value", "std_error", "lower_95", "upper_95", "outcome", "remarks", "determined"),
+)
 
 MODEL_COLUMNS = (
     "model", "chosen", "pilot_parameters", "parameters", "remnant", "samples", "log_likelihood",
@@ -111,7 +112,7 @@ class Experiment:
         about = {k: v for k, v in about_this(seed).items() if k not in ("seed", "code")}
         return write_report(self.folder, self.results, command, about)
 
-    def blocks(self, report: Path | None = None) -> list[Bullets | Table[Contrast]]:
+    def blocks(self, report: Path | None = None) -> list[str | Table]:
         """What the terminal shows, with the place of the report where there is one."""
         from pilotid.analysis.report_tables import alarms, contrast_overview
 
@@ -124,10 +125,10 @@ class Experiment:
         tables = [contrast_overview(results)] if results.contrasts else []
         told = [*alarms(results.analysis), *results.notes]
         told += [f"report: {report}"] if report else []
-        return [Bullets(choices), *tables, Bullets(told)]
+        return [*choices, *tables, *told]
 
     def __repr__(self) -> str:
-        return blocks_text(*self.blocks())
+        return as_text(*self.blocks())
 
 
 def analyse(
@@ -318,7 +319,7 @@ def _row_cells(row: Row, names: Sequence[str], *element: str) -> list[object]:
     return [
         *(row.file, *map(row.field, names), "" if row.run is None else row.run),
         *(row.model, row.method, *element, row.parameter, row.unit),
-        *(*numbers, row.outcome, " | ".join(row.remarks)),
+        *(*numbers, row.outcome, " | ".join(row.remarks), row.determined),
     ]
 
 

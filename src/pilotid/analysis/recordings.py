@@ -23,7 +23,7 @@ FIELD = re.compile(r"\{([^{}]*)\}")
 #: Columns of estimates.csv that a field may not be named as.
 TAKEN = (
     "file", "model", "method", "parameter", "unit", "value", "std_error", "lower_95", "upper_95",
-    "outcome", "remarks",
+    "outcome", "remarks", "determined",
 )  # fmt: skip
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from pilotid.analysis.analyse import Analysis, group_of, group_words
 from pilotid.analysis.contrasts import LEVEL
@@ -30,43 +31,12 @@ from pilotid.analysis.report_tables import (
 from pilotid.analysis.results import Results
 from pilotid.analysis.rows import MEASURED, SUBJECT, grouped
 from pilotid.estimates.estimate import Outcome
-from pilotid.support.document import Block, Bullets, Command, Figure, Section, Text, write_page
+from pilotid.report.page import FIGURES, Figure, save_figures, write_page
+from pilotid.support.format import Table
 from pilotid.support.limits import ESTIMATE
 
 TITLE = "Pilot models of recorded subjects"
 MOST = 6  # differences that the summary names
-CRITERIA = (
-    "Models are ranked by how well they predict the control at the forcing frequencies, in runs "
-    "that were not used for the fit. Information criteria of the whole control are shown beside "
-    "it; they can prefer a model that only inverts the controlled element, with a variance "
-    "accounted for (VAF) near zero."
-)
-MEANS = (
-    "Means over subjects with the standard deviation between them in parentheses, or single values "
-    "with their standard errors. Variances (var) and root mean squares (rms) are means over runs, "
-    "so that one need not be the square of the other; the remnant's share is of the variance of u."
-)
-PAIRED = (
-    "Paired differences over subjects, b less a, between conditions or between parameters "
-    "of the same fits: mean with the 95 % interval, t-test, p "
-    "and p after Holm's correction for the number of pairs or conditions, effect size "
-    "(Cohen's d_z after Hedges). Weighted: by claimed errors, with the spread between "
-    "subjects apart from the errors of estimation (random effects). `contrasts.csv` has "
-    "it all."
-)
-OTHER_MODELS = (
-    "Across models: the parameter stands in another channel in one condition than in the other, "
-    "so that it need not mean the same. Such rows count in no summary. Without "
-    "`--model-per-condition` one model is chosen for conditions that are compared."
-)
-LEFT_OUT = (
-    "Every run is predicted by the fit of the other runs of its recording. **VAF**: of its "
-    "control, as the simulated response explains it. **Likelihood**: of its whitened prediction "
-    "errors (nats a run), less that of the best of the same recordings, run by run. It is of all "
-    "the control: the inverse of the controlled element predicts that well and is no pilot, which "
-    "the VAF shows. After ± stands the standard error over the runs; runs of one subject are "
-    "alike, so that it is too small for other subjects."
-)
 
 
 def write_report(folder: Path, results: Results, command: str, about: Mapping[str, str]) -> Path:
@@ -84,34 +54,54 @@ def write_report(folder: Path, results: Results, command: str, about: Mapping[st
         Versions that the numbers depend on.
     """
     path = folder / "report.html"
-    sections = list(report_sections(results, command, about))
-    write_page(path, TITLE, sections, kinds=("svg", "pdf"))
+    analysis = results.analysis
+    tables = list(contrast_tables(results)) if results.contrasts else []
+    left_out = left_out_table(analysis.left_out) if analysis.left_out else None
+    sections = {
+        "summary": "Summary",
+        "models": "Which model",
+        "estimates": "Estimates" if results.shown else "",
+        "conditions": "Conditions compared" if tables else "",
+        "left-out": "Runs left out" if left_out else "",
+        "recordings": "Recordings",
+        "origin": "How this was made",
+    }
+    estimates = list(_estimates(results))
+    figures = [figure for _, figure in estimates if figure]
+    save_figures(folder / FIGURES, figures)
+    write_page(
+        path,
+        "experiment.html",
+        title=TITLE,
+        contents=[(key, name) for key, name in sections.items() if name],
+        **_summary(results),
+        excluded=[part.words for part in analysis.settings.excluded],
+        refused=list(analysis.refused),
+        choices=[
+            f"**{group_words(group)}** {choice.reason.replace('+-', '±')}"
+            for group, choice in analysis.choices.items()
+            if choice.reason
+        ],
+        models=model_table(analysis),
+        estimates=estimates,
+        contrasts=tables,
+        across=any(c.across for c in results.contrasts),
+        effects=factor_table(results.effects) if results.effects else None,
+        left_out=left_out,
+        recordings=recording_table(analysis),
+        command=command,
+        versions=", ".join(f"{name} {version}" for name, version in about.items()),
+    )
     return path
 
 
-def report_sections(results: Results, command: str, about: Mapping[str, str]) -> Iterator[Section]:
-    """The sections of a report, without those that have nothing to say."""
-    yield _summary(results)
-    yield _models(results.analysis)
-    if estimates := _estimates(results):
-        yield Section("estimates", "Estimates", [Text(MEANS), *estimates])
-    if results.contrasts:
-        yield _conditions(results)
-    if left_out := results.analysis.left_out:
-        yield Section("left-out", "Runs left out", [Text(LEFT_OUT), left_out_table(left_out)])
-    yield Section("recordings", "Recordings", [recording_table(results.analysis)])
-    versions = ", ".join(f"{name} {version}" for name, version in about.items())
-    again: list[Block] = [Command("To make it again:", command)] if command else []
-    yield Section("origin", "How this was made", [*again, Text(f"Versions: {versions}.")])
-
-
-def _summary(results: Results) -> Section:
+def _summary(results: Results) -> dict[str, Any]:
+    """The first sentence, and what a reader must know first, a sentence each."""
     analysis = results.analysis
     fields = [dict(part.fields) for part in analysis.parts]
     subjects = {own[SUBJECT] for own in fields if SUBJECT in own}
     runs = sum(int(look["recording"]["runs"]) for look in analysis.looks.values())
     of = f" of {len(subjects)} subjects" if subjects else ""
-    told = [f"{len(analysis.parts)} recordings{of}, {runs} runs."]
     items: list[str] = []
     if results.chosen is not None:
         chosen = grouped(analysis.choices, lambda group: analysis.choices[group].model)
@@ -136,12 +126,7 @@ def _summary(results: Results) -> Section:
         )
     items += alarms(analysis)
     items += results.notes
-    blocks: list[Block] = [Text(" ".join(told)), Bullets(items)]
-    if excluded := analysis.settings.excluded:
-        blocks += [Text("**Excluded:**"), Bullets([part.words for part in excluded])]
-    if analysis.refused:
-        blocks += [Text("**Left out:**"), Bullets(list(analysis.refused))]
-    return Section("summary", "Summary", blocks)
+    return {"size": f"{len(analysis.parts)} recordings{of}, {runs} runs.", "summary": items}
 
 
 def _contrasted(results: Results) -> Iterator[str]:
@@ -221,43 +206,22 @@ def _changing(analysis: Analysis) -> list[str]:
     ]
 
 
-def _models(analysis: Analysis) -> Section:
-    items = [
-        f"**{group_words(group)}** {choice.reason.replace('+-', '±')}"
-        for group, choice in analysis.choices.items()
-        if choice.reason
-    ]
-    blocks: list[Block] = [Bullets(items), model_table(analysis), Text(CRITERIA)]
-    return Section("models", "Which model", blocks)
-
-
-def _estimates(results: Results) -> list[Block]:
-    """Estimates over conditions, in tables and figures."""
-    blocks: list[Block] = []
+def _estimates(results: Results) -> Iterator[tuple[Table, Figure | None]]:
+    """Estimates over conditions: a table and its figure."""
     place = measured = 0
     for title, group in estimate_groups(results.shown, results.chosen):
-        blocks.append(means_table(group, title))
+        means, figure = means_table(group, title), None
         if group[0].method == MEASURED:
             bars = parts_figure(group)
             if bars is not None:
                 caption = f"What variances are made of, {title}: means over subjects."
                 measured += 1
-                blocks.append(Figure(f"variances-{measured}", bars, caption))
-            continue
-        place += 1
-        caption = (
-            f"Estimates over conditions, {title}. Bars: 95 % from the claimed errors; "
-            "black: means over subjects. Long bars are cut."
-        )
-        blocks.append(Figure(f"estimates-{place}", estimates_figure(group), caption))
-    return blocks
-
-
-def _conditions(results: Results) -> Section:
-    """Conditions compared, in pairs and together."""
-    blocks: list[Block] = [Text(PAIRED), *contrast_tables(results)]
-    if any(c.across for c in results.contrasts):
-        blocks.append(Text(OTHER_MODELS))
-    if results.effects:
-        blocks.append(factor_table(results.effects))
-    return Section("conditions", "Conditions compared", blocks)
+                figure = Figure(f"variances-{measured}", bars, caption)
+        else:
+            place += 1
+            caption = (
+                f"Estimates over conditions, {title}. Bars: 95 % from the claimed errors; "
+                "black: means over subjects. Long bars are cut."
+            )
+            figure = Figure(f"estimates-{place}", estimates_figure(group), caption)
+        yield means, figure

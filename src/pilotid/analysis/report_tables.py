@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any
 
 from pilotid.analysis.analyse import Analysis, Group, group_of, group_words
 from pilotid.analysis.contrasts import LEVEL, Contrast
@@ -24,9 +23,19 @@ from pilotid.analysis.rows import (
     layouts,
     mean_and_spread,
 )
-from pilotid.estimates.quantities import symbol
-from pilotid.support.document import Column, Table, table_latex, table_of
-from pilotid.support.format import NONE, number, p_value, percent, plus_minus, to_error, unsigned
+from pilotid.estimates.quantities import UNDETERMINED, symbol
+from pilotid.support.format import (
+    NONE,
+    Table,
+    latex,
+    number,
+    p_value,
+    percent,
+    plus_minus,
+    table,
+    to_error,
+    unsigned,
+)
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.remarks import GRADES, OF_STICK, Remark, counted_grades, gravest_first
 from pilotid.support.types import printable
@@ -46,42 +55,49 @@ def table_title(stratum: Stratum, method: str, model: str) -> str:
 # ------------------------------------------------------------------------------- estimates
 
 
-def means_table(group: Sequence[Layout], title: str) -> Table[Layout]:
+def means_table(group: Sequence[Layout], title: str) -> Table:
     """Parameters down, conditions across: means over subjects, or single values.
 
     Means have the standard deviation between subjects in parentheses, values their standard error.
-    An asterisk marks those with a fit that the forcing functions contradict.
+    An asterisk marks those with a fit that the forcing functions contradict, a dagger those
+    with a value that is not determined.
     """
     conditions = in_order([c for layout in group for c in layout.conditions])
     models = {c: layout.models[c] for layout in group for c in layout.conditions}
+    subjects = {
+        c: len({s for layout in group for s in layout.cells.get(c, {})}) for c in conditions
+    }
 
-    def column(condition: str) -> Column[Layout]:
-        subjects = {s for layout in group for s in layout.cells.get(condition, {})}
-
-        def shown(layout: Layout) -> str:
-            cells = [c for c in layout.cells.get(condition, {}).values() if not c.fault]
-            if not cells:
-                return NONE
-            mark = "" if all(c.agrees for c in cells) else "*"
-            if len(subjects) == 1:
-                return unsigned(cells[0].value, cells[0].std_error) + mark
-            mean, deviation = mean_and_spread(cells)
-            fewer = f", n = {len(cells)}" if len(cells) < len(subjects) else ""
-            return f"{to_error(mean, deviation)} ({to_error(deviation, deviation)}{fewer}){mark}"
-
-        count = f" (n = {len(subjects)})" if len(subjects) > 1 else ""
-        return Column(f"{condition or 'all'}{count}", shown, str)
+    def shown(layout: Layout, condition: str) -> str:
+        cells = [c for c in layout.cells.get(condition, {}).values() if not c.fault]
+        if not cells:
+            return NONE
+        mark = "" if all(c.agrees for c in cells) else "*"
+        determined = all(c.determined for c in cells)
+        if subjects[condition] == 1:
+            if not determined:
+                return UNDETERMINED + mark
+            return unsigned(cells[0].value, cells[0].std_error) + mark
+        mark += "" if determined else "†"
+        mean, deviation = mean_and_spread(cells)
+        fewer = f", n = {len(cells)}" if len(cells) < subjects[condition] else ""
+        return f"{to_error(mean, deviation)} ({to_error(deviation, deviation)}{fewer}){mark}"
 
     if len(set(models.values())) > 1:
         title += "; models: " + ", ".join(f"{c} `{models[c]}`" for c in conditions)
-    if any(not c.agrees for layout in group for own in layout.cells.values() for c in own.values()):
+    every = [c for layout in group for own in layout.cells.values() for c in own.values()]
+    if not all(c.agrees for c in every):
         title += "; * with fits that the forcing functions contradict"
-    columns: list[Column[Layout]] = [
-        Column("parameter", lambda layout: layout.parameter, symbol=symbol),
-        Column("unit", lambda layout: layout.unit),
-        *map(column, conditions),
+    if not all(c.determined for c in every):
+        title += "; † with values that are not determined"
+    heads = [
+        f"{c or 'all'} (n = {subjects[c]})" if subjects[c] > 1 else c or "all" for c in conditions
     ]
-    return Table(f"Estimates: {title}", columns, group)
+    rows = [
+        (layout.parameter, layout.unit, *(shown(layout, c) for c in conditions)) for layout in group
+    ]
+    titles = ("parameter", "unit", *heads)
+    return table(rows, f"Estimates: {title}", titles, dict.fromkeys(heads, str))
 
 
 def estimate_groups(
@@ -123,65 +139,75 @@ def difference_words(c: Contrast) -> str:
     return f"{where}, {c.parameter} {size}{unit} ({p})"
 
 
-def _significant(c: Contrast) -> str:
-    return "good" if is_significant(c) else ""
-
-
-def _doubts(shown: Sequence[Contrast]) -> list[Column[Contrast]]:
-    """A column for what speaks against contrasts, if anything does."""
-    about = "by the lines of the forcing functions"
-    return [Column("doubt", lambda c: c.doubt, hint=about)] * any(c.doubt for c in shown)
-
-
-#: What is compared, the paired test, and the mean weighted by claimed errors.
-FRONT: list[Column[Contrast]] = [
-    Column("conditions", _compared),
-    Column("parameter", lambda c: c.parameter, symbol=symbol),
-    Column("unit", lambda c: c.unit),
-    Column("n", lambda c: c.subjects, str, "subjects"),
-]
-TEST: list[Column[Contrast]] = [
-    Column("difference", lambda c: (c.difference, _error(c)), to_error),
-    Column(
-        "95 % interval",
+#: Columns of contrasts by title: the value, what writes it as a number, and what it means.
+COLUMNS: dict[str, tuple[Callable[[Contrast], object], Callable[..., str] | None, str]] = {
+    "": (lambda c: " ".join(value for _, value in c.stratum), None, ""),
+    "method": (lambda c: c.method, None, ""),
+    "conditions": (_compared, None, ""),
+    "parameter": (lambda c: c.parameter, None, ""),
+    "unit": (lambda c: c.unit, None, ""),
+    "n": (lambda c: c.subjects, str, "subjects"),
+    "difference": (lambda c: (c.difference, _error(c)), to_error, ""),
+    "difference ± error": (lambda c: (c.difference, _error(c)), unsigned, ""),
+    "95 % interval": (
         lambda c: (c.lower_holm, c.upper_holm, _error(c)),
         _ends,
         "holds zero where p Holm is above 0.05",
     ),
-    Column("t (df)", lambda c: f"{c.t:.2f} ({c.freedom:.0f})" if math.isfinite(c.t) else None, str),
-    Column("p", lambda c: c.p, p_value),
-    Column("p Holm", lambda c: c.p_holm, p_value, "for all comparisons", _significant),
-    Column("d_z", lambda c: (c.effect_size, 2), number, "Cohen's, with Hedges' correction"),
-]
-ROBUST: list[Column[Contrast]] = [
-    Column("robust", lambda c: (c.robust_difference, _error(c)), to_error, "Hodges and Lehmann"),
-    Column("p ranks", lambda c: c.wilcoxon_p, p_value, "Wilcoxon's signed ranks"),
-]
-WEIGHTED: list[Column[Contrast]] = [
-    Column("weighted", lambda c: (c.weighted_difference, _error(c)), to_error),
-    Column("p weighted", lambda c: c.weighted_p, p_value),
-    Column("between subjects", lambda c: (c.between_subjects, _error(c)), to_error, "true spread"),
-    Column("claimed", lambda c: (c.claimed_error, _error(c)), to_error, "error of a difference"),
-]
+    "t (df)": (
+        lambda c: f"{c.t:.2f} ({c.freedom:.0f})" if math.isfinite(c.t) else None,
+        str,
+        "",
+    ),
+    "p": (lambda c: c.p, p_value, ""),
+    "p Holm": (lambda c: c.p_holm, p_value, "for all comparisons"),
+    "d_z": (lambda c: (c.effect_size, 2), number, "Cohen's, with Hedges' correction"),
+    "robust": (lambda c: (c.robust_difference, _error(c)), to_error, "Hodges and Lehmann"),
+    "p ranks": (lambda c: c.wilcoxon_p, p_value, "Wilcoxon's signed ranks"),
+    "weighted": (lambda c: (c.weighted_difference, _error(c)), to_error, ""),
+    "p weighted": (lambda c: c.weighted_p, p_value, ""),
+    "between subjects": (lambda c: (c.between_subjects, _error(c)), to_error, "true spread"),
+    "claimed": (lambda c: (c.claimed_error, _error(c)), to_error, "error of a difference"),
+    "doubt": (lambda c: c.doubt, None, "by the lines of the forcing functions"),
+    "mark": (lambda c: "#" * c.across + "*" * bool(c.misspecified), None, ""),
+}
+FRONT = ("conditions", "parameter", "unit", "n")
+TEST = ("t (df)", "p", "p Holm", "d_z")
+MORE = ("robust", "p ranks", "weighted", "p weighted", "between subjects", "claimed")
 
 
-def contrast_tables(results: Results) -> Iterator[Table[Contrast]]:
-    """Differences by stratum, method and model: of many comparisons the significant ones first."""
+def _contrast_table(
+    caption: str, found: Sequence[Contrast], titles: Sequence[str], heads: int = 2
+) -> Table:
+    """A row for each contrast; what speaks against them stands last."""
+    titles = [*titles, *["doubt"] * ("mark" not in titles and any(c.doubt for c in found))]
+    rows = [[COLUMNS[title][0](c) for title in titles] for c in found]
+    forms = {title: form for title in titles if (form := COLUMNS[title][1])}
+    hints = {title: COLUMNS[title][2] for title in titles if COLUMNS[title][2]}
+    marks = {"p Holm": ["good" if is_significant(c) else "" for c in found]}
+    return table(rows, caption, titles, forms, heads=heads, hints=hints, marks=marks)
+
+
+def contrast_tables(results: Results) -> Iterator[tuple[Table, bool]]:
+    """Differences by stratum, method and model, and whether a page folds the table.
+
+    Of many comparisons the significant ones come first.
+    """
 
     def title_of(c: Contrast) -> str:
         same = c.model_a == c.model_b and results.chosen is None
         return table_title(c.stratum, c.method, c.model_a if same else "")
 
     groups = grouped(without_repeats(results.contrasts), title_of)
-    columns = [*FRONT, *TEST, *ROBUST, *WEIGHTED, *_doubts(results.contrasts)]
+    titles = (*FRONT, "difference", "95 % interval", *TEST, *MORE)
     for title, own in groups.items():
         many = len(_pairs(own)) > FEW
         if many:
             shown = sorted(own, key=lambda c: (not is_significant(c), c.condition_a, c.condition_b))
             clear = [c for c in shown if is_significant(c) or c.weighted_p_holm < LEVEL or c.within]
             caption = f"Differences with p < {LEVEL:g} after Holm's correction: {title}"
-            yield Table(caption, columns, clear, heads=2)
-        yield Table(f"All differences: {title}", columns, own, heads=2, folded=many)
+            yield _contrast_table(caption, clear, titles), False
+        yield _contrast_table(f"All differences: {title}", own, titles), many
 
 
 def alarms(analysis: Analysis, worst: int = 3) -> list[str]:
@@ -210,7 +236,7 @@ def alarms(analysis: Analysis, worst: int = 3) -> list[str]:
     return found
 
 
-def contrast_overview(results: Results) -> Table[Contrast]:
+def contrast_overview(results: Results) -> Table:
     """What a terminal shows of contrasts: all of few, or the significant ones of many."""
     shown = without_repeats(results.contrasts)
     shown = [c for c in shown if c.method != MEASURED or is_headline(c)]
@@ -222,17 +248,11 @@ def contrast_overview(results: Results) -> Table[Contrast]:
         shown = [c for c in shown if is_significant(c) or c.within]
         caption = "differences between conditions a:b, b minus a, with p < "
         caption += f"{LEVEL:g} after Holm's correction for the pairs"
-    front: list[Column[Contrast]] = [
-        Column("", lambda c: " ".join(value for _, value in c.stratum)),
-        Column("method", lambda c: c.method),
-    ]
-    size: Column[Contrast] = Column("difference", lambda c: (c.difference, _error(c)), unsigned)
-    marks: list[Column[Contrast]] = []
+    titles = ["", "method", *FRONT, "difference ± error", *TEST]
     if any(c.doubt for c in shown):
         caption += " (* with fits that the forcing functions contradict, # across models)"
-        marks = [Column("", lambda c: "#" * c.across + "*" * bool(c.misspecified))]
-    pair = Column("pair", _compared)
-    return Table(caption, [*front, pair, *FRONT[1:], size, *TEST[2:], *marks], shown, heads=5)
+        titles.append("mark")
+    return _contrast_table(caption, shown, titles, heads=5)
 
 
 def _pairs(own: Sequence[Contrast]) -> set[tuple[str, str]]:
@@ -272,53 +292,60 @@ def without_repeats(found: Sequence[Contrast]) -> list[Contrast]:
     return [c for c in found if not repeats(c)]
 
 
-def factor_table(found: Sequence[Effect]) -> Table[Effect]:
+def factor_table(found: Sequence[Effect]) -> Table:
     """The effects of factors on each quantity."""
-
-    def df(e: Effect) -> str | None:
-        return f"{e.df1:.0f}, {e.df2:.0f}" if math.isfinite(e.df2) else None
-
-    def mark(e: Effect) -> str:
-        return "good" if e.p_corrected < LEVEL else ""
-
-    columns: list[Column[Effect]] = [
-        Column("stratum", lambda e: group_words(e.stratum) or NONE),
-        Column("method", lambda e: e.method),
-        Column("parameter", lambda e: e.parameter, symbol=symbol),
-        Column("effect", lambda e: e.effect.replace(":", " x ")),
-        Column("subjects", lambda e: len(e.subjects), str),
-        Column("F", lambda e: e.f, number),
-        Column("df", df, str),
-        Column("p", lambda e: e.p, p_value),
-        Column("epsilon", lambda e: e.epsilon, number, "Greenhouse and Geisser"),
-        Column("p corrected", lambda e: e.p_corrected, p_value, "by epsilon", mark),
-        Column("partial eta²", lambda e: e.eta_squared, number, "the effect's size"),
-        Column("notes", lambda e: "; ".join(e.notes) or NONE),
+    titles = (
+        *("stratum", "method", "parameter", "effect", "subjects", "F", "df", "p", "epsilon"),
+        *("p corrected", "partial eta²", "notes"),
+    )
+    rows = [
+        (
+            *(group_words(e.stratum) or NONE, e.method, e.parameter, e.effect.replace(":", " x ")),
+            *(len(e.subjects), e.f),
+            f"{e.df1:.0f}, {e.df2:.0f}" if math.isfinite(e.df2) else None,
+            *(e.p, e.epsilon, e.p_corrected, e.eta_squared, "; ".join(e.notes) or NONE),
+        )
+        for e in found
     ]
-    return Table("Effects of the factors: analysis of variance", columns, found, heads=3)
+    forms: dict[str, Callable[..., str]] = {
+        **dict.fromkeys(("subjects", "df"), str),
+        **dict.fromkeys(("F", "epsilon", "partial eta²"), number),
+        **dict.fromkeys(("p", "p corrected"), p_value),
+    }
+    hints = {
+        "epsilon": "Greenhouse and Geisser",
+        "p corrected": "by epsilon",
+        "partial eta²": "the effect's size",
+    }
+    marks = {"p corrected": ["good" if e.p_corrected < LEVEL else "" for e in found]}
+    caption = "Effects of the factors: analysis of variance"
+    return table(rows, caption, titles, forms, heads=3, hints=hints, marks=marks)
 
 
 # ------------------------------------------------------------------- models and recordings
 
 
-def model_table(analysis: Analysis) -> Table[Any]:
+def model_table(analysis: Analysis) -> Table:
     """What recordings say for each model, in groups of recordings."""
-    heads = [
-        *(("recordings",), ("model", None, "", lambda row: "good" if row[-1] else "")),
-        ("parameters", str, "of the pilot"),
-        ("misfit", number, "chi-squared of lines per degree of freedom"),
-        ("left out", number, "of runs left out of the fit, over the best"),
-        ("ΔAICc", number, "of pilot and remnant, over the best"),
-        ("ΔBIC", number, "of pilot and remnant, over the best"),
-        ("VAF %", number, "of the simulated response"),
-        ("VAF left out %", number, "in runs left out"),
-    ]
+    hints = {
+        "parameters": "of the pilot",
+        "misfit": "chi-squared of lines per degree of freedom",
+        "left out": "of runs left out of the fit, over the best",
+        "ΔAICc": "of pilot and remnant, over the best",
+        "ΔBIC": "of pilot and remnant, over the best",
+        "VAF %": "of the simulated response",
+        "VAF left out %": "in runs left out",
+    }
     caption = (
         "What recordings say for each model, summed over the recordings of a group (VAF: mean); "
         "the chosen one is marked"
     )
     rows = [row for group in analysis.choices for row in _model_rows(analysis, group)]
-    return table_of(caption, heads, rows, 2, folded=True)
+    forms: dict[str, Callable[..., str]] = {**dict.fromkeys(hints, number), "parameters": str}
+    marks = {"model": ["good" if row[-1] else "" for row in rows]}
+    titles = ("recordings", "model", *hints)
+    shown = [row[:-1] for row in rows]
+    return table(shown, caption, titles, forms, heads=2, hints=hints, marks=marks)
 
 
 def _model_rows(analysis: Analysis, group: Group) -> Iterator[tuple[object, ...]]:
@@ -344,15 +371,20 @@ def _model_rows(analysis: Analysis, group: Group) -> Iterator[tuple[object, ...]
         )
 
 
-def recording_table(analysis: Analysis) -> Table[Any]:
+def recording_table(analysis: Analysis) -> Table:
     """Every recording, all runs together."""
-    heads = [
-        *(("recording",), ("model",), ("method",), ("runs", str), ("VAF %", number)),
-        ("p constant", p_value, "of a constant pilot"),
-        ("by %", percent, "how much a gain or lead changes at most"),
-        ("at s", number, "when that is seen best"),
-        *(("outcome",), ("remarks",)),
-    ]
+    forms: dict[str, Callable[..., str]] = {
+        "runs": str,
+        "VAF %": number,
+        "p constant": p_value,
+        "by %": percent,
+        "at s": number,
+    }
+    hints = {
+        "p constant": "of a constant pilot",
+        "by %": "how much a gain or lead changes at most",
+        "at s": "when that is seen best",
+    }
     rows = []
     for fit in (fit for fit in analysis.fits if fit.run is None):
         look, model = analysis.looks[fit.part], fit.content["model"]
@@ -365,25 +397,32 @@ def recording_table(analysis: Analysis) -> Table[Any]:
             front = fit.part.words, model, e["method"], int(look["recording"]["runs"]), e["vaf"]
             remarks = "; ".join(f"[{remark.code}] {remark}" for remark in own)
             rows.append((*front, *change, e["outcome"], remarks or NONE))
-    return table_of("Every recording, all runs together", heads, rows)
+    titles = ("recording", "model", "method", *forms, "outcome", "remarks")
+    return table(rows, "Every recording, all runs together", titles, forms, hints=hints)
 
 
-def left_out_table(left: Sequence[LeftOut]) -> Table[Any]:
+def left_out_table(left: Sequence[LeftOut]) -> Table:
     """Models and methods by the runs that they predict, within each kind of recording."""
-    heads = [
-        *(("recordings",), ("model",), ("method",)),
-        ("runs", str, "left out of a fit"),
-        ("failed", str, "fits of the others that do not count"),
-        ("VAF %", unsigned, "of runs left out"),
-        ("likelihood", plus_minus, "of a run left out, less the best; nats"),
-    ]
+    forms: dict[str, Callable[..., str]] = {
+        "runs": str,
+        "failed": str,
+        "VAF %": unsigned,
+        "likelihood": plus_minus,
+    }
+    hints = {
+        "runs": "left out of a fit",
+        "failed": "fits of the others that do not count",
+        "VAF %": "of runs left out",
+        "likelihood": "of a run left out, less the best; nats",
+    }
     rows = [
         (group_words(group), s.model, s.method, s.runs, s.failed, s.vaf, s.behind)
         for group, own in grouped(left, lambda each: group_of(each.part)).items()
         for s in rank_methods(own)
     ]
     caption = "Runs predicted by the fit of the others, the likeliest first"
-    return table_of(caption, heads, rows, 2)
+    titles = ("recordings", "model", "method", *forms)
+    return table(rows, caption, titles, forms, heads=2, hints=hints)
 
 
 # ----------------------------------------------------------------------------------- LaTeX
@@ -395,7 +434,7 @@ def tables_tex(
     chosen: Chosen | None = None,
     made_by: str = "",
 ) -> str:
-    r"""Estimates and contrasts as booktabs tabulars without captions, for ``\input`` in a table.
+    r"""Estimates and contrasts as booktabs longtables without captions, for ``\input``.
 
     Parameters
     ----------
@@ -410,14 +449,14 @@ def tables_tex(
     """
     parts = [
         f"% Made by: {printable(made_by or 'pilotid.analyse')}",
-        r"% Needs \usepackage{booktabs}; each tabular may be put into a table of its own.",
+        r"% Needs \usepackage{booktabs,longtable}.",
     ]
     for title, group in estimate_groups(rows, chosen):
-        table = means_table(group, title)
+        means = means_table(group, title)
         parts += [
-            f"% {printable(table.caption)}: means over subjects, standard deviations in "
+            f"% {printable(means.caption)}: means over subjects, standard deviations in "
             "parentheses; or values ± standard errors",
-            table_latex(table),
+            latex(means, symbol),
         ]
 
     def title_of(c: Contrast) -> str:
@@ -428,6 +467,8 @@ def tables_tex(
         parts += [
             f"% Paired differences between conditions, b less a, over subjects, {printable(title)}",
             "% paired t-test, p after Holm's correction, Cohen's d_z with Hedges' correction",
-            table_latex(Table("", [*FRONT, *TEST, *_doubts(some)], some, heads=2)),
+            latex(
+                _contrast_table("", some, (*FRONT, "difference", "95 % interval", *TEST)), symbol
+            ),
         ]
     return "\n".join(parts) + "\n"

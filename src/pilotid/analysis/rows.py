@@ -49,6 +49,8 @@ class Row:
         What a user must know of the fit, a sentence each.
     agrees
         Whether the lines of the forcing functions agree, see `pilotid.estimates.parts`.
+    determined
+        Whether the recording tells it, see `pilotid.estimates.quantities.Quantity`.
     """
 
     file: str
@@ -66,6 +68,7 @@ class Row:
     usable: bool
     remarks: tuple[str, ...] = ()
     agrees: bool = True
+    determined: bool = True
 
     def field(self, name: str) -> str:
         """The value of a field; empty where the pattern has no such field."""
@@ -132,6 +135,8 @@ class Cell:
         Whether the lines of the forcing functions agree with all fits.
     interval
         The claimed 95 % interval; that of several recordings is symmetric.
+    determined
+        Whether all recordings tell it.
     """
 
     value: float
@@ -141,6 +146,7 @@ class Cell:
     at_bound: bool = False
     agrees: bool = True
     interval: tuple[float, float] = (math.nan, math.nan)
+    determined: bool = True
 
 
 @dataclass(frozen=True)
@@ -249,7 +255,8 @@ def _cell(rows: Sequence[Row]) -> Cell:
     if count == 1 and math.isfinite(sound[0].lower) and math.isfinite(sound[0].upper):
         interval = (sound[0].lower, sound[0].upper)
     agrees = all(row.agrees for row in sound)
-    return Cell(value, error, "", count, at_bound, agrees, interval)
+    determined = all(row.determined for row in sound)
+    return Cell(value, error, "", count, at_bound, agrees, interval, determined)
 
 
 def by_table(

@@ -17,7 +17,6 @@ from pilotid.recordings.recording import Recording
 from pilotid.recordings.windows import stem_of
 from pilotid.report.check import check_all, summary_of
 from pilotid.support.disk import path_shown, require_folder
-from pilotid.support.document import print_blocks
 from pilotid.support.format import show
 from pilotid.support.numbers import DEFAULT_SEED, fit_rng
 from pilotid.support.remarks import codes_in
@@ -108,7 +107,7 @@ def analyse(
             force=force,
         )
     path = found.write(options.typed_command(analyse, given))
-    print_blocks(make_console(), *found.blocks(path))
+    show(make_console(), *found.blocks(path))
     options.raise_refused(found.refused)
 
 

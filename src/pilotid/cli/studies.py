@@ -218,7 +218,6 @@ def compare_people(
     """Compare methods on published recordings, by the runs that they predict."""
     from pilotid.analysis.experiment import analyse
     from pilotid.analysis.report_tables import left_out_table
-    from pilotid.support.document import Bullets, print_blocks
 
     methods = options.methods_of(method, USUAL)
     folder = fetch(name)
@@ -241,5 +240,5 @@ def compare_people(
         )
     report = found.write(f"pilotid compare --people {name}")
     left_out = left_out_table(found.results.analysis.left_out)
-    print_blocks(make_console(), left_out, Bullets([f"report: {report}"]))
+    show(make_console(), left_out, f"report: {report}")
     options.raise_refused(found.refused)

@@ -146,7 +146,7 @@ def _identified(
     fits = fits_of(recording) if known else forms_fitted(spectra, recording.dt, later)
     if not fits:
         return IdentifiedElement(None, remark="no form of element suits control and output")
-    chosen = simplest(fits)
+    chosen = simplest([fit for fit in fits if _is_steerable(fit)] or fits)
     ranked = sorted(fits, key=lambda fit: fit.criterion)
     least = ranked[0].criterion
     error = float(chosen.form.response_error(chosen.values, chosen.covariance, OMEGA).max())
@@ -160,6 +160,21 @@ def _identified(
         tuple(Candidate(str(f.form), f.criterion - least, f.explained) for f in ranked),
         _remark(element, chosen.explained, error),
     )
+
+
+def _is_steerable(fit: FormFit) -> bool:
+    """Whether people can keep a loop with the element stable.
+
+    With a zero z and a pole p in the right half-plane the sensitivity is at least
+    (z + p)/|z - p| somewhere (Skogestad & Postlethwaite, *Multivariable Feedback Control*, ch. 5);
+    where noise is fitted the two are nearly one.
+    """
+    every = (np.roots(polynomial) for polynomial in fit.form.polynomials(fit.values))
+    zero, pole = (roots.real[roots.real > 0.0] for roots in every)
+    if np.any(zero < ELEMENT.slowest_zero) or np.any(pole > ELEMENT.fastest_pole):
+        return False
+    z, p = np.meshgrid(zero, pole)
+    return bool(np.all(z + p <= ELEMENT.sensitivity * np.abs(z - p)))
 
 
 def _quantities(fit: FormFit) -> Iterator[Quantity]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pilotid.support.limits import ESTIMATE
 from pilotid.support.types import BoolArray, FloatArray
 
 if TYPE_CHECKING:
@@ -166,6 +167,8 @@ class Spread:
         95 % intervals, shape (2,).
     effective, r_hat
         Of a sampled parameter; NaN for functions of several.
+    determined
+        See `pilotid.estimates.quantities.Quantity`.
     """
 
     key: str
@@ -176,6 +179,12 @@ class Spread:
     highest_density: FloatArray
     effective: float = float("nan")
     r_hat: float = float("nan")
+    determined: bool = True
+
+
+def spans_decade(lower: float, upper: float) -> bool:
+    """Whether the interval of a positive number spans more than a factor of ten."""
+    return upper > ESTIMATE.wide * lower
 
 
 def spread_of(
@@ -186,17 +195,20 @@ def spread_of(
     *,
     effective: float = float("nan"),
     r_hat: float = float("nan"),
+    positive: bool = False,
 ) -> Spread:
-    """The posterior of a quantity from its draws, shape (draws,)."""
+    """The posterior of a quantity, `positive` or not, from its draws, shape (draws,)."""
     own = np.full(values.size, 1.0 / values.size) if weights is None else weights
     mean = float(own @ values)
+    ends = equal_tailed_interval(values, own)
     return Spread(
         key,
         unit,
         mean,
         float(np.sqrt(own @ (values - mean) ** 2)),
-        equal_tailed_interval(values, own),
+        ends,
         shortest_interval(values, own),
         effective,
         r_hat,
+        not (positive and spans_decade(*ends.tolist())),
     )

@@ -15,16 +15,17 @@ from pilotid.estimates.parts import AnalysedBand, FrequencyResponse, RemnantEsti
 from pilotid.estimates.quantities import (
     Pair,
     Quantity,
+    combined_by_delta,
+    combined_spreads,
     frame_of,
     inseparable,
-    product_spreads,
-    products_by_delta,
     quantity_of,
     quantity_tables,
 )
 from pilotid.pilot.element import ControlledElement, as_element
 from pilotid.pilot.model import PilotModel
 from pilotid.support.format import as_html, as_text
+from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import Z95
 from pilotid.support.remarks import remarks_json
 from pilotid.support.types import BoolArray, FloatArray, InputError
@@ -191,19 +192,29 @@ class Estimate:
     @property
     def parameters(self) -> list[Quantity]:
         """The model's parameters, in model order."""
+        numbers = np.column_stack([self.values, self.std_error, self.intervals]).tolist()
+        known = self.determined.tolist()
         return [
-            Quantity(p.key, p.unit, float(value), float(error), float(low), float(high))
-            for p, value, error, (low, high) in zip(
-                self.model.parameters, self.values, self.std_error, self.intervals, strict=True
+            Quantity(p.key, p.unit, value, error, low, high, determined)
+            for p, (value, error, low, high), determined in zip(
+                self.model.parameters, numbers, known, strict=True
             )
         ]
 
     @property
+    def determined(self) -> BoolArray:
+        """Which parameters the recording tells, shape (parameters,); see `Quantity`."""
+        lower, upper = self.intervals.T
+        low, high = at_bounds(self.model, lower, upper)
+        decade = self.model.positive & (upper > ESTIMATE.wide * lower)
+        return np.asarray(~(low | high | decade) & np.isfinite(self.values))
+
+    @property
     def derived(self) -> list[Quantity]:
-        """Products of parameters, by the posterior where there is one, else to first order."""
+        """Products and sums, by the posterior where there is one, else to first order."""
         if self.draws is None:
-            return products_by_delta(self.model.keys, self.values, self.covariance)
-        return [quantity_of(spread) for spread in product_spreads(self.draws)]
+            return combined_by_delta(self.model.keys, self.values, self.covariance)
+        return [quantity_of(spread) for spread in combined_spreads(self.draws)]
 
     @property
     def inseparable(self) -> list[Pair]:
@@ -216,11 +227,11 @@ class Estimate:
 
     @property
     def quantities(self) -> list[Quantity]:
-        """Parameters, and products of them."""
+        """Parameters, and products and sums of them."""
         return [*self.parameters, *self.derived]
 
     def __getitem__(self, key: str) -> Quantity:
-        """A parameter or product by its key: value, standard error, interval and unit."""
+        """A parameter, product or sum by its key: value, standard error, interval and unit."""
         found = {quantity.key: quantity for quantity in self.quantities}
         if key not in found:
             raise KeyError(f"{key}: the estimate has {', '.join(found)}")

@@ -13,6 +13,7 @@ from pilotid.support.limits import ESTIMATE
 from pilotid.support.remarks import Grade, Remark
 from pilotid.support.types import ComplexArray, FloatArray
 
+LEVEL = 0.05  # p-value below which a difference is called significant
 NOTHING = np.zeros(0)
 
 
@@ -121,8 +122,8 @@ class FrequencyResponse:
         Covariance of the real parts and then the imaginary parts of `value`, each channel
         by channel; shape (2 channels n, 2 channels n).
     systematic
-        Size of errors that are not random, such as those of an interpolation; they are no
-        part of the covariance.  Shape (channels, n).
+        Size of errors that are not random, those of an interpolation as a fitted model has them,
+        shape (channels, n).  The covariance has what the bends of the responses say of them.
     note
         What a reader should know of it, for messages and reports.
     """
@@ -219,10 +220,12 @@ class Specification:
     @property
     def sentence(self) -> str:
         """The test in words."""
-        return (
-            f"specification: {'agrees' if self.agrees else 'disagrees'} with {self.against} "
-            f"(difference {'not ' if self.agrees else ''}significant, p = {self.p_value:.2g})"
-        )
+        p = f"{self.against} (p = {self.p_value:.2g})"
+        if not self.agrees:
+            return f"specification: disagrees with {p}"
+        if self.p_value < LEVEL:
+            return f"specification: differs at the 5 % level, but not clearly, from {p}"
+        return f"specification: no significant difference from {p}"
 
     @property
     def remarks(self) -> tuple[Remark, ...]:
@@ -257,7 +260,7 @@ def score_test(score: FloatArray, shares: FloatArray, against: str) -> Specifica
     against
         The method whose equations they are of.
     """
-    from scipy.special import gammaincc
+    from scipy.special import fdtrc
 
     # What the estimate has made use of scatters by less than its share; and the covariance is
     # itself an estimate, so that no direction scatters by less than a certain part.
@@ -266,4 +269,6 @@ def score_test(score: FloatArray, shares: FloatArray, against: str) -> Specifica
     statistic = float(np.sum(score**2 / scatter))
     if not math.isfinite(statistic):
         return None
-    return Specification(statistic, float(gammaincc(0.5 * score.size, 0.5 * statistic)), against)
+    # With variances that are estimated the statistic is F's (Hotelling), not chi-squared.
+    p_value = float(fdtrc(score.size, ESTIMATE.score_freedom, statistic / score.size))
+    return Specification(statistic, p_value, against)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pilotid.estimates.draws import Draws, Spread, spread_of
+from pilotid.estimates.draws import Draws, Spread, spans_decade, spread_of
 from pilotid.support.format import Table, decimals, table
 from pilotid.support.limits import ESTIMATE
 from pilotid.support.numbers import Z95
@@ -66,10 +66,10 @@ SYMBOLS = {
 def symbol(key: str) -> str:
     """The symbol of a quantity between dollar signs; a key without one stays as it is."""
     found = []
-    for part in re.split(r"( - |[*/])", key):
+    for part in re.split(r"( - |[*/+])", key):
         name, index = re.split(r"(\d*)\Z", part, maxsplit=1)[:2]
         own = SYMBOLS.get(part) or SYMBOLS.get(name)
-        if own is None and part not in (" - ", "*", "/"):
+        if own is None and part not in (" - ", "*", "/", "+"):
             return key
         if own and index:
             base, underline, below = own.partition("_")
@@ -83,6 +83,7 @@ def unit_words(unit: str) -> str:
     return unit.replace("^2", "²")
 
 
+UNDETERMINED = "not determined"  # in the place of a value and its error
 LARGEST = 100.0  # standard error of a logarithm; exp of twice as much is a number still
 
 
@@ -98,6 +99,9 @@ class Quantity:
         Value and standard error in that unit.
     lower, upper
         Ends of the 95 % interval.
+    determined
+        Whether the recording tells it: False where the interval of a parameter ends at a bound, or
+        that of a positive number spans more than a factor of ten.
     """
 
     key: str
@@ -106,6 +110,7 @@ class Quantity:
     std_error: float
     lower: float
     upper: float
+    determined: bool = True
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -116,6 +121,8 @@ class Quantity:
         """Value with standard error, and interval, to the digits that the error allows."""
         if not math.isfinite(self.value):
             return "-", ""
+        if not self.determined:
+            return UNDETERMINED, f"{self.lower:.3g} .. {self.upper:.3g}"
         error = self.std_error
         if not (math.isfinite(error) and error > 0.0):
             return f"{self.value:.4g}", ""
@@ -130,6 +137,7 @@ class Quantity:
             "std_error": self.std_error,
             "interval_95": [self.lower, self.upper],
             "unit": self.unit,
+            "determined": self.determined,
         }
 
     def __str__(self) -> str:
@@ -169,7 +177,7 @@ def frame_of(quantities: Sequence[Quantity]) -> DataFrame:
     """A row for each quantity: key, unit, value, standard error and 95 % interval."""
     from pandas import DataFrame
 
-    columns = ["parameter", "unit", "value", "std_error", "lower_95", "upper_95"]
+    columns = ["parameter", "unit", "value", "std_error", "lower_95", "upper_95", "determined"]
     return DataFrame([astuple(q) for q in quantities], columns=columns)
 
 
@@ -181,33 +189,41 @@ def abreast(width: int) -> int:
 def quantity_of(spread: Spread) -> Quantity:
     """A posterior as a quantity: mean, standard deviation and equal-tailed interval."""
     low, high = spread.equal_tailed.tolist()
-    return Quantity(spread.key, spread.unit, spread.mean, spread.deviation, low, high)
+    numbers = spread.mean, spread.deviation, low, high
+    return Quantity(spread.key, spread.unit, *numbers, determined=spread.determined)
 
 
 #: Gain and lead time of the visual channel are correlated at about -0.99; their product, the
-#: gain on the error's rate, is known several times more accurately than either.  With its unit.
-PRODUCTS = (("Kvis", "tlead", "s"), ("Kvis1", "tlead1", "s"), ("Kvis2", "tlead2", "s"))
+#: gain on the error's rate, is known several times more accurately than either.  So are the sum of
+#: a delay and a lag, the effective delay, and that of a delay and the time looked ahead.
+COMBINED = (
+    *("Kvis*tlead", "Kvis1*tlead1", "Kvis2*tlead2"),
+    *("tlook+tdvis", "tdvis+tlag"),
+)
 
 
-def _products(keys: tuple[str, ...]) -> Iterator[tuple[str, str, int, int]]:
-    """Key, unit and the places of the factors of each product of these parameters."""
-    for first, second, unit in PRODUCTS:
+def _combined(keys: tuple[str, ...]) -> Iterator[tuple[str, int, int, bool]]:
+    """Key, places of the two parameters, and whether it is their sum, of each combination."""
+    for key in COMBINED:
+        first, second = re.split(r"[*+]", key)
         if first in keys and second in keys:
-            yield f"{first}*{second}", unit, keys.index(first), keys.index(second)
+            yield key, keys.index(first), keys.index(second), "+" in key
 
 
-def product_spreads(draws: Draws) -> list[Spread]:
-    """Posteriors of the products."""
-    return [
-        spread_of(key, unit, draws.values[:, i] * draws.values[:, j], draws.weights)
-        for key, unit, i, j in _products(draws.keys)
-    ]
+def combined_spreads(draws: Draws) -> list[Spread]:
+    """Posteriors of the products and sums."""
+    found = []
+    for key, i, j, summed in _combined(draws.keys):
+        first, second = draws.values[:, i], draws.values[:, j]
+        own = first + second if summed else first * second
+        found.append(spread_of(key, "s", own, draws.weights, positive=True))
+    return found
 
 
-def products_by_delta(
+def combined_by_delta(
     keys: tuple[str, ...], values: FloatArray, covariance: FloatArray
 ) -> list[Quantity]:
-    """Products of parameters, with errors to first order.
+    """Products and sums of parameters, with errors to first order.
 
     Parameters
     ----------
@@ -217,13 +233,14 @@ def products_by_delta(
         The estimate, shapes (parameters,) and (parameters, parameters).
     """
     result = []
-    for key, unit, i, j in _products(keys):
-        value = float(values[i] * values[j])
+    for key, i, j, summed in _combined(keys):
+        value = float(values[i] + values[j] if summed else values[i] * values[j])
         slope = np.zeros(len(keys))
-        slope[i], slope[j] = values[j], values[i]
+        slope[i], slope[j] = (1.0, 1.0) if summed else (values[j], values[i])
         error = float(np.sqrt(slope @ covariance @ slope))
-        reach = Z95 * error
-        result.append(Quantity(key, unit, value, error, value - reach, value + reach))
+        ends = value - Z95 * error, value + Z95 * error
+        known = not spans_decade(*ends)
+        result.append(Quantity(key, "s", value, error, *ends, determined=known))
     return result
 
 

@@ -25,6 +25,7 @@ OPEN = (
 )  # fmt: skip
 
 
+NOTHING = 0.05  # %, of a VAF that is shown as 0.0 %
 BAND, HIGHEST = 12, 20.0  # bins of a band, and the frequency up to which there are bands [rad/s]
 
 
@@ -57,6 +58,12 @@ def remarks_on(estimate: Estimate, explained: float | None = None) -> tuple[Rema
             "sign), or choose another model"
         )
         return (*found, Remark("little-explained", sentence))
+    if estimate.vaf < NOTHING:
+        sentence = (
+            "the simulated response explains nothing of the control (VAF 0 %): a slow remnant "
+            "hides it, or the model is wrong; compare with other methods and models"
+        )
+        found.append(Remark("little-explained", sentence, "doubt"))
     for check in (_steps, _short_delays, _cancellations):
         found += check(estimate)
     found += (Remark("inseparable", pair.words) for pair in estimate.inseparable)
@@ -270,6 +277,7 @@ def _at_bound(parameter: Parameter, interval: list[float], is_low: bool, is_high
     low, high = parameter.usual
     # A lead or lag that is next to none is no wonder; one beyond all that is published is.
     strange = end > high if is_high else end < low and parameter.unit != "s"
-    if strange and not parameter.linear:
-        told += f"; {low:g} .. {high:g}{unit} are published, so it may stand for something else"
-    return Remark("interval-at-bound", told)
+    if not strange or parameter.linear:
+        return Remark("interval-at-bound", told)
+    told += f"; {low:g} .. {high:g}{unit} are published, so it may stand for something else"
+    return Remark("interval-at-bound", told, "doubt")

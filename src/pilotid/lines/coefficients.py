@@ -204,19 +204,23 @@ class Coefficients:
         # U/E = H1 + (X/E) H2 at each line, and interpolated from the other forcing function's.
         slope, disturbance = (signed[1] / signed[0])[order], self.disturbance[order]
         weights = np.zeros((omega.size, omega.size))
+        logarithms = np.zeros((2, omega.size), dtype=complex)
+        bent = np.zeros((2, omega.size))
         for own in (disturbance, ~disturbance):
-            weights[np.ix_(own, ~own)] = interpolation(omega[~own], omega[own])
-        logarithms = [np.zeros(omega.size, dtype=complex) for _ in range(2)]
-        for logarithm, values in zip(logarithms, (ratio, slope), strict=True):
-            for own in (disturbance, ~disturbance):
-                logarithm[own] = _logarithm(values[own])
-        other_ratio, other_slope = (np.exp(weights @ logarithm) for logarithm in logarithms)
+            logarithms[:, own] = [_logarithm(values[own]) for values in (ratio, slope)]
+            weights[np.ix_(~own, own)] = interpolation(omega[own], omega[~own])
+            bent[:, ~own] = bends(omega[own], omega[~own], logarithms[:, own])
+        other_ratio, other_slope = np.exp(logarithms @ weights.T)
         second = (ratio - other_ratio) / (slope - other_slope)
         first = ratio - slope * second
         # What the remnant at each line does to both responses at every line.
         equation = np.diag(noise).astype(complex)
         others = other_ratio[:, None] * weights * (noise / ratio)
         on_second = (equation - others) / (slope - other_slope)[:, None]
+        # And what interpolation may be off by, which counts as random: its phase is not known.
+        off = np.hypot(bent[0] * np.abs(other_ratio), bent[1] * np.abs(second * other_slope))
+        on_second = np.hstack([on_second, np.diag(off / np.abs(slope - other_slope))])
+        equation = np.hstack([equation, np.zeros_like(equation)])
         on_first = equation - slope[:, None] * on_second
         # Back to the channels' own inputs.
         value, both = np.array([first, second]), np.array([on_first, on_second])
@@ -355,6 +359,25 @@ def interpolation(known: FloatArray, wanted: FloatArray) -> FloatArray:
     rows = np.arange(at.size)
     weights[rows, left], weights[rows, left + 1] = 1.0 - share, share
     return weights
+
+
+def bends(known: FloatArray, wanted: FloatArray, values: ComplexArray) -> FloatArray:
+    """What `interpolation` is off by where values bend as they do nearby, shape (values, m).
+
+    Parameters
+    ----------
+    known, wanted
+        As for `interpolation`.
+    values
+        What is interpolated, shape (values, n).
+    """
+    x, at = np.log(known), np.log(wanted)
+    slopes = np.diff(values) / np.diff(x)
+    second = np.abs(np.diff(slopes)) / (x[2:] - x[:-2])  # half of the second derivative
+    left = np.clip(np.searchsorted(x, at) - 1, 0, x.size - 2)
+    padded = np.pad(second, ((0, 0), (1, 1)))
+    larger = np.maximum(padded[:, left], padded[:, left + 1])
+    return np.asarray(larger * np.abs((at - x[left]) * (x[left + 1] - at)))
 
 
 def _logarithm(values: ComplexArray) -> ComplexArray:

@@ -111,6 +111,11 @@ LEAD_LAG_MOTION = PilotModel(
     (LED_AND_LAGGED, RATE_FEEDBACK),
     "lead-lag visual channel and rate feedback s Km e^{-tdm s} from motion",
 )
+LEAD_LAG_CANALS = PilotModel(
+    "lead-lag-canals",
+    (LED_AND_LAGGED, CANALS),
+    "lead-lag visual channel and semicircular-canal channel on acceleration",
+)
 LEAD2_LAG = PilotModel(
     "lead2-lag",
     (TWICE_LED,),
@@ -259,6 +264,7 @@ MODELS: dict[str, PilotModel] = {
         LEAD2_LAG,
         RATE,
         LEAD_LAG_MOTION,
+        LEAD_LAG_CANALS,
         LEAD2_LAG_MOTION,
         CROSSOVER,
         PRECISION,

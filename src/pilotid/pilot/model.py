@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +17,8 @@ from pilotid.pilot.factors import (
     Factor,
     Held,
     Inverse,
+    Lag,
+    Lead,
     Parameter,
     Response,
 )
@@ -379,6 +382,35 @@ class PilotModel:
                 for factor, indices in self.moving
             ]
         )
+
+    @cached_property
+    def exchangeable(self) -> tuple[tuple[int, int], ...]:
+        """Indices of pairs of lags, or of leads, of the same channels, that usually shorter first.
+
+        The response stays the same where the two have one another's values.
+        """
+        groups: dict[object, list[int]] = {}
+        for (factor, indices), channels in zip(self.moving, self.sharing, strict=True):
+            if isinstance(factor, Lag | Lead):
+                groups.setdefault((type(factor), channels), []).extend(indices)
+        shorter_first = (sorted(own, key=lambda i: self.usual[0, i]) for own in groups.values())
+        return tuple(pair for own in shorter_first for pair in combinations(own, 2))
+
+    def ordered(self, sets: FloatArray) -> FloatArray:
+        """The same pilots, the shorter of `exchangeable` first, where bounds allow for it.
+
+        Parameters
+        ----------
+        sets
+            Parameters in model order, shape (sets, parameters).
+        """
+        for pair in map(list, self.exchangeable):
+            swapped = sets.copy()
+            swapped[:, pair] = sets[:, pair[::-1]]
+            allowed = np.all((self.lower <= swapped) & (swapped <= self.upper), axis=1)
+            longer_first = sets[:, pair[0]] > sets[:, pair[1]]
+            sets = np.where((longer_first & allowed)[:, None], swapped, sets)
+        return sets
 
     @cached_property
     def changing_indices(self) -> tuple[tuple[int, ...], ...]:

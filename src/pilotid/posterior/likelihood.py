@@ -392,10 +392,16 @@ class Posterior:
         return np.asarray(np.sum([prior.logpdf(column) for prior, column in columns], axis=0))
 
     def log_density(self, points: FloatArray) -> FloatArray:
-        """Up to a constant, -inf outside the bounds and where there is no number, (sets,)."""
+        """Up to a constant, -inf outside the bounds and where there is no number, (sets,).
+
+        Of two pilots with one response only that counts which `PilotModel.ordered` gives.
+        """
         with np.errstate(over="ignore"):
             values = self.values(points)
         inside = np.all((values > self._lower) & (values < self._upper), axis=1)
+        joint = self.likelihood.joint
+        pilots = values[:, : joint.pilot]
+        inside &= np.all(joint.prediction.model.ordered(pilots) == pilots, axis=1)
         result = np.full(len(points), -np.inf)
         if inside.any():
             own = values[inside]

@@ -9,7 +9,7 @@ import numpy as np
 
 from pilotid.estimates.draws import SHARE, Draws, Spread, spread_of
 from pilotid.estimates.loops import COUNT, SampledLoop, sampled_loops
-from pilotid.estimates.quantities import product_spreads
+from pilotid.estimates.quantities import combined_spreads
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
 from pilotid.posterior.likelihood import Likelihood
@@ -107,6 +107,7 @@ def parameter_spreads(draws: Draws, model: PilotModel) -> list[Spread]:
             draws.weights,
             effective=float(draws.effective[i]),
             r_hat=float(draws.r_hat[i]),
+            positive=bool(draws.positive[i]),
         )
         for i, key in enumerate(draws.keys)
     ]
@@ -118,8 +119,8 @@ def derived_spreads(
     recording: Recording,
     element: ControlledElement | None,
 ) -> list[Spread]:
-    """The product of gain and lead time, the VAF, and loop margins if the element is known."""
-    result = product_spreads(draws)
+    """Products and sums of parameters, the VAF, and loop margins if the element is known."""
+    result = combined_spreads(draws)
     some = draws.equally_weighted(COUNT)[:, : len(model.parameters)]
     result.append(spread_of("VAF", "%", vafs(recording, model, some)))
     if element is not None and not model.no_loop:

@@ -492,8 +492,7 @@ def unanswered(recording: Recording) -> Remark | None:
     if recording.duration < SIGNAL.answered_from:
         return None
     found = answers(recording)
-    least = 1.0 + SIGNAL.answered / np.sqrt(recording.runs)
-    if not found or any(float(np.median(a.ratios)) > least for a in found.values()):
+    if not found or any(a.strength > SIGNAL.answered for a in found.values()):
         return None
     which = " and ".join(found)
     return Remark(

@@ -13,6 +13,7 @@ from pilotid.element.fit import ElementChoice, chosen_element
 from pilotid.estimates.applicability import lines_objection, motionless_input
 from pilotid.methods import methods as every_method
 from pilotid.model_choice import default_candidates, select
+from pilotid.pilot.catalogue import MODELS
 from pilotid.pilot.element import ControlledElement
 from pilotid.pilot.model import PilotModel
 from pilotid.recordings.checks import remarks
@@ -189,9 +190,10 @@ def _constancy(recording: Recording) -> dict[str, Any] | None:
         return None
     try:
         with np.errstate(all="ignore"):  # signals may be anything
-            # Without lines a choice takes long; the model with the most parameters misses least.
+            # Without lines a choice takes long; of few models the larger one misses least.
             quick = all(lines_objection(recording, m) is None for m in able)
-            model = select(recording, able).model if quick else able[-1]
+            large = "lead-lag-motion" if MODELS["lead-lag-motion"] in able else "lead-lag"
+            model = select(recording, able).model if quick else MODELS[large]
             found = constancy_of(recording, model, fit_rng(DEFAULT_SEED, "constancy"))
     except (InputError, np.linalg.LinAlgError):
         return None

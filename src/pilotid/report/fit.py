@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Container, Iterator, Sequence
 from dataclasses import replace
 from operator import itemgetter
@@ -219,7 +220,11 @@ def _how_well(chosen: Estimate) -> list[str]:
 def _known(chosen: Estimate) -> list[str]:
     there = is_at_bound(chosen.model, chosen.values)
     bound = [key for key, at_bound in zip(chosen.model.keys, there, strict=True) if at_bound]
-    shares = {q.key: _share(q) for q in chosen.quantities if not set(q.key.split("*")) & set(bound)}
+    shares = {
+        q.key: _share(q)
+        for q in chosen.quantities
+        if not set(re.split(r"[*+]", q.key)) & set(bound)
+    }
     if not all(math.isfinite(share) for share in shares.values()):
         return []
     poorly = [key for key, share in shares.items() if share >= POORLY]

@@ -10,6 +10,7 @@ import numpy as np
 
 from pilotid.estimates.draws import Draws, Spread
 from pilotid.estimates.fitted import Fitted
+from pilotid.estimates.quantities import UNDETERMINED
 from pilotid.pilot.element import ControlledElement
 from pilotid.posterior.predictive import PredictiveBand
 from pilotid.report.fit import content_of, figures_of
@@ -39,15 +40,16 @@ def spread_table(spreads: Sequence[Spread]) -> Table:
 
     rows = [
         (
-            *(s.key, s.unit, (s.mean, s.deviation, 9), (s.deviation, s.deviation, 9)),
+            *(s.key, s.unit, to_error(s.mean, s.deviation, 9) if s.determined else UNDETERMINED),
+            to_error(s.deviation, s.deviation, 9) if s.determined else "",
             *((*s.equal_tailed, s.deviation), (*s.highest_density, s.deviation)),
             *(s.effective, s.r_hat),
         )
         for s in spreads
     ]
     forms: dict[str, Callable[..., str]] = {
-        "mean": to_error,
-        "std": to_error,
+        "mean": str,
+        "std": str,
         "95 % equal-tailed": ends,
         "95 % highest density": ends,
         "effective": "{:.0f}".format,

@@ -206,6 +206,9 @@ class Table(NamedTuple):
         How many columns in front say what a row is about.
     hints
         By title, what it means.
+    marks
+        By title, how good the value of each row is, which a page colours: ``good``, ``partly``,
+        ``poor``, ``bad`` or nothing.
     """
 
     columns: tuple[str, ...]
@@ -214,6 +217,7 @@ class Table(NamedTuple):
     caption: str = ""
     heads: int = 1
     hints: Mapping[str, str] = {}
+    marks: Mapping[str, Sequence[str]] = {}
 
     @property
     def printed(self) -> list[tuple[str, ...]]:
@@ -235,6 +239,7 @@ def table(
     *,
     heads: int = 1,
     hints: Mapping[str, str] | None = None,
+    marks: Mapping[str, Sequence[str]] | None = None,
 ) -> Table:
     """A table to show: values as text, without columns that say nothing.
 
@@ -251,8 +256,8 @@ def table(
         arguments.  Columns without one hold words.
     heads
         How many columns in front say what a row is about.
-    hints
-        By title, what it means, where it is short.
+    hints, marks
+        See `Table`.
     """
     known = forms or {}
     titles = list(getattr(frame, "columns", ())) if columns is None else list(columns)
@@ -274,6 +279,7 @@ def table(
         caption,
         heads,
         hints or {},
+        marks or {},
     )
 
 

@@ -52,7 +52,9 @@ class SignalLimits(NamedTuple):
     drift: float = 2.0  # of u over a run of 82 s, in standard deviations of what is left
     own_trend: float = 0.1  # share of a trend that the signals of the loop must leave to be told
     offset: float = 4.0  # standard errors of the mean of u (1.4)
-    answered: float = 0.5  # by which the median ratio at lines exceeds 1 in one run (least .9)
+    #: Of a control that answers (without an answer 70 % are below; of usual populations the least
+    #: is 22, where 60 % of the control's power are remnant 3 % are below).
+    answered: float = 3.2
     answered_from: float = 60.0  # s from which lines and remnant can be told apart
     identity: float = 0.01  # rms of e - (ft - x) over that of e (3e-6)
     shown: float = 0.5  # share of the target's fast lines that the error must show
@@ -86,6 +88,9 @@ class ElementLimits(NamedTuple):
     #: loops cross over, for loops to be drawn with it unasked.
     sound: float = 98.0
     known: float = 0.1
+    slowest_zero: float = 0.5  # rad/s, of the right half-plane beside which people cross over
+    fastest_pole: float = 8.0  # rad/s, of an element that people stabilise (Jex 1966: 6)
+    sensitivity: float = 4.0  # largest, of a loop that people close
     halves: float = 95.0  # share of x [%] that each half must explain by itself to say it changes
     #: rms of the relative difference of two responses from which they are different elements; a
     #: delay of a sample or two between the recorder's channels is less.
@@ -98,12 +103,13 @@ class EstimateLimits(NamedTuple):
     #: How seldom chance may speak against a fit, by each test of prediction errors: once in
     #: 14,000 recordings.
     seldom: float = 7e-5
-    misspecified: float = 1e-3  # p-value: doubt (none of 360 sound fits; one of nominal, seed 1)
+    misspecified: float = 1e-3  # p-value: doubt (5 of 800 sound fits)
     other_optimum: float = 3.0  # standard errors by which another optimum differs
-    surely_misspecified: float = 1e-5  # p-value: wrong
+    surely_misspecified: float = 1e-4  # p-value: wrong (2 of 800 sound fits)
     #: s of all runs together from which it is tested; covariances are not good enough of less
     #: (30 s: 12 % of 120 sound fits disagreed; populations of 60 s and more: 2 of 480).
     tested_from: float = 60.0
+    score_freedom: float = 30.0  # of the variances of scores (800 sound fits)
     covariance: float = 0.12  # least variance of a score in units of its own (360 sound fits)
     dispersed: float = 0.01  # how seldom a constant pilot's scores may count as dispersed
     segment: float = 8.0  # s, of the segments whose scores are compared

@@ -80,6 +80,9 @@ def maximise_likelihood(
         prediction = replace(first.prediction, terms=terms)
         best = optimum_near(prediction, first.band, best.pilot, settings, swept.check)
     best = _elsewhere(best)
+    ordered = model.ordered(best.pilot[None])[0]
+    if np.any(ordered != best.pilot):
+        best = best.moved(np.concatenate([ordered, best.values[len(ordered) :]]))
     return replace(best, starts=swept.starts, lines_pilot=lines, competing=competing)
 
 
